@@ -1,0 +1,174 @@
+# spin4d: every build, test and check. `make help` lists the targets.
+#
+# Knobs: CONFIG=release|debug|asan|ubsan|tsan|cov (each its own build/ folder)  V=1 (show commands)
+#        CC=clang  PREFIX=/usr/local  DESTDIR=  K=word (tests to run)
+# Private settings go into an untracked local.mk.
+-include local.mk
+
+CONFIG  ?= release
+PREFIX  ?= /usr/local
+B       := build/$(CONFIG)
+CXX     ?= g++
+ifeq ($(origin CC),default)
+CC      := gcc
+endif
+ifeq ($(V),1)
+Q :=
+SAY := @:
+else
+Q := @
+SAY := @printf '  %-8s %s\n'
+endif
+
+OPT.release := -O3 -DNDEBUG
+OPT.debug   := -O1
+OPT.asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+OPT.ubsan   := -O1 -fsanitize=undefined -fno-sanitize-recover=undefined
+OPT.tsan    := -O1 -fsanitize=thread
+OPT.cov     := -O0 --coverage
+OPT         := $(OPT.$(CONFIG))
+ifeq ($(OPT),)
+$(error CONFIG=$(CONFIG) is not one of release debug asan ubsan tsan cov)
+endif
+
+WARN     := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror=vla
+CPPFLAGS += -Isrc -I. -D_GNU_SOURCE
+CFLAGS   += -std=gnu11 -g $(OPT) $(WARN) -fno-trapping-math -fno-math-errno -fPIC -pthread
+CXXFLAGS += -std=c++17 -g -O2 -fPIC -Wall -Wextra
+LDFLAGS  += $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
+LDLIBS   += -lz -ljansson -ldl -lm
+
+# The CPU device is compiled once per code path; device.c picks one at run time.
+MACHINE  := $(shell $(CC) -dumpmachine)
+PATHS    := base
+ifneq ($(filter x86_64-%,$(MACHINE)),)
+PATHS    := base v3 v4
+endif
+FLAGS.base :=
+FLAGS.v3   := -march=x86-64-v3
+FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
+
+ROOMS    := src/base src/io src/scene src/core importers exporters
+LIB_C    := $(wildcard $(addsuffix /*.c,$(ROOMS))) src/device/device.c
+CPU_C    := $(wildcard src/device/cpu/*.c)
+LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
+CMD_O    := $(B)/src/cmd/opt.o
+COMMANDS := spin-import spin-retrain spin-export spin-eval
+BINS     := $(COMMANDS:%=$(B)/bin/%)
+LIB      := $(B)/libspin.a
+SHIM     := $(B)/lib/spin-image.so
+
+TEST_C   := $(wildcard tests/*/t-*.c)
+TEST_BIN := $(TEST_C:%.c=$(B)/%)
+BENCH_C  := $(wildcard tests/bench/bench-*.c)
+BENCH_BIN := $(BENCH_C:%.c=$(B)/%)
+FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
+
+.PHONY: all help config setup demo test test-bins check lint tsan fuzz fuzz-replay bench install clean format
+.SECONDARY:
+.DELETE_ON_ERROR:
+
+all: $(BINS) $(SHIM) bin ## library and the four commands (default)
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-22s %s\n", $$1, $$2}'
+
+config: ## what was found, and if not, why
+	@sh tests/setup.sh --report "$(CC)" "$(CXX)"
+	@echo "cpu paths:   $(PATHS)"
+
+setup: ## install what is missing (Debian/Ubuntu), or print the line to type
+	@sh tests/setup.sh
+
+demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
+	@sh tests/setup.sh
+	@$(MAKE) --no-print-directory all
+	@sh tests/demo.sh $(B)/bin
+
+test: ## all tests; K=word selects
+	@sh tests/setup.sh
+	@$(MAKE) --no-print-directory all test-bins
+	@sh tests/run.sh $(B) "$(K)"
+
+test-bins: $(TEST_BIN) fuzz-bins
+
+bin:
+	@ln -sfn $(B)/bin bin
+
+$(LIB): $(LIB_O)
+	$(SAY) AR $@
+	$(Q)rm -f $@ && $(AR) rcs $@ $(LIB_O)
+
+$(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB)
+	@mkdir -p $(@D)
+	$(SAY) LINK $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
+
+$(SHIM): src/io/image_oiio.cpp src/io/image_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
+
+# The grid's vertex positions are defined with one rounding per operation: no contraction there.
+$(B)/src/device/cpu/grid.%.o: CONTRACT := -ffp-contract=off
+
+define CPU_RULE
+$(B)/%.$(1).o: %.c
+	@mkdir -p $$(@D)
+	$$(SAY) CC "$$< ($(1))"
+	$$(Q)$$(CC) $$(CPPFLAGS) -DSPIN_CPU_PATH=$(1) $$(CFLAGS) $$(FLAGS.$(1)) $$(CONTRACT) -MMD -MP -c -o $$@ $$<
+endef
+$(foreach p,$(PATHS),$(eval $(call CPU_RULE,$(p))))
+
+$(B)/%.o: %.c
+	@mkdir -p $(@D)
+	$(SAY) CC $<
+	$(Q)$(CC) $(CPPFLAGS) -DSPIN_CPU_PATHS_$(words $(PATHS)) -DSPIN_PREFIX='"$(PREFIX)"' $(CFLAGS) -MMD -MP -c -o $@ $<
+
+$(B)/tests/%: $(B)/tests/%.o $(B)/tests/check.o $(LIB) | $(SHIM)
+	$(SAY) LINK $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(B)/tests/check.o $(LIB) $(LDLIBS)
+
+# Fuzz targets: replayed by a plain main in every build; `make fuzz F=npy` links libFuzzer (clang).
+FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
+.PHONY: fuzz-bins
+fuzz-bins: $(FUZZ_BIN)
+$(B)/tests/fuzz/fuzz-%: $(B)/tests/fuzz/fuzz-%.o $(B)/tests/fuzz/replay.o $(LIB)
+	$(SAY) LINK $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(LDLIBS)
+
+SECONDS ?= 60
+fuzz: ## one libFuzzer target: make fuzz F=npy [SECONDS=60]
+	@sh tests/fuzz/fuzz.sh "$(F)" "$(SECONDS)"
+
+fuzz-replay: fuzz-bins ## run every saved find without a fuzzer
+	@K=fuzz sh tests/run.sh $(B) fuzz
+
+check: ## test + lint under asan and ubsan: what a commit should pass
+	@$(MAKE) --no-print-directory CONFIG=asan test
+	@$(MAKE) --no-print-directory lint
+
+tsan: ## the threaded tests under ThreadSanitizer
+	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads
+
+lint: ## includes, headers, lists, manual, format
+	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done
+
+bench: $(BENCH_BIN) ## every op, median and spread
+	@for b in $(BENCH_BIN); do $$b || exit 1; done
+
+install: all ## into DESTDIR/PREFIX
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/spin4d $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/share/man/man1 $(DESTDIR)$(PREFIX)/share/man/man5
+	install $(BINS) $(DESTDIR)$(PREFIX)/bin
+	install -m 644 $(SHIM) $(DESTDIR)$(PREFIX)/lib/spin4d
+	install -m 644 src/spin.h $(DESTDIR)$(PREFIX)/include
+	install -m 644 man/*.1 $(DESTDIR)$(PREFIX)/share/man/man1
+	install -m 644 man/*.5 $(DESTDIR)$(PREFIX)/share/man/man5
+
+format: ## rewrite all sources with clang-format
+	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp')
+
+clean: ## remove build/ and bin
+	rm -rf build bin
+
+-include $(shell find $(B) -name '*.d' 2>/dev/null)

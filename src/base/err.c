@@ -1,0 +1,62 @@
+/* The error trail: one line of text per thread, built from the inside out.
+ *
+ * Text is formatted into a second buffer first, so that a caller may hand spin_last_error() back
+ * in as an argument. Names come from foreign files: control characters in them become '?', which
+ * keeps the trail one line and the terminal unharmed. */
+#include "base/err.h"
+
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { TRAIL = 4096 };
+
+static _Thread_local char trail[TRAIL];
+static atomic_int cancelled; /* lock-free: may be set from a signal handler */
+
+static void tidy(char *text)
+{
+    for (unsigned char *p = (unsigned char *)text; *p; p++)
+        if (*p < 0x20 || *p == 0x7f)
+            *p = '?';
+}
+
+spin_status spin_fail(spin_status code, const char *fmt, ...)
+{
+    char text[TRAIL];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(text, sizeof text, fmt, args);
+    va_end(args);
+    tidy(text);
+    memcpy(trail, text, strlen(text) + 1);
+    return code;
+}
+
+spin_status spin_more(spin_status code, const char *fmt, ...)
+{
+    char text[2 * TRAIL + 4];
+    va_list args;
+    size_t n;
+
+    va_start(args, fmt);
+    vsnprintf(text, TRAIL, fmt, args);
+    va_end(args);
+    tidy(text);
+    n = strlen(text);
+    if (trail[0])
+        snprintf(text + n, sizeof text - n, ": %s", trail);
+    text[TRAIL - 1] = '\0'; /* an overlong trail loses its inner end */
+    memcpy(trail, text, strlen(text) + 1);
+    return code;
+}
+
+const char *spin_last_error(void) { return trail; }
+
+void spin_cancel(void) { atomic_store_explicit(&cancelled, 1, memory_order_relaxed); }
+
+bool spin_cancelled(void) { return atomic_load_explicit(&cancelled, memory_order_relaxed) != 0; }
+
+spin_status spin_fail_cancelled(void) { return spin_fail(SPIN_E_CANCELLED, "interrupted"); }

@@ -1,0 +1,129 @@
+/* Log lines and the progress line, all on stderr. */
+#include "base/log.h"
+
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+static atomic_int log_level;
+static atomic_int line_shown; /* a progress line is on the screen and must go before other text */
+
+static const double progress_period_s = 1.0 / 6.0;
+static const char erase_line[] = "\r\033[K";
+
+void spin_log_set_level(int level) { atomic_store(&log_level, level); }
+
+int spin_log_level(void) { return atomic_load(&log_level); }
+
+double spin_now_s(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void write_line(const char *prefix, const char *fmt, va_list args)
+{
+    flockfile(stderr);
+    if (atomic_exchange(&line_shown, 0))
+        fputs(erase_line, stderr);
+    fputs(prefix, stderr);
+    vfprintf(stderr, fmt, args);
+    fputc('\n', stderr);
+    fflush(stderr);
+    funlockfile(stderr);
+}
+
+void spin_log(int level, const char *fmt, ...)
+{
+    va_list args;
+
+    if (level > spin_log_level())
+        return;
+    va_start(args, fmt);
+    write_line("", fmt, args);
+    va_end(args);
+}
+
+void spin_warn(const char *fmt, ...)
+{
+    va_list args;
+
+    if (spin_log_level() < -1)
+        return;
+    va_start(args, fmt);
+    write_line("warning: ", fmt, args);
+    va_end(args);
+}
+
+void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit,
+                         long long from, long long total)
+{
+    memset(p, 0, sizeof *p);
+    p->what = what;
+    p->unit = unit;
+    p->from = from;
+    p->total = total;
+    p->start_s = spin_now_s();
+    p->shown = spin_log_level() >= 0 && isatty(STDERR_FILENO);
+}
+
+/* "2:36:12" or "4:05" */
+static void duration_text(double seconds, char *text, size_t n)
+{
+    long long s = seconds < 0 ? 0 : seconds > 3.6e8 ? 360000000 : (long long)(seconds + 0.5);
+
+    if (s >= 3600)
+        snprintf(text, n, "%lld:%02lld:%02lld", s / 3600, s / 60 % 60, s % 60);
+    else
+        snprintf(text, n, "%lld:%02lld", s / 60, s % 60);
+}
+
+void spin_progress_set(struct spin_progress *p, long long done, const char *fmt, ...)
+{
+    double now = p->shown ? spin_now_s() : 0;
+    double elapsed = now - p->start_s;
+    char left[32];
+    va_list args;
+
+    if (!p->shown || (p->shown_s > 0 && now - p->shown_s < progress_period_s))
+        return;
+    p->shown_s = now;
+    flockfile(stderr);
+    fprintf(stderr, "%s%s  %lld", erase_line, p->what, done);
+    if (p->total > 0)
+        fprintf(stderr, "/%lld  %.1f%%", p->total, 100.0 * (double)done / (double)p->total);
+    if (done > p->from && elapsed > 0) {
+        double rate = (double)(done - p->from) / elapsed;
+
+        fprintf(stderr, "  %.3g %s/s", rate, p->unit);
+        if (p->total > 0) {
+            duration_text((double)(p->total - done) / rate, left, sizeof left);
+            fprintf(stderr, "  %s left", left);
+        }
+    }
+    if (fmt && *fmt) {
+        fputs("  ", stderr);
+        va_start(args, fmt);
+        vfprintf(stderr, fmt, args);
+        va_end(args);
+    }
+    fflush(stderr);
+    atomic_store(&line_shown, 1);
+    funlockfile(stderr);
+}
+
+void spin_progress_end(struct spin_progress *p)
+{
+    flockfile(stderr);
+    if (p->shown && atomic_exchange(&line_shown, 0)) {
+        fputs(erase_line, stderr);
+        fflush(stderr);
+    }
+    funlockfile(stderr);
+    p->shown = false;
+}

@@ -1,0 +1,34 @@
+/* Words for the person at the terminal. All of it goes to stderr. */
+#ifndef SPIN_BASE_LOG_H
+#define SPIN_BASE_LOG_H
+
+#include "base/err.h"
+
+/* -1 quiet (warnings only), 0 normal, 1 per run, 2 per frame, 3 per step, 4 per op. */
+void spin_log_set_level(int level);
+int spin_log_level(void);
+
+/* One line when level <= the set level. Clears a progress line first. */
+void spin_log(int level, const char *fmt, ...) SPIN_PRINTF(2, 3);
+/* "warning: ..." unless quiet is total. */
+void spin_warn(const char *fmt, ...) SPIN_PRINTF(1, 2);
+
+/* A progress line: only on a terminal, at most six times a second, with rate and time left:
+ *     retraining  1234/40000  3.1%  4.12 it/s  2:36:12 left  loss 0.0312
+ * begin; set as often as wanted; end clears the line. `from` is where counting starts (resume). */
+struct spin_progress {
+    const char *what, *unit;
+    double start_s, shown_s;
+    long long from, total;
+    bool shown;
+};
+void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit, long long from,
+                         long long total);
+void spin_progress_set(struct spin_progress *p, long long done, const char *fmt, ...)
+    SPIN_PRINTF(3, 4);
+void spin_progress_end(struct spin_progress *p);
+
+/* Seconds on a clock that only goes forward. */
+double spin_now_s(void);
+
+#endif

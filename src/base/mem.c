@@ -1,0 +1,296 @@
+/* Memory: checked sizes, blocks of huge pages, arenas.
+ *
+ * Tables of hundreds of MiB are gathered from at random; with 4 KiB pages the address translation
+ * costs more than the data. Hence big blocks lie on 2 MiB boundaries and ask for huge pages; where
+ * the system has none, they are ordinary memory and nothing is said. */
+#include "base/mem.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "base/err.h"
+
+#if defined(__SANITIZE_ADDRESS__)
+#include <sanitizer/asan_interface.h>
+#define POISON(p, n) ASAN_POISON_MEMORY_REGION(p, n)
+enum { GAP = 64 }; /* between pieces of an arena, so that overruns are seen */
+#else
+#define POISON(p, n) ((void)0)
+enum { GAP = 0 };
+#endif
+
+enum { LINE = 64, ARENA_BLOCK = 1 << 20 };
+static const size_t huge_page = (size_t)2 << 20;
+
+bool spin_mul_size(size_t a, size_t b, size_t *out) { return !__builtin_mul_overflow(a, b, out); }
+
+static spin_status fail_memory(size_t bytes)
+{
+    return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", bytes);
+}
+
+static spin_status fail_size(size_t count, size_t size)
+{
+    return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu times %zu bytes", count, size);
+}
+
+/* bytes rounded up to a multiple of unit (a power of two); false on overflow. */
+static bool round_up(size_t bytes, size_t unit, size_t *out)
+{
+    if (bytes > SIZE_MAX - (unit - 1))
+        return false;
+    *out = (bytes + unit - 1) & ~(unit - 1);
+    return true;
+}
+
+spin_status spin_alloc(size_t count, size_t size, void **out)
+{
+    size_t bytes;
+
+    *out = NULL;
+    if (!spin_mul_size(count, size, &bytes))
+        return fail_size(count, size);
+    *out = calloc(1, bytes ? bytes : 1);
+    return *out ? SPIN_OK : fail_memory(bytes);
+}
+
+spin_status spin_grow(size_t count, size_t size, void **inout)
+{
+    size_t bytes;
+    void *block;
+
+    if (!spin_mul_size(count, size, &bytes))
+        return fail_size(count, size);
+    block = realloc(*inout, bytes ? bytes : 1);
+    if (!block)
+        return fail_memory(bytes);
+    *inout = block;
+    return SPIN_OK;
+}
+
+spin_status spin_strdup(const char *text, char **out)
+{
+    *out = strdup(text);
+    return *out ? SPIN_OK : fail_memory(strlen(text) + 1);
+}
+
+static spin_status reserve_small(size_t bytes, void **out)
+{
+    size_t rounded = (bytes + LINE - 1) / LINE * LINE;
+
+    if (rounded == 0)
+        rounded = LINE;
+    *out = aligned_alloc(LINE, rounded);
+    if (!*out)
+        return fail_memory(bytes);
+    memset(*out, 0, rounded);
+    return SPIN_OK;
+}
+
+spin_status spin_pages_reserve(size_t bytes, void **out)
+{
+    size_t rounded, before;
+    char *raw, *block;
+
+    *out = NULL;
+    if (bytes < huge_page)
+        return reserve_small(bytes, out);
+    if (!round_up(bytes, huge_page, &rounded) || rounded > SIZE_MAX - huge_page)
+        return fail_memory(bytes);
+
+    /* Map one huge page more than needed, then give back what lies outside the aligned part. */
+    raw =
+        mmap(NULL, rounded + huge_page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (raw == MAP_FAILED)
+        return fail_memory(bytes);
+    before = (huge_page - ((uintptr_t)raw & (huge_page - 1))) & (huge_page - 1);
+    block = raw + before;
+    if (before > 0)
+        munmap(raw, before);
+    if (huge_page - before > 0)
+        munmap(block + rounded, huge_page - before);
+#ifdef MADV_HUGEPAGE
+    (void)madvise(block, rounded, MADV_HUGEPAGE);
+#endif
+    *out = block;
+    return SPIN_OK;
+}
+
+void spin_pages_release(void *block, size_t bytes)
+{
+    size_t rounded;
+
+    if (!block)
+        return;
+    if (bytes < huge_page)
+        free(block);
+    else if (round_up(bytes, huge_page, &rounded))
+        munmap(block, rounded);
+}
+
+/* Blocks of an arena are chained, the one in use first; pieces follow the head in a block. */
+struct spin_arena_block {
+    struct spin_arena_block *next;
+    size_t used, bytes; /* of the whole block, this head included */
+};
+
+static spin_status arena_block(struct spin_arena *arena, size_t piece)
+{
+    size_t bytes;
+    struct spin_arena_block *block;
+
+    if (!round_up(piece, LINE, &bytes) || bytes > SIZE_MAX - LINE - GAP)
+        return fail_memory(piece);
+    bytes += LINE + GAP;
+    if (bytes < ARENA_BLOCK)
+        bytes = ARENA_BLOCK;
+    block = aligned_alloc(LINE, bytes);
+    if (!block)
+        return fail_memory(bytes);
+    block->used = LINE;
+    block->bytes = bytes;
+    block->next = arena->first;
+    arena->first = block;
+    POISON((char *)block + LINE, bytes - LINE);
+    return SPIN_OK;
+}
+
+spin_status spin_arena_take(struct spin_arena *arena, size_t count, size_t size, void **out)
+{
+    size_t bytes, room;
+    struct spin_arena_block *block = arena->first;
+
+    *out = NULL;
+    if (!spin_mul_size(count, size, &bytes))
+        return fail_size(count, size);
+    if (!round_up(bytes ? bytes : 1, LINE, &room) || room > SIZE_MAX - GAP)
+        return fail_memory(bytes);
+    room += GAP;
+    if (!block || block->bytes - block->used < room) {
+        SPIN_TRY(arena_block(arena, room - GAP));
+        block = arena->first;
+    }
+    *out = (char *)block + block->used;
+    block->used += room;
+#if defined(__SANITIZE_ADDRESS__)
+    ASAN_UNPOISON_MEMORY_REGION(*out, bytes ? bytes : 1);
+#endif
+    memset(*out, 0, bytes);
+    return SPIN_OK;
+}
+
+spin_status spin_arena_strdup(struct spin_arena *arena, const char *text, char **out)
+{
+    size_t n = strlen(text) + 1;
+    void *copy;
+
+    *out = NULL;
+    SPIN_TRY(spin_arena_take(arena, n, 1, &copy));
+    *out = memcpy(copy, text, n);
+    return SPIN_OK;
+}
+
+void spin_arena_free(struct spin_arena *arena)
+{
+    while (arena->first) {
+        struct spin_arena_block *next = arena->first->next;
+
+        free(arena->first);
+        arena->first = next;
+    }
+}
+
+spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes)
+{
+    /* An eighth more than asked, so that slowly rising needs do not remap every step. */
+    size_t wanted = bytes <= SIZE_MAX - bytes / 8 ? bytes + bytes / 8 : bytes;
+
+    if (scratch->block && scratch->bytes >= bytes)
+        return SPIN_OK;
+    spin_scratch_free(scratch);
+    SPIN_TRY(spin_pages_reserve(wanted, &scratch->block));
+    scratch->bytes = wanted;
+    return SPIN_OK;
+}
+
+void spin_scratch_free(struct spin_scratch *scratch)
+{
+    spin_pages_release(scratch->block, scratch->bytes);
+    scratch->block = NULL;
+    scratch->bytes = 0;
+}
+
+/* The number after `key` in a small system file, times unit; false when it is not there. With
+ * key "" the file is one number ("max" is none). */
+static bool system_number(const char *path, const char *key, uint64_t unit, uint64_t *out)
+{
+    char line[256];
+    FILE *file = fopen(path, "re");
+    bool found = false;
+    size_t n = strlen(key);
+
+    if (!file)
+        return false;
+    while (!found && fgets(line, sizeof line, file)) {
+        unsigned long long value;
+
+        if (strncmp(line, key, n) == 0 && sscanf(line + n, "%llu", &value) == 1) {
+            *out = value * unit;
+            found = true;
+        }
+    }
+    fclose(file);
+    return found;
+}
+
+/* What a control group would still give: its limit less what is used, where cached files count as
+ * free. Version 2, then version 1; both are seen at these places from inside a container. */
+static bool group_available(uint64_t *out)
+{
+    static const struct {
+        const char *limit, *used, *stat, *cached;
+    } version[] = {
+        {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current", "/sys/fs/cgroup/memory.stat",
+         "inactive_file "},
+        {"/sys/fs/cgroup/memory/memory.limit_in_bytes",
+         "/sys/fs/cgroup/memory/memory.usage_in_bytes", "/sys/fs/cgroup/memory/memory.stat",
+         "total_inactive_file "},
+    };
+
+    for (size_t i = 0; i < sizeof version / sizeof version[0]; i++) {
+        uint64_t limit, used, cached = 0;
+
+        if (!system_number(version[i].limit, "", 1, &limit) ||
+            !system_number(version[i].used, "", 1, &used))
+            continue;
+        (void)system_number(version[i].stat, version[i].cached, 1, &cached);
+        used = used > cached ? used - cached : 0;
+        *out = limit > used ? limit - used : 0;
+        return true;
+    }
+    return false;
+}
+
+size_t spin_memory_available(void)
+{
+    uint64_t bytes, group;
+
+    if (!system_number("/proc/meminfo", "MemAvailable:", 1024, &bytes))
+        bytes = (uint64_t)sysconf(_SC_AVPHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
+    if (group_available(&group) && group < bytes)
+        bytes = group;
+    return bytes > SIZE_MAX ? SIZE_MAX : (size_t)bytes;
+}
+
+size_t spin_memory_peak(void)
+{
+    struct rusage usage;
+
+    if (getrusage(RUSAGE_SELF, &usage) != 0)
+        return 0;
+    return (size_t)usage.ru_maxrss * 1024; /* Linux counts in KiB */
+}

@@ -1,0 +1,42 @@
+/* Checked sizes, aligned and huge-page memory, arenas. */
+#ifndef SPIN_BASE_MEM_H
+#define SPIN_BASE_MEM_H
+
+#include "spin.h"
+
+/* *out = a * b, false on overflow. */
+bool spin_mul_size(size_t a, size_t b, size_t *out);
+
+/* malloc / realloc / strdup that leave a trail. count * size is checked. *out is NULL on failure of
+ * spin_alloc and untouched on failure of spin_grow. */
+spin_status spin_alloc(size_t count, size_t size, void **out);      /* zeroed */
+spin_status spin_grow(size_t count, size_t size, void **inout);     /* not zeroed */
+spin_status spin_strdup(const char *text, char **out);
+
+/* Big zeroed blocks: 2 MiB-aligned, huge pages where the system gives them. Any size. */
+spin_status spin_pages_reserve(size_t bytes, void **out);
+void spin_pages_release(void *block, size_t bytes);
+
+/* A bump allocator; everything is released at once. Zero it to begin. 64-byte aligned pieces. */
+struct spin_arena {
+    struct spin_arena_block *first;
+};
+spin_status spin_arena_take(struct spin_arena *arena, size_t count, size_t size, void **out);
+spin_status spin_arena_strdup(struct spin_arena *arena, const char *text, char **out);
+void spin_arena_free(struct spin_arena *arena);
+
+/* A block that only ever grows: for scratch that is reused every step. Zero it to begin. */
+struct spin_scratch {
+    void *block;
+    size_t bytes;
+};
+/* Make it hold at least bytes (contents are lost when it grows). 64-byte aligned, huge pages. */
+spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
+void spin_scratch_free(struct spin_scratch *scratch);
+
+/* Bytes of memory the machine could still give us. */
+size_t spin_memory_available(void);
+/* Peak resident bytes of this process. */
+size_t spin_memory_peak(void);
+
+#endif

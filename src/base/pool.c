@@ -1,0 +1,252 @@
+/* A pool of threads for parallel-for.
+ *
+ * One 64-bit word holds the number of the job (high half) and how many of its tasks are still to
+ * be handed out (low half). Whoever wants a task takes one off with compare-and-swap. A taken
+ * task keeps its job alive, so the job's fields may be read plainly after the swap; and a thread
+ * that wakes late can never take a task of one job with the fields of another. Nobody waits for
+ * threads that sleep: the job is over when `pending`, the tasks not yet finished, is zero.
+ *
+ * Between jobs a worker looks at the word for some microseconds before it sleeps, because the
+ * ops of a training step follow each other closely. With more threads than cores it sleeps at
+ * once. */
+#include "base/pool.h"
+
+#include <assert.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+
+static const double spin_s = 40e-6;
+enum { MAX_THREADS = 1024 };
+
+struct worker {
+    struct spin_pool *pool;
+    pthread_t thread;
+    int number;
+};
+
+struct spin_pool {
+    int n_threads, n_started; /* with and without the caller */
+    bool patient;             /* spin before sleeping */
+
+    /* The job. Written by the caller while no task is out. */
+    spin_task_fn fn;
+    void *context;
+    int n_tasks;
+
+    _Alignas(64) atomic_uint_least64_t word; /* job << 32 | tasks left to hand out */
+    _Alignas(64) atomic_int pending;         /* tasks not finished */
+    _Alignas(64) atomic_int sleepers;        /* workers waiting on `work` */
+    atomic_int caller_sleeps;                /* on `done` */
+    atomic_int stop;
+
+    pthread_mutex_t lock;
+    pthread_cond_t work, done;
+    struct worker *worker; /* [n_threads - 1] */
+};
+
+static void relax(void)
+{
+#if defined(__x86_64__) || defined(__i386__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    __asm__ volatile("yield");
+#endif
+}
+
+static uint32_t tasks_left(struct spin_pool *pool) { return (uint32_t)atomic_load(&pool->word); }
+
+/* Take tasks and run them until none is left. */
+static void work_on(struct spin_pool *pool, int number)
+{
+    for (;;) {
+        uint64_t word = atomic_load(&pool->word);
+        uint32_t left = (uint32_t)word;
+
+        if (left == 0)
+            return;
+        if (!atomic_compare_exchange_weak(&pool->word, &word, word - 1))
+            continue;
+        pool->fn(pool->context, pool->n_tasks - (int)left, number);
+        if (atomic_fetch_sub(&pool->pending, 1) == 1 && atomic_load(&pool->caller_sleeps)) {
+            pthread_mutex_lock(&pool->lock);
+            pthread_cond_signal(&pool->done);
+            pthread_mutex_unlock(&pool->lock);
+        }
+    }
+}
+
+/* Wait until there may be work; false when the pool is being freed. */
+static bool wait_for_work(struct spin_pool *pool)
+{
+    if (pool->patient) {
+        double until = spin_now_s() + spin_s;
+
+        do {
+            for (int i = 0; i < 32; i++) {
+                if (tasks_left(pool) > 0)
+                    return true;
+                relax();
+            }
+        } while (spin_now_s() < until);
+    }
+    pthread_mutex_lock(&pool->lock);
+    atomic_fetch_add(&pool->sleepers,
+                     1); /* before looking at the word: the caller does the reverse */
+    while (tasks_left(pool) == 0 && !atomic_load(&pool->stop))
+        pthread_cond_wait(&pool->work, &pool->lock);
+    atomic_fetch_sub(&pool->sleepers, 1);
+    pthread_mutex_unlock(&pool->lock);
+    return !atomic_load(&pool->stop);
+}
+
+static void *worker_main(void *argument)
+{
+    struct worker *worker = argument;
+
+    while (wait_for_work(worker->pool))
+        work_on(worker->pool, worker->number);
+    return NULL;
+}
+
+static int cores(void)
+{
+    cpu_set_t set;
+    long online;
+
+    if (sched_getaffinity(0, sizeof set, &set) == 0 && CPU_COUNT(&set) > 0)
+        return CPU_COUNT(&set);
+    online = sysconf(_SC_NPROCESSORS_ONLN);
+    return online > 0 ? (int)online : 1;
+}
+
+/* Workers take no signals: an interrupt belongs to the thread that runs the command. */
+static spin_status start_workers(struct spin_pool *pool)
+{
+    sigset_t all, old;
+    int error = 0;
+
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, &old);
+    for (int i = 0; i < pool->n_threads - 1 && error == 0; i++) {
+        pool->worker[i].pool = pool;
+        pool->worker[i].number = i + 1;
+        error = pthread_create(&pool->worker[i].thread, NULL, worker_main, &pool->worker[i]);
+        if (error == 0)
+            pool->n_started++;
+    }
+    pthread_sigmask(SIG_SETMASK, &old, NULL);
+    if (error != 0)
+        return spin_fail(SPIN_E_MEMORY, "cannot start %d threads: %s", pool->n_threads,
+                         strerror(error));
+    return SPIN_OK;
+}
+
+spin_status spin_pool_create(int n_threads, struct spin_pool **out)
+{
+    struct spin_pool *pool;
+    void *worker;
+    spin_status status;
+
+    *out = NULL;
+    if (n_threads < 0 || n_threads > MAX_THREADS)
+        return spin_fail(SPIN_E_USAGE, "cannot use %d threads: not in 0..%d", n_threads,
+                         MAX_THREADS);
+    if (n_threads == 0) {
+        n_threads = cores();
+        if (n_threads > MAX_THREADS)
+            n_threads = MAX_THREADS;
+    }
+    pool = aligned_alloc(_Alignof(struct spin_pool), sizeof *pool);
+    if (!pool)
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", sizeof *pool);
+    memset(pool, 0, sizeof *pool);
+    pool->n_threads = n_threads;
+    pool->patient = n_threads <= cores();
+    pthread_mutex_init(&pool->lock, NULL);
+    pthread_cond_init(&pool->work, NULL);
+    pthread_cond_init(&pool->done, NULL);
+    status = spin_alloc((size_t)n_threads, sizeof *pool->worker, &worker);
+    pool->worker = worker;
+    if (status == SPIN_OK)
+        status = start_workers(pool);
+    if (status != SPIN_OK) {
+        spin_pool_free(pool);
+        return status;
+    }
+    *out = pool;
+    return SPIN_OK;
+}
+
+void spin_pool_free(struct spin_pool *pool)
+{
+    if (!pool)
+        return;
+    pthread_mutex_lock(&pool->lock);
+    atomic_store(&pool->stop, 1);
+    pthread_cond_broadcast(&pool->work);
+    pthread_mutex_unlock(&pool->lock);
+    for (int i = 0; i < pool->n_started; i++)
+        pthread_join(pool->worker[i].thread, NULL);
+    pthread_cond_destroy(&pool->done);
+    pthread_cond_destroy(&pool->work);
+    pthread_mutex_destroy(&pool->lock);
+    free(pool->worker);
+    free(pool);
+}
+
+int spin_pool_n_threads(const struct spin_pool *pool) { return pool ? pool->n_threads : 1; }
+
+static void wait_for_end(struct spin_pool *pool)
+{
+    if (pool->patient) {
+        double until = spin_now_s() + spin_s;
+
+        do {
+            for (int i = 0; i < 32; i++) {
+                if (atomic_load(&pool->pending) == 0)
+                    return;
+                relax();
+            }
+        } while (spin_now_s() < until);
+    }
+    pthread_mutex_lock(&pool->lock);
+    atomic_store(&pool->caller_sleeps, 1);
+    while (atomic_load(&pool->pending) > 0)
+        pthread_cond_wait(&pool->done, &pool->lock);
+    atomic_store(&pool->caller_sleeps, 0);
+    pthread_mutex_unlock(&pool->lock);
+}
+
+void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context)
+{
+    uint64_t job;
+
+    if (!pool || pool->n_threads == 1 || n_tasks <= 1) {
+        for (int task = 0; task < n_tasks; task++)
+            fn(context, task, 0);
+        return;
+    }
+    assert(atomic_load(&pool->pending) == 0); /* promised: not reentrant */
+    pool->fn = fn;
+    pool->context = context;
+    pool->n_tasks = n_tasks;
+    atomic_store(&pool->pending, n_tasks);
+    job = (atomic_load(&pool->word) >> 32) + 1;
+    atomic_store(&pool->word, job << 32 | (uint32_t)n_tasks);
+    if (atomic_load(&pool->sleepers) > 0) {
+        pthread_mutex_lock(&pool->lock);
+        pthread_cond_broadcast(&pool->work);
+        pthread_mutex_unlock(&pool->lock);
+    }
+    work_on(pool, 0);
+    wait_for_end(pool);
+}

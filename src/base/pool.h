@@ -1,0 +1,23 @@
+/* Threads: one pool, parallel-for over numbered tasks.
+ *
+ * Results never depend on the number of threads: the caller cuts the work into tasks whose number
+ * depends only on the problem, every task writes its own place, and sums over tasks are taken in
+ * task order. Tasks are handed out by a counter, in order. */
+#ifndef SPIN_BASE_POOL_H
+#define SPIN_BASE_POOL_H
+
+#include "spin.h"
+
+struct spin_pool;
+
+/* n_threads 0: one per core this process may use. The calling thread counts as one of them. */
+spin_status spin_pool_create(int n_threads, struct spin_pool **out);
+void spin_pool_free(struct spin_pool *pool);
+int spin_pool_n_threads(const struct spin_pool *pool);
+
+/* Run fn(context, task, worker) for task 0..n_tasks-1; worker is 0..n_threads-1. Returns when all are
+ * done. Not reentrant: fn may not call it on the same pool. pool NULL: run here, one by one. */
+typedef void (*spin_task_fn)(void *context, int task, int worker);
+void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
+
+#endif

@@ -1,0 +1,144 @@
+/* spin-export: standard files out of a bundle. */
+#include "cmd/opt.h"
+
+#include <string.h>
+
+static struct spin_export_options options = {.device = "auto"};
+static struct spin_opt_common common;
+static bool wants_list;
+
+static const struct spin_opt_row rows[] = {
+    SPIN_OPT_HEADING("Output"),
+    SPIN_OPT("to", 0, "NAME", "the exporter", SPIN_OPT_STRING, &options.to, 0, 0),
+    SPIN_OPT("output", 'o', "OUT", "the folder or file to write", SPIN_OPT_STRING, &options.output,
+             0, 0),
+    SPIN_OPT("range", 0, "A:B[:STEP]", "export frame numbers A to B-1", SPIN_OPT_RANGE,
+             &options.range, 0, 0),
+    SPIN_OPT("source", 0, NULL, "the imported attributes, even when there are retrained ones",
+             SPIN_OPT_FLAG, &options.source, 0, 0),
+    SPIN_OPT("list", 0, NULL, "list the exporters", SPIN_OPT_FLAG, &wants_list, 0, 0),
+    SPIN_OPT_HEADING("Data set, for exporters that draw"),
+    SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
+             SPIN_OPT_STRING, &options.data, 0, 0),
+    SPIN_OPT("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_OPT_STRING,
+             &options.data_from, 0, 0),
+    SPIN_OPT("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_OPT_CHOICE,
+             &options.pair, 0, 0),
+    SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
+             SPIN_OPT_COLOUR, options.background, 0, 0),
+    SPIN_OPT_HEADING("Machine"),
+    SPIN_OPT("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_OPT_CHOICE, &options.device,
+             0, 0),
+    SPIN_OPT_COMMON_ROWS(common),
+};
+
+static size_t list_exporters(struct spin_opt_plugin *out, size_t room)
+{
+    size_t n = 0;
+
+    for (; n < room && spin_exporters[n]; n++)
+        out[n] = (struct spin_opt_plugin){spin_exporters[n]->name, spin_exporters[n]->options};
+    return n;
+}
+
+static const char *const usage[] = {
+    "spin-export IN.spin --to NAME -o OUT [options]",
+    "spin-export --list [--json]",
+    NULL,
+};
+
+static const struct spin_opt_command command = {
+    .name = "spin-export",
+    .summary = "standard files out of a bundle",
+    .usage = usage,
+    .rows = rows,
+    .common = &common,
+    .plugin_kind = "exporter",
+    .plugin_selector = "to",
+    .plugins = list_exporters,
+};
+
+static void list(void)
+{
+    if (!common.json) {
+        for (size_t i = 0; spin_exporters[i]; i++)
+            printf("%-16s %s\n", spin_exporters[i]->name, spin_exporters[i]->summary);
+        return;
+    }
+    spin_print_open(NULL, '[');
+    for (size_t i = 0; spin_exporters[i]; i++) {
+        spin_print_open(NULL, '{');
+        spin_print_string("name", spin_exporters[i]->name);
+        spin_print_string("summary", spin_exporters[i]->summary);
+        spin_print_bool("draws", spin_exporters[i]->needs_renderer);
+        spin_print_close('}');
+    }
+    spin_print_close(']');
+}
+
+static void report_json(const struct spin_export_report *r)
+{
+    spin_print_open(NULL, '{');
+    spin_print_string("to", options.to);
+    spin_print_string("output", options.output);
+    spin_print_integer("frames", r->frames);
+    spin_print_number("splats_mean", r->splats_mean);
+    if (r->bytes)
+        spin_print_integer("bytes", (long long)r->bytes);
+    else
+        spin_print_null("bytes");
+    spin_print_close('}');
+}
+
+static void report_text(const struct spin_export_report *r)
+{
+    char bytes[32];
+
+    printf("%s: %d %s as %s, %.1f splats each", options.output, r->frames,
+           r->frames == 1 ? "frame" : "frames", options.to, r->splats_mean);
+    if (r->bytes)
+        printf(", %s", spin_print_bytes((double)r->bytes, bytes));
+    printf("\n");
+}
+
+static int check(const struct spin_opt_words *words)
+{
+    if (words->n == 0)
+        return spin_opt_misuse(&command, "IN.spin is missing");
+    if (!options.to)
+        return spin_opt_misuse(&command, "say what to write with --to; --list shows what there is");
+    if (!options.output)
+        return spin_opt_misuse(&command, "say where to write with --output");
+    return SPIN_EXIT_OK;
+}
+
+int main(int argc, char **argv)
+{
+    struct spin_opt_words words;
+    struct spin_export_report report = {0};
+    int code;
+
+    if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
+        return code;
+    if (wants_list) {
+        if (words.n)
+            return spin_opt_misuse(&command, "--list takes no IN.spin");
+        list();
+        return spin_opt_finish(&command, SPIN_EXIT_OK);
+    }
+    code = check(&words);
+    if (code != SPIN_EXIT_OK)
+        return code;
+    options.input = words.word[0];
+    options.force = common.force;
+    options.n_threads = common.n_threads;
+    options.plugin_pairs = words.plugin_pairs;
+    spin_status status = spin_export(&options, &report);
+    if (status != SPIN_OK)
+        return spin_opt_fail(&command, status);
+    if (common.json)
+        report_json(&report);
+    else if (!common.quiet)
+        report_text(&report);
+    return spin_opt_finish(&command, SPIN_EXIT_OK);
+}

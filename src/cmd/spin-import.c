@@ -1,0 +1,264 @@
+/* spin-import: another method's run to a bundle. */
+#include "cmd/opt.h"
+
+#include <string.h>
+
+static struct spin_import_options options;
+static struct spin_opt_common common;
+static struct spin_opt_doubles times;
+static bool wants_info, wants_list;
+
+static const struct spin_opt_row rows[] = {
+    SPIN_OPT_HEADING("Input"),
+    SPIN_OPT("from", 0, "NAME", "the importer (detected)", SPIN_OPT_STRING, &options.from, 0, 0),
+    SPIN_OPT("data", 0, "DIR", "the multi-view video that the run was trained on", SPIN_OPT_STRING,
+             &options.data, 0, 0),
+    SPIN_OPT("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_OPT_STRING,
+             &options.data_from, 0, 0),
+    SPIN_OPT(
+        "pair", 0, "auto|number|order",
+        "match frames of the run and of the data set by their numbers or by their order (auto)",
+        SPIN_OPT_CHOICE, &options.pair, 0, 0),
+    SPIN_OPT_HEADING("Frames"),
+    SPIN_OPT("frames", 0, "N", "continuous methods: sample N frames over the whole time, both ends",
+             SPIN_OPT_INT, &options.n_frames, 1, 1000000),
+    SPIN_OPT("times", 0, "T0,T1,...", "continuous methods: sample here, in the method's unit",
+             SPIN_OPT_DOUBLES, &times, 0, 0),
+    SPIN_OPT("range", 0, "A:B[:STEP]", "keep frame numbers A to B-1", SPIN_OPT_RANGE,
+             &options.range, 0, 0),
+    SPIN_OPT_HEADING("Output"),
+    SPIN_OPT("output", 'o', "FILE", "the bundle to write, *.spin", SPIN_OPT_STRING, &options.output,
+             0, 0),
+    SPIN_OPT("positions-only", 0, NULL, "leave the source's attributes out", SPIN_OPT_FLAG,
+             &options.positions_only, 0, 0),
+    SPIN_OPT("info", 0, NULL, "describe the input, write nothing", SPIN_OPT_FLAG, &wants_info, 0,
+             0),
+    SPIN_OPT("list", 0, NULL, "list the importers", SPIN_OPT_FLAG, &wants_list, 0, 0),
+    SPIN_OPT_COMMON_ROWS(common),
+};
+
+static size_t list_importers(struct spin_opt_plugin *out, size_t room)
+{
+    size_t n = 0;
+
+    for (; n < room && spin_importers[n]; n++)
+        out[n] = (struct spin_opt_plugin){spin_importers[n]->name, spin_importers[n]->options};
+    return n;
+}
+
+static const char *const usage[] = {
+    "spin-import [--from NAME] INPUT -o OUT.spin [options]",
+    "spin-import --info [--from NAME] INPUT [--json]",
+    "spin-import --list [--json]",
+    NULL,
+};
+
+static const struct spin_opt_command command = {
+    .name = "spin-import",
+    .summary = "another method's run to a bundle",
+    .usage = usage,
+    .rows = rows,
+    .common = &common,
+    .plugin_kind = "importer",
+    .plugin_selector = "from",
+    .plugins = list_importers,
+};
+
+static void list_json(void)
+{
+    spin_print_open(NULL, '[');
+    for (size_t i = 0; spin_importers[i]; i++) {
+        spin_print_open(NULL, '{');
+        spin_print_string("name", spin_importers[i]->name);
+        spin_print_string("summary", spin_importers[i]->summary);
+        spin_print_string("upstream", spin_importers[i]->upstream);
+        spin_print_bool("tracks", spin_importers[i]->open != NULL);
+        spin_print_bool("views", spin_importers[i]->views != NULL);
+        spin_print_close('}');
+    }
+    spin_print_close(']');
+}
+
+static void list_text(void)
+{
+    for (size_t i = 0; spin_importers[i]; i++) {
+        const struct spin_importer *importer = spin_importers[i];
+
+        printf("%-16s %-6s %s\n", importer->name, importer->open ? "tracks" : "views",
+               importer->summary);
+        if (importer->upstream)
+            printf("%-16s %-6s %s\n", "", "", importer->upstream);
+    }
+}
+
+static const struct {
+    enum spin_column column;
+    const char *name;
+} columns[] = {
+    {SPIN_COL_MEANS, "means"},
+    {SPIN_COL_QUATS, "quats"},
+    {SPIN_COL_LOG_SCALES, "log_scales"},
+    {SPIN_COL_LOGIT_OPACITIES, "logit_opacities"},
+    {SPIN_COL_SH, "sh"},
+    {SPIN_COL_RGB, "rgb"},
+};
+enum { N_COLUMNS = sizeof columns / sizeof columns[0] };
+
+static void print_vector(const char *key, const float v[3])
+{
+    spin_print_open(key, '[');
+    for (int axis = 0; axis < 3; axis++)
+        spin_print_number(NULL, (double)v[axis]);
+    spin_print_close(']');
+}
+
+/* The notes come as lines. */
+static void print_notes(const char *notes)
+{
+    spin_print_open("notes", '[');
+    while (*notes) {
+        char line[sizeof((struct spin_import_report *)NULL)->notes];
+        size_t length = strcspn(notes, "\n");
+
+        if (length > 0 && length < sizeof line) {
+            memcpy(line, notes, length);
+            line[length] = '\0';
+            spin_print_string(NULL, line);
+        }
+        notes += length + (notes[length] == '\n');
+    }
+    spin_print_close(']');
+}
+
+static void report_json(const struct spin_import_report *r)
+{
+    spin_print_open(NULL, '{');
+    spin_print_string("from", r->from);
+    spin_print_string("variant", r->variant);
+    spin_print_integer("frames", r->frames);
+    spin_print_open("splats", '{');
+    spin_print_integer("min", (long long)r->splats_min);
+    spin_print_number("mean", r->splats_mean);
+    spin_print_integer("max", (long long)r->splats_max);
+    spin_print_close('}');
+    spin_print_open("times", '[');
+    spin_print_number(NULL, r->time_first);
+    spin_print_number(NULL, r->time_last);
+    spin_print_close(']');
+    spin_print_bool("numbered", r->numbered);
+    spin_print_open("numbers", '[');
+    spin_print_integer(NULL, r->number_first);
+    spin_print_integer(NULL, r->number_last);
+    spin_print_close(']');
+    if (r->sh_degree < 0)
+        spin_print_null("sh_degree");
+    else
+        spin_print_integer("sh_degree", r->sh_degree);
+    spin_print_open("attributes", '[');
+    for (int i = 0; i < N_COLUMNS; i++)
+        if (r->columns & columns[i].column)
+            spin_print_string(NULL, columns[i].name);
+    spin_print_close(']');
+    spin_print_open("bounds", '{');
+    print_vector("min", r->bounds_min);
+    print_vector("max", r->bounds_max);
+    spin_print_close('}');
+    print_notes(r->notes);
+    if (options.output)
+        spin_print_string("output", options.output);
+    spin_print_close('}');
+}
+
+static void report_text(const struct spin_import_report *r)
+{
+    printf("from        %s%s%s\n", r->from, *r->variant ? ", " : "", r->variant);
+    printf("frames      %d, numbers %d to %d%s, times %.10g to %.10g\n", r->frames, r->number_first,
+           r->number_last, r->numbered ? "" : " (counted)", r->time_first, r->time_last);
+    if (r->splats_min == r->splats_max)
+        printf("splats      %zu a frame\n", r->splats_max);
+    else
+        printf("splats      %zu to %zu a frame, mean %.1f\n", r->splats_min, r->splats_max,
+               r->splats_mean);
+    printf("attributes ");
+    for (int i = 0; i < N_COLUMNS; i++)
+        if (r->columns & columns[i].column)
+            printf(" %s", columns[i].name);
+    if (r->sh_degree >= 0)
+        printf(" (SH degree %d)", r->sh_degree);
+    printf("\nbounds      [%g, %g, %g] to [%g, %g, %g]\n", (double)r->bounds_min[0],
+           (double)r->bounds_min[1], (double)r->bounds_min[2], (double)r->bounds_max[0],
+           (double)r->bounds_max[1], (double)r->bounds_max[2]);
+    for (const char *note = r->notes; *note;) {
+        size_t length = strcspn(note, "\n");
+
+        printf("note        %.*s\n", (int)length, note);
+        note += length + (note[length] == '\n');
+    }
+    if (options.output)
+        printf("written     %s\n", options.output);
+}
+
+static const struct spin_importer *find_importer(const char *name)
+{
+    for (size_t i = 0; name && spin_importers[i]; i++)
+        if (!strcmp(spin_importers[i]->name, name))
+            return spin_importers[i];
+    return NULL;
+}
+
+/* What can be said to be asked wrongly without opening anything. */
+static int check(const struct spin_opt_words *words)
+{
+    const struct spin_importer *from = find_importer(options.from);
+    const struct spin_importer *data_from = find_importer(options.data_from);
+
+    if (words->n == 0)
+        return spin_opt_misuse(&command, "INPUT is missing");
+    if (wants_info && options.output)
+        return spin_opt_misuse(&command, "--info writes nothing, but --output was given");
+    if (!wants_info && !options.output)
+        return spin_opt_misuse(&command, "say where to write with --output, or use --info");
+    if (from && !from->open)
+        return spin_opt_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
+    if (options.data_from && (!data_from || !data_from->views))
+        return spin_opt_misuse(&command, "no data set is called '%s'; --list shows them",
+                               options.data_from);
+    if (options.n_frames && times.n)
+        return spin_opt_misuse(&command, "--frames and --times exclude each other");
+    return SPIN_EXIT_OK;
+}
+
+int main(int argc, char **argv)
+{
+    struct spin_opt_words words;
+    struct spin_import_report report = {0};
+    int code;
+
+    if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
+        return code;
+    if (wants_list) {
+        if (words.n)
+            return spin_opt_misuse(&command, "--list takes no INPUT");
+        if (common.json)
+            list_json();
+        else
+            list_text();
+        return spin_opt_finish(&command, SPIN_EXIT_OK);
+    }
+    code = check(&words);
+    if (code != SPIN_EXIT_OK)
+        return code;
+    options.input = words.word[0];
+    options.times = times.value;
+    options.n_times = times.n;
+    options.force = common.force;
+    options.plugin_pairs = words.plugin_pairs;
+    spin_status status = spin_import(&options, &report);
+    if (status != SPIN_OK)
+        return spin_opt_fail(&command, status);
+    if (common.json)
+        report_json(&report);
+    else if (wants_info || !common.quiet)
+        report_text(&report);
+    return spin_opt_finish(&command, SPIN_EXIT_OK);
+}

@@ -1,0 +1,70 @@
+/* The implicit network: hash-grid table and four heads, their first values, and decoding a frame.
+ * (x, y, z, t) -> scale, rotation, SH colour, opacity of every splat (method.md section 3). */
+#ifndef SPIN_CORE_MODEL_H
+#define SPIN_CORE_MODEL_H
+
+#include "device/device.h"
+#include "io/json.h"
+#include "io/npy.h"
+
+struct spin_model {
+    struct spin_grid grid;
+    struct spin_heads heads;
+    struct spin_norm norm;
+    double time_first, time_last; /* of the clip, in the source's unit */
+    int sh_degree;
+    size_t n_table, n_heads; /* floats */
+};
+
+/* Geometry from the options. finest[3] must be resolved (not 0). SPIN_E_USAGE when impossible. */
+spin_status spin_model_plan(struct spin_model *model, int levels, int features, int hash_log2,
+                            int hidden, int sh_degree, const int base[4], const int finest[4]);
+
+/* First values, a function of the seed alone: table uniform(-1e-4, 1e-4), Linear layers
+ * uniform(+-1/sqrt(fan_in)), last biases as method.md 3.4 with this scale bias. Host arrays. */
+void spin_model_init(const struct spin_model *model, uint64_t seed, double scale_bias, float *table,
+                     float *heads);
+
+/* t of a frame in 0..1 (method.md 3.2). */
+float spin_model_time(const struct spin_model *model, double time);
+
+/* The "network" object of meta.json, and back; from a file everything is checked. */
+spin_json *spin_model_to_json(const struct spin_model *model);
+spin_status spin_model_from_json(const spin_json *json, struct spin_model *out);
+
+/* Buffers for one frame on its way through the network, for up to `capacity` splats. */
+struct spin_decode {
+    struct spin_device *device;
+    size_t capacity;
+    bool training;
+    float *x_u;     /* [n][4] */
+    float *z;       /* [n][n_in] */
+    float *raw;     /* [n][SPIN_ATTR] */
+    float *attr;    /* [n][SPIN_ATTR] */
+    float *d_attr;  /* [n][SPIN_ATTR]   (training) */
+    float *d_raw;   /* [n_rows][SPIN_ATTR] */
+    float *d_z;     /* [n_rows][n_in] */
+    float *d_x_u;   /* [n_rows][4] */
+    uint32_t *rows; /* [n_rows] */
+};
+size_t spin_decode_bytes(const struct spin_model *model, size_t capacity, bool training);
+spin_status spin_decode_open(struct spin_decode *decode, struct spin_device *device,
+                             const struct spin_model *model, size_t capacity, bool training);
+void spin_decode_close(struct spin_decode *decode, const struct spin_model *model);
+
+/* attr = network(pos_w, t) */
+void spin_decode_forward(struct spin_decode *decode, const struct spin_model *model,
+                         const float *table, const float *heads, size_t n, const float *pos_w,
+                         float t);
+/* From d_attr and the d_pos_w gathered so far: d_table +=, d_heads +=, d_pos_w +=. Splats without any
+ * gradient are skipped, which changes nothing: theirs is exactly zero. */
+void spin_decode_backward(struct spin_decode *decode, const struct spin_model *model,
+                          const float *table, const float *heads, size_t n, const float *pos_w,
+                          float *d_table, float *d_heads, float *d_pos_w);
+
+/* Rows of raw and finished attributes -> columns of a struct spin_splats, and columns -> finished rows
+ * (host memory; n and sh_degree of the splats count). */
+void spin_attr_to_splats(const float *raw, const float *attr, struct spin_splats *splats);
+void spin_attr_from_splats(const struct spin_splats *splats, float *attr);
+
+#endif

@@ -1,0 +1,274 @@
+/* Frames to pictures. */
+#include "core/player.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "math/loss.h"
+
+bool spin_bundle_has_network(const struct spin_bundle *bundle)
+{
+    return spin_json_get(bundle->json, "network") != NULL;
+}
+
+static spin_status load_array(struct spin_player *p, const char *name, size_t n, float **out)
+{
+    struct spin_array a;
+    spin_status status;
+    void *host = NULL;
+
+    SPIN_TRY(spin_npz_array(&p->bundle->npz, name, false, &a));
+    if (a.kind != 'f' || a.item_size != 4 || a.count != n)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu of float32",
+                         name, (unsigned long long)a.count, n);
+    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void **)out));
+    if (spin_array_f32(&a)) {
+        p->device->op->up(p->device, *out, spin_array_f32(&a), n * sizeof(float));
+        return SPIN_OK;
+    }
+    status = spin_alloc(n, sizeof(float), &host);
+    if (status == SPIN_OK) {
+        spin_array_to_f32(&a, 0, n, host);
+        p->device->op->up(p->device, *out, host, n * sizeof(float));
+    }
+    free(host);
+    return status;
+}
+
+spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
+                             struct spin_bundle *bundle, bool network)
+{
+    spin_status status;
+
+    memset(p, 0, sizeof *p);
+    p->device = device;
+    p->bundle = bundle;
+    p->network = network;
+    p->now_frame = -1;
+    if (!network)
+        return SPIN_OK;
+    p->owns_network = true;
+    SPIN_TRY_OUT(spin_model_from_json(spin_json_get(bundle->json, "network"), &p->model));
+    SPIN_TRY_OUT(load_array(p, "network/table", p->model.n_table, &p->table));
+    SPIN_TRY_OUT(load_array(p, "network/heads", p->model.n_heads, &p->heads));
+    return SPIN_OK;
+out:
+    spin_player_close(p);
+    return spin_more(status, "cannot read '%s'", bundle->path);
+}
+
+spin_status spin_player_open_live(struct spin_player *p, struct spin_device *device,
+                                  const struct spin_model *model, float *table, float *heads,
+                                  float *const *live_pos)
+{
+    memset(p, 0, sizeof *p);
+    p->device = device;
+    p->network = true;
+    p->model = *model;
+    p->table = table;
+    p->heads = heads;
+    p->live_pos = live_pos;
+    p->now_frame = -1;
+    return SPIN_OK;
+}
+
+static void release_frame(struct spin_player *p)
+{
+    struct spin_device *d = p->device;
+
+    spin_decode_close(&p->decode, &p->model);
+    d->op->release(d, p->pos, p->capacity * 3 * sizeof(float));
+    d->op->release(d, p->attr, p->capacity * SPIN_ATTR * sizeof(float));
+    p->pos = p->attr = NULL;
+    free(p->staging);
+    p->staging = NULL;
+    spin_raster_close(&p->raster);
+    p->capacity = 0;
+}
+
+static void release_pictures(struct spin_player *p)
+{
+    struct spin_device *d = p->device;
+
+    spin_raster_close(&p->raster);
+    d->op->release(d, p->shown, 3 * p->pixels * sizeof(float));
+    d->op->release(d, p->truth, 3 * p->pixels * sizeof(float));
+    p->shown = p->truth = NULL;
+    p->pixels = p->tiles = 0;
+}
+
+void spin_player_close(struct spin_player *p)
+{
+    if (!p->device)
+        return;
+    release_frame(p);
+    release_pictures(p);
+    if (p->owns_network) {
+        p->device->op->release(p->device, p->table, p->model.n_table * sizeof(float));
+        p->device->op->release(p->device, p->heads, p->model.n_heads * sizeof(float));
+    }
+    spin_splats_free(&p->splats);
+    memset(p, 0, sizeof *p);
+}
+
+/* Room for n splats. */
+static spin_status need(struct spin_player *p, size_t n)
+{
+    struct spin_device *d = p->device;
+    size_t capacity = n + n / 8 + 64;
+    void *block = NULL;
+
+    if (n <= p->capacity)
+        return SPIN_OK;
+    release_frame(p);
+    p->capacity = capacity;
+    SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void **)&p->pos));
+    SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), &block));
+    p->staging = block;
+    if (p->network)
+        return spin_decode_open(&p->decode, d, &p->model, capacity, false);
+    return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void **)&p->attr);
+}
+
+static void decode(struct spin_player *p, const float *pos, size_t n, double time)
+{
+    spin_decode_forward(&p->decode, &p->model, p->table, p->heads, n, pos,
+                        spin_model_time(&p->model, time));
+    p->now_pos = pos;
+    p->now_attr = p->decode.attr;
+    p->now_n = n;
+    p->now_sh_degree = p->model.sh_degree;
+}
+
+static spin_status read_means(struct spin_player *p, int index, struct spin_splats *out)
+{
+    char name[64];
+    struct spin_array a;
+    int64_t shape[2] = {-1, 3};
+    size_t n = p->bundle->meta.frame[index].n;
+
+    shape[0] = (int64_t)n;
+    snprintf(name, sizeof name, "network/means/%05d", index);
+    SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
+    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS, 0));
+    spin_array_to_f32(&a, 0, n * 3, out->means);
+    return SPIN_OK;
+}
+
+spin_status spin_player_show(struct spin_player *p, int index)
+{
+    size_t n = p->bundle->meta.frame[index].n;
+
+    if (p->now_frame == index)
+        return SPIN_OK;
+    if (!p->network) {
+        SPIN_TRY(
+            spin_bundle_frame(p->bundle, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
+        SPIN_TRY(spin_player_show_splats(p, &p->splats));
+    } else {
+        SPIN_TRY(need(p, n));
+        SPIN_TRY(read_means(p, index, &p->splats));
+        p->device->op->up(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
+        decode(p, p->pos, n, p->bundle->meta.frame[index].time);
+    }
+    p->now_frame = index;
+    return SPIN_OK;
+}
+
+spin_status spin_player_show_live(struct spin_player *p, int index, size_t n, double time)
+{
+    SPIN_TRY(need(p, n));
+    decode(p, p->live_pos[index], n, time);
+    p->now_frame = index;
+    return SPIN_OK;
+}
+
+spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *s)
+{
+    SPIN_TRY(need(p, s->n));
+    spin_attr_from_splats(s, p->staging);
+    p->device->op->up(p->device, p->pos, s->means, s->n * 3 * sizeof(float));
+    p->device->op->up(p->device, p->attr, p->staging, s->n * SPIN_ATTR * sizeof(float));
+    p->now_pos = p->pos;
+    p->now_attr = p->attr;
+    p->now_n = s->n;
+    p->now_sh_degree = s->sh_degree;
+    p->now_frame = -1;
+    return SPIN_OK;
+}
+
+spin_status spin_player_splats(struct spin_player *p, int index, unsigned columns,
+                               struct spin_splats *out)
+{
+    size_t bytes;
+    float *raw, *attr;
+
+    if (!p->network)
+        return spin_bundle_frame(p->bundle, index, columns, out);
+    SPIN_TRY(spin_player_show(p, index));
+    SPIN_TRY(p->device->op->wait(p->device));
+    SPIN_TRY(spin_splats_reserve(out, p->now_n, columns, p->model.sh_degree));
+    if (columns & SPIN_COL_MEANS)
+        p->device->op->down(p->device, out->means, p->now_pos, p->now_n * 3 * sizeof(float));
+    raw = p->staging;
+    attr = p->staging + p->capacity * SPIN_ATTR;
+    bytes = p->now_n * SPIN_ATTR * sizeof(float);
+    p->device->op->down(p->device, raw, p->decode.raw, bytes);
+    p->device->op->down(p->device, attr, p->decode.attr, bytes);
+    spin_attr_to_splats(raw, attr, out);
+    return SPIN_OK;
+}
+
+/* Room for a picture, and for the lists of the frame that is shown. */
+static spin_status need_pictures(struct spin_player *p, const struct spin_cam *cam)
+{
+    struct spin_device *d = p->device;
+    size_t pixels = (size_t)cam->width * (size_t)cam->height;
+    size_t tiles = (size_t)cam->tiles_x * (size_t)cam->tiles_y;
+
+    if (pixels > p->pixels || tiles > p->tiles) {
+        release_pictures(p);
+        SPIN_TRY(d->op->reserve(d, 3 * pixels * sizeof(float), (void **)&p->shown));
+        p->pixels = pixels;
+        SPIN_TRY(d->op->reserve(d, 3 * pixels * sizeof(float), (void **)&p->truth));
+        p->tiles = tiles;
+    }
+    if (!p->raster.device)
+        return spin_raster_open(&p->raster, d, p->capacity, p->pixels, p->tiles, false);
+    return SPIN_OK;
+}
+
+spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
+                             const float background[3], float *image)
+{
+    struct spin_cam cam = spin_cam_from(camera);
+    size_t bytes = 3 * (size_t)cam.width * (size_t)cam.height * sizeof(float);
+
+    SPIN_TRY(need_pictures(p, &cam));
+    SPIN_TRY(spin_raster_forward(&p->raster, &cam, p->now_n, p->now_pos, p->now_attr,
+                                 p->now_sh_degree, background));
+    SPIN_TRY(p->device->op->wait(p->device));
+    p->device->op->down(p->device, image, p->raster.image, bytes);
+    return SPIN_OK;
+}
+
+spin_status spin_player_compare(struct spin_player *p, int width, int height, float *image,
+                                const float *truth, struct spin_eval_view *out)
+{
+    struct spin_device *d = p->device;
+    size_t pixels = (size_t)width * (size_t)height;
+    double values[3];
+
+    for (size_t i = 0; i < 3 * pixels; i++)
+        image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
+    out->psnr = spin_psnr_image(image, truth, pixels, 0);
+    out->psnr_channel_mean = spin_psnr_channel_mean(image, truth, pixels, 0);
+    d->op->up(d, p->shown, image, 3 * pixels * sizeof(float));
+    d->op->up(d, p->truth, truth, 3 * pixels * sizeof(float));
+    d->op->loss(d, width, height, p->shown, p->truth, 1.0f, 0.0f, values, NULL);
+    out->ssim = values[2];
+    return d->op->wait(d);
+}

@@ -1,0 +1,61 @@
+/* Plays a clip: the splats of a frame - the source's, the network's, or those of a network that is
+ * being trained - and pictures of them. Evaluation, previews, export and spin_render() go this way. */
+#ifndef SPIN_CORE_PLAYER_H
+#define SPIN_CORE_PLAYER_H
+
+#include "core/clip.h"
+#include "core/model.h"
+#include "core/raster.h"
+
+struct spin_player {
+    struct spin_device *device;
+    struct spin_bundle *bundle; /* NULL: only spin_player_show_splats() */
+    bool network;               /* decode, instead of the source's columns */
+    struct spin_model model;
+    float *table, *heads; /* device */
+    bool owns_network;
+    float *const *live_pos; /* [frames of the clip] positions on the device, or NULL */
+    struct spin_decode decode;
+    struct spin_raster raster;
+    float *pos, *attr;    /* device: what is shown when not live or not decoded */
+    float *shown, *truth; /* device [3][h][w], for measuring */
+    float *staging;       /* host [capacity][SPIN_ATTR] */
+    size_t capacity, pixels, tiles;
+    struct spin_splats splats;       /* host */
+    const float *now_pos, *now_attr; /* of the frame shown */
+    size_t now_n;
+    int now_sh_degree, now_frame;
+};
+
+/* What spin_player_open() needs to know about the network of a bundle. */
+bool spin_bundle_has_network(const struct spin_bundle *bundle);
+
+/* From an open bundle: the network's attributes, or the source's. */
+spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
+                             struct spin_bundle *bundle, bool network);
+/* From a network in training; table, heads, live_pos stay the caller's. */
+spin_status spin_player_open_live(struct spin_player *p, struct spin_device *device,
+                                  const struct spin_model *model, float *table, float *heads,
+                                  float *const *live_pos);
+void spin_player_close(struct spin_player *p);
+
+/* Make frame `index` of the bundle the one that is shown. In a live player: frame `index` of the
+ * clip, with n splats and this time. */
+spin_status spin_player_show(struct spin_player *p, int index);
+spin_status spin_player_show_live(struct spin_player *p, int index, size_t n, double time);
+/* Show these splats (all attribute columns). */
+spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *splats);
+
+/* Columns of a frame, in the source's order. */
+spin_status spin_player_splats(struct spin_player *p, int index, unsigned columns,
+                               struct spin_splats *out);
+
+/* Draw the frame that is shown; image (host, [3][h][w]) not clamped. */
+spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
+                             const float background[3], float *image);
+
+/* Compare: image is clamped to 0..1 in place (method.md section 8). */
+spin_status spin_player_compare(struct spin_player *p, int width, int height, float *image,
+                                const float *truth, struct spin_eval_view *out);
+
+#endif

@@ -1,0 +1,555 @@
+/* The calls of spin.h that wire the rooms together: import, open, read, export, evaluate, render. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "core/measure.h"
+#include "scene/detect.h"
+
+void spin_set_verbosity(int level) { spin_log_set_level(level); }
+
+/* ---- Import ----------------------------------------------------------------------------------- */
+
+struct import {
+    const struct spin_import_options *o;
+    struct spin_import_report *report;
+    const struct spin_importer *importer;
+    struct spin_plugin_values values;
+    void *self;
+    struct spin_track track;
+    struct spin_bundle_meta meta;
+    struct spin_bundle_writer writer;
+    bool writing;
+    struct spin_splats splats;
+};
+
+/* Which times a continuous method is sampled at. */
+static spin_status sample_times(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    const struct spin_track *t = &im->track;
+    int n = o->n_times > 0 ? o->n_times : o->n_frames;
+
+    if (n <= 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' is defined at any time: say where to sample it with "
+                         "--frames, --times or --data",
+                         o->input);
+    SPIN_TRY(spin_bundle_meta_reserve(&im->meta, n));
+    for (int i = 0; i < n; i++) {
+        double u = n > 1 ? (double)i / (n - 1) : 0;
+
+        im->meta.frame[i].number = i;
+        im->meta.frame[i].time =
+            o->n_times > 0 ? o->times[i] : t->time_first + u * (t->time_last - t->time_first);
+        im->meta.source_index[i] = i;
+    }
+    im->meta.n_source_frames = n;
+    return SPIN_OK;
+}
+
+/* The frames a stored clip has, less those outside the range. */
+static spin_status choose_frames(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    const struct spin_track *t = &im->track;
+    struct spin_frame_info *all;
+    int *index = NULL, n = 0;
+    void *block = NULL;
+    spin_status status;
+
+    if (t->continuous)
+        return sample_times(im);
+    if (o->n_frames > 0 || o->n_times > 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' has %d frames as they are: --frames and --times are "
+                         "for methods defined at any time; use --range",
+                         o->input, t->n_frames);
+    SPIN_TRY(spin_alloc((size_t)t->n_frames, sizeof *all, &block));
+    all = block;
+    for (int i = 0; i < t->n_frames; i++) {
+        all[i].number = t->numbers ? t->numbers[i] : i;
+        all[i].time = t->times ? t->times[i] : i;
+    }
+    status = spin_range_select(&o->range, all, t->n_frames, &index, &n);
+    if (status == SPIN_OK)
+        status = spin_bundle_meta_reserve(&im->meta, n);
+    for (int i = 0; status == SPIN_OK && i < n; i++) {
+        im->meta.frame[i] = all[index[i]];
+        im->meta.source_index[i] = index[i];
+    }
+    im->meta.n_source_frames = t->n_frames;
+    im->meta.numbered = t->numbers != NULL;
+    free(index);
+    free(block);
+    return status;
+}
+
+/* Read the data set, see that its frames can be paired with ours, and remember where it is. */
+static spin_status attach_data(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    struct spin_views views;
+    char *folder = NULL, *data = NULL;
+    void *rows = NULL;
+    spin_status status;
+
+    if (!o->data)
+        return SPIN_OK;
+    memset(&views, 0, sizeof views);
+    SPIN_TRY(spin_path_absolute(o->data, &data));
+    SPIN_TRY_OUT(
+        spin_views_open(data, o->data_from, &views, im->meta.data_from, sizeof im->meta.data_from));
+    SPIN_TRY_OUT(spin_alloc((size_t)im->meta.n_frames, sizeof(int), &rows));
+    SPIN_TRY_OUT(spin_views_pair(&views, &im->meta, o->pair ? o->pair : "auto", rows));
+    if (o->output) {
+        SPIN_TRY_OUT(spin_path_folder(o->output, &folder));
+        SPIN_TRY_OUT(spin_path_relative(folder, data, &im->meta.data_path));
+    }
+out:
+    spin_views_free(&views);
+    free(rows);
+    free(folder);
+    free(data);
+    return status;
+}
+
+static void widen_bounds(struct spin_import_report *report, const struct spin_splats *s)
+{
+    for (size_t i = 0; i < s->n * 3; i++) {
+        float *low = &report->bounds_min[i % 3], *high = &report->bounds_max[i % 3];
+
+        *low = s->means[i] < *low ? s->means[i] : *low;
+        *high = s->means[i] > *high ? s->means[i] : *high;
+    }
+}
+
+static spin_status read_frames(struct import *im)
+{
+    struct spin_import_report *report = im->report;
+    struct spin_bundle_meta *meta = &im->meta;
+    struct spin_progress progress;
+    double sum = 0;
+    spin_status status = SPIN_OK;
+
+    report->splats_min = SIZE_MAX;
+    for (int c = 0; c < 3; c++) {
+        report->bounds_min[c] = FLT_MAX;
+        report->bounds_max[c] = -FLT_MAX;
+    }
+    spin_progress_begin(&progress, "importing", "frames", 0, meta->n_frames);
+    for (int i = 0; i < meta->n_frames; i++) {
+        size_t n;
+
+        if (spin_cancelled()) {
+            status = spin_fail_cancelled();
+            goto out;
+        }
+        SPIN_TRY_OUT(im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time,
+                                         im->writing ? meta->columns : SPIN_COL_MEANS,
+                                         &im->splats));
+        n = im->splats.n;
+        meta->frame[i].n = n;
+        report->splats_min = n < report->splats_min ? n : report->splats_min;
+        report->splats_max = n > report->splats_max ? n : report->splats_max;
+        sum += (double)n;
+        widen_bounds(report, &im->splats);
+        if (im->writing)
+            SPIN_TRY_OUT(spin_bundle_write_frame(&im->writer, i, meta->columns, meta->still_columns,
+                                                 &im->splats));
+        spin_progress_set(&progress, i + 1, "%zu splats", n);
+    }
+    report->splats_mean = sum / meta->n_frames;
+out:
+    spin_progress_end(&progress);
+    return status;
+}
+
+static void fill_report(struct import *im)
+{
+    struct spin_import_report *report = im->report;
+    const struct spin_bundle_meta *meta = &im->meta;
+
+    snprintf(report->from, sizeof report->from, "%s", im->importer->name);
+    memcpy(report->variant, im->track.variant, sizeof report->variant);
+    memcpy(report->notes, im->track.notes, sizeof report->notes);
+    report->frames = meta->n_frames;
+    report->time_first = meta->frame[0].time;
+    report->time_last = meta->frame[meta->n_frames - 1].time;
+    report->sh_degree = im->track.columns & SPIN_COL_SH ? im->track.sh_degree : -1;
+    report->columns = im->track.columns;
+    report->numbered = meta->numbered;
+    report->number_first = meta->frame[0].number;
+    report->number_last = meta->frame[meta->n_frames - 1].number;
+}
+
+static spin_status run_import(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    struct spin_bundle_meta *meta = &im->meta;
+
+    SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
+    im->values.pairs = o->plugin_pairs;
+    SPIN_TRY(im->importer->open(o->input, &im->values, &im->self, &im->track));
+    SPIN_TRY(choose_frames(im));
+    SPIN_TRY(attach_data(im));
+    snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
+    snprintf(meta->upstream, sizeof meta->upstream, "%s", im->importer->upstream);
+    memcpy(meta->variant, im->track.variant, sizeof meta->variant);
+    meta->columns = im->track.columns;
+    if (o->positions_only)
+        meta->columns &= SPIN_COL_MEANS | SPIN_COL_RGB;
+    meta->still_columns = im->track.still_columns & meta->columns;
+    meta->sh_degree = meta->columns & SPIN_COL_SH ? im->track.sh_degree : -1;
+    if (o->output) {
+        SPIN_TRY(spin_bundle_writer_open(o->output, o->force, &im->writer));
+        im->writing = true;
+    }
+    SPIN_TRY(read_frames(im));
+    fill_report(im);
+    if (im->writing) {
+        im->writing = false;
+        SPIN_TRY(spin_bundle_writer_finish(&im->writer, meta, NULL));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report)
+{
+    struct import im = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_import(&im);
+    if (im.writing)
+        spin_bundle_writer_abandon(&im.writer);
+    if (im.importer && im.importer->close && im.self)
+        im.importer->close(im.self);
+    spin_bundle_meta_free(&im.meta);
+    spin_splats_free(&im.splats);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_more(status, "cannot import '%s'", o->input);
+    return status;
+}
+
+/* ---- A clip, open for reading ------------------------------------------------------------------ */
+
+struct spin_scene {
+    struct spin_bundle bundle;
+    struct spin_device device;
+    struct spin_player player; /* of the network; opened when first needed */
+    bool has_network, device_open, player_open;
+};
+
+spin_status spin_scene_open(const char *path, struct spin_scene **out)
+{
+    void *block = NULL;
+    struct spin_scene *scene;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, sizeof *scene, &block));
+    scene = block;
+    status = spin_bundle_open(path, &scene->bundle);
+    if (status != SPIN_OK) {
+        free(scene);
+        return status;
+    }
+    scene->has_network = spin_bundle_has_network(&scene->bundle);
+    *out = scene;
+    return SPIN_OK;
+}
+
+void spin_scene_close(struct spin_scene *scene)
+{
+    if (!scene)
+        return;
+    if (scene->player_open)
+        spin_player_close(&scene->player);
+    if (scene->device_open)
+        spin_device_close(&scene->device);
+    spin_bundle_close(&scene->bundle);
+    free(scene);
+}
+
+int spin_scene_n_frames(const struct spin_scene *scene) { return scene->bundle.meta.n_frames; }
+
+const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame)
+{
+    return &scene->bundle.meta.frame[frame];
+}
+
+bool spin_scene_has_network(const struct spin_scene *scene) { return scene->has_network; }
+
+unsigned spin_scene_columns(const struct spin_scene *scene) { return scene->bundle.meta.columns; }
+
+spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from from,
+                            unsigned columns, struct spin_splats *out)
+{
+    if (from == SPIN_FROM_SOURCE || (from == SPIN_FROM_BEST && !scene->has_network))
+        return spin_bundle_frame(&scene->bundle, frame, columns, out);
+    if (!scene->has_network)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no network: run spin-retrain",
+                         scene->bundle.path);
+    if (!scene->device_open) {
+        SPIN_TRY(spin_device_open("auto", 0, &scene->device));
+        scene->device_open = true;
+    }
+    if (!scene->player_open) {
+        SPIN_TRY(spin_player_open(&scene->player, &scene->device, &scene->bundle, true));
+        scene->player_open = true;
+    }
+    return spin_player_splats(&scene->player, frame, columns, out);
+}
+
+/* ---- Drawing ----------------------------------------------------------------------------------- */
+
+struct spin_renderer {
+    struct spin_player player;
+};
+
+spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
+                        const struct spin_camera *camera, const float background[3], float *image)
+{
+    SPIN_TRY(spin_player_show_splats(&r->player, splats));
+    return spin_player_draw(&r->player, camera, background, image);
+}
+
+/* ---- Which attributes ---------------------------------------------------------------------------- */
+
+static spin_status choose_network(const struct spin_bundle *bundle, bool source, bool *network)
+{
+    unsigned missing = SPIN_COL_ATTRIBUTES & ~bundle->meta.columns;
+
+    *network = !source && spin_bundle_has_network(bundle);
+    if (*network || !missing)
+        return SPIN_OK;
+    if (source)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
+                         bundle->path);
+    return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
+                     bundle->path);
+}
+
+/* ---- Evaluation ---------------------------------------------------------------------------------- */
+
+struct eval {
+    const struct spin_eval_options *o;
+    struct spin_eval_report *report;
+    struct spin_clip clip;
+    struct spin_pixels pixels;
+    struct spin_device device;
+    struct spin_player player;
+    struct spin_pair *pairs;
+    size_t n_pairs;
+};
+
+static spin_status run_eval(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_clip_options c = {.input = o->input,
+                                  .data = o->data,
+                                  .data_from = o->data_from,
+                                  .pair = o->pair,
+                                  .range = o->range,
+                                  .test_cameras = o->test_cameras,
+                                  .n_test_cameras = o->n_test_cameras,
+                                  .image_scale = o->image_scale,
+                                  .needs_views = true};
+    struct spin_measure m = {.player = &e->player,
+                             .clip = &e->clip,
+                             .pixels = &e->pixels,
+                             .background = o->background,
+                             .images = o->images,
+                             .what = "evaluating"};
+    void *block = NULL;
+
+    SPIN_TRY(spin_clip_open(&c, &e->clip));
+    SPIN_TRY(choose_network(&e->clip.bundle, o->source, &e->report->network));
+    SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
+    if (e->n_pairs == 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
+    SPIN_TRY(spin_pixels_open(&e->clip.views, 0, &e->pixels));
+    SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
+    SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->report->network));
+    SPIN_TRY(spin_alloc(e->n_pairs, sizeof *e->report->view, &block));
+    e->report->view = block;
+    if (o->images)
+        SPIN_TRY(spin_folder_make(o->images));
+    m.pairs = e->pairs;
+    m.n_pairs = e->n_pairs;
+    m.view = e->report->view;
+    SPIN_TRY(spin_measure_run(&m, &e->report->mean));
+    e->report->n_views = e->n_pairs;
+    e->report->seconds_render = m.seconds / (double)e->n_pairs;
+    return SPIN_OK;
+}
+
+spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report)
+{
+    struct eval e = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_eval(&e);
+    spin_player_close(&e.player);
+    spin_device_close(&e.device);
+    spin_pixels_close(&e.pixels);
+    spin_clip_close(&e.clip);
+    free(e.pairs);
+    if (status != SPIN_OK)
+        spin_eval_report_free(report);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_more(status, "cannot evaluate '%s'", o->input);
+    return status;
+}
+
+void spin_eval_report_free(struct spin_eval_report *report)
+{
+    free(report->view);
+    memset(report, 0, sizeof *report);
+}
+
+/* ---- Export ---------------------------------------------------------------------------------------- */
+
+struct export
+{
+    const struct spin_export_options *o;
+    struct spin_export_report *report;
+    const struct spin_exporter *exporter;
+    struct spin_clip clip;
+    struct spin_device device;
+    struct spin_player player;
+    struct spin_renderer *renderer;
+    struct spin_splats splats;
+    void *self;
+};
+
+static spin_status find_exporter(const char *name, const struct spin_exporter **out)
+{
+    char known[256] = "";
+
+    for (size_t i = 0; spin_exporters[i]; i++) {
+        size_t used = strlen(known);
+
+        if (strcmp(spin_exporters[i]->name, name) == 0) {
+            *out = spin_exporters[i];
+            return SPIN_OK;
+        }
+        snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", spin_exporters[i]->name);
+    }
+    return spin_fail(SPIN_E_USAGE, "no exporter '%s': there is %s", name, known);
+}
+
+static double clip_fps(const struct spin_clip *clip)
+{
+    const struct spin_frame_info *info = clip->bundle.meta.frame;
+    double span = info[clip->frame[clip->n_frames - 1]].time - info[clip->frame[0]].time;
+
+    /* A unit of one per frame is a frame number, not seconds. */
+    if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1)
+        return 0;
+    return (clip->n_frames - 1) / span;
+}
+
+static spin_status write_frames(struct export *x)
+{
+    struct spin_progress progress;
+    unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    spin_status status = SPIN_OK;
+
+    spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
+    for (int f = 0; f < x->clip.n_frames; f++) {
+        int index = x->clip.frame[f];
+
+        if (spin_cancelled()) {
+            status = spin_fail_cancelled();
+            break;
+        }
+        status = spin_player_splats(&x->player, index, columns, &x->splats);
+        if (status == SPIN_OK)
+            status = x->exporter->frame(x->self, f, &x->clip.bundle.meta.frame[index], &x->splats);
+        if (status != SPIN_OK)
+            break;
+        spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
+    }
+    spin_progress_end(&progress);
+    return status;
+}
+
+static spin_status begin_export(struct export *x, bool network)
+{
+    const struct spin_export_options *o = x->o;
+    struct spin_plugin_values values = {.pairs = o->plugin_pairs};
+    struct spin_export_job job = {
+        .output = o->output,
+        .force = o->force,
+        .n_frames = x->clip.n_frames,
+        .fps = clip_fps(&x->clip),
+        .source = x->clip.bundle.meta.from,
+        .sh_degree = network ? x->player.model.sh_degree : x->clip.bundle.meta.sh_degree,
+        .values = &values,
+        .views = x->clip.has_views ? &x->clip.views : NULL,
+        .row_of_frame = x->clip.row,
+        .renderer = x->renderer,
+        .background = o->background,
+    };
+    spin_status status;
+
+    SPIN_TRY(x->exporter->begin(&job, &x->self));
+    status = write_frames(x);
+    if (status != SPIN_OK) {
+        x->exporter->abort(x->self);
+        return status;
+    }
+    return x->exporter->end(x->self);
+}
+
+static spin_status run_export(struct export *x)
+{
+    const struct spin_export_options *o = x->o;
+    struct spin_clip_options c = {.input = o->input,
+                                  .data = o->data,
+                                  .data_from = o->data_from,
+                                  .pair = o->pair,
+                                  .range = o->range};
+    bool network;
+    void *block = NULL;
+
+    SPIN_TRY(find_exporter(o->to, &x->exporter));
+    c.needs_views = x->exporter->needs_renderer;
+    SPIN_TRY(spin_clip_open(&c, &x->clip));
+    SPIN_TRY(choose_network(&x->clip.bundle, o->source, &network));
+    SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
+    SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, network));
+    if (x->exporter->needs_renderer) {
+        SPIN_TRY(spin_alloc(1, sizeof *x->renderer, &block));
+        x->renderer = block;
+        SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, false));
+    }
+    x->report->frames = x->clip.n_frames;
+    x->report->splats_mean = x->clip.n_mean;
+    return begin_export(x, network);
+}
+
+spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report)
+{
+    struct export x = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_export(&x);
+    if (x.renderer)
+        spin_player_close(&x.renderer->player);
+    free(x.renderer);
+    spin_player_close(&x.player);
+    spin_device_close(&x.device);
+    spin_clip_close(&x.clip);
+    spin_splats_free(&x.splats);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_more(status, "cannot export '%s'", o->input);
+    return status;
+}

@@ -1,0 +1,196 @@
+/* The training step. Gradients of table and heads gather over the batch; positions of a frame are
+ * finished as soon as its last picture is. */
+#include "core/train.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "core/ops.h"
+#include "math/adam.h"
+
+static spin_status reserve(struct spin_device *d, size_t floats, float **out)
+{
+    return d->op->reserve(d, floats * sizeof(float), (void **)out);
+}
+
+static spin_status open_param(struct spin_device *d, size_t n, struct spin_param *param)
+{
+    param->n = n;
+    SPIN_TRY(reserve(d, n, &param->p));
+    SPIN_TRY(reserve(d, n, &param->g));
+    SPIN_TRY(reserve(d, n, &param->m));
+    return reserve(d, n, &param->v);
+}
+
+static void close_param(struct spin_device *d, struct spin_param *param)
+{
+    d->op->release(d, param->p, param->n * sizeof(float));
+    d->op->release(d, param->g, param->n * sizeof(float));
+    d->op->release(d, param->m, param->n * sizeof(float));
+    d->op->release(d, param->v, param->n * sizeof(float));
+}
+
+size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
+                          size_t max_pixels)
+{
+    size_t points = 0, n_max = 0;
+
+    for (int f = 0; f < n_frames; f++) {
+        points += counts[f];
+        n_max = counts[f] > n_max ? counts[f] : n_max;
+    }
+    return (4 * (model->n_table + model->n_heads) + 9 * points + 3 * n_max) * sizeof(float) +
+           spin_decode_bytes(model, n_max, true) + spin_raster_bytes(n_max, max_pixels, true);
+}
+
+spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
+                              const struct spin_model *model, int n_frames, const size_t *counts,
+                              size_t max_pixels, size_t max_tiles)
+{
+    spin_status status;
+    void *block = NULL;
+
+    memset(t, 0, sizeof *t);
+    t->device = device;
+    t->model = *model;
+    t->max_pixels = max_pixels;
+    t->max_tiles = max_tiles;
+    SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *t->frame, &block));
+    t->frame = block;
+    t->n_frames = n_frames;
+    SPIN_TRY_OUT(open_param(device, model->n_table, &t->table));
+    SPIN_TRY_OUT(open_param(device, model->n_heads, &t->heads));
+    for (int f = 0; f < n_frames; f++) {
+        struct spin_train_frame *frame = &t->frame[f];
+
+        frame->n = counts[f];
+        t->n_max = counts[f] > t->n_max ? counts[f] : t->n_max;
+        SPIN_TRY_OUT(reserve(device, frame->n * 3, &frame->pos));
+        SPIN_TRY_OUT(reserve(device, frame->n * 3, &frame->m));
+        SPIN_TRY_OUT(reserve(device, frame->n * 3, &frame->v));
+    }
+    SPIN_TRY_OUT(reserve(device, t->n_max * 3, &t->d_pos));
+    SPIN_TRY_OUT(spin_decode_open(&t->decode, device, model, t->n_max, true));
+    SPIN_TRY_OUT(spin_raster_open(&t->raster, device, t->n_max, max_pixels, max_tiles, true));
+    return SPIN_OK;
+out:
+    spin_trainer_close(t);
+    return status;
+}
+
+void spin_trainer_close(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+
+    if (!d)
+        return;
+    close_param(d, &t->table);
+    close_param(d, &t->heads);
+    for (int f = 0; f < t->n_frames; f++) {
+        struct spin_train_frame *frame = &t->frame[f];
+
+        d->op->release(d, frame->pos, frame->n * 3 * sizeof(float));
+        d->op->release(d, frame->m, frame->n * 3 * sizeof(float));
+        d->op->release(d, frame->v, frame->n * 3 * sizeof(float));
+    }
+    d->op->release(d, t->d_pos, t->n_max * 3 * sizeof(float));
+    spin_decode_close(&t->decode, &t->model);
+    spin_raster_close(&t->raster);
+    free(t->frame);
+    memset(t, 0, sizeof *t);
+}
+
+/* Render one item, add its loss to values and its gradient to d_attr and d_pos. */
+static spin_status draw_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
+                             struct spin_train_values *values, double *loss)
+{
+    struct spin_device *d = t->device;
+    const struct spin_train_frame *frame = &t->frame[item->frame];
+    struct spin_cam cam = spin_cam_from(item->camera);
+    size_t bytes = 3 * (size_t)cam.width * (size_t)cam.height * sizeof(float);
+    double v[3];
+
+    SPIN_TRY(spin_raster_forward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr,
+                                 t->model.sh_degree, t->background));
+    d->op->up(d, t->raster.truth, item->truth, bytes);
+    SPIN_TIMED(d, SPIN_OP_LOSS,
+               d->op->loss(d, cam.width, cam.height, t->raster.image, t->raster.truth,
+                           t->lambda_dssim, 1.0f / (float)n, v, t->raster.d_image));
+    spin_raster_backward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, t->model.sh_degree,
+                         t->background, t->decode.d_attr, t->d_pos);
+    values->loss += v[0] / n;
+    values->l1 += v[1] / n;
+    values->ssim += v[2] / n;
+    *loss = v[0];
+    return SPIN_OK;
+}
+
+static void step_param(struct spin_trainer *t, struct spin_param *param, size_t first, size_t last,
+                       double lr0)
+{
+    const struct spin_train_rates *r = &t->rates;
+    double lr = spin_lr(lr0, r->end, t->iteration, r->warmup, r->iterations);
+
+    SPIN_TIMED(t->device, SPIN_OP_ADAM,
+               t->device->op->adam(t->device, last - first, param->p + first, param->g + first,
+                                   param->m + first, param->v + first, lr, t->iteration));
+}
+
+/* All pictures of one frame, and the step of its positions. */
+static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item *items, int n,
+                            int first, struct spin_train_values *values)
+{
+    struct spin_device *d = t->device;
+    const struct spin_train_rates *r = &t->rates;
+    struct spin_train_frame *frame = &t->frame[items[first].frame];
+
+    if (frame->n == 0)
+        return SPIN_OK;
+    spin_decode_forward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
+                        spin_model_time(&t->model, frame->time));
+    d->op->zero(d, t->decode.d_attr, frame->n * SPIN_ATTR * sizeof(float));
+    d->op->zero(d, t->d_pos, frame->n * 3 * sizeof(float));
+    for (int i = first; i < n; i++) {
+        double loss;
+
+        if (items[i].frame != items[first].frame)
+            continue;
+        SPIN_TRY(draw_item(t, &items[i], n, values, &loss));
+        if (values->each)
+            values->each[i] = loss;
+    }
+    spin_decode_backward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
+                         t->table.g, t->heads.g, t->d_pos);
+    frame->steps++;
+    SPIN_TIMED(d, SPIN_OP_ADAM,
+               d->op->adam(d, frame->n * 3, frame->pos, t->d_pos, frame->m, frame->v,
+                           spin_lr(r->position, r->end, t->iteration, r->warmup, r->iterations),
+                           frame->steps));
+    return SPIN_OK;
+}
+
+static bool seen_before(const struct spin_train_item *items, int i)
+{
+    for (int j = 0; j < i; j++)
+        if (items[j].frame == items[i].frame)
+            return true;
+    return false;
+}
+
+spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_item *items, int n,
+                              struct spin_train_values *values)
+{
+    const size_t *offset = t->model.heads.offset;
+
+    values->loss = values->l1 = values->ssim = 0;
+    t->iteration++;
+    for (int i = 0; i < n; i++)
+        if (!seen_before(items, i))
+            SPIN_TRY(do_frame(t, items, n, i, values));
+    step_param(t, &t->table, 0, t->table.n, t->rates.table);
+    for (int k = 0; k < SPIN_HEADS; k++)
+        step_param(t, &t->heads, offset[k], offset[k + 1], t->rates.head[k]);
+    return t->device->op->wait(t->device);
+}

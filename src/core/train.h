@@ -1,0 +1,71 @@
+/* One training step of the network, and what it keeps between steps (method.md sections 3 to 7). The
+ * loop around it - data, schedule of views, evaluation, checkpoints - is retrain.c. */
+#ifndef SPIN_CORE_TRAIN_H
+#define SPIN_CORE_TRAIN_H
+
+#include "core/model.h"
+#include "core/raster.h"
+
+/* Parameters with their gradient and Adam's moments, on the device. */
+struct spin_param {
+    float *p, *g, *m, *v; /* [n] */
+    size_t n;
+};
+
+/* Positions of one frame. Their moments and step counter stand still while the frame is not in the
+ * batch (method.md section 6). */
+struct spin_train_frame {
+    size_t n;
+    double time;        /* in the source's unit */
+    float *pos, *m, *v; /* [n][3] on the device */
+    int64_t steps;
+};
+
+struct spin_train_rates {
+    double table, head[SPIN_HEADS], position, end;
+    int64_t warmup, iterations;
+};
+
+struct spin_trainer {
+    struct spin_device *device;
+    struct spin_model model;
+    struct spin_param table, heads;
+    struct spin_train_frame *frame; /* [n_frames] */
+    int n_frames;
+    size_t n_max, max_pixels, max_tiles;
+    struct spin_train_rates rates;
+    float lambda_dssim, background[3];
+    int64_t iteration; /* steps done */
+    struct spin_decode decode;
+    struct spin_raster raster;
+    float *d_pos; /* [n_max][3] */
+};
+
+/* One picture of a batch. */
+struct spin_train_item {
+    int frame;
+    const struct spin_camera *camera;
+    const float *truth; /* host [3][h][w] */
+};
+
+struct spin_train_values {
+    double loss, l1, ssim; /* means over the batch */
+    double *each;          /* [n] losses, when not NULL */
+};
+
+/* Reserve everything for frames of counts[f] splats and pictures up to max_pixels. The caller then
+ * fills parameters, positions, times, rates through the device. */
+spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
+                              const struct spin_model *model, int n_frames, const size_t *counts,
+                              size_t max_pixels, size_t max_tiles);
+void spin_trainer_close(struct spin_trainer *t);
+/* Bytes that open will reserve, and about as much as the ops' scratch comes to. */
+size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
+                          size_t max_pixels);
+
+/* One iteration: the mean loss of the items, its gradient, one Adam step. Items of one frame share
+ * one decoding. Fails only when the rasteriser's lists cannot grow, or the device failed. */
+spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_item *items, int n,
+                              struct spin_train_values *values);
+
+#endif

@@ -1,0 +1,449 @@
+/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front: who
+ * visits which pixel in which order. The formulas are math/blend.h's, written here for a register
+ * of pixels of a row at a time; tests/device/t-blend.c compares the two.
+ *
+ * A tile's pairs are made ready in batches. A splat visits only the rows, and of narrow code
+ * paths the columns, that its alpha can reach. Backwards, each (splat, tile) pair writes its sums
+ * to a slot of its own, and the slots of a splat are added in order: no atomics, and the same bits
+ * for any number of threads. */
+#include <string.h>
+
+#include "device/cpu/cpu.h"
+#include "device/cpu/lanes.h"
+#include "device/cpu/pairs.h"
+#include "math/blend.h"
+
+enum {
+    BATCH = 32,
+    SIDE = SPIN_TILE,
+    LANES = SPIN_LANES,
+    VECS = SIDE / LANES, /* registers in a row */
+    REDUCE_CHUNK = 512
+};
+
+struct job {
+    const struct spin_cam *cam;
+    size_t n;
+    const struct spin_splat2d *splat2d;
+    const struct spin_tiles *tiles;
+    const float *background;
+    float *image, *final_t;
+    int32_t *n_used;
+    const float *final_t_in, *d_image;
+    const int32_t *n_used_in;
+    struct spin_splat2d_grad *d_splat2d;
+    struct spin_blend_sums *slots;
+};
+
+/* Pixels of a tile. */
+struct place {
+    int x0, y0, width, height;
+    size_t tile_x, tile_y;
+};
+
+static struct place place_of(const struct spin_cam *cam, int tile)
+{
+    struct place p;
+
+    p.tile_x = (size_t)(tile % cam->tiles_x);
+    p.tile_y = (size_t)(tile / cam->tiles_x);
+    p.x0 = (int)p.tile_x * SIDE;
+    p.y0 = (int)p.tile_y * SIDE;
+    p.width = cam->width - p.x0 < SIDE ? cam->width - p.x0 : SIDE;
+    p.height = cam->height - p.y0 < SIDE ? cam->height - p.y0 : SIDE;
+    return p;
+}
+
+/* Pairs of the tile, made ready: offsets from the tile's first pixel, the exponent's coefficients,
+ * the rows and registers that alpha can reach. Arrays, so that the compiler makes vectors of the
+ * loop that fills them. */
+struct ready {
+    float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH], colour[3][BATCH];
+    int32_t row0[BATCH], row1[BATCH], vec0[BATCH], vec1[BATCH];
+};
+
+/* v truncated, within 0..n */
+SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf(v, 0), n); }
+
+/* `reach` is padded by 0.01, so 0.999 stands for rounding up. */
+static void reach_of(struct ready *r, const struct place *p)
+{
+    float height = (float)p->height;
+
+    for (int i = 0; i < BATCH; i++) {
+        float reach_x, reach_y;
+        r->opacity[i] = spin_blend_scale(&r->a[i], &r->b[i], &r->c[i], r->opacity[i]);
+        spin_blend_reach(r->a[i], r->b[i], r->c[i], r->opacity[i], &reach_x, &reach_y);
+        r->row0[i] = clamp_to(r->v[i] - reach_y + 0.999f, height);
+        r->row1[i] = clamp_to(r->v[i] + reach_y + 1, height);
+        r->vec0[i] = clamp_to(r->u[i] - reach_x + 0.999f, SIDE) / LANES;
+        r->vec1[i] = (clamp_to(r->u[i] + reach_x + 1, SIDE) + LANES - 1) / LANES;
+    }
+}
+
+static void make_ready(const struct spin_splat2d *splat2d, const struct place *p,
+                       const uint32_t *pairs, uint32_t n, struct ready *r)
+{
+    for (uint32_t i = 0; i < BATCH; i++) {
+        const struct spin_splat2d *s = splat2d + pairs[i < n ? i : 0];
+        r->u[i] = s->u_px - (float)p->x0;
+        r->v[i] = s->v_px - (float)p->y0;
+        r->a[i] = s->conic[0];
+        r->b[i] = s->conic[1];
+        r->c[i] = s->conic[2];
+        r->opacity[i] = s->opacity;
+        for (int c = 0; c < 3; c++)
+            r->colour[c][i] = s->colour[c];
+    }
+    reach_of(r, p);
+}
+
+static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
+{
+    struct spin_blend_splat s = {r->u[i],
+                                 r->v[i],
+                                 r->a[i],
+                                 r->b[i],
+                                 r->c[i],
+                                 r->opacity[i],
+                                 {r->colour[0][i], r->colour[1][i], r->colour[2][i]}};
+    return s;
+}
+
+/* ---- Forward --------------------------------------------------------------------------------- */
+
+struct front {
+    float t[SIDE * SIDE], colour[3][SIDE * SIDE];
+    int32_t used[SIDE * SIDE];
+    spin_mask live[SIDE * VECS];
+    int n_live; /* registers with a live pixel */
+};
+
+static void front_begin(struct front *f, const struct place *p)
+{
+    f->n_live = 0;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        f->t[i] = 1;
+        f->colour[0][i] = f->colour[1][i] = f->colour[2][i] = 0;
+        f->used[i] = 0;
+    }
+    for (int i = 0; i < SIDE * VECS; i++) {
+        int pixels = i / VECS < p->height ? p->width - i % VECS * LANES : 0;
+        pixels = pixels < 0 ? 0 : pixels > LANES ? LANES : pixels;
+        f->live[i] = spin_mask_first(pixels);
+        f->n_live += pixels > 0;
+    }
+}
+
+/* One register of pixels takes one splat: spin_blend_step. `power` is without the opacity. */
+SPIN_FN void front_step(struct front *f, const struct spin_blend_splat *s, int vec,
+                        spin_lanes power, int32_t place)
+{
+    spin_lanes exponent = power + s->log2_opacity;
+    spin_mask counts = spin_mask_and(
+        f->live[vec], spin_mask_and(spin_lanes_ge(spin_lanes_all(0), power),
+                                    spin_lanes_ge(exponent, spin_lanes_all(SPIN_ALPHA_MIN_LOG2))));
+    spin_lanes alpha, t, after, weight;
+    spin_mask on;
+    int at = vec * LANES;
+
+    if (!spin_mask_any(counts))
+        return;
+    alpha = spin_lanes_min(spin_lanes_exp2(exponent), spin_lanes_all(SPIN_ALPHA_MAX));
+    t = spin_lanes_load(f->t + at);
+    weight = alpha * t;
+    after = t - weight;
+    on = spin_mask_and(counts, spin_lanes_ge(after, spin_lanes_all(SPIN_T_MIN)));
+    weight = spin_lanes_keep(on, weight);
+    for (int c = 0; c < 3; c++)
+        spin_lanes_store(f->colour[c] + at,
+                         spin_lanes_load(f->colour[c] + at) + weight * s->colour[c]);
+    spin_lanes_store(f->t + at, spin_lanes_pick(on, after, t));
+    spin_lanes_store_i(f->used + at,
+                       spin_lanes_pick_i(on, place + 1, spin_lanes_load_i(f->used + at)));
+    counts = spin_mask_without(counts, on);
+    if (spin_mask_any(counts)) {
+        f->live[vec] = spin_mask_without(f->live[vec], counts);
+        f->n_live -= !spin_mask_any(f->live[vec]);
+    }
+}
+
+static void front_splat(struct front *f, const struct ready *r, uint32_t i, int32_t place)
+{
+    struct spin_blend_splat s = splat_of(r, i);
+
+    for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
+        spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
+        spin_lanes a = s.a * dx * dx, b = s.b * dx;
+        for (int row = r->row0[i]; row < r->row1[i]; row++) {
+            float dy = s.v_px - (float)row;
+            front_step(f, &s, row * VECS + k, a + b * dy + s.c * dy * dy, place);
+        }
+    }
+}
+
+static void front_end(const struct job *job, const struct front *f, const struct place *p)
+{
+    size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
+
+    for (int y = 0; y < p->height; y++) {
+        size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)p->x0;
+        for (int x = 0; x < p->width; x++) {
+            int i = y * SIDE + x;
+            for (int c = 0; c < 3; c++)
+                job->image[(size_t)c * plane + at + (size_t)x] =
+                    f->colour[c][i] + f->t[i] * job->background[c];
+            job->final_t[at + (size_t)x] = f->t[i];
+            job->n_used[at + (size_t)x] = f->used[i];
+        }
+    }
+}
+
+static void blend_task(void *context, int tile, int worker)
+{
+    const struct job *job = context;
+    struct place p = place_of(job->cam, tile);
+    const uint32_t *pairs = job->tiles->pairs + job->tiles->start[tile];
+    uint32_t n = job->tiles->start[tile + 1] - job->tiles->start[tile];
+    struct ready ready;
+    struct front f;
+
+    (void)worker;
+    front_begin(&f, &p);
+    for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
+        uint32_t count = n - first < BATCH ? n - first : BATCH;
+        make_ready(job->splat2d, &p, pairs + first, count, &ready);
+        for (uint32_t i = 0; i < count && f.n_live; i++)
+            front_splat(&f, &ready, i, (int32_t)(first + i));
+    }
+    front_end(job, &f, &p);
+}
+
+void SPIN_CPU(blend)(struct spin_device *d, const struct spin_cam *cam,
+                     const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
+                     const float background[3], float *image, float *final_t, int32_t *n_used)
+{
+    struct job job = {.cam = cam,
+                      .splat2d = splat2d,
+                      .tiles = tiles,
+                      .background = background,
+                      .image = image,
+                      .final_t = final_t,
+                      .n_used = n_used};
+
+    spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, blend_task, &job);
+}
+
+/* ---- Backward -------------------------------------------------------------------------------- */
+
+struct back {
+    float t[SIDE * SIDE]; /* transmittance behind the splat */
+    float s[SIDE * SIDE]; /* sum over what is behind of weight * (colour . g) */
+    float g[3][SIDE * SIDE];
+    float used[SIDE * SIDE];       /* as floats: exact below 2^24 */
+    int32_t vec_used[SIDE * VECS]; /* the largest of a register */
+    int32_t most;                  /* of the tile */
+};
+
+static void back_begin(const struct job *job, struct back *b, const struct place *p)
+{
+    size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
+
+    memset(b, 0, sizeof *b);
+    for (int y = 0; y < p->height; y++)
+        for (int x = 0; x < p->width; x++) {
+            size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)(p->x0 + x);
+            int i = y * SIDE + x;
+            int32_t used = job->n_used_in[at];
+            float through = 0;
+            for (int c = 0; c < 3; c++) {
+                b->g[c][i] = job->d_image[(size_t)c * plane + at];
+                through += b->g[c][i] * job->background[c];
+            }
+            b->t[i] = job->final_t_in[at];
+            b->s[i] = b->t[i] * through;
+            b->used[i] = (float)used;
+            if (used > b->vec_used[i / LANES])
+                b->vec_used[i / LANES] = used;
+            if (used > b->most)
+                b->most = used;
+        }
+}
+
+/* Sums of one splat over the rows; those with dx follow from them, since dx is the same in all. */
+struct sums {
+    spin_lanes colour[3], e, ey, eyy;
+};
+
+/* One register of pixels gives back one splat: spin_blend_step_adj. */
+SPIN_FN void back_step(struct back *b, const struct spin_blend_splat *s, int vec, spin_lanes power,
+                       float dy, float place, struct sums *sums)
+{
+    spin_lanes exponent = power + s->log2_opacity;
+    int at = vec * LANES;
+    spin_mask on =
+        spin_mask_and(spin_lanes_ge(spin_lanes_load(b->used + at), spin_lanes_all(place + 1)),
+                      spin_mask_and(spin_lanes_ge(spin_lanes_all(0), power),
+                                    spin_lanes_ge(exponent, spin_lanes_all(SPIN_ALPHA_MIN_LOG2))));
+    spin_lanes raw, alpha, inverse, t, behind, weight, cg, de;
+    spin_lanes g0, g1, g2;
+
+    if (!spin_mask_any(on))
+        return;
+    raw = spin_lanes_exp2(exponent);
+    alpha = spin_lanes_min(raw, spin_lanes_all(SPIN_ALPHA_MAX));
+    inverse = spin_lanes_inverse(1.0f - alpha);
+    t = spin_lanes_load(b->t + at);
+    behind = spin_lanes_load(b->s + at);
+    spin_lanes_store(b->t + at, spin_lanes_pick(on, t * inverse, t));
+    t = t * inverse;
+    weight = spin_lanes_keep(on, alpha * t);
+    g0 = spin_lanes_load(b->g[0] + at);
+    g1 = spin_lanes_load(b->g[1] + at);
+    g2 = spin_lanes_load(b->g[2] + at);
+    cg = s->colour[0] * g0 + s->colour[1] * g1 + s->colour[2] * g2;
+    de = spin_lanes_keep(on, raw * (t * cg - behind * inverse));
+    spin_lanes_store(b->s + at, behind + weight * cg);
+    sums->colour[0] += weight * g0;
+    sums->colour[1] += weight * g1;
+    sums->colour[2] += weight * g2;
+    sums->e += de;
+    de *= dy;
+    sums->ey += de;
+    sums->eyy += de * dy;
+}
+
+static void add_sums(const struct sums *sums, spin_lanes dx, struct spin_blend_sums *out)
+{
+    spin_lanes edx = sums->e * dx,
+               part[8] = {sums->colour[0], sums->colour[1], sums->colour[2], sums->e, edx,
+                          sums->ey,        edx * dx,        sums->ey * dx};
+    float sum[8];
+
+    spin_lanes_sum8(part, sum);
+    for (int c = 0; c < 3; c++)
+        out->colour[c] += sum[c];
+    out->e += sum[3];
+    out->ex += sum[4];
+    out->ey += sum[5];
+    out->exx += sum[6];
+    out->exy += sum[7];
+    out->eyy += spin_lanes_sum(sums->eyy);
+}
+
+static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, uint32_t i,
+                                         int32_t place)
+{
+    struct spin_blend_splat s = splat_of(r, i);
+    struct spin_blend_sums out = {{0}, 0, 0, 0, 0, 0, 0};
+
+    for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
+        spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
+        spin_lanes a = s.a * dx * dx, slope = s.b * dx;
+        struct sums sums;
+
+        memset(&sums, 0, sizeof sums);
+        for (int row = r->row0[i]; row < r->row1[i]; row++) {
+            float dy = s.v_px - (float)row;
+            if (b->vec_used[row * VECS + k] > place)
+                back_step(b, &s, row * VECS + k, a + slope * dy + s.c * dy * dy, dy, (float)place,
+                          &sums);
+        }
+        add_sums(&sums, dx, &out);
+    }
+    return out;
+}
+
+static struct spin_blend_sums *slot_of(const struct job *job, const struct place *p, uint32_t splat)
+{
+    const struct spin_splat2d *s = job->splat2d + splat;
+    struct spin_pair_rect r = spin_pair_rect(s);
+    size_t row = p->tile_y - (size_t)r.y0, width = (size_t)(r.x1 - r.x0);
+
+    return job->slots + s->first_slot + row * width + (p->tile_x - (size_t)r.x0);
+}
+
+static void back_task(void *context, int tile, int worker)
+{
+    const struct job *job = context;
+    struct place p = place_of(job->cam, tile);
+    const uint32_t *pairs = job->tiles->pairs + job->tiles->start[tile];
+    uint32_t n = job->tiles->start[tile + 1] - job->tiles->start[tile], end;
+    struct ready ready;
+    struct back b;
+
+    (void)worker;
+    back_begin(job, &b, &p);
+    end = (uint32_t)b.most < n ? (uint32_t)b.most : n;
+    for (uint32_t i = end; i < n; i++)
+        memset(slot_of(job, &p, pairs[i]), 0, sizeof *job->slots);
+    while (end > 0) {
+        uint32_t first = (end - 1) / BATCH * BATCH, n_batch = end - first;
+        struct spin_blend_sums *slot[BATCH];
+        make_ready(job->splat2d, &p, pairs + first, n_batch, &ready);
+        for (uint32_t i = 0; i < n_batch; i++) {
+            slot[i] = slot_of(job, &p, pairs[first + i]);
+            __builtin_prefetch(slot[i], 1);
+        }
+        for (uint32_t i = n_batch; i-- > 0;)
+            *slot[i] = back_splat(&b, &ready, i, (int32_t)(first + i));
+        end = first;
+    }
+}
+
+/* Add the slots of each splat, and finish. */
+static void reduce_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    size_t first = (size_t)task * REDUCE_CHUNK;
+    size_t last = job->n - first < REDUCE_CHUNK ? job->n : first + REDUCE_CHUNK;
+
+    (void)worker;
+    for (size_t i = first; i < last; i++) {
+        const struct spin_splat2d *s = job->splat2d + i;
+        struct spin_splat2d_grad *d = job->d_splat2d + i;
+        uint32_t n = spin_pair_count(spin_pair_rect(s));
+        struct spin_blend_sums sum;
+
+        memset(d, 0, sizeof *d);
+        if (n == 0)
+            continue;
+        sum = job->slots[s->first_slot];
+        for (uint32_t k = 1; k < n; k++) {
+            const struct spin_blend_sums *more = job->slots + s->first_slot + k;
+            for (int c = 0; c < 3; c++)
+                sum.colour[c] += more->colour[c];
+            sum.e += more->e;
+            sum.ex += more->ex;
+            sum.ey += more->ey;
+            sum.exx += more->exx;
+            sum.exy += more->exy;
+            sum.eyy += more->eyy;
+        }
+        spin_blend_finish_adj(s->conic, s->opacity, &sum, &d->u_px, &d->v_px, d->conic,
+                              &d->opacity);
+        memcpy(d->colour, sum.colour, sizeof d->colour);
+    }
+}
+
+void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                          const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
+                          const float background[3], const float *final_t, const int32_t *n_used,
+                          const float *d_image, struct spin_splat2d_grad *d_splat2d)
+{
+    struct job job = {.cam = cam,
+                      .n = n,
+                      .splat2d = splat2d,
+                      .tiles = tiles,
+                      .background = background,
+                      .final_t_in = final_t,
+                      .n_used_in = n_used,
+                      .d_image = d_image,
+                      .d_splat2d = d_splat2d};
+
+    job.slots = spin_cpu_scratch_need(d, SPIN_SCRATCH_BLEND,
+                                      ((size_t)tiles->n_pairs + 1) * sizeof *job.slots);
+    spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, back_task, &job);
+    spin_pool_run(spin_cpu_pool(d), (int)((n + REDUCE_CHUNK - 1) / REDUCE_CHUNK), reduce_task,
+                  &job);
+}

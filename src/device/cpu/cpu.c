@@ -1,0 +1,122 @@
+/* The CPU device: memory, and the struct that says which function does which op. */
+#include "device/cpu/cpu.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+
+static spin_status open_cpu(struct spin_device *d, int n_threads)
+{
+    spin_status status;
+    void *block = NULL;
+    size_t used = strlen(d->description);
+
+    SPIN_TRY(spin_alloc(1, sizeof(struct spin_cpu), &block));
+    d->state = block;
+    status = spin_pool_create(n_threads, &((struct spin_cpu *)block)->pool);
+    if (status != SPIN_OK) {
+        free(block);
+        d->state = NULL;
+        return status;
+    }
+    n_threads = spin_pool_n_threads(spin_cpu_pool(d));
+    snprintf(d->description + used, sizeof d->description - used, ", %d thread%s)", n_threads,
+             n_threads == 1 ? "" : "s");
+    return SPIN_OK;
+}
+
+static void close_cpu(struct spin_device *d)
+{
+    struct spin_cpu *cpu = d->state;
+
+    if (!cpu)
+        return;
+    spin_pool_free(cpu->pool);
+    for (int i = 0; i < SPIN_SCRATCHES; i++)
+        spin_scratch_free(&cpu->scratch[i]);
+    free(cpu);
+    d->state = NULL;
+}
+
+void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)
+{
+    struct spin_scratch *scratch = &((struct spin_cpu *)d->state)->scratch[which];
+
+    if (spin_scratch_need(scratch, bytes) != SPIN_OK) {
+        fprintf(stderr, "spin4d: out of memory for the scratch of an operation: %s\n",
+                spin_last_error());
+        exit(1);
+    }
+    return scratch->block;
+}
+
+static spin_status reserve(struct spin_device *d, size_t bytes, void **out)
+{
+    (void)d;
+    return spin_pages_reserve(bytes, out);
+}
+
+static void release(struct spin_device *d, void *block, size_t bytes)
+{
+    (void)d;
+    if (block)
+        spin_pages_release(block, bytes);
+}
+
+static void copy(struct spin_device *d, void *to, const void *from, size_t bytes)
+{
+    (void)d;
+    if (bytes)
+        memcpy(to, from, bytes);
+}
+
+static void zero(struct spin_device *d, void *block, size_t bytes)
+{
+    (void)d;
+    memset(block, 0, bytes);
+}
+
+static spin_status wait(struct spin_device *d)
+{
+    (void)d;
+    return SPIN_OK;
+}
+
+static size_t memory(struct spin_device *d)
+{
+    (void)d;
+    return spin_memory_available();
+}
+
+extern const struct spin_device_ops SPIN_CPU(ops);
+const struct spin_device_ops SPIN_CPU(ops) = {
+    .name = "cpu",
+    .open = open_cpu,
+    .close = close_cpu,
+    .reserve = reserve,
+    .release = release,
+    .up = copy,
+    .down = copy,
+    .zero = zero,
+    .wait = wait,
+    .memory = memory,
+    .contract = SPIN_CPU(contract),
+    .contract_back = SPIN_CPU(contract_back),
+    .grid = SPIN_CPU(grid),
+    .grid_back = SPIN_CPU(grid_back),
+    .mlp = SPIN_CPU(mlp),
+    .mlp_back = SPIN_CPU(mlp_back),
+    .attr = SPIN_CPU(attr),
+    .attr_back = SPIN_CPU(attr_back),
+    .project = SPIN_CPU(project),
+    .project_back = SPIN_CPU(project_back),
+    .tile_count = SPIN_CPU(tile_count),
+    .tile_fill = SPIN_CPU(tile_fill),
+    .blend = SPIN_CPU(blend),
+    .blend_back = SPIN_CPU(blend_back),
+    .loss = SPIN_CPU(loss),
+    .active = SPIN_CPU(active),
+    .adam = SPIN_CPU(adam),
+};

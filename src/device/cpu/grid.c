@@ -1,0 +1,459 @@
+/* The encoder on the CPU: contraction, and the 4-D hash grid forward and backward.
+ *
+ * Points go in blocks of 64. For one level, the rows and weights of all corners of a block are
+ * computed first, in loops over points that become vector code; then every corner is one short
+ * vector of the table. Nothing here is fused (-ffp-contract=off), so every code path gives the
+ * same bits.
+ *
+ * Backward: a level belongs to one task, which visits the points in order, so sums into the table
+ * do not depend on the number of threads. Gradients to the positions are kept per level and added
+ * in level order by a second pass. */
+#include "device/cpu/cpu.h"
+
+#include <string.h>
+
+#include "math/contract.h"
+#include "math/grid.h"
+
+enum { BLOCK = 64, CORNERS = 16, CHUNK = 4096 };
+
+/* Four features; wider rows are several of them, narrower ones are padded with zeros. */
+typedef float quad __attribute__((vector_size(16)));
+
+static inline __attribute__((always_inline)) quad quad_load(const float *p, int lanes)
+{
+    quad v = {0, 0, 0, 0};
+
+    if (lanes == 4)
+        memcpy(&v, p, sizeof v);
+    else
+        for (int i = 0; i < lanes; i++)
+            v[i] = p[i];
+    return v;
+}
+
+static inline __attribute__((always_inline)) void quad_store(float *p, quad v, int lanes)
+{
+    if (lanes == 4)
+        memcpy(p, &v, sizeof v);
+    else
+        for (int i = 0; i < lanes; i++)
+            p[i] = v[i];
+}
+
+static int n_tasks_of(size_t n, size_t each) { return (int)((n + each - 1) / each); }
+
+static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i; }
+
+/* ---- contraction ----------------------------------------------------------------------------- */
+
+struct contract_job {
+    const struct spin_norm *norm;
+    size_t n;
+    const uint32_t *rows;
+    const float *pos_w, *d_x_u;
+    float t, *x_u, *d_pos_w;
+};
+
+static inline spin_vec3 normalised(const struct spin_norm *norm, const float *p)
+{
+    return spin_v3(spin_contract_axis(p[0], norm->centre[0], norm->inv_radius),
+                   spin_contract_axis(p[1], norm->centre[1], norm->inv_radius),
+                   spin_contract_axis(p[2], norm->centre[2], norm->inv_radius));
+}
+
+static void contract_task(void *context, int task, int worker)
+{
+    const struct contract_job *job = context;
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    float t = spin_clamp_unit(job->t);
+
+    (void)worker;
+    for (size_t i = first; i < end; i++) {
+        spin_vec3 u = spin_contract(normalised(job->norm, job->pos_w + i * 3));
+
+        job->x_u[i * 4] = u.x;
+        job->x_u[i * 4 + 1] = u.y;
+        job->x_u[i * 4 + 2] = u.z;
+        job->x_u[i * 4 + 3] = t;
+    }
+}
+
+void SPIN_CPU(contract)(struct spin_device *d, const struct spin_norm *norm, size_t n,
+                        const float *pos_w, float t, float *x_u)
+{
+    struct contract_job job = {.norm = norm, .n = n, .pos_w = pos_w, .t = t, .x_u = x_u};
+
+    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, CHUNK), contract_task, &job);
+}
+
+static void contract_back_task(void *context, int task, int worker)
+{
+    const struct contract_job *job = context;
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+
+    (void)worker;
+    for (size_t i = first; i < end; i++) {
+        size_t row = row_of(job->rows, i);
+        const float *d_u = job->d_x_u + i * 4;
+        float *d_p = job->d_pos_w + row * 3;
+        spin_vec3 g = spin_contract_adj(normalised(job->norm, job->pos_w + row * 3),
+                                        spin_v3(d_u[0], d_u[1], d_u[2]));
+
+        d_p[0] += g.x * job->norm->inv_radius;
+        d_p[1] += g.y * job->norm->inv_radius;
+        d_p[2] += g.z * job->norm->inv_radius;
+    }
+}
+
+void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_norm *norm, size_t n_rows,
+                             const uint32_t *rows, const float *pos_w, const float *d_x_u,
+                             float *d_pos_w)
+{
+    struct contract_job job = {.norm = norm,
+                               .n = n_rows,
+                               .rows = rows,
+                               .pos_w = pos_w,
+                               .d_x_u = d_x_u,
+                               .d_pos_w = d_pos_w};
+
+    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n_rows, CHUNK), contract_back_task, &job);
+}
+
+/* ---- rows and weights of a block ------------------------------------------------------------- */
+
+/* Up to 64 points, axis-major. Unused places and points out of [0,1]^4 (or NaN) hold 0 and inside
+ * = 0. */
+struct points {
+    float x[4][BLOCK];
+    uint32_t inside[BLOCK];
+};
+
+/* What a level needs for its rows. An upper vertex beyond the border has weight 0 in a dense
+ * level; its place is taken by the last vertex, which spares the modulo and keeps any geometry
+ * inside the table. */
+struct level {
+    float scale[4];
+    uint32_t step[4]; /* stride of a dense level, prime of a hashed one */
+    uint32_t top[4];  /* last vertex */
+    uint32_t n_rows, mask;
+    int hashed; /* 0; 1 n_rows is a power of two; 2 it is not */
+    size_t first_row;
+};
+
+struct corners {
+    uint32_t row[CORNERS][BLOCK]; /* within the level */
+    float weight[CORNERS][BLOCK];
+    float w[4][BLOCK];     /* of the upper vertex, per axis */
+    float slope[4][BLOCK]; /* d w / d x_u, space only */
+};
+
+static void level_set(struct level *at, const struct spin_grid *grid, int level)
+{
+    static const uint32_t primes[4] = {SPIN_GRID_PRIME_X, SPIN_GRID_PRIME_Y, SPIN_GRID_PRIME_Z,
+                                       SPIN_GRID_PRIME_T};
+    uint32_t stride = 1;
+
+    at->first_row = grid->offset[level];
+    at->n_rows = grid->offset[level + 1] - grid->offset[level];
+    at->mask = at->n_rows - 1;
+    at->hashed = !grid->hashed[level] ? 0 : (at->n_rows & at->mask) == 0 ? 1 : 2;
+    for (int d = 0; d < 4; d++) {
+        at->scale[d] = grid->scale[level][d];
+        at->step[d] = at->hashed ? primes[d] : stride;
+        at->top[d] = at->hashed ? 0x7fffffff : grid->res[level][d] - 1;
+        stride *= grid->res[level][d];
+    }
+}
+
+static void points_set(struct points *p, const float *x_u, const uint32_t *rows, size_t first,
+                       int m)
+{
+    memset(p, 0, sizeof *p);
+    for (int b = 0; b < m; b++) {
+        const float *x = x_u + row_of(rows, first + (size_t)b) * 4;
+        int inside = 1;
+
+        for (int d = 0; d < 4; d++)
+            inside &= x[d] >= 0.0f && x[d] <= 1.0f;
+        if (!inside)
+            continue;
+        p->inside[b] = 1;
+        for (int d = 0; d < 4; d++)
+            p->x[d][b] = x[d];
+    }
+}
+
+static void corners_set(struct corners *c, const struct points *p, const struct level *at)
+{
+    uint32_t low[4][BLOCK], high[4][BLOCK], xy[4][BLOCK], zt[4][BLOCK];
+    float wxy[4][BLOCK], wzt[4][BLOCK];
+
+    for (int d = 0; d < 4; d++) {
+        float scale = at->scale[d];
+        uint32_t step = at->step[d];
+        int32_t top = (int32_t)at->top[d];
+
+        for (int b = 0; b < BLOCK; b++) {
+            float pos = p->x[d][b] * scale;
+            int32_t cell = (int32_t)pos;
+            float r = pos - (float)cell;
+            int32_t lower = cell < top ? cell : top, upper = cell + 1 < top ? cell + 1 : top;
+
+            c->w[d][b] = spin_smoothstep(r);
+            c->slope[d][b] = spin_smoothstep_slope(r) * scale;
+            low[d][b] = (uint32_t)lower * step;
+            high[d][b] = (uint32_t)upper * step;
+        }
+    }
+    for (int k = 0; k < 4; k++) {
+        const uint32_t *x = k & 1 ? high[0] : low[0], *y = k & 2 ? high[1] : low[1];
+        const uint32_t *z = k & 1 ? high[2] : low[2], *t = k & 2 ? high[3] : low[3];
+
+        for (int b = 0; b < BLOCK; b++) {
+            float wx = k & 1 ? c->w[0][b] : 1.0f - c->w[0][b];
+            float wy = k & 2 ? c->w[1][b] : 1.0f - c->w[1][b];
+            float wz = k & 1 ? c->w[2][b] : 1.0f - c->w[2][b];
+            float wt = k & 2 ? c->w[3][b] : 1.0f - c->w[3][b];
+
+            wxy[k][b] = wx * wy;
+            wzt[k][b] = wz * wt;
+            xy[k][b] = at->hashed ? x[b] ^ y[b] : x[b] + y[b];
+            zt[k][b] = at->hashed ? z[b] ^ t[b] : z[b] + t[b];
+        }
+    }
+    for (int k = 0; k < CORNERS; k++) {
+        const uint32_t *lo = xy[k & 3], *hi = zt[k >> 2];
+
+        for (int b = 0; b < BLOCK; b++)
+            c->weight[k][b] = wxy[k & 3][b] * wzt[k >> 2][b];
+        if (at->hashed)
+            for (int b = 0; b < BLOCK; b++)
+                c->row[k][b] = (lo[b] ^ hi[b]) & at->mask;
+        else
+            for (int b = 0; b < BLOCK; b++)
+                c->row[k][b] = lo[b] + hi[b];
+        if (at->hashed == 2)
+            for (int b = 0; b < BLOCK; b++)
+                c->row[k][b] = (lo[b] ^ hi[b]) % at->n_rows;
+    }
+}
+
+/* ---- forward --------------------------------------------------------------------------------- */
+
+struct grid_job {
+    const struct spin_grid *grid;
+    const float *table, *x_u, *d_z;
+    size_t n;
+    const uint32_t *rows;
+    float *z, *d_table;
+    quad *d_x; /* [n_levels][n] */
+    float *d_x_u;
+};
+
+/* One group of `lanes` features of every row of `width` floats. */
+static inline __attribute__((always_inline)) void gather(const float *table,
+                                                         const struct corners *c,
+                                                         const struct points *p, int m, int width,
+                                                         int lanes, float *z, size_t z_width)
+{
+    for (int b = 0; b < m; b++) {
+        quad sum = {0, 0, 0, 0};
+
+        if (p->inside[b])
+            for (int k = 0; k < CORNERS; k++)
+                sum += c->weight[k][b] *
+                       quad_load(table + (size_t)c->row[k][b] * (size_t)width, lanes);
+        quad_store(z + (size_t)b * z_width, sum, lanes);
+    }
+}
+
+static void grid_task(void *context, int task, int worker)
+{
+    const struct grid_job *job = context;
+    const struct spin_grid *grid = job->grid;
+    size_t first = (size_t)task * BLOCK, width = (size_t)grid->n_features;
+    size_t z_width = (size_t)grid->n_levels * width;
+    int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+    struct points p;
+    struct corners c;
+
+    (void)worker;
+    points_set(&p, job->x_u, NULL, first, m);
+    for (int level = 0; level < grid->n_levels; level++) {
+        struct level at;
+        const float *table;
+        float *z = job->z + first * z_width + (size_t)level * width;
+
+        level_set(&at, grid, level);
+        corners_set(&c, &p, &at);
+        table = job->table + at.first_row * width;
+        switch (grid->n_features) {
+        case 1:
+            gather(table, &c, &p, m, 1, 1, z, z_width);
+            break;
+        case 2:
+            gather(table, &c, &p, m, 2, 2, z, z_width);
+            break;
+        case 4:
+            gather(table, &c, &p, m, 4, 4, z, z_width);
+            break;
+        default:
+            gather(table, &c, &p, m, 8, 4, z, z_width);
+            gather(table + 4, &c, &p, m, 8, 4, z + 4, z_width);
+        }
+    }
+}
+
+void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const float *table,
+                    size_t n, const float *x_u, float *z)
+{
+    struct grid_job job = {.grid = grid, .table = table, .n = n, .x_u = x_u, .z = z};
+
+    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, BLOCK), grid_task, &job);
+}
+
+/* ---- backward -------------------------------------------------------------------------------- */
+
+/* a + w (b - a), the sum of one axis. */
+static inline __attribute__((always_inline)) quad mix(quad a, quad b, float w)
+{
+    return a + w * (b - a);
+}
+
+/* The sums over corners of (upper minus lower) along x, y and z, each dotted with g: the gradient
+ * to the three smoothstep weights. Axes are summed away one at a time, t first. */
+static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], quad g,
+                                                         const struct corners *c, int b)
+{
+    float wx = c->w[0][b], wy = c->w[1][b], wz = c->w[2][b], wt = c->w[3][b];
+    quad xyz[8], xy[4], dz[4], x[2], dy[2], gx, gy, gz, pair_lo, pair_hi, pair, last, sum;
+
+    for (int k = 0; k < 8; k++)
+        xyz[k] = mix(v[k], v[k + 8], wt);
+    for (int k = 0; k < 4; k++) {
+        dz[k] = xyz[k + 4] - xyz[k];
+        xy[k] = xyz[k] + wz * dz[k];
+    }
+    for (int k = 0; k < 2; k++) {
+        dy[k] = xy[k + 2] - xy[k];
+        x[k] = xy[k] + wy * dy[k];
+    }
+    gx = (x[1] - x[0]) * g;
+    gy = mix(dy[0], dy[1], wx) * g;
+    gz = mix(mix(dz[0], dz[1], wx), mix(dz[2], dz[3], wx), wy) * g;
+
+    /* Three sums over the four features at once. */
+    pair_lo = __builtin_shufflevector(gx, gy, 0, 4, 1, 5);
+    pair_hi = __builtin_shufflevector(gx, gy, 2, 6, 3, 7);
+    pair = pair_lo + pair_hi;                                /* x0+x2 y0+y2 x1+x3 y1+y3 */
+    last = gz + __builtin_shufflevector(gz, gz, 2, 3, 0, 1); /* z0+z2 z1+z3 .. */
+    sum = __builtin_shufflevector(pair, last, 0, 1, 4, 4) +
+          __builtin_shufflevector(pair, last, 2, 3, 5, 5);
+    return sum;
+}
+
+/* As gather, the other way. d_x (may be NULL) is added to, slopes included. */
+static inline __attribute__((always_inline)) void
+scatter(const float *table, float *d_table, const struct corners *c, const struct points *p, int m,
+        int width, int lanes, const float *d_z, size_t z_width, quad *d_x)
+{
+    for (int b = 0; b < m; b++) {
+        quad g = quad_load(d_z + (size_t)b * z_width, lanes);
+
+        if (!p->inside[b])
+            continue;
+        for (int k = 0; k < CORNERS; k++) {
+            float *at = d_table + (size_t)c->row[k][b] * (size_t)width;
+
+            quad_store(at, quad_load(at, lanes) + c->weight[k][b] * g, lanes);
+        }
+        if (d_x) {
+            quad v[CORNERS], slope = {c->slope[0][b], c->slope[1][b], c->slope[2][b], 0.0f};
+
+            for (int k = 0; k < CORNERS; k++)
+                v[k] = quad_load(table + (size_t)c->row[k][b] * (size_t)width, lanes);
+            d_x[b] += slopes(v, g, c, b) * slope;
+        }
+    }
+}
+
+static void grid_back_task(void *context, int task, int worker)
+{
+    const struct grid_job *job = context;
+    const struct spin_grid *grid = job->grid;
+    int level = grid->n_levels - 1 - task; /* finest first: they take longest */
+    size_t width = (size_t)grid->n_features, z_width = (size_t)grid->n_levels * width;
+    struct level at;
+    struct points p;
+    struct corners c;
+
+    (void)worker;
+    level_set(&at, grid, level);
+    for (size_t first = 0; first < job->n; first += BLOCK) {
+        int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+        const float *table = job->table + at.first_row * width;
+        const float *d_z = job->d_z + first * z_width + (size_t)level * width;
+        float *d_table = job->d_table + at.first_row * width;
+        quad *d_x = job->d_x ? job->d_x + (size_t)level * job->n + first : NULL;
+
+        points_set(&p, job->x_u, job->rows, first, m);
+        corners_set(&c, &p, &at);
+        if (d_x)
+            memset(d_x, 0, (size_t)m * sizeof *d_x);
+        switch (grid->n_features) {
+        case 1:
+            scatter(table, d_table, &c, &p, m, 1, 1, d_z, z_width, d_x);
+            break;
+        case 2:
+            scatter(table, d_table, &c, &p, m, 2, 2, d_z, z_width, d_x);
+            break;
+        case 4:
+            scatter(table, d_table, &c, &p, m, 4, 4, d_z, z_width, d_x);
+            break;
+        default:
+            scatter(table, d_table, &c, &p, m, 8, 4, d_z, z_width, d_x);
+            scatter(table + 4, d_table + 4, &c, &p, m, 8, 4, d_z + 4, z_width, d_x);
+        }
+    }
+}
+
+static void sum_levels_task(void *context, int task, int worker)
+{
+    const struct grid_job *job = context;
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+
+    (void)worker;
+    for (size_t i = first; i < end; i++) {
+        quad sum = {0, 0, 0, 0};
+
+        for (int level = 0; level < job->grid->n_levels; level++)
+            sum += job->d_x[(size_t)level * job->n + i];
+        sum[3] = 0.0f; /* time is not trained */
+        quad_store(job->d_x_u + i * 4, sum, 4);
+    }
+}
+
+void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, const float *table,
+                         size_t n_rows, const uint32_t *rows, const float *x_u, const float *d_z,
+                         float *d_table, float *d_x_u)
+{
+    struct grid_job job = {.grid = grid,
+                           .table = table,
+                           .n = n_rows,
+                           .rows = rows,
+                           .x_u = x_u,
+                           .d_z = d_z,
+                           .d_table = d_table,
+                           .d_x_u = d_x_u};
+
+    if (d_x_u)
+        job.d_x = spin_cpu_scratch_need(d, SPIN_SCRATCH_GRID,
+                                        (size_t)grid->n_levels * n_rows * sizeof(quad));
+    spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_back_task, &job);
+    if (d_x_u)
+        spin_pool_run(spin_cpu_pool(d), n_tasks_of(n_rows, CHUNK), sum_levels_task, &job);
+}

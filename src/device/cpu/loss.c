@@ -1,0 +1,252 @@
+/* L1 + SSIM in two sweeps over bands of rows (method.md 5). The first windows x, y, x^2 + y^2 and
+ * x y, and leaves the three slopes of the map; the second windows those. Bands depend only on the
+ * image, and their sums are added in order. */
+#include <string.h>
+
+#include "device/cpu/cpu.h"
+#include "math/loss.h"
+
+enum {
+    BAND = 24,
+    HALF = SPIN_SSIM_HALF,
+    TAPS = 2 * HALF + 1,
+    MAPS = 4, /* forward; backward has 3 */
+    PAD = 16, /* zeros on both sides of a row, so that it stays aligned */
+    SUMS = 16 /* partial sums of a row */
+};
+
+static const float window[HALF + 1] = SPIN_SSIM_WINDOW;
+
+struct job {
+    int width, height, bands;
+    size_t stride; /* of a padded row */
+    const float *image, *truth;
+    float *d_image;
+    float *slope[3];    /* planes [3][h][w] of the map's slopes */
+    float *rows;        /* per worker, see struct band */
+    size_t rows_floats; /* per worker */
+    float scale_l1, scale_ssim;
+    double *l1, *ssim; /* [3 * bands] */
+};
+
+/* to [w] = the vertical window of rows from[0..TAPS-1]. */
+static void window_down(const float *const *from, int w, float *SPIN_RESTRICT to)
+{
+    const float *a5 = from[0], *a4 = from[1], *a3 = from[2], *a2 = from[3], *a1 = from[4];
+    const float *b1 = from[6], *b2 = from[7], *b3 = from[8], *b4 = from[9], *b5 = from[10];
+    const float *row = from[HALF];
+
+    for (int x = 0; x < w; x++)
+        to[x] = window[0] * row[x] + window[1] * (a1[x] + b1[x]) + window[2] * (a2[x] + b2[x]) +
+                window[3] * (a3[x] + b3[x]) + window[4] * (a4[x] + b4[x]) +
+                window[5] * (a5[x] + b5[x]);
+}
+
+/* The horizontal window at x of a row with zeros around it. */
+SPIN_FN float window_across(const float *row, int x)
+{
+    float sum = window[0] * row[x];
+
+    for (int k = 1; k <= HALF; k++)
+        sum += window[k] * (row[x - k] + row[x + k]);
+    return sum;
+}
+
+/* Sum of a row in double, in an order that does not depend on the code path's width. */
+static double sum_row(const float *row, int w)
+{
+    float part[SUMS] = {0};
+    double sum = 0;
+    int x = 0;
+
+    for (; x + SUMS <= w; x += SUMS)
+        for (int k = 0; k < SUMS; k++)
+            part[k] += row[x + k];
+    for (; x < w; x++)
+        part[x % SUMS] += row[x];
+    for (int k = 0; k < SUMS; k++)
+        sum += part[k];
+    return sum;
+}
+
+struct band {
+    int first, last;           /* rows */
+    const float *x, *y;        /* planes of the channel */
+    size_t at;                 /* of the plane in [3][h][w] */
+    float *padded[MAPS];       /* rows with zeros around them */
+    float *squares, *products; /* rings of TAPS rows */
+    float *line, *zeros;       /* one row each */
+};
+
+static struct band band_of(const struct job *job, int task, int worker)
+{
+    int channel = task / job->bands;
+    size_t plane = (size_t)job->width * (size_t)job->height;
+    float *rows = job->rows + (size_t)worker * job->rows_floats;
+    struct band b;
+
+    b.first = task % job->bands * BAND;
+    b.last = b.first + BAND < job->height ? b.first + BAND : job->height;
+    b.at = plane * (size_t)channel;
+    b.x = job->image + b.at;
+    b.y = job->truth + b.at;
+    for (int m = 0; m < MAPS; m++)
+        b.padded[m] = rows + (size_t)m * job->stride + PAD;
+    b.squares = rows + MAPS * job->stride;
+    b.products = b.squares + TAPS * job->stride;
+    b.line = b.products + TAPS * job->stride;
+    b.zeros = b.line + job->stride;
+    memset(rows, 0, MAPS * job->stride * sizeof *rows);
+    memset(b.zeros, 0, job->stride * sizeof *b.zeros);
+    return b;
+}
+
+/* x^2 + y^2 and x y of a row, into their place in the rings. */
+static void multiply_row(const struct job *job, const struct band *b, int row)
+{
+    const float *SPIN_RESTRICT x = b->x + (size_t)row * (size_t)job->width;
+    const float *SPIN_RESTRICT y = b->y + (size_t)row * (size_t)job->width;
+    float *SPIN_RESTRICT squares = b->squares + (size_t)(row % TAPS) * job->stride;
+    float *SPIN_RESTRICT products = b->products + (size_t)(row % TAPS) * job->stride;
+
+    for (int i = 0; i < job->width; i++) {
+        squares[i] = x[i] * x[i] + y[i] * y[i];
+        products[i] = x[i] * y[i];
+    }
+}
+
+static void window_rows_down(const struct job *job, const struct band *b, int row)
+{
+    const float *from[MAPS][TAPS];
+
+    for (int k = 0; k < TAPS; k++) {
+        int r = row + k - HALF;
+        int inside = r >= 0 && r < job->height;
+        from[0][k] = inside ? b->x + (size_t)r * (size_t)job->width : b->zeros;
+        from[1][k] = inside ? b->y + (size_t)r * (size_t)job->width : b->zeros;
+        from[2][k] = inside ? b->squares + (size_t)(r % TAPS) * job->stride : b->zeros;
+        from[3][k] = inside ? b->products + (size_t)(r % TAPS) * job->stride : b->zeros;
+    }
+    for (int m = 0; m < MAPS; m++)
+        window_down(from[m], job->width, b->padded[m]);
+}
+
+/* map [w] = SSIM of rows p0..p3, and its slopes. Apart from its caller so that the compiler sees
+ * that nothing overlaps, and makes vectors of it. */
+static __attribute__((noinline)) void
+ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
+         const float *SPIN_RESTRICT p2, const float *SPIN_RESTRICT p3, float *SPIN_RESTRICT map,
+         float *SPIN_RESTRICT d_mu, float *SPIN_RESTRICT d_xx, float *SPIN_RESTRICT d_xy)
+{
+    for (int x = 0; x < w; x++) {
+        struct spin_ssim_slope slope;
+        map[x] = spin_ssim(window_across(p0, x), window_across(p1, x), window_across(p2, x),
+                           window_across(p3, x), &slope);
+        d_mu[x] = slope.d_mu;
+        d_xx[x] = slope.d_xx;
+        d_xy[x] = slope.d_xy;
+    }
+}
+
+static void forward_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    struct band b = band_of(job, task, worker);
+    float *line = b.line;
+    double l1 = 0, ssim = 0;
+
+    for (int r = b.first - HALF; r < b.first + HALF; r++)
+        if (r >= 0 && r < job->height)
+            multiply_row(job, &b, r);
+    for (int row = b.first; row < b.last; row++) {
+        const float *x = b.x + (size_t)row * (size_t)job->width;
+        const float *y = b.y + (size_t)row * (size_t)job->width;
+        size_t at = b.at + (size_t)row * (size_t)job->width;
+        if (row + HALF < job->height)
+            multiply_row(job, &b, row + HALF);
+        window_rows_down(job, &b, row);
+        ssim_row(job->width, b.padded[0], b.padded[1], b.padded[2], b.padded[3], line,
+                 job->slope[0] + at, job->slope[1] + at, job->slope[2] + at);
+        ssim += sum_row(line, job->width);
+        for (int i = 0; i < job->width; i++)
+            line[i] = fabsf(x[i] - y[i]);
+        l1 += sum_row(line, job->width);
+    }
+    job->l1[task] = l1;
+    job->ssim[task] = ssim;
+}
+
+static void backward_row(const struct job *job, const struct band *b, int row)
+{
+    const float *p0 = b->padded[0], *p1 = b->padded[1], *p2 = b->padded[2];
+    size_t in_plane = (size_t)row * (size_t)job->width;
+    const float *SPIN_RESTRICT x = b->x + in_plane, *SPIN_RESTRICT y = b->y + in_plane;
+    float *SPIN_RESTRICT d = job->d_image + b->at + in_plane;
+
+    for (int i = 0; i < job->width; i++) {
+        float slope =
+            window_across(p0, i) + 2 * x[i] * window_across(p1, i) + y[i] * window_across(p2, i);
+        d[i] = job->scale_l1 * spin_sign(x[i] - y[i]) + job->scale_ssim * slope;
+    }
+}
+
+static void backward_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    struct band b = band_of(job, task, worker);
+
+    for (int row = b.first; row < b.last; row++) {
+        for (int m = 0; m < 3; m++) {
+            const float *from[TAPS];
+            for (int k = 0; k < TAPS; k++) {
+                int r = row + k - HALF;
+                from[k] = r >= 0 && r < job->height
+                              ? job->slope[m] + b.at + (size_t)r * (size_t)job->width
+                              : b.zeros;
+            }
+            window_down(from, job->width, b.padded[m]);
+        }
+        backward_row(job, &b, row);
+    }
+}
+
+static size_t round_up(size_t n) { return (n + 15) / 16 * 16; }
+
+void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *image,
+                    const float *truth, float lambda_dssim, float weight, double values[3],
+                    float *d_image)
+{
+    struct job job = {.width = width, .height = height, .image = image, .truth = truth};
+    size_t values_n = 3 * (size_t)width * (size_t)height, plane = round_up(values_n), sums;
+    size_t workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
+    double l1 = 0, ssim = 0;
+    float *scratch;
+
+    job.bands = (height + BAND - 1) / BAND;
+    job.stride = round_up((size_t)width) + 2 * PAD;
+    job.rows_floats = (MAPS + 2 * TAPS + 2) * job.stride;
+    job.d_image = d_image;
+    job.scale_l1 = (1 - lambda_dssim) * weight / (float)values_n;
+    job.scale_ssim = -lambda_dssim * weight / (float)values_n;
+    sums = round_up(3 * (size_t)job.bands);
+    scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS,
+                                    2 * sums * sizeof(double) +
+                                        (3 * plane + workers * job.rows_floats) * sizeof(float));
+    job.l1 = (double *)scratch;
+    job.ssim = job.l1 + sums;
+    scratch = (float *)(job.ssim + sums);
+    for (int m = 0; m < 3; m++)
+        job.slope[m] = scratch + (size_t)m * plane;
+    job.rows = scratch + 3 * plane;
+
+    spin_pool_run(spin_cpu_pool(d), 3 * job.bands, forward_task, &job);
+    for (int i = 0; i < 3 * job.bands; i++) {
+        l1 += job.l1[i];
+        ssim += job.ssim[i];
+    }
+    values[1] = l1 / (double)values_n;
+    values[2] = ssim / (double)values_n;
+    values[0] = (1 - (double)lambda_dssim) * values[1] + (double)lambda_dssim * (1 - values[2]);
+    if (d_image)
+        spin_pool_run(spin_cpu_pool(d), 3 * job.bands, backward_task, &job);
+}

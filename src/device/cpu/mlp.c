@@ -1,0 +1,509 @@
+/* The four heads on the CPU, forward and backward.
+ *
+ * Gaussians go in blocks of 96. A block's activations and all weights stay in the second-level
+ * cache; nothing but the outputs leaves it. The matrix products are register tiles of 6 rows (6 x
+ * 64 with AVX-512): one row of the right factor is loaded, six values of the left are broadcast.
+ * Weights are copied once per call, transposed for the forward and padded to whole vectors.
+ *
+ * Backward recomputes the activations (method.md 11). The gradient of the weights is a sum over
+ * Gaussians: the blocks are cut into at most 32 tasks, a number that depends only on the number of
+ * Gaussians; each has its own partial sum, and the partial sums are added in task order. */
+#include "device/cpu/cpu.h"
+
+#include <string.h>
+
+#include "math/mlp.h"
+
+#if defined(__AVX512F__)
+enum { LANES = 16, TILE_VECS = 4 };
+#elif defined(__AVX__)
+enum { LANES = 8, TILE_VECS = 2 };
+#elif defined(__aarch64__)
+enum { LANES = 4, TILE_VECS = 4 };
+#else
+enum { LANES = 4, TILE_VECS = 2 };
+#endif
+enum { BLOCK = 96, TILE_ROWS = 6, MAX_TASKS = 32, PAD = 16 };
+
+#define ALWAYS_INLINE static inline __attribute__((always_inline))
+
+/* LANES floats at any address. */
+typedef float vec __attribute__((vector_size(LANES * 4)));
+typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
+
+/* ---- matrix product -------------------------------------------------------------------------- */
+
+/* Where the sums start. */
+enum start { FROM_ZERO, FROM_BIAS, FROM_C };
+
+/* C [m][n] = start + A B, with A(i, k) = a[i * a_row + k * a_col], rows of B and C ldb and ldc
+ * apart. */
+struct product {
+    int m, n, k;
+    const float *a;
+    size_t a_row, a_col;
+    const float *b;
+    size_t ldb;
+    float *c;
+    size_t ldc;
+    enum start start;
+    const float *bias; /* [n] */
+};
+
+/* rows and vecs are constants where it is inlined, so the sums live in registers. */
+ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_row, size_t a_col,
+                        const float *a, const float *b, float *c, const float *bias)
+{
+    vec sum[TILE_ROWS][TILE_VECS];
+    size_t ldb = x->ldb, ldc = x->ldc;
+    int n_k = x->k;
+
+    for (int i = 0; i < rows; i++) {
+        for (int j = 0; j < vecs; j++) {
+            if (x->start == FROM_BIAS)
+                sum[i][j] = *(const vec_at *)(bias + j * LANES);
+            else if (x->start == FROM_C)
+                sum[i][j] = *(const vec_at *)(c + (size_t)i * ldc + j * LANES);
+            else
+                sum[i][j] = (vec){0};
+        }
+    }
+    for (int k = 0; k < n_k; k++) {
+        vec right[TILE_VECS];
+
+        for (int j = 0; j < vecs; j++)
+            right[j] = *(const vec_at *)(b + j * LANES);
+        for (int i = 0; i < rows; i++) {
+            float left = a[(size_t)i * a_row];
+
+            for (int j = 0; j < vecs; j++)
+                sum[i][j] += left * right[j];
+        }
+        a += a_col;
+        b += ldb;
+    }
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < vecs; j++)
+            *(vec_at *)(c + (size_t)i * ldc + j * LANES) = sum[i][j];
+}
+
+/* All rows of one column of tiles: sixes, then fours, then ones. */
+ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_t a_col, int n0)
+{
+    const float *b = x->b + n0, *bias = x->bias ? x->bias + n0 : NULL;
+    int i = 0;
+
+    for (; i + 6 <= x->m; i += 6)
+        tile(x, 6, vecs, a_row, a_col, x->a + (size_t)i * a_row, b, x->c + (size_t)i * x->ldc + n0,
+             bias);
+    for (; i + 4 <= x->m; i += 4)
+        tile(x, 4, vecs, a_row, a_col, x->a + (size_t)i * a_row, b, x->c + (size_t)i * x->ldc + n0,
+             bias);
+    for (; i < x->m; i++)
+        tile(x, 1, vecs, a_row, a_col, x->a + (size_t)i * a_row, b, x->c + (size_t)i * x->ldc + n0,
+             bias);
+}
+
+/* n is a multiple of 16. One of a_row and a_col is 1 and said so as a constant. */
+ALWAYS_INLINE void columns(const struct product *x, size_t a_row, size_t a_col)
+{
+    int n0 = 0;
+
+    for (; n0 + TILE_VECS * LANES <= x->n; n0 += TILE_VECS * LANES)
+        column(x, TILE_VECS, a_row, a_col, n0);
+    switch ((x->n - n0) / LANES) {
+    case 3:
+        column(x, TILE_VECS < 3 ? TILE_VECS : 3, a_row, a_col, n0);
+        break;
+    case 2:
+        column(x, TILE_VECS < 2 ? TILE_VECS : 2, a_row, a_col, n0);
+        break;
+    case 1:
+        column(x, 1, a_row, a_col, n0);
+        break;
+    default:
+        break;
+    }
+}
+
+static void multiply(const struct product *x) { columns(x, x->a_row, 1); }
+
+/* A is stored transposed: the sum runs over its rows. */
+static void multiply_transposed(const struct product *x) { columns(x, 1, x->a_col); }
+
+/* ---- weights, padded ------------------------------------------------------------------------- */
+
+/* A weight matrix or bias of the parameters, [rows][cols] from `param` on, and its padded copy
+ * from `at` on, rows `ld` floats apart (its columns, where the copy is transposed). */
+struct piece {
+    size_t param, at, ld;
+    int rows, cols;
+};
+enum { W1, B1, W2, B2, W3, B3, PIECES };
+
+struct pieces {
+    struct piece of[SPIN_HEADS][PIECES];
+    size_t n_floats; /* of the whole copy; padding is zero */
+    bool transposed;
+};
+
+static size_t padded(int n) { return ((size_t)n + PAD - 1) / PAD * PAD; }
+
+/* Weights are the even pieces; biases stay rows. */
+static bool is_turned(bool transposed, int piece) { return transposed && piece % 2 == 0; }
+
+static struct pieces pieces_of(const struct spin_heads *heads, bool transposed)
+{
+    struct pieces p = {.transposed = transposed};
+
+    for (int h = 0; h < SPIN_HEADS; h++) {
+        int in = heads->n_in, hidden = heads->hidden, out = heads->n_out[h];
+        struct spin_head_layout at = spin_head_layout(in, hidden, out);
+        size_t param[PIECES] = {at.w1, at.b1, at.w2, at.b2, at.w3, at.b3};
+        int rows[PIECES] = {hidden, 1, hidden, 1, out, 1};
+        int cols[PIECES] = {in, hidden, hidden, hidden, hidden, out};
+
+        for (int i = 0; i < PIECES; i++) {
+            bool turned = is_turned(transposed, i);
+            struct piece *piece = &p.of[h][i];
+
+            piece->param = heads->offset[h] + param[i];
+            piece->at = p.n_floats;
+            piece->rows = rows[i];
+            piece->cols = cols[i];
+            piece->ld = padded(turned ? rows[i] : cols[i]);
+            p.n_floats += piece->ld * (size_t)(turned ? cols[i] : rows[i]);
+        }
+    }
+    return p;
+}
+
+static void pack(const struct pieces *p, const float *param, float *copy)
+{
+    memset(copy, 0, p->n_floats * sizeof *copy);
+    for (int h = 0; h < SPIN_HEADS; h++) {
+        for (int i = 0; i < PIECES; i++) {
+            const struct piece *piece = &p->of[h][i];
+            size_t down = is_turned(p->transposed, i) ? 1 : piece->ld;
+            size_t along = is_turned(p->transposed, i) ? piece->ld : 1;
+
+            for (int r = 0; r < piece->rows; r++)
+                for (int c = 0; c < piece->cols; c++)
+                    copy[piece->at + (size_t)r * down + (size_t)c * along] =
+                        param[piece->param + (size_t)r * (size_t)piece->cols + (size_t)c];
+        }
+    }
+}
+
+/* ---- forward --------------------------------------------------------------------------------- */
+
+struct job {
+    const struct spin_heads *heads;
+    struct pieces turned, plain; /* weights as [in][out], as [out][in] */
+    const float *turned_w, *plain_w;
+    size_t n;
+    const uint32_t *rows;
+    const float *z, *d_raw;
+    float *raw, *d_z, *d_param;
+    float *work; /* [workers][work_floats] */
+    size_t work_floats;
+    float *partial; /* [n_tasks][plain.n_floats] */
+    int n_tasks;
+    size_t blocks_each;
+};
+
+/* Where a head's outputs stand in a row of attributes. */
+static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
+                                          SPIN_ATTR_OPACITY};
+
+/* y [m][ld] = x [m][n_in, x_ld apart] W + bias of piece w and the one behind it. */
+static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y)
+{
+    const struct piece *piece = &job->turned.of[h][w];
+    struct product product = {.m = m,
+                              .n = (int)piece->ld,
+                              .k = piece->cols,
+                              .a = x,
+                              .a_row = x_ld,
+                              .a_col = 1,
+                              .b = job->turned_w + piece->at,
+                              .ldb = piece->ld,
+                              .c = y,
+                              .ldc = piece->ld,
+                              .start = FROM_BIAS,
+                              .bias = job->turned_w + piece[1].at};
+
+    multiply(&product);
+}
+
+static void activate(bool relu, size_t n, float *restrict x)
+{
+    if (relu)
+        for (size_t i = 0; i < n; i++)
+            x[i] = spin_relu(x[i]);
+    else
+        for (size_t i = 0; i < n; i++)
+            x[i] = spin_gelu(x[i]);
+}
+
+static void mlp_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    size_t first = (size_t)task * BLOCK, n_in = (size_t)job->heads->n_in;
+    int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+    size_t hidden_p = padded(job->heads->hidden);
+    float *h1 = job->work + (size_t)worker * job->work_floats;
+    float *h2 = h1 + BLOCK * hidden_p, *out = h2 + BLOCK * hidden_p;
+
+    for (int h = 0; h < SPIN_HEADS; h++) {
+        size_t n_out = (size_t)job->heads->n_out[h], out_ld = padded(job->heads->n_out[h]);
+        float *raw = job->raw + first * SPIN_ATTR + column_of[h];
+
+        layer(job, h, W1, m, job->z + first * n_in, n_in, h1);
+        activate(job->heads->relu, (size_t)m * hidden_p, h1);
+        layer(job, h, W2, m, h1, hidden_p, h2);
+        activate(job->heads->relu, (size_t)m * hidden_p, h2);
+        layer(job, h, W3, m, h2, hidden_p, out);
+        for (int i = 0; i < m; i++)
+            memcpy(raw + (size_t)i * SPIN_ATTR, out + (size_t)i * out_ld, n_out * sizeof *raw);
+    }
+}
+
+static size_t widest_out(const struct spin_heads *heads)
+{
+    size_t widest = 0;
+
+    for (int h = 0; h < SPIN_HEADS; h++)
+        if (padded(heads->n_out[h]) > widest)
+            widest = padded(heads->n_out[h]);
+    return widest;
+}
+
+void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const float *param,
+                   size_t n, const float *z, float *raw)
+{
+    size_t n_workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
+    struct job job = {.heads = heads, .n = n, .z = z, .raw = raw};
+    float *scratch;
+
+    job.turned = pieces_of(heads, true);
+    job.work_floats = BLOCK * (2 * padded(heads->hidden) + widest_out(heads));
+    scratch = spin_cpu_scratch_need(
+        d, SPIN_SCRATCH_MLP, (job.turned.n_floats + n_workers * job.work_floats) * sizeof *scratch);
+    pack(&job.turned, param, scratch);
+    job.turned_w = scratch;
+    job.work = scratch + job.turned.n_floats;
+    spin_pool_run(spin_cpu_pool(d), (int)((n + BLOCK - 1) / BLOCK), mlp_task, &job);
+}
+
+/* ---- backward -------------------------------------------------------------------------------- */
+
+/* One worker's arrays, [BLOCK][.]. */
+struct work {
+    float *z, *d_z;                   /* n_in padded */
+    float *a1, *slope1, *a2, *slope2; /* hidden padded: activations and their slopes */
+    float *d;                         /* hidden padded */
+    float *d_out;                     /* n_out padded */
+};
+
+static size_t work_floats(const struct spin_heads *heads)
+{
+    return BLOCK * (2 * padded(heads->n_in) + 5 * padded(heads->hidden) + widest_out(heads));
+}
+
+static struct work work_at(const struct spin_heads *heads, float *at)
+{
+    size_t in = BLOCK * padded(heads->n_in), hidden = BLOCK * padded(heads->hidden);
+    struct work w = {.z = at, .d_z = at + in, .a1 = at + 2 * in};
+
+    w.slope1 = w.a1 + hidden;
+    w.a2 = w.slope1 + hidden;
+    w.slope2 = w.a2 + hidden;
+    w.d = w.slope2 + hidden;
+    w.d_out = w.d + hidden;
+    return w;
+}
+
+static void activate_both(bool relu, size_t n, float *restrict x, float *restrict slope)
+{
+    if (relu)
+        for (size_t i = 0; i < n; i++) {
+            slope[i] = spin_relu_slope(x[i]);
+            x[i] = spin_relu(x[i]);
+        }
+    else
+        for (size_t i = 0; i < n; i++)
+            x[i] = spin_gelu_both(x[i], &slope[i]);
+}
+
+/* d_x [m][ld] (+)= d_y [m][d_y_ld] W. */
+static void layer_back(const struct job *job, int h, int w, int m, const float *d_y, size_t d_y_ld,
+                       enum start start, float *d_x)
+{
+    const struct piece *piece = &job->plain.of[h][w];
+    struct product product = {.m = m,
+                              .n = (int)piece->ld,
+                              .k = piece->rows,
+                              .a = d_y,
+                              .a_row = d_y_ld,
+                              .a_col = 1,
+                              .b = job->plain_w + piece->at,
+                              .ldb = piece->ld,
+                              .c = d_x,
+                              .ldc = piece->ld,
+                              .start = start};
+
+    multiply(&product);
+}
+
+/* d_W += d_y^T x; d_bias is summed elsewhere. x has the piece's ld. */
+static void weights_back(const struct job *job, int h, int w, int m, const float *d_y,
+                         size_t d_y_ld, const float *x, float *partial)
+{
+    const struct piece *piece = &job->plain.of[h][w];
+    struct product product = {.m = piece->rows,
+                              .n = (int)piece->ld,
+                              .k = m,
+                              .a = d_y,
+                              .a_row = 1,
+                              .a_col = d_y_ld,
+                              .b = x,
+                              .ldb = piece->ld,
+                              .c = partial + piece->at,
+                              .ldc = piece->ld,
+                              .start = FROM_C};
+
+    multiply_transposed(&product);
+}
+
+/* d *= slope, and the sum over rows goes to d_bias. */
+static void through_activation(int m, size_t ld, float *restrict d, const float *restrict slope,
+                               float *restrict d_bias)
+{
+    for (int i = 0; i < m; i++, d += ld, slope += ld)
+        for (size_t j = 0; j < ld; j++) {
+            d[j] *= slope[j];
+            d_bias[j] += d[j];
+        }
+}
+
+static void head_back(const struct job *job, int h, int m, const float *d_raw, const struct work *w,
+                      float *partial)
+{
+    const struct spin_heads *heads = job->heads;
+    const struct piece *piece = job->plain.of[h];
+    size_t in_ld = padded(heads->n_in), ld = padded(heads->hidden),
+           out_ld = padded(heads->n_out[h]);
+    size_t n_out = (size_t)heads->n_out[h];
+
+    layer(job, h, W1, m, w->z, in_ld, w->a1);
+    activate_both(heads->relu, (size_t)m * ld, w->a1, w->slope1);
+    layer(job, h, W2, m, w->a1, ld, w->a2);
+    activate_both(heads->relu, (size_t)m * ld, w->a2, w->slope2);
+
+    for (int i = 0; i < m; i++) {
+        const float *from = d_raw + (size_t)i * SPIN_ATTR + column_of[h];
+        float *to = w->d_out + (size_t)i * out_ld;
+
+        for (size_t j = 0; j < n_out; j++) {
+            to[j] = from[j];
+            partial[piece[B3].at + j] += from[j];
+        }
+    }
+    weights_back(job, h, W3, m, w->d_out, out_ld, w->a2, partial);
+    layer_back(job, h, W3, m, w->d_out, out_ld, FROM_ZERO, w->d);
+    through_activation(m, ld, w->d, w->slope2, partial + piece[B2].at);
+    weights_back(job, h, W2, m, w->d, ld, w->a1, partial);
+    layer_back(job, h, W2, m, w->d, ld, FROM_ZERO, w->a2);
+    through_activation(m, ld, w->a2, w->slope1, partial + piece[B1].at);
+    weights_back(job, h, W1, m, w->a2, ld, w->z, partial);
+    layer_back(job, h, W1, m, w->a2, ld, h == 0 ? FROM_ZERO : FROM_C, w->d_z);
+}
+
+static void block_back(const struct job *job, size_t first, const struct work *w, float *partial)
+{
+    size_t n_in = (size_t)job->heads->n_in, in_ld = padded(job->heads->n_in);
+    int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+
+    for (int i = 0; i < m; i++) {
+        size_t row = job->rows ? job->rows[first + (size_t)i] : first + (size_t)i;
+        float *z = w->z + (size_t)i * in_ld;
+
+        memcpy(z, job->z + row * n_in, n_in * sizeof *z);
+        memset(z + n_in, 0, (in_ld - n_in) * sizeof *z);
+    }
+    for (int h = 0; h < SPIN_HEADS; h++)
+        head_back(job, h, m, job->d_raw + first * SPIN_ATTR, w, partial);
+    for (int i = 0; i < m; i++)
+        memcpy(job->d_z + (first + (size_t)i) * n_in, w->d_z + (size_t)i * in_ld,
+               n_in * sizeof *w->d_z);
+}
+
+static void mlp_back_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    struct work w = work_at(job->heads, job->work + (size_t)worker * job->work_floats);
+    float *partial = job->partial + (size_t)task * job->plain.n_floats;
+    size_t first = (size_t)task * job->blocks_each * BLOCK;
+    size_t end = first + job->blocks_each * BLOCK;
+
+    memset(partial, 0, job->plain.n_floats * sizeof *partial);
+    for (; first < end && first < job->n; first += BLOCK)
+        block_back(job, first, &w, partial);
+}
+
+/* One piece of one head: partial sums to the parameters, in task order. */
+static void sum_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    const struct piece *piece = &job->plain.of[task / PIECES][task % PIECES];
+
+    (void)worker;
+    for (int r = 0; r < piece->rows; r++) {
+        float *restrict to = job->d_param + piece->param + (size_t)r * (size_t)piece->cols;
+
+        for (int t = 0; t < job->n_tasks; t++) {
+            const float *restrict from =
+                job->partial + (size_t)t * job->plain.n_floats + piece->at + (size_t)r * piece->ld;
+
+            for (int c = 0; c < piece->cols; c++)
+                to[c] += from[c];
+        }
+    }
+}
+
+void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, const float *param,
+                        size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
+                        float *d_param, float *d_z)
+{
+    size_t n_workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
+    size_t n_blocks = (n_rows + BLOCK - 1) / BLOCK, floats;
+    struct job job = {.heads = heads,
+                      .n = n_rows,
+                      .rows = rows,
+                      .z = z,
+                      .d_raw = d_raw,
+                      .d_param = d_param,
+                      .d_z = d_z};
+    float *scratch;
+
+    if (n_rows == 0)
+        return;
+    job.blocks_each = (n_blocks + MAX_TASKS - 1) / MAX_TASKS;
+    job.n_tasks = (int)((n_blocks + job.blocks_each - 1) / job.blocks_each);
+    job.turned = pieces_of(heads, true);
+    job.plain = pieces_of(heads, false);
+    job.work_floats = work_floats(heads);
+    floats = job.turned.n_floats + (1 + (size_t)job.n_tasks) * job.plain.n_floats +
+             n_workers * job.work_floats;
+    scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_MLP, floats * sizeof *scratch);
+    pack(&job.turned, param, scratch);
+    job.turned_w = scratch;
+    scratch += job.turned.n_floats;
+    pack(&job.plain, param, scratch);
+    job.plain_w = scratch;
+    job.partial = scratch + job.plain.n_floats;
+    job.work = job.partial + (size_t)job.n_tasks * job.plain.n_floats;
+    spin_pool_run(spin_cpu_pool(d), job.n_tasks, mlp_back_task, &job);
+    spin_pool_run(spin_cpu_pool(d), SPIN_HEADS * PIECES, sum_task, &job);
+}

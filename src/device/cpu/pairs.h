@@ -1,0 +1,30 @@
+/* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot first_slot
+ * + k. */
+#ifndef SPIN_DEVICE_CPU_PAIRS_H
+#define SPIN_DEVICE_CPU_PAIRS_H
+
+#include "device/device.h"
+
+struct spin_pair_rect {
+    int x0, y0, x1, y1; /* tiles, half open */
+};
+
+static inline struct spin_pair_rect spin_pair_rect(const struct spin_splat2d *s)
+{
+    struct spin_pair_rect r = {0, 0, 0, 0};
+
+    if (s->radius_px > 0) {
+        r.x0 = s->x0 + s->trim[0];
+        r.y0 = s->y0 + s->trim[1];
+        r.x1 = s->x1 - s->trim[2];
+        r.y1 = s->y1 - s->trim[3];
+    }
+    return r;
+}
+
+static inline uint32_t spin_pair_count(struct spin_pair_rect r)
+{
+    return (uint32_t)(r.x1 - r.x0) * (uint32_t)(r.y1 - r.y0);
+}
+
+#endif

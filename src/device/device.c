@@ -1,0 +1,115 @@
+/* The list of devices, and the choice among them. The only file that names devices. */
+#include "device/device.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+
+extern const struct spin_device_ops spin_cpu_base_ops;
+#ifdef SPIN_CPU_PATHS_3
+extern const struct spin_device_ops spin_cpu_v3_ops;
+extern const struct spin_device_ops spin_cpu_v4_ops;
+#endif
+
+struct path {
+    const char *name, *title;
+    const struct spin_device_ops *op;
+    int (*here)(void); /* can this machine run it */
+};
+
+static int always(void) { return 1; }
+
+#ifdef SPIN_CPU_PATHS_3
+static int has_v3(void)
+{
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+           __builtin_cpu_supports("bmi2");
+}
+
+static int has_v4(void)
+{
+    return has_v3() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+           __builtin_cpu_supports("avx512cd");
+}
+#endif
+
+/* Best first. */
+static const struct path paths[] = {
+#ifdef SPIN_CPU_PATHS_3
+    {"v4", "avx-512", &spin_cpu_v4_ops, has_v4},
+    {"v3", "avx2", &spin_cpu_v3_ops, has_v3},
+#endif
+    {"base", "portable", &spin_cpu_base_ops, always},
+};
+
+static spin_status open_cpu(int n_threads, struct spin_device *out)
+{
+    const char *wanted = getenv("SPIN_CPU");
+
+    if (wanted && !*wanted)
+        wanted = NULL;
+    for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
+        if (wanted && strcmp(wanted, paths[i].name) != 0)
+            continue;
+        if (!paths[i].here()) {
+            if (wanted)
+                return spin_fail(SPIN_E_DEVICE, "cannot use SPIN_CPU=%s: this processor has no %s",
+                                 wanted, paths[i].title);
+            continue;
+        }
+        out->op = paths[i].op;
+        snprintf(out->description, sizeof out->description, "cpu (%s", paths[i].title);
+        return out->op->open(out, n_threads);
+    }
+    return spin_fail(SPIN_E_USAGE, "cannot use SPIN_CPU='%s': it is not one of base, v3, v4",
+                     wanted ? wanted : "");
+}
+
+spin_status spin_device_open(const char *name, int n_threads, struct spin_device *out)
+{
+    memset(out, 0, sizeof *out);
+    if (!name || strcmp(name, "auto") == 0 || strcmp(name, "cpu") == 0)
+        return open_cpu(n_threads, out);
+    if (strcmp(name, "cuda") == 0)
+        return spin_fail(SPIN_E_DEVICE, "no CUDA device: this build has only the cpu");
+    return spin_fail(SPIN_E_USAGE, "no device '%s': it is one of auto, cpu, cuda", name);
+}
+
+void spin_device_close(struct spin_device *d)
+{
+    if (d && d->op)
+        d->op->close(d);
+    if (d)
+        memset(d, 0, sizeof *d);
+}
+
+struct spin_cam spin_cam_from(const struct spin_camera *camera)
+{
+    struct spin_cam cam;
+
+    memset(&cam, 0, sizeof cam);
+    cam.width = camera->width;
+    cam.height = camera->height;
+    cam.tiles_x = (camera->width + SPIN_TILE - 1) / SPIN_TILE;
+    cam.tiles_y = (camera->height + SPIN_TILE - 1) / SPIN_TILE;
+    cam.fx = (float)camera->fx;
+    cam.fy = (float)camera->fy;
+    cam.cx = (float)camera->cx;
+    cam.cy = (float)camera->cy;
+    for (int i = 0; i < 3; i++) {
+        double centre = 0;
+
+        for (int j = 0; j < 3; j++) {
+            cam.r[i * 3 + j] = (float)camera->w2c[i * 4 + j];
+            centre -= camera->w2c[j * 4 + i] * camera->w2c[j * 4 + 3];
+        }
+        cam.t[i] = (float)camera->w2c[i * 4 + 3];
+        cam.centre[i] = (float)centre;
+    }
+    cam.limit_x = (float)(1.3 * camera->width / (2 * camera->fx));
+    cam.limit_y = (float)(1.3 * camera->height / (2 * camera->fy));
+    return cam;
+}

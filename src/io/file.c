@@ -1,0 +1,544 @@
+/* Files: map, list, path words, write-then-rename, and the peek that probing looks at. */
+#include "io/file.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/zip.h"
+
+enum { OUT_BUFFER = 1 << 20, PEEK_HEAD = 4096, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
+
+/* ---- Opening ------------------------------------------------------------------------------- */
+
+static const char *why(int error)
+{
+    return error == ENOENT ? "no such file or folder" : strerror(error);
+}
+
+/* "cannot <verb> 'path': <errno in words>" */
+static spin_status fail_errno(const char *verb, const char *path)
+{
+    int error = errno;
+    spin_status code = error == ENOENT || error == ENOTDIR ? SPIN_E_NOT_FOUND
+                       : error == ENOMEM                   ? SPIN_E_MEMORY
+                                                           : SPIN_E_IO;
+
+    return spin_fail(code, "cannot %s '%s': %s", verb, path, why(error));
+}
+
+/* An ordinary file, opened for reading. A fifo must not block us, hence O_NONBLOCK. */
+static spin_status open_file(const char *path, int *fd, struct stat *st)
+{
+    spin_status status;
+
+    *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (*fd < 0)
+        return fail_errno("open", path);
+    if (fstat(*fd, st) != 0)
+        status = fail_errno("open", path);
+    else if (S_ISDIR(st->st_mode))
+        status = spin_fail(SPIN_E_IO, "cannot open '%s': it is a folder", path);
+    else if (!S_ISREG(st->st_mode))
+        status = spin_fail(SPIN_E_IO, "cannot open '%s': it is not an ordinary file", path);
+    else
+        return SPIN_OK;
+    close(*fd);
+    *fd = -1;
+    return status;
+}
+
+spin_status spin_map_open(const char *path, struct spin_map *out)
+{
+    struct stat st;
+    int fd;
+    void *data;
+
+    out->data = (const unsigned char *)"";
+    out->size = 0;
+    SPIN_TRY(open_file(path, &fd, &st));
+    if (st.st_size > 0) {
+        data = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
+        if (data == MAP_FAILED) {
+            spin_status status = fail_errno("map", path);
+
+            close(fd);
+            return status;
+        }
+        out->data = data;
+        out->size = (size_t)st.st_size;
+    }
+    close(fd);
+    return SPIN_OK;
+}
+
+void spin_map_close(struct spin_map *map)
+{
+    if (map->size > 0)
+        munmap((void *)(uintptr_t)map->data, map->size);
+    map->data = (const unsigned char *)"";
+    map->size = 0;
+}
+
+/* ---- Path words ---------------------------------------------------------------------------- */
+
+bool spin_path_exists(const char *path)
+{
+    struct stat st;
+
+    return stat(path, &st) == 0;
+}
+
+bool spin_path_is_folder(const char *path)
+{
+    struct stat st;
+
+    return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
+}
+
+/* The three texts in a row, allocated. */
+static spin_status concat(const char *a, const char *b, const char *c, char **out)
+{
+    size_t na = strlen(a), nb = strlen(b), nc = strlen(c);
+    void *text;
+
+    *out = NULL;
+    SPIN_TRY(spin_alloc(na + nb + nc + 1, 1, &text));
+    memcpy(text, a, na);
+    memcpy((char *)text + na, b, nb);
+    memcpy((char *)text + na + nb, c, nc);
+    *out = text;
+    return SPIN_OK;
+}
+
+spin_status spin_path_join(const char *dir, const char *name, char **out)
+{
+    size_t n = strlen(dir);
+
+    return concat(dir, n > 0 && dir[n - 1] != '/' ? "/" : "", name, out);
+}
+
+spin_status spin_path_folder(const char *path, char **out)
+{
+    size_t n = strlen(path);
+
+    while (n > 1 && path[n - 1] == '/') /* "a/b/" lies in "a" */
+        n--;
+    while (n > 0 && path[n - 1] != '/')
+        n--;
+    while (n > 1 && path[n - 1] == '/')
+        n--;
+    if (n == 0)
+        return spin_strdup(".", out);
+    *out = strndup(path, n);
+    return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", n + 1);
+}
+
+const char *spin_path_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+
+    return slash ? slash + 1 : path;
+}
+
+spin_status spin_path_absolute(const char *path, char **out)
+{
+    *out = realpath(path, NULL);
+    return *out ? SPIN_OK : fail_errno("find", path);
+}
+
+/* `to` relative to `from`, both absolute and without links; NULL when only the root is shared. The
+ * text is "../" for each folder of `from` below the shared one, then the rest of `to`. */
+static spin_status relative(const char *from, const char *to, char **out)
+{
+    size_t shared = 0, i = 0, ups = 0, n;
+    const char *rest;
+    void *text;
+
+    *out = NULL;
+    for (;; i++) {
+        bool from_ends = from[i] == '/' || from[i] == '\0';
+        bool to_ends = to[i] == '/' || to[i] == '\0';
+
+        if (from_ends && to_ends)
+            shared = i;
+        if (from[i] != to[i] || from[i] == '\0')
+            break;
+    }
+    if (shared == 0)
+        return SPIN_OK;
+    for (const char *p = from + shared; *p; p++)
+        ups += *p == '/';
+    rest = to[shared] == '/' ? to + shared + 1 : "";
+    n = 3 * ups + strlen(rest) + 2;
+    SPIN_TRY(spin_alloc(n, 1, &text));
+    *out = text;
+    for (i = 0; i < ups; i++)
+        memcpy(*out + 3 * i, "../", 3);
+    strcpy(*out + 3 * ups, rest);
+    n = strlen(*out);
+    if (n == 0)
+        strcpy(*out, ".");
+    else if ((*out)[n - 1] == '/')
+        (*out)[n - 1] = '\0';
+    return SPIN_OK;
+}
+
+spin_status spin_path_relative(const char *from, const char *to, char **out)
+{
+    char *from_real = NULL, *to_real = NULL;
+    spin_status status;
+
+    *out = NULL;
+    SPIN_TRY_OUT(spin_path_absolute(from, &from_real));
+    SPIN_TRY_OUT(spin_path_absolute(to, &to_real));
+    SPIN_TRY_OUT(relative(from_real, to_real, out));
+    if (!*out) {
+        *out = to_real;
+        to_real = NULL;
+    }
+out:
+    free(from_real);
+    free(to_real);
+    return status;
+}
+
+long long spin_path_number(const char *path)
+{
+    const char *name = spin_path_name(path);
+    const char *dot = strrchr(name, '.');
+    const char *end = dot && dot > name ? dot : name + strlen(name);
+    const char *first;
+    long long value = 0;
+
+    while (end > name && (end[-1] < '0' || end[-1] > '9'))
+        end--;
+    first = end;
+    while (first > name && first[-1] >= '0' && first[-1] <= '9')
+        first--;
+    if (first == end)
+        return -1;
+    for (; first < end; first++) {
+        int digit = *first - '0';
+
+        if (value > (LLONG_MAX - digit) / 10)
+            return -1;
+        value = value * 10 + digit;
+    }
+    return value;
+}
+
+/* ---- Folders ------------------------------------------------------------------------------- */
+
+static spin_status make_one(const char *path)
+{
+    int error;
+
+    if (mkdir(path, 0777) == 0)
+        return SPIN_OK;
+    error = errno;
+    if (spin_path_is_folder(path))
+        return SPIN_OK;
+    if (error == EEXIST)
+        return spin_fail(SPIN_E_IO, "cannot make folder '%s': a file has that name", path);
+    errno = error;
+    return fail_errno("make folder", path);
+}
+
+spin_status spin_folder_make(const char *path)
+{
+    char *partial;
+    spin_status status = SPIN_OK;
+
+    if (!*path)
+        return SPIN_OK;
+    SPIN_TRY(spin_strdup(path, &partial));
+    for (char *p = partial + 1; status == SPIN_OK && *p; p++) {
+        if (*p != '/')
+            continue;
+        *p = '\0';
+        status = make_one(partial);
+        *p = '/';
+    }
+    if (status == SPIN_OK)
+        status = make_one(partial);
+    free(partial);
+    return status;
+}
+
+static int by_bytes(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+/* All names of an open folder into a growing, NULL-terminated list. */
+static spin_status read_names(DIR *dir, const char *path, char ***names, size_t *n)
+{
+    size_t capacity = 0;
+    struct dirent *entry;
+
+    for (;;) {
+        if (*n + 1 >= capacity) {
+            void *block = *names;
+
+            capacity = capacity ? 2 * capacity : 64;
+            SPIN_TRY(spin_grow(capacity, sizeof **names, &block));
+            *names = block;
+            (*names)[*n] = NULL;
+        }
+        errno = 0;
+        entry = readdir(dir);
+        if (!entry)
+            return errno ? fail_errno("list folder", path) : SPIN_OK;
+        if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0)
+            continue;
+        SPIN_TRY(spin_strdup(entry->d_name, &(*names)[*n]));
+        (*names)[++*n] = NULL;
+    }
+}
+
+spin_status spin_folder_list(const char *path, char ***names, size_t *n)
+{
+    DIR *dir = opendir(path);
+    spin_status status;
+
+    *names = NULL;
+    *n = 0;
+    if (!dir)
+        return fail_errno("list folder", path);
+    status = read_names(dir, path, names, n);
+    closedir(dir);
+    if (status != SPIN_OK) {
+        spin_folder_list_free(*names);
+        *names = NULL;
+        *n = 0;
+        return status;
+    }
+    qsort(*names, *n, sizeof **names, by_bytes);
+    return SPIN_OK;
+}
+
+void spin_folder_list_free(char **names)
+{
+    for (size_t i = 0; names && names[i]; i++)
+        free(names[i]);
+    free(names);
+}
+
+/* ---- Write, then rename -------------------------------------------------------------------- */
+
+/* May a file of this name appear? */
+static spin_status check_target(const char *path, bool force)
+{
+    struct stat st;
+
+    if (stat(path, &st) != 0)
+        return SPIN_OK; /* what is wrong with the folder, opening will tell */
+    if (S_ISDIR(st.st_mode))
+        return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
+    if (!S_ISREG(st.st_mode))
+        return spin_fail(SPIN_E_IO, "cannot write '%s': it is not an ordinary file", path);
+    if (!force)
+        return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite", path);
+    return SPIN_OK;
+}
+
+spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
+{
+    char suffix[32];
+    size_t n;
+    void *name;
+    spin_status status;
+    int fd;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(check_target(path, force));
+    snprintf(suffix, sizeof suffix, ".tmp.%ld", (long)getpid());
+    n = strlen(path) + strlen(suffix) + 1;
+
+    /* stdio's buffer lies behind the temporary name: both live exactly as long as the stream. */
+    SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
+    out->temporary = name;
+    snprintf(out->temporary, n, "%s%s", path, suffix);
+    SPIN_TRY_OUT(spin_strdup(path, &out->path));
+    fd = open(out->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+    if (fd >= 0)
+        out->file = fdopen(fd, "w+b");
+    if (!out->file) {
+        status = fail_errno("write", path);
+        if (fd >= 0) {
+            close(fd);
+            unlink(out->temporary);
+        }
+        goto out;
+    }
+    setvbuf(out->file, out->temporary + n, _IOFBF, OUT_BUFFER);
+    return SPIN_OK;
+out:
+    free(out->path);
+    free(out->temporary);
+    memset(out, 0, sizeof *out);
+    return status;
+}
+
+spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes)
+{
+    if (bytes > 0 && fwrite(data, 1, bytes, out->file) != bytes)
+        return fail_errno("write", out->path);
+    out->bytes += bytes;
+    return SPIN_OK;
+}
+
+spin_status spin_out_commit(struct spin_out *out)
+{
+    spin_status status = SPIN_OK;
+
+    if (ferror(out->file) || fflush(out->file) != 0 || fsync(fileno(out->file)) != 0)
+        status = fail_errno("write", out->path);
+    if (fclose(out->file) != 0 && status == SPIN_OK)
+        status = fail_errno("write", out->path);
+    out->file = NULL;
+    if (status == SPIN_OK && rename(out->temporary, out->path) != 0)
+        status = fail_errno("write", out->path);
+    if (status != SPIN_OK)
+        unlink(out->temporary);
+    free(out->path);
+    free(out->temporary);
+    memset(out, 0, sizeof *out);
+    return status;
+}
+
+void spin_out_abandon(struct spin_out *out)
+{
+    if (out->file)
+        fclose(out->file);
+    if (out->temporary)
+        unlink(out->temporary);
+    free(out->path);
+    free(out->temporary);
+    memset(out, 0, sizeof *out);
+}
+
+/* ---- Peek ---------------------------------------------------------------------------------- */
+
+static spin_status peek_head(const char *path, struct spin_peek *out)
+{
+    struct stat st;
+    int fd;
+    size_t n = 0;
+    void *head;
+
+    SPIN_TRY(open_file(path, &fd, &st));
+    if (spin_alloc(PEEK_HEAD, 1, &head) != SPIN_OK) {
+        close(fd);
+        return SPIN_E_MEMORY;
+    }
+    out->head = head;
+    while (n < PEEK_HEAD) {
+        ssize_t got = read(fd, (char *)head + n, PEEK_HEAD - n);
+
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0) {
+            spin_status status = fail_errno("read", path);
+
+            close(fd);
+            return status;
+        }
+        if (got == 0)
+            break;
+        n += (size_t)got;
+    }
+    out->n_head = n;
+    close(fd);
+    return SPIN_OK;
+}
+
+/* Member names of a zip, one per line, bounded. An archive that cannot be read has none: saying
+ * why is for whoever opens it. */
+static spin_status peek_members(const char *path, char **out)
+{
+    struct spin_zip zip;
+    size_t bytes = 1, used = 0;
+    void *text = NULL;
+    spin_status status;
+
+    if (spin_zip_open(path, &zip) != SPIN_OK)
+        return SPIN_OK;
+    for (size_t i = 0; i < zip.n && i < PEEK_NAMES && bytes < PEEK_NAMES_BYTES; i++)
+        bytes += strlen(zip.member[i].name) + 1;
+    status = spin_alloc(bytes, 1, &text);
+    for (size_t i = 0; status == SPIN_OK && i < zip.n; i++) {
+        size_t n = strlen(zip.member[i].name);
+
+        if (used + n + 2 > bytes)
+            break;
+        if (strchr(zip.member[i].name, '\n'))
+            continue;
+        if (used > 0)
+            ((char *)text)[used++] = '\n';
+        memcpy((char *)text + used, zip.member[i].name, n);
+        used += n;
+    }
+    spin_zip_close(&zip);
+    *out = text;
+    return status;
+}
+
+static spin_status peek_folder(const char *path, struct spin_peek *out)
+{
+    char **names;
+    size_t n;
+
+    SPIN_TRY(spin_folder_list(path, &names, &n));
+    for (size_t i = PEEK_NAMES; i < n; i++) {
+        free(names[i]);
+        names[i] = NULL;
+    }
+    out->is_folder = true;
+    out->names = (const char *const *)names;
+    return SPIN_OK;
+}
+
+spin_status spin_peek_open(const char *path, struct spin_peek *out)
+{
+    char *copy, *members = NULL;
+    spin_status status;
+
+    memset(out, 0, sizeof *out);
+    if (!spin_path_exists(path))
+        return fail_errno("open", path);
+    SPIN_TRY(spin_strdup(path, &copy));
+    out->path = copy;
+    if (spin_path_is_folder(path)) {
+        SPIN_TRY_OUT(peek_folder(path, out));
+    } else {
+        SPIN_TRY_OUT(peek_head(path, out));
+        if (spin_zip_looks_like(out->head, out->n_head))
+            SPIN_TRY_OUT(peek_members(path, &members));
+    }
+    if (!members)
+        SPIN_TRY_OUT(spin_strdup("", &members));
+    out->tail_names = members;
+    return SPIN_OK;
+out:
+    spin_peek_free(out);
+    return status;
+}
+
+void spin_peek_free(struct spin_peek *peek)
+{
+    free((void *)(uintptr_t)peek->path);
+    free((void *)(uintptr_t)peek->head);
+    free((void *)(uintptr_t)peek->tail_names);
+    spin_folder_list_free((char **)(uintptr_t)peek->names);
+    memset(peek, 0, sizeof *peek);
+}

@@ -1,0 +1,58 @@
+/* Files: map, list, path words, write-then-rename. */
+#ifndef SPIN_IO_FILE_H
+#define SPIN_IO_FILE_H
+
+#include <stdio.h>
+
+#include "spin.h"
+
+/* A file mapped for reading. Empty files give data == "" and size 0. */
+struct spin_map {
+    const unsigned char *data;
+    size_t size;
+};
+/* Errors name the path. A folder, a fifo or a missing file is an error. */
+spin_status spin_map_open(const char *path, struct spin_map *out);
+void spin_map_close(struct spin_map *map);
+
+bool spin_path_exists(const char *path);
+bool spin_path_is_folder(const char *path);
+/* dir/name, allocated. */
+spin_status spin_path_join(const char *dir, const char *name, char **out);
+/* The folder a path lies in ("." when it has none), allocated. */
+spin_status spin_path_folder(const char *path, char **out);
+/* Last component; points into path. */
+const char *spin_path_name(const char *path);
+/* Absolute, links resolved; fails when it does not exist. Allocated. */
+spin_status spin_path_absolute(const char *path, char **out);
+/* Path of `to` as seen from the folder `from` (both exist): relative where they share a parent other
+ * than the root, else absolute. Allocated. */
+spin_status spin_path_relative(const char *from, const char *to, char **out);
+/* mkdir -p */
+spin_status spin_folder_make(const char *path);
+
+/* Entries of a folder without . and .., sorted by name (bytes); names[n] == NULL. */
+spin_status spin_folder_list(const char *path, char ***names, size_t *n);
+void spin_folder_list_free(char **names);
+
+/* The last run of digits in a file's stem as a number, or -1 ("frame_10.ply" -> 10). */
+long long spin_path_number(const char *path);
+
+/* A file that appears under its name only when whole: written as path.tmp.<pid>, flushed to disk and
+ * renamed by commit. Either commit or abandon must follow; both free it. */
+struct spin_out {
+    FILE *file;
+    char *path, *temporary;
+    uint64_t bytes;
+};
+/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"). */
+spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
+spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
+spin_status spin_out_commit(struct spin_out *out);
+void spin_out_abandon(struct spin_out *out);
+
+/* First bytes, entries and zip member names of path, for probing. Free with spin_peek_free(). */
+spin_status spin_peek_open(const char *path, struct spin_peek *out);
+void spin_peek_free(struct spin_peek *peek);
+
+#endif

@@ -1,0 +1,275 @@
+/* Finds and loads the shim, looks whether a file is all there, and gives failures our words.
+ *
+ * The looking is ours because the decoders' is not enough: libjpeg paints what is missing grey and
+ * calls that success, and libpng talks to the terminal. */
+#include "io/image.h"
+
+#include <dlfcn.h>
+#include <limits.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "io/file.h"
+#include "io/image_shim.h"
+
+#ifndef SPIN_PREFIX
+#define SPIN_PREFIX "/usr/local"
+#endif
+
+#define MAX_PIXELS ((int64_t)64 << 20)
+/* Folders above the program's in which lib/ is looked for: tests lie two below the build's. */
+#define MAX_PARENTS 4
+
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static const struct spin_image_shim *shim; /* NULL after a failed start */
+static char failure[512];
+
+/* ---- Loading --------------------------------------------------------------------------------- */
+
+/* Take the shim at path; false when there is none, or none that fits: then the reason is kept. */
+static bool load(const char *path)
+{
+    const struct spin_image_shim *table;
+    void *object;
+
+    if (access(path, R_OK) != 0)
+        return false;
+    object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    if (!object) {
+        snprintf(failure, sizeof failure, "%s", dlerror());
+        return false;
+    }
+    table = dlsym(object, SPIN_IMAGE_SHIM_SYMBOL);
+    if (!table || table->abi != SPIN_IMAGE_SHIM_ABI) {
+        snprintf(failure, sizeof failure, "'%.400s' belongs to another version", path);
+        dlclose(object);
+        return false;
+    }
+    shim = table;
+    return true;
+}
+
+static bool load_below(const char *folder, const char *name)
+{
+    char path[PATH_MAX + 64];
+
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return load(path);
+}
+
+/* Beside the program: in build/release/lib, or where `make install` puts it. */
+static bool load_beside_program(void)
+{
+    char folder[PATH_MAX];
+    ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);
+
+    if (n <= 0)
+        return false;
+    folder[n] = '\0';
+    for (int i = 0; i <= MAX_PARENTS; i++) {
+        char *slash = strrchr(folder, '/');
+
+        if (!slash)
+            return false;
+        *slash = '\0';
+        if (load_below(folder, "lib/spin-image.so") ||
+            load_below(folder, "lib/spin4d/spin-image.so"))
+            return true;
+    }
+    return false;
+}
+
+static void start(void)
+{
+    const char *given = getenv("SPIN_IMAGE_SHIM");
+
+    if (given && *given) {
+        if (!load(given) && !*failure)
+            snprintf(failure, sizeof failure, "SPIN_IMAGE_SHIM names '%.400s', which is not there",
+                     given);
+        return;
+    }
+    if (!load_beside_program())
+        load_below(SPIN_PREFIX, "lib/spin4d/spin-image.so");
+}
+
+spin_status spin_image_start(void)
+{
+    pthread_once(&once, start);
+    if (shim)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "images cannot be read or written: the OpenImageIO shim 'spin-image.so' is "
+                     "missing or does not load%s%s (Debian: install libopenimageio-dev, then make)",
+                     *failure ? ": " : "", failure);
+}
+
+/* ---- Is it all there ------------------------------------------------------------------------- */
+
+static const unsigned char png_magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+
+/* By the first bytes, whatever the file is called. */
+static const char *format_of(const struct spin_map *map)
+{
+    if (map->size >= 8 && memcmp(map->data, png_magic, 8) == 0)
+        return "png";
+    if (map->size >= 3 && map->data[0] == 0xff && map->data[1] == 0xd8 && map->data[2] == 0xff)
+        return "jpeg";
+    return "";
+}
+
+/* Chunk by chunk (length, name, data, CRC) to IEND. */
+static bool png_ends(const struct spin_map *map)
+{
+    size_t at = sizeof png_magic;
+
+    while (map->size - at >= 12) {
+        const unsigned char *c = map->data + at;
+        uint64_t length = (uint64_t)c[0] << 24 | (uint64_t)c[1] << 16 | (uint64_t)c[2] << 8 | c[3];
+
+        if (length > map->size - at - 12)
+            return false;
+        if (memcmp(c + 4, "IEND", 4) == 0)
+            return true;
+        at += 12 + (size_t)length;
+    }
+    return false;
+}
+
+/* Past the coded pixels at `at`: to the next marker that is neither a stuffed FF nor a restart. */
+static size_t skip_scan(const struct spin_map *map, size_t at)
+{
+    while (at + 1 < map->size) {
+        const unsigned char *ff = memchr(map->data + at, 0xff, map->size - at - 1);
+
+        if (!ff)
+            break;
+        if (ff[1] != 0 && ff[1] != 0xff && (ff[1] & 0xf8) != 0xd0)
+            return (size_t)(ff - map->data);
+        at = (size_t)(ff - map->data) + 1;
+    }
+    return map->size;
+}
+
+/* Segment by segment (FF, marker, length, data), scans skipped, to the end-of-image marker. */
+static bool jpeg_ends(const struct spin_map *map)
+{
+    size_t at = 2;
+
+    while (at + 4 <= map->size || at + 2 == map->size) {
+        const unsigned char *m = map->data + at;
+
+        if (m[0] != 0xff || m[1] == 0xff) { /* fill bytes, or stray ones that decoders step over */
+            at++;
+            continue;
+        }
+        if (m[1] == 0xd9)
+            return true;
+        if (at + 4 > map->size)
+            return false;
+        if (m[1] == 0 || m[1] == 1 || (m[1] & 0xf8) == 0xd0) { /* without a length */
+            at += 2;
+            continue;
+        }
+        at += 2 + ((size_t)m[2] << 8 | m[3]);
+        if (m[1] == 0xda)
+            at = skip_scan(map, at);
+    }
+    return false;
+}
+
+/* ---- Calls ----------------------------------------------------------------------------------- */
+
+/* OpenImageIO's words may have several lines and end in a full stop. */
+static spin_status fail_image(enum spin_image_result result, const char *path, char *why)
+{
+    static const spin_status codes[] = {
+        [SPIN_IMAGE_OK] = SPIN_OK,
+        [SPIN_IMAGE_UNREADABLE] = SPIN_E_MALFORMED,
+        [SPIN_IMAGE_TOO_LARGE] = SPIN_E_UNSUPPORTED,
+        [SPIN_IMAGE_NO_MEMORY] = SPIN_E_MEMORY,
+    };
+    size_t n = strcspn(why, "\r\n");
+
+    while (n > 0 && (why[n - 1] == '.' || why[n - 1] == ' '))
+        n--;
+    return spin_fail(codes[result], "cannot read image '%s': %.*s", path, (int)n, why);
+}
+
+static spin_status check_there(const char *path)
+{
+    if (!spin_path_exists(path))
+        return spin_fail(SPIN_E_NOT_FOUND, "image '%s' does not exist", path);
+    if (spin_path_is_folder(path))
+        return spin_fail(SPIN_E_IO, "image '%s' is a folder", path);
+    return SPIN_OK;
+}
+
+/* Map the file just long enough to see what it is and, when whole is asked for, that it ends. */
+static spin_status inspect(const char *path, bool whole, const char **format)
+{
+    struct spin_map map;
+    bool ends;
+
+    SPIN_TRY(check_there(path));
+    SPIN_TRY(spin_map_open(path, &map));
+    *format = format_of(&map);
+    ends = !whole || (strcmp(*format, "jpeg") == 0  ? jpeg_ends(&map)
+                      : strcmp(*format, "png") == 0 ? png_ends(&map)
+                                                    : map.size > 0);
+    spin_map_close(&map);
+    if (!ends)
+        return spin_fail(SPIN_E_MALFORMED, "cannot read image '%s': the file is cut short", path);
+    return SPIN_OK;
+}
+
+spin_status spin_image_size(const char *path, int *width, int *height, int *channels)
+{
+    char why[256] = "";
+    const char *format;
+    enum spin_image_result result;
+
+    SPIN_TRY(spin_image_start());
+    SPIN_TRY(inspect(path, false, &format));
+    result = shim->size(path, format, width, height, channels, why, sizeof why);
+    return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
+}
+
+spin_status spin_image_read(const char *path, int *width, int *height, uint8_t **rgb)
+{
+    char why[256] = "";
+    const char *format;
+    enum spin_image_result result;
+
+    *rgb = NULL;
+    SPIN_TRY(spin_image_start());
+    SPIN_TRY(inspect(path, true, &format));
+    result = shim->read(path, format, MAX_PIXELS, width, height, rgb, why, sizeof why);
+    return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
+}
+
+spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb)
+{
+    char why[256] = "";
+    unsigned char *bytes = NULL;
+    size_t n_bytes = 0;
+    struct spin_out out;
+    spin_status status;
+
+    SPIN_TRY(spin_image_start());
+    if (shim->encode_png(width, height, rgb, &bytes, &n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
+        return spin_fail(SPIN_E_IO, "cannot encode image '%s': %s", path, why);
+    SPIN_TRY_OUT(spin_out_open(path, true, &out));
+    status = spin_out_write(&out, bytes, n_bytes);
+    if (status == SPIN_OK)
+        status = spin_out_commit(&out);
+    else
+        spin_out_abandon(&out);
+out:
+    free(bytes);
+    return status;
+}

@@ -1,0 +1,22 @@
+/* Images through OpenImageIO, behind a C face. The shim is a shared object of its own that is loaded
+ * on first use (spin-image.so beside the library or the commands), so that a command that touches no
+ * pixel does not pay for OpenImageIO's start-up. Thread-safe after spin_image_start(). */
+#ifndef SPIN_IO_IMAGE_H
+#define SPIN_IO_IMAGE_H
+
+#include "spin.h"
+
+/* Load the shim now. Errors say what to install. */
+spin_status spin_image_start(void);
+
+/* Size and channels without decoding. */
+spin_status spin_image_size(const char *path, int *width, int *height, int *channels);
+
+/* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc; grey is spread, alpha is
+ * composited over black, 16-bit is rounded. Sizes above 64 Mi pixels are refused. */
+spin_status spin_image_read(const char *path, int *width, int *height, uint8_t **rgb);
+
+/* Write interleaved 8-bit RGB as PNG (write, then rename). */
+spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb);
+
+#endif

@@ -1,0 +1,181 @@
+/* The far side of image.c: OpenImageIO behind a table of C functions (image_shim.h).
+ *
+ * JPEG and PNG go to their reader at once: asking OpenImageIO to guess would start every reader it
+ * has. Each function catches everything. */
+#include "io/image_shim.h"
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <string>
+#include <vector>
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+
+namespace
+{
+
+struct failure {
+    enum spin_image_result result;
+    std::string why;
+};
+
+void set_up()
+{
+    static const bool done = [] {
+        OIIO::attribute("threads", 1); /* the caller reads several images at a time */
+        OIIO::attribute("exr_threads", 1);
+        OIIO::attribute("plugin_searchpath", std::string());
+        return true;
+    }();
+    (void)done;
+}
+
+/* Run work; turn whatever it throws into a result and words. */
+template <typename Work> enum spin_image_result guarded(char *why, size_t n_why, Work work) noexcept
+{
+    const char *text = "unknown failure";
+    enum spin_image_result result = SPIN_IMAGE_UNREADABLE;
+
+    try {
+        set_up();
+        work();
+        return SPIN_IMAGE_OK;
+    } catch (const failure &f) {
+        std::snprintf(why, n_why, "%s", f.why.c_str());
+        return f.result;
+    } catch (const std::bad_alloc &) {
+        result = SPIN_IMAGE_NO_MEMORY;
+        text = "not enough memory";
+    } catch (const std::exception &e) {
+        std::snprintf(why, n_why, "%s", e.what());
+        return result;
+    } catch (...) {
+    }
+    std::snprintf(why, n_why, "%s", text);
+    return result;
+}
+
+[[noreturn]] void fail(const std::string &why)
+{
+    throw failure{SPIN_IMAGE_UNREADABLE, why.empty() ? "not an image that can be read" : why};
+}
+
+std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string &format)
+{
+    OIIO::ImageSpec config, spec;
+
+    config.attribute("oiio:UnassociatedAlpha", 1); /* we do the compositing, on the stored values */
+    if (format.empty()) {
+        auto guessed = OIIO::ImageInput::open(path, &config);
+        if (!guessed)
+            fail(OIIO::geterror());
+        return guessed;
+    }
+    auto in = OIIO::ImageInput::create(format);
+    if (!in)
+        fail("OpenImageIO was built without " + format);
+    if (!in->open(path, spec, config))
+        fail(in->geterror());
+    return in;
+}
+
+void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
+{
+    if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.depth > 1 || spec.deep)
+        fail("not a flat picture");
+    if (static_cast<int64_t>(spec.width) > max_pixels / spec.height)
+        throw failure{SPIN_IMAGE_TOO_LARGE, std::to_string(spec.width) + " x " +
+                                                std::to_string(spec.height) +
+                                                " pixels are more than are taken"};
+}
+
+uint8_t over_black(unsigned value, unsigned alpha)
+{
+    return static_cast<uint8_t>((value * alpha + 127) / 255);
+}
+
+/* Grey or colour, with or without alpha, to RGB. */
+void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, uint8_t *rgb)
+{
+    bool grey = n < 3;
+
+    for (size_t i = 0; i < n_pixels; i++) {
+        const uint8_t *from = pixels + i * static_cast<size_t>(n);
+        unsigned a = alpha >= 0 ? from[alpha] : 255u;
+
+        for (int c = 0; c < 3; c++)
+            rgb[3 * i + static_cast<size_t>(c)] = over_black(from[grey ? 0 : c], a);
+    }
+}
+
+enum spin_image_result image_size(const char *path, const char *format, int *width, int *height,
+                                  int *channels, char *why, size_t n_why)
+{
+    return guarded(why, n_why, [&] {
+        auto in = open_input(path, format);
+        check_spec(in->spec(), INT64_MAX);
+        *width = in->spec().width;
+        *height = in->spec().height;
+        *channels = in->spec().nchannels;
+    });
+}
+
+enum spin_image_result image_read(const char *path, const char *format, int64_t max_pixels,
+                                  int *width, int *height, uint8_t **rgb, char *why, size_t n_why)
+{
+    return guarded(why, n_why, [&] {
+        auto in = open_input(path, format);
+        const OIIO::ImageSpec spec = in->spec();
+        check_spec(spec, max_pixels);
+        int n = spec.nchannels < 4 ? spec.nchannels : 4;
+        int alpha = n == 2 || n == 4 ? n - 1 : -1;
+        size_t n_pixels = static_cast<size_t>(spec.width) * static_cast<size_t>(spec.height);
+        std::unique_ptr<uint8_t, decltype(&std::free)> out(
+            static_cast<uint8_t *>(std::malloc(3 * n_pixels)), &std::free);
+        std::vector<uint8_t> other(n == 3 ? 0 : n_pixels * static_cast<size_t>(n));
+        uint8_t *pixels = n == 3 ? out.get() : other.data();
+
+        if (!out)
+            throw std::bad_alloc();
+        if (!in->read_image(0, 0, 0, n, OIIO::TypeDesc::UINT8, pixels))
+            fail(in->geterror());
+        if (n != 3)
+            to_rgb(pixels, n_pixels, n, alpha == spec.alpha_channel ? alpha : -1, out.get());
+        *width = spec.width;
+        *height = spec.height;
+        *rgb = out.release();
+    });
+}
+
+enum spin_image_result image_encode_png(int width, int height, const uint8_t *rgb,
+                                        unsigned char **bytes, size_t *n_bytes, char *why,
+                                        size_t n_why)
+{
+    return guarded(why, n_why, [&] {
+        OIIO::ImageSpec spec(width, height, 3, OIIO::TypeDesc::UINT8);
+        std::vector<unsigned char> file;
+        OIIO::Filesystem::IOVecOutput sink(file);
+        auto out = OIIO::ImageOutput::create("png");
+
+        if (!out || !out->supports("ioproxy"))
+            fail("OpenImageIO was built without PNG");
+        out->set_ioproxy(&sink);
+        if (!out->open("image.png", spec) || !out->write_image(OIIO::TypeDesc::UINT8, rgb) ||
+            !out->close())
+            fail(out->geterror());
+        *bytes = static_cast<unsigned char *>(std::malloc(file.size() + 1));
+        if (!*bytes)
+            throw std::bad_alloc();
+        std::memcpy(*bytes, file.data(), file.size());
+        *n_bytes = file.size();
+    });
+}
+
+} // namespace
+
+extern "C" const struct spin_image_shim spin_image_shim_table = {
+    SPIN_IMAGE_SHIM_ABI, OIIO_VERSION_STRING, image_size, image_read, image_encode_png};

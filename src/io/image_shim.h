@@ -1,0 +1,44 @@
+/* What image.c and the shared object behind it agree on: one table of functions, found by name.
+ * Plain C types only; nothing thrown on the far side crosses over. */
+#ifndef SPIN_IO_IMAGE_SHIM_H
+#define SPIN_IO_IMAGE_SHIM_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SPIN_IMAGE_SHIM_ABI 1
+#define SPIN_IMAGE_SHIM_SYMBOL "spin_image_shim_table"
+
+enum spin_image_result {
+    SPIN_IMAGE_OK,
+    SPIN_IMAGE_UNREADABLE, /* no such format, damaged, cut short */
+    SPIN_IMAGE_TOO_LARGE,
+    SPIN_IMAGE_NO_MEMORY
+};
+
+/* format: "jpeg" or "png" when the caller knows, "" to let OpenImageIO guess.
+ * Every call fills why (n_why bytes) when it fails. Blocks are malloc'ed. */
+struct spin_image_shim {
+    int abi;
+    const char *version; /* of OpenImageIO */
+    enum spin_image_result (*size)(const char *path, const char *format, int *width, int *height,
+                                   int *channels, char *why, size_t n_why);
+    /* Refuses more than max_pixels before reserving. */
+    enum spin_image_result (*read)(const char *path, const char *format, int64_t max_pixels,
+                                   int *width, int *height, uint8_t **rgb, char *why, size_t n_why);
+    /* The bytes of a PNG file. */
+    enum spin_image_result (*encode_png)(int width, int height, const uint8_t *rgb,
+                                         unsigned char **bytes, size_t *n_bytes, char *why,
+                                         size_t n_why);
+};
+
+extern const struct spin_image_shim spin_image_shim_table;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,611 @@
+/* .npy arrays (format versions 1 to 3) and .npz archives of them.
+ *
+ * The header of an .npy is the text of a Python dictionary with exactly three keys. The parser
+ * below reads that and nothing else of Python: a dtype we do not know is refused by its name, so
+ * that a pickle inside an object array is never looked at. */
+#include "io/npy.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+/* ---- The header's dictionary --------------------------------------------------------------- */
+
+struct text {
+    const char *what; /* for messages */
+    const unsigned char *p, *end;
+};
+
+struct header {
+    bool has_descr, has_fortran, has_shape;
+};
+
+static spin_status fail_header(const struct text *t)
+{
+    return spin_fail(SPIN_E_MALFORMED, "array '%s' has a damaged header", t->what);
+}
+
+static void skip_space(struct text *t)
+{
+    while (t->p < t->end && (*t->p == ' ' || *t->p == '\t' || *t->p == '\n' || *t->p == '\r'))
+        t->p++;
+}
+
+/* Take the character c, after white space. */
+static bool take(struct text *t, char c)
+{
+    skip_space(t);
+    if (t->p >= t->end || *t->p != (unsigned char)c)
+        return false;
+    t->p++;
+    return true;
+}
+
+static bool take_word(struct text *t, const char *word)
+{
+    size_t n = strlen(word);
+
+    skip_space(t);
+    if ((size_t)(t->end - t->p) < n || memcmp(t->p, word, n) != 0)
+        return false;
+    t->p += n;
+    return true;
+}
+
+/* A string in either kind of quotes, without escapes. */
+static bool take_string(struct text *t, char *out, size_t n_out)
+{
+    unsigned char quote;
+    size_t n = 0;
+
+    skip_space(t);
+    if (t->p >= t->end || (*t->p != '\'' && *t->p != '"'))
+        return false;
+    quote = *t->p++;
+    while (t->p < t->end && *t->p != quote) {
+        if (*t->p == '\\' || *t->p < 0x20 || n + 1 >= n_out)
+            return false;
+        out[n++] = (char)*t->p++;
+    }
+    if (t->p >= t->end)
+        return false;
+    t->p++;
+    out[n] = '\0';
+    return true;
+}
+
+static bool take_number(struct text *t, uint64_t *out)
+{
+    uint64_t value = 0;
+    const unsigned char *first;
+
+    skip_space(t);
+    first = t->p;
+    for (; t->p < t->end && *t->p >= '0' && *t->p <= '9'; t->p++)
+        if (__builtin_mul_overflow(value, 10, &value) ||
+            __builtin_add_overflow(value, (uint64_t)(*t->p - '0'), &value))
+            return false;
+    if (t->p == first)
+        return false;
+    if (t->p < t->end && *t->p == 'L') /* written by Python 2 */
+        t->p++;
+    *out = value;
+    return true;
+}
+
+/* "<f4": byte order, kind, bytes. */
+static spin_status read_dtype(const struct text *t, const char *descr, struct spin_array *out)
+{
+    static const struct {
+        char kind;
+        const char *sizes;
+    } known[] = {{'f', "248"}, {'i', "1248"}, {'u', "1248"}, {'b', "1"}};
+    char order = descr[0];
+
+    if (strlen(descr) == 3 && strchr("<>|=", order)) {
+        for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
+            if (descr[1] != known[i].kind || !strchr(known[i].sizes, descr[2]))
+                continue;
+            if (order == '|' && descr[2] != '1')
+                continue;
+            out->kind = descr[1];
+            out->item_size = descr[2] - '0';
+            out->big_endian = order == '>' && out->item_size > 1;
+            return SPIN_OK;
+        }
+    }
+    return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has dtype '%s', which is not a plain number",
+                     t->what, descr);
+}
+
+static spin_status read_descr(struct text *t, struct spin_array *out)
+{
+    char descr[64];
+
+    skip_space(t);
+    if (t->p < t->end && (*t->p == '[' || *t->p == '(')) {
+        size_t n = (size_t)(t->end - t->p);
+
+        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has a structured dtype: %.*s", t->what,
+                         (int)(n < 60 ? n : 60), (const char *)t->p);
+    }
+    if (!take_string(t, descr, sizeof descr))
+        return fail_header(t);
+    return read_dtype(t, descr, out);
+}
+
+/* "()", "(5,)", "(6, 1032, 3)", "(6, 1032, 3,)" */
+static spin_status read_shape(struct text *t, struct spin_array *out)
+{
+    bool comma = true;
+
+    out->n_dims = 0;
+    if (!take(t, '('))
+        return fail_header(t);
+    while (!take(t, ')')) {
+        if (!comma)
+            return fail_header(t);
+        if (out->n_dims == SPIN_NPY_MAX_DIMS)
+            return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has more than %d dimensions", t->what,
+                             SPIN_NPY_MAX_DIMS);
+        if (!take_number(t, &out->shape[out->n_dims]))
+            return spin_fail(SPIN_E_MALFORMED, "array '%s' has a shape that is not made of counts",
+                             t->what);
+        out->n_dims++;
+        comma = take(t, ',');
+    }
+    if (out->n_dims == 1 && !comma) /* "(5)" is no tuple */
+        return fail_header(t);
+    return SPIN_OK;
+}
+
+static spin_status read_item(struct text *t, struct header *seen, struct spin_array *out)
+{
+    char key[32];
+    bool *have;
+
+    if (!take_string(t, key, sizeof key) || !take(t, ':'))
+        return fail_header(t);
+    have = strcmp(key, "descr") == 0           ? &seen->has_descr
+           : strcmp(key, "fortran_order") == 0 ? &seen->has_fortran
+           : strcmp(key, "shape") == 0         ? &seen->has_shape
+                                               : NULL;
+    if (!have || *have)
+        return fail_header(t);
+    *have = true;
+    if (have == &seen->has_descr)
+        return read_descr(t, out);
+    if (have == &seen->has_shape)
+        return read_shape(t, out);
+    out->fortran = take_word(t, "True");
+    return out->fortran || take_word(t, "False") ? SPIN_OK : fail_header(t);
+}
+
+static spin_status read_dictionary(struct text *t, struct spin_array *out)
+{
+    struct header seen = {0};
+    bool comma = true;
+
+    if (!take(t, '{'))
+        return fail_header(t);
+    while (!take(t, '}')) {
+        if (!comma)
+            return fail_header(t);
+        SPIN_TRY(read_item(t, &seen, out));
+        comma = take(t, ',');
+    }
+    skip_space(t);
+    if (t->p != t->end || !seen.has_descr || !seen.has_fortran || !seen.has_shape)
+        return fail_header(t);
+    return SPIN_OK;
+}
+
+/* ---- One array ----------------------------------------------------------------------------- */
+
+/* Product of the shape times the item, compared with the bytes that are there. */
+static spin_status check_size(const char *what, struct spin_array *a, size_t n_present)
+{
+    uint64_t bytes = 0;
+    char shape[128];
+    bool overflow = false;
+
+    a->count = 1;
+    for (int i = 0; i < a->n_dims; i++)
+        if (a->shape[i] == 0)
+            a->count = 0;
+    for (int i = 0; i < a->n_dims && a->count > 0; i++)
+        overflow = overflow || __builtin_mul_overflow(a->count, a->shape[i], &a->count);
+    overflow = overflow || __builtin_mul_overflow(a->count, (uint64_t)a->item_size, &bytes);
+    if (overflow || bytes > n_present) {
+        spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
+        return spin_fail(SPIN_E_MALFORMED,
+                         "array '%s' is cut short: shape %s of %d-byte items, but %zu bytes", what,
+                         shape, a->item_size, n_present);
+    }
+    a->n_bytes = (size_t)bytes;
+    return SPIN_OK;
+}
+
+spin_status spin_npy_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
+                           struct spin_array *out)
+{
+    struct text t = {.what = what};
+    size_t prefix, n_header;
+
+    memset(out, 0, sizeof *out);
+    if (n_bytes < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' does not begin as .npy data does", what);
+    if (bytes[6] < 1 || bytes[6] > 3)
+        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has .npy version %d, not 1 to 3", what,
+                         bytes[6]);
+    prefix = bytes[6] == 1 ? 10 : 12;
+    if (n_bytes < prefix)
+        return fail_header(&t);
+    n_header = bytes[8] | (size_t)bytes[9] << 8;
+    if (prefix == 12)
+        n_header |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
+    if (n_header > n_bytes - prefix)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' is cut short: a header of %zu bytes in %zu",
+                         what, n_header, n_bytes);
+    t.p = bytes + prefix;
+    t.end = t.p + n_header;
+    SPIN_TRY(read_dictionary(&t, out));
+    out->data = bytes + prefix + n_header;
+    return check_size(what, out, n_bytes - prefix - n_header);
+}
+
+void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text)
+{
+    size_t n = 0;
+
+    if (n_text == 0)
+        return;
+    text[0] = '\0';
+    for (int i = 0; i <= n_dims && n < n_text; i++) {
+        int more = i == n_dims ? snprintf(text + n, n_text - n, n_dims ? "]" : "[]")
+                               : snprintf(text + n, n_text - n, "%s%llu", i ? ", " : "[",
+                                          (unsigned long long)shape[i]);
+
+        n += (size_t)more;
+    }
+}
+
+/* ---- Values -------------------------------------------------------------------------------- */
+
+/* Bits of the item at p, as a number of its size. */
+static uint64_t item_bits(const struct spin_array *a, const unsigned char *p)
+{
+    uint64_t bits = 0;
+
+    for (int i = 0; i < a->item_size; i++)
+        bits |= (uint64_t)p[i] << 8 * (a->big_endian ? a->item_size - 1 - i : i);
+    return bits;
+}
+
+/* IEEE half precision: 1 sign, 5 exponent, 10 fraction bits. */
+static double half_value(uint64_t bits)
+{
+    int exponent = bits >> 10 & 31;
+    double fraction = (double)(bits & 1023);
+    double value;
+
+    if (exponent == 31)
+        value = fraction == 0 ? INFINITY : NAN;
+    else if (exponent == 0)
+        value = ldexp(fraction, -24);
+    else
+        value = ldexp(fraction + 1024, exponent - 25);
+    return bits & 0x8000 ? -value : value;
+}
+
+static double float_value(const struct spin_array *a, uint64_t bits)
+{
+    float f;
+    double d;
+    uint32_t bits32 = (uint32_t)bits;
+
+    if (a->item_size == 2)
+        return half_value(bits);
+    if (a->item_size == 4) {
+        memcpy(&f, &bits32, 4);
+        return f;
+    }
+    memcpy(&d, &bits, 8);
+    return d;
+}
+
+static int64_t signed_value(const struct spin_array *a, uint64_t bits)
+{
+    switch (a->item_size) {
+    case 1:
+        return (int8_t)bits;
+    case 2:
+        return (int16_t)bits;
+    case 4:
+        return (int32_t)bits;
+    default:
+        return (int64_t)bits;
+    }
+}
+
+static double item_f64(const struct spin_array *a, const unsigned char *p)
+{
+    uint64_t bits = item_bits(a, p);
+
+    if (a->kind == 'f')
+        return float_value(a, bits);
+    if (a->kind == 'i')
+        return (double)signed_value(a, bits);
+    return a->kind == 'b' ? (double)(bits != 0) : (double)bits;
+}
+
+/* Fractions are cut off; what does not fit becomes the nearest limit, NaN becomes 0. */
+static int64_t item_i64(const struct spin_array *a, const unsigned char *p)
+{
+    uint64_t bits = item_bits(a, p);
+
+    if (a->kind == 'f') {
+        double v = float_value(a, bits);
+
+        if (isnan(v))
+            return 0;
+        return v >= 0x1p63 ? INT64_MAX : v <= -0x1p63 ? INT64_MIN : (int64_t)v;
+    }
+    if (a->kind == 'i')
+        return signed_value(a, bits);
+    if (a->kind == 'b')
+        return bits != 0;
+    return bits > INT64_MAX ? INT64_MAX : (int64_t)bits;
+}
+
+/* Walks the items in C order from a flat index on: the address of each in turn. */
+struct walk {
+    const struct spin_array *a;
+    const unsigned char *p;
+    uint64_t index[SPIN_NPY_MAX_DIMS];
+    uint64_t step[SPIN_NPY_MAX_DIMS]; /* bytes from one index to the next */
+};
+
+static void walk_begin(struct walk *w, const struct spin_array *a, uint64_t first)
+{
+    uint64_t stride = (uint64_t)a->item_size, rest = first;
+
+    w->a = a;
+    w->p = a->data;
+    for (int k = 0; k < a->n_dims; k++) {
+        int i = a->fortran ? k : a->n_dims - 1 - k;
+
+        w->step[i] = stride;
+        stride *= a->shape[i];
+    }
+    for (int i = a->n_dims - 1; i >= 0; i--) {
+        w->index[i] = rest % a->shape[i];
+        rest /= a->shape[i];
+        w->p += w->index[i] * w->step[i];
+    }
+}
+
+static void walk_on(struct walk *w)
+{
+    if (!w->a->fortran) {
+        w->p += w->a->item_size;
+        return;
+    }
+    for (int i = w->a->n_dims - 1; i >= 0; i--) {
+        w->p += w->step[i];
+        if (++w->index[i] < w->a->shape[i])
+            return;
+        w->p -= w->step[i] * w->a->shape[i];
+        w->index[i] = 0;
+    }
+}
+
+static bool host_is_little(void)
+{
+    const uint16_t one = 1;
+
+    return *(const unsigned char *)&one == 1;
+}
+
+/* Items lie as this machine has them, one after the other in C order. */
+static bool is_native(const struct spin_array *a, char kind, int item_size)
+{
+    return a->kind == kind && a->item_size == item_size && a->big_endian != host_is_little() &&
+           (!a->fortran || a->n_dims < 2);
+}
+
+#define ARRAY_TO(name, type, kind, item)                                                           \
+    void name(const struct spin_array *a, uint64_t first, uint64_t count, type *out)               \
+    {                                                                                              \
+        struct walk w;                                                                             \
+                                                                                                   \
+        if (count == 0)                                                                            \
+            return;                                                                                \
+        if (is_native(a, kind, (int)sizeof *out)) {                                                \
+            memcpy(out, a->data + first * sizeof *out, (size_t)count * sizeof *out);               \
+            return;                                                                                \
+        }                                                                                          \
+        walk_begin(&w, a, first);                                                                  \
+        for (uint64_t i = 0; i < count; i++) {                                                     \
+            out[i] = (type)item(a, w.p);                                                           \
+            walk_on(&w);                                                                           \
+        }                                                                                          \
+    }
+
+ARRAY_TO(spin_array_to_f32, float, 'f', item_f64)
+ARRAY_TO(spin_array_to_f64, double, 'f', item_f64)
+ARRAY_TO(spin_array_to_i64, int64_t, 'i', item_i64)
+
+const float *spin_array_f32(const struct spin_array *a)
+{
+    if (!is_native(a, 'f', 4) || (uintptr_t)a->data % _Alignof(float) != 0)
+        return NULL;
+    return (const float *)(const void *)a->data;
+}
+
+/* ---- Archives ------------------------------------------------------------------------------ */
+
+spin_status spin_npz_open(const char *path, struct spin_npz *out)
+{
+    memset(out, 0, sizeof *out);
+    return spin_zip_open(path, &out->zip);
+}
+
+void spin_npz_close(struct spin_npz *npz)
+{
+    for (size_t i = 0; i < npz->n_owned; i++)
+        free(npz->owned[i]);
+    free(npz->owned);
+    spin_zip_close(&npz->zip);
+    memset(npz, 0, sizeof *npz);
+}
+
+static const struct spin_zip_member *find_array(const struct spin_npz *npz, const char *key)
+{
+    size_t n = strlen(key);
+
+    for (size_t i = npz->zip.n; i-- > 0;) {
+        const char *name = npz->zip.member[i].name;
+
+        if (strncmp(name, key, n) == 0 && strcmp(name + n, ".npy") == 0)
+            return &npz->zip.member[i];
+    }
+    return NULL;
+}
+
+bool spin_npz_has(const struct spin_npz *npz, const char *key)
+{
+    return find_array(npz, key) != NULL;
+}
+
+/* Remember an inflated member for spin_npz_close(). */
+static spin_status own(struct spin_npz *npz, void *block)
+{
+    void *list = npz->owned;
+    spin_status status;
+
+    if (!block)
+        return SPIN_OK;
+    status = spin_grow(npz->n_owned + 1, sizeof *npz->owned, &list);
+    if (status != SPIN_OK) {
+        free(block);
+        return status;
+    }
+    npz->owned = list;
+    npz->owned[npz->n_owned++] = block;
+    return SPIN_OK;
+}
+
+spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc,
+                           struct spin_array *out)
+{
+    const struct spin_zip_member *member = find_array(npz, key);
+    const unsigned char *bytes = NULL;
+    void *owned = NULL;
+
+    memset(out, 0, sizeof *out);
+    if (!member)
+        return spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
+    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, spin_memory_available(), &bytes, &owned));
+    SPIN_TRY(own(npz, owned));
+    SPIN_TRY(spin_npy_parse(key, bytes, (size_t)member->size, out));
+    if (out->data + out->n_bytes != bytes + member->size)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu bytes more than its header says",
+                         key, (size_t)(bytes + member->size - out->data) - out->n_bytes);
+    return SPIN_OK;
+}
+
+/* "[*, 3]": a shape where -1 stands for anything. */
+static void pattern_text(int n_dims, const int64_t *shape, char *text, size_t n_text)
+{
+    size_t n = (size_t)snprintf(text, n_text, "[");
+
+    for (int i = 0; i < n_dims && n < n_text; i++)
+        n += (size_t)(shape[i] < 0 ? snprintf(text + n, n_text - n, i ? ", *" : "*")
+                                   : snprintf(text + n, n_text - n, i ? ", %lld" : "%lld",
+                                              (long long)shape[i]));
+    if (n < n_text)
+        snprintf(text + n, n_text - n, "]");
+}
+
+spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
+                              const int64_t *shape, struct spin_array *out)
+{
+    char got[192], want[192];
+    bool same;
+
+    SPIN_TRY(spin_npz_array(npz, key, check_crc, out));
+    same = out->n_dims == n_dims;
+    for (int i = 0; same && i < n_dims; i++)
+        same = shape[i] < 0 || out->shape[i] == (uint64_t)shape[i];
+    if (same)
+        return SPIN_OK;
+    spin_array_shape_text(out->n_dims, out->shape, got, sizeof got);
+    pattern_text(n_dims, shape, want, sizeof want);
+    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, got, want);
+}
+
+/* ---- Writing ------------------------------------------------------------------------------- */
+
+/* The head of an .npy as numpy writes it: padded with spaces so that the data is 64-byte
+ * aligned. */
+static spin_status header_bytes(const char *name, const char *descr, int n_dims,
+                                const uint64_t *shape, unsigned char head[256], size_t *n_head)
+{
+    char text[246];
+    int n =
+        snprintf(text, sizeof text, "{'descr': '%s', 'fortran_order': False, 'shape': (", descr);
+    size_t total;
+
+    for (int i = 0; i < n_dims && n < (int)sizeof text; i++)
+        n += snprintf(text + n, sizeof text - (size_t)n,
+                      n_dims == 1 ? "%llu,"
+                      : i         ? ", %llu"
+                                  : "%llu",
+                      (unsigned long long)shape[i]);
+    if (n < (int)sizeof text)
+        n += snprintf(text + n, sizeof text - (size_t)n, "), }");
+    total = (10 + (size_t)n + 1 + 63) / 64 * 64;
+    if (n >= (int)sizeof text || total > 256)
+        return spin_fail(SPIN_E_USAGE, "cannot write array '%s': its header is too long", name);
+    memset(head, ' ', total);
+    memcpy(head, "\x93NUMPY\x01\x00", 8);
+    head[8] = (unsigned char)(total - 10);
+    head[9] = (unsigned char)((total - 10) >> 8);
+    memcpy(head + 10, text, (size_t)n);
+    head[total - 1] = '\n';
+    *n_head = total;
+    return SPIN_OK;
+}
+
+spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr,
+                           int n_dims, const uint64_t *shape, const void *data)
+{
+    struct text t = {.what = name};
+    struct spin_array a = {0};
+    unsigned char head[256];
+    size_t n_head = 0, n_member = strlen(name) + 5;
+    void *member = NULL;
+    spin_status status;
+
+    if (n_dims < 0 || n_dims > SPIN_NPY_MAX_DIMS)
+        return spin_fail(SPIN_E_USAGE, "cannot write array '%s': %d dimensions", name, n_dims);
+    SPIN_TRY(read_dtype(&t, descr, &a));
+    a.n_dims = n_dims;
+    for (int i = 0; i < n_dims; i++)
+        a.shape[i] = shape[i];
+    SPIN_TRY(check_size(name, &a, SIZE_MAX - sizeof head));
+    SPIN_TRY(header_bytes(name, descr, n_dims, shape, head, &n_head));
+    SPIN_TRY(spin_alloc(n_member, 1, &member));
+    snprintf(member, n_member, "%s.npy", name);
+    SPIN_TRY_OUT(spin_zip_member_begin(w, member, n_head + a.n_bytes));
+    SPIN_TRY_OUT(spin_zip_member_write(w, head, n_head));
+    SPIN_TRY_OUT(spin_zip_member_write(w, data, a.n_bytes));
+    SPIN_TRY_OUT(spin_zip_member_end(w));
+out:
+    free(member);
+    return status;
+}

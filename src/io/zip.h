@@ -1,0 +1,57 @@
+/* Zip and zip64 archives: reading from a map, writing stored members. Ours, on zlib, because stored
+ * members must be usable in place, aligned, and files are hostile until shown otherwise.
+ *
+ * Reading goes by the central directory. Member sizes, offsets and names are checked against the
+ * file before anything is reserved; methods 0 and 8 only; never encrypted. */
+#ifndef SPIN_IO_ZIP_H
+#define SPIN_IO_ZIP_H
+
+#include "io/file.h"
+
+struct spin_zip_member {
+    const char *name;              /* NUL-terminated */
+    uint64_t size, packed_size;    /* bytes */
+    uint64_t header_offset;
+    uint32_t crc;
+    int method;
+};
+
+struct spin_zip {
+    struct spin_map map;
+    char *path;                    /* for messages */
+    struct spin_zip_member *member; /* [n], in directory order */
+    size_t n;
+    char *names;                   /* private */
+};
+
+bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
+spin_status spin_zip_open(const char *path, struct spin_zip *out);
+void spin_zip_close(struct spin_zip *zip);
+/* NULL when there is none. With duplicates the last one counts, as in Python. */
+const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
+
+/* The bytes of a member. Stored: *data points into the map and *owned is NULL. Deflated: *owned is a
+ * new block, to be freed with free(). The CRC is checked when check_crc. `limit` bounds the size of
+ * an inflated member (a bomb is an error before anything is reserved). */
+spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
+                          bool check_crc, uint64_t limit, const unsigned char **data, void **owned);
+
+/* Writing: members stored, data 64-byte aligned, zip64 when needed, no dates (1980-01-01), so equal
+ * content gives equal bytes. */
+struct spin_zip_writer {
+    struct spin_out out;
+    struct spin_zip_written *written;
+    size_t n, capacity;
+    uint32_t crc;
+    uint64_t member_size;
+    bool in_member;
+};
+spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
+/* begin with the exact size, then write in pieces, then end. */
+spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
+spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
+spin_status spin_zip_member_end(struct spin_zip_writer *w);
+spin_status spin_zip_writer_commit(struct spin_zip_writer *w);
+void spin_zip_writer_abandon(struct spin_zip_writer *w);
+
+#endif

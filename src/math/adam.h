@@ -1,0 +1,59 @@
+/* Adam, one parameter, one step, and the learning rates over a run (method.md 6; Kingma and Ba
+ * 2015).
+ *
+ *     m = .9 m + .1 g;  v = .999 v + .001 g^2
+ *     p -= lr/(1-.9^k) m / (sqrt(v)/sqrt(1-.999^k) + 1e-15) */
+#ifndef SPIN_MATH_ADAM_H
+#define SPIN_MATH_ADAM_H
+
+#include "math/portable.h"
+
+/* The two bias corrections, the same for all parameters of a step; step counts from 1. */
+struct spin_adam_step {
+    float rate;     /* lr / (1 - .9^k) */
+    float inv_root; /* 1 / sqrt(1 - .999^k) */
+};
+
+SPIN_FN struct spin_adam_step spin_adam_step_of(double lr, int64_t step)
+{
+    struct spin_adam_step s;
+
+    s.rate = (float)(lr / (1.0 - pow(0.9, (double)step)));
+    s.inv_root = (float)(1.0 / sqrt(1.0 - pow(0.999, (double)step)));
+    return s;
+}
+
+SPIN_FN void spin_adam_one(struct spin_adam_step s, float g, float *p, float *m, float *v)
+{
+    float m_new = 0.9f * *m + 0.1f * g;
+    float v_new = 0.999f * *v + 0.001f * g * g;
+
+    *p -= s.rate * m_new / (sqrtf(v_new) * s.inv_root + 1e-15f);
+    *m = m_new;
+    *v = v_new;
+}
+
+/* Iteration i = 1..n: linear warm-up over the first `warmup`, then half a cosine down to lr_end. */
+SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int64_t n)
+{
+    double along;
+
+    if (i <= warmup)
+        return lr0 * (double)i / (double)warmup;
+    if (i >= n)
+        return lr_end;
+    along = (double)(i - warmup) / (double)(n - warmup);
+    return lr_end + (lr0 - lr_end) * 0.5 * (1.0 + cos(3.14159265358979323846 * along));
+}
+
+/* Log-linear from lr0 (at i = 0) to lr_end (at i = n and after): positions in the refinement,
+ * method.md 2. */
+SPIN_FN double spin_lr_exp(double lr0, double lr_end, int64_t i, int64_t n)
+{
+    double along = n > 0 ? (double)i / (double)n : 1.0;
+
+    along = along < 0.0 ? 0.0 : along > 1.0 ? 1.0 : along;
+    return exp(log(lr0) * (1.0 - along) + log(lr_end) * along);
+}
+
+#endif

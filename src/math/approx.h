@@ -1,0 +1,133 @@
+/* exp, exp2, sigmoid, erf and GELU without libm, so that a loop over them becomes vector code and
+ * every device computes them alike. The errors stated are bounds that
+ * tests/math/t-approx.c holds on a dense sweep.
+ *
+ * No special cases: arguments outside the range are clamped, NaN stays NaN. */
+#ifndef SPIN_MATH_APPROX_H
+#define SPIN_MATH_APPROX_H
+
+#include "math/portable.h"
+
+SPIN_FN float spin_float_of_bits(uint32_t bits)
+{
+#if defined(__CUDA_ARCH__)
+    return __uint_as_float(bits);
+#else
+    union {
+        uint32_t u;
+        float f;
+    } pun;
+    pun.u = bits;
+    return pun.f;
+#endif
+}
+
+SPIN_FN uint32_t spin_bits_of_float(float x)
+{
+#if defined(__CUDA_ARCH__)
+    return __float_as_uint(x);
+#else
+    union {
+        uint32_t u;
+        float f;
+    } pun;
+    pun.f = x;
+    return pun.u;
+#endif
+}
+
+/* Adding 1.5 * 2^23 leaves the nearest integer in the low bits of the float. */
+#define SPIN_ROUND_MAGIC 12582912.0f
+#define SPIN_ROUND_BITS 0x4b400000u
+
+/* 2^x for -126 <= x <= 127, clamped to that. Relative error 3e-7; degree 5 minimax on [-1/2,
+ * 1/2]. */
+SPIN_FN float spin_exp2(float x)
+{
+    float shifted, f, p;
+
+    x = x < -126.0f ? -126.0f : x;
+    x = x > 127.0f ? 127.0f : x;
+    shifted = x + SPIN_ROUND_MAGIC;
+    f = x - (shifted - SPIN_ROUND_MAGIC);
+    p = 1.3276471979302398e-3f;
+    p = p * f + 9.675541334214534e-3f;
+    p = p * f + 5.550713273543044e-2f;
+    p = p * f + 2.40221197238485e-1f;
+    p = p * f + 6.93146967064733e-1f;
+    p = p * f + 1.0f;
+    return p * spin_float_of_bits((spin_bits_of_float(shifted) - SPIN_ROUND_BITS + 127u) << 23);
+}
+
+/* e^x for -87 <= x <= 88, clamped to that. Relative error 2e-7. e^x = 2^n e^f with |f| <= ln(2)/2;
+ * ln 2 is taken off in two parts so that f keeps its low bits. Degree 6, exact at f = 0. */
+SPIN_FN float spin_exp(float x)
+{
+    float shifted, n, f, p;
+
+    x = x < -87.0f ? -87.0f : x;
+    x = x > 88.0f ? 88.0f : x;
+    shifted = x * 1.44269504088896341f + SPIN_ROUND_MAGIC;
+    n = shifted - SPIN_ROUND_MAGIC;
+    f = x - n * 0.693359375f;
+    f = f + n * 2.12194440e-4f;
+    p = 1.381461276459081e-3f;
+    p = p * f + 8.368710026517165e-3f;
+    p = p * f + 4.166838738249959e-2f;
+    p = p * f + 1.6666520688169564e-1f;
+    p = p * f + 4.9999993451588126e-1f;
+    p = p * f * f + f + 1.0f;
+    return p * spin_float_of_bits((spin_bits_of_float(shifted) - SPIN_ROUND_BITS + 127u) << 23);
+}
+
+/* 1 / (1 + e^-x). Relative error 4e-7 for x >= -87, absolute error 2e-7 everywhere. */
+SPIN_FN float spin_sigmoid(float x) { return 1.0f / (1.0f + spin_exp(-x)); }
+
+/* Half the complementary error function of |x| / sqrt(2), that is Phi(-|x|), given e^(-x^2/2).
+ * Abramowitz and Stegun 7.1.26, absolute error 0.8e-7 plus rounding. */
+SPIN_FN float spin_normal_tail(float abs_x, float exp_half_x2)
+{
+    float t = 1.0f / (1.0f + 0.231641888f * abs_x); /* 0.3275911 / sqrt(2) */
+    float p = 0.5307027145f;                        /* 1.061405429 / 2, and so on */
+
+    p = p * t - 0.7265760135f;
+    p = p * t + 0.7107068705f;
+    p = p * t - 0.142248368f;
+    p = p * t + 0.127414796f;
+    return p * t * exp_half_x2;
+}
+
+/* erf(x). Absolute error 6e-7 (near 0, where it is a difference). */
+SPIN_FN float spin_erf(float x)
+{
+    float u = fabsf(x);
+    float e = spin_exp2(-1.44269504088896341f * u * u);
+    float y = 1.0f - 2.0f * spin_normal_tail(1.41421356237309505f * u, e);
+
+    return x < 0.0f ? -y : y;
+}
+
+/* GELU(x) = x Phi(x) in its exact (erf) form, method.md 3.4, and its slope Phi(x) + x phi(x). The
+ * one exponential e^(-x^2/2) serves both. Absolute error 5e-7 of the value for |x| <= 6 (above
+ * that of rounding alone), of the slope 5e-7. */
+SPIN_FN float spin_gelu_both(float x, float *slope)
+{
+    float u = fabsf(x);
+    float e = spin_exp2(-0.72134752044448170f * u * u); /* log2(e) / 2 */
+    float tail = spin_normal_tail(u, e);
+    float phi = x < 0.0f ? tail : 1.0f - tail;
+
+    *slope = phi + x * 0.39894228040143268f * e;
+    return x * phi;
+}
+
+SPIN_FN float spin_gelu(float x)
+{
+    float u = fabsf(x);
+    float e = spin_exp2(-0.72134752044448170f * u * u);
+    float tail = spin_normal_tail(u, e);
+
+    return x * (x < 0.0f ? tail : 1.0f - tail);
+}
+
+#endif

@@ -1,0 +1,157 @@
+/* One Gaussian at one pixel: alpha, one step front to back, one step back to front (method.md 4.2,
+ * 4.3; the single sum S is performance.md 4.5). Exponents are to the base 2 and contain the
+ * opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)). */
+#ifndef SPIN_MATH_BLEND_H
+#define SPIN_MATH_BLEND_H
+
+#include "math/approx.h"
+#include "math/portable.h"
+
+/* As in the 3DGS rasteriser; part of the result. */
+#define SPIN_ALPHA_MAX 0.99f
+#define SPIN_ALPHA_MIN_LOG2 -7.994353436858858f /* log2(1/255) */
+#define SPIN_T_MIN 1e-4f
+
+#define SPIN_LOG2_E 1.4426950408889634f
+
+/* log2 of a positive, normal float, absolute error 2e-7 of its fraction: the exponent, and a
+ * series in (m - 1)/(m + 1). */
+SPIN_FN float spin_blend_log2(float v)
+{
+    uint32_t bits = spin_bits_of_float(v);
+    int e = (int)(bits - 0x3f3504f3u) >> 23; /* mantissa into [sqrt 1/2, sqrt 2) */
+    float m = spin_float_of_bits(bits - ((uint32_t)e << 23)), s = (m - 1) / (m + 1), ss = s * s;
+
+    return (float)e + s * (2.885390082f + ss * (0.961796694f + ss * (0.577078016f + ss * 0.44f)));
+}
+
+/* A projected Gaussian made ready: the conic times -log2(e)/2 (b doubled), log2 of the opacity. */
+struct spin_blend_splat {
+    float u_px, v_px, a, b, c, log2_opacity;
+    float colour[3];
+};
+
+/* Half extents in pixels of the region where alpha can reach 1/255, rounded outwards; huge when
+ * the conic is too thin for float arithmetic to say, negative when there is none. On the ellipse
+ * of exponent -L the extents are sqrt(L c / (a c - b^2 / 4)) and likewise. The margins cover the
+ * rounding of the exponent, whose terms can be a c / det times larger than their sum. */
+SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, float *reach_x,
+                              float *reach_y)
+{
+    float level = log2_opacity - SPIN_ALPHA_MIN_LOG2 + 1e-4f;
+    float ac = a * c, det = ac - 0.25f * b * b;
+    float cancel = ac / det;
+    float by = level * (1 + 2e-6f * cancel) / det;
+    int usable = det > 0 && cancel < 1e4f;
+
+    *reach_x = !(level > 0) ? -1 : usable ? sqrtf(-c * by) * 1.0005f + 0.01f : 1e30f;
+    *reach_y = !(level > 0) ? -1 : usable ? sqrtf(-a * by) * 1.0005f + 0.01f : 1e30f;
+}
+
+/* A conic to the exponent's coefficients, in place; returns log2 of the opacity. One of 0, a
+ * denormal or NaN draws nothing; finished opacities are at most 1. */
+SPIN_FN float spin_blend_scale(float *a, float *b, float *c, float opacity)
+{
+    float log2_opacity = spin_blend_log2(spin_maxf(opacity, 1e-30f));
+
+    *a *= -0.5f * SPIN_LOG2_E;
+    *b *= -SPIN_LOG2_E;
+    *c *= -0.5f * SPIN_LOG2_E;
+    return spin_minf(log2_opacity, 100);
+}
+
+SPIN_FN struct spin_blend_splat spin_blend_prepare(float u_px, float v_px, const float *conic,
+                                                   float opacity, const float *colour)
+{
+    struct spin_blend_splat s = {
+        u_px, v_px, conic[0], conic[1], conic[2], 0, {colour[0], colour[1], colour[2]}};
+
+    s.log2_opacity = spin_blend_scale(&s.a, &s.b, &s.c, opacity);
+    return s;
+}
+
+/* The exponent without the opacity; above 0 the pair is skipped. */
+SPIN_FN float spin_blend_power(const struct spin_blend_splat *s, float dx, float dy)
+{
+    return s->a * dx * dx + s->b * dx * dy + s->c * dy * dy;
+}
+
+/* True when the pair counts. */
+SPIN_FN int spin_blend_counts(float power, float log2_opacity)
+{
+    return power <= 0 && power + log2_opacity >= SPIN_ALPHA_MIN_LOG2;
+}
+
+struct spin_blend_pixel {
+    float t, colour[3]; /* transmittance so far, colour so far */
+    int stopped;
+};
+
+/* One step front to back. Returns 1 when the Gaussian was added. */
+SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy,
+                            struct spin_blend_pixel *pixel)
+{
+    float power = spin_blend_power(s, dx, dy), alpha, t;
+
+    if (pixel->stopped || !spin_blend_counts(power, s->log2_opacity))
+        return 0;
+    alpha = spin_minf(spin_exp2(power + s->log2_opacity), SPIN_ALPHA_MAX);
+    t = pixel->t - alpha * pixel->t;
+    if (t < SPIN_T_MIN) {
+        pixel->stopped = 1;
+        return 0;
+    }
+    for (int c = 0; c < 3; c++)
+        pixel->colour[c] += alpha * pixel->t * s->colour[c];
+    pixel->t = t;
+    return 1;
+}
+
+/* What a Gaussian's gradient is made of: sums over its pixels of w g, and of de dx^i dy^j, where
+ * de is dL/d(exponent to the base e). */
+struct spin_blend_sums {
+    float colour[3], e, ex, ey, exx, exy, eyy;
+};
+
+struct spin_blend_pixel_adj {
+    float t;    /* transmittance behind the Gaussian; in front of it afterwards */
+    float s;    /* sum over all behind of w (c . g), the background included */
+    float g[3]; /* dL/dpixel */
+};
+
+/* One step back to front, for a pair that was added. The gradient passes the cap of alpha. */
+SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, float dy,
+                                 struct spin_blend_pixel_adj *pixel, struct spin_blend_sums *sums)
+{
+    float raw = spin_exp2(spin_blend_power(s, dx, dy) + s->log2_opacity);
+    float alpha = spin_minf(raw, SPIN_ALPHA_MAX), back = 1 / (1 - alpha);
+    float t = pixel->t * back, w = alpha * t;
+    float cg = s->colour[0] * pixel->g[0] + s->colour[1] * pixel->g[1] + s->colour[2] * pixel->g[2];
+    float de = raw * (t * cg - pixel->s * back);
+
+    pixel->t = t;
+    pixel->s += w * cg;
+    for (int c = 0; c < 3; c++)
+        sums->colour[c] += w * pixel->g[c];
+    sums->e += de;
+    sums->ex += de * dx;
+    sums->ey += de * dy;
+    sums->exx += de * dx * dx;
+    sums->exy += de * dx * dy;
+    sums->eyy += de * dy * dy;
+}
+
+/* From the sums to the gradients of u, v, the conic and the opacity. */
+SPIN_FN void spin_blend_finish_adj(const float *conic, float opacity,
+                                   const struct spin_blend_sums *sums, float *d_u, float *d_v,
+                                   float *d_conic, float *d_opacity)
+{
+    *d_u = -conic[0] * sums->ex - conic[1] * sums->ey;
+    *d_v = -conic[2] * sums->ey - conic[1] * sums->ex;
+    d_conic[0] = -0.5f * sums->exx;
+    d_conic[1] = -sums->exy;
+    d_conic[2] = -0.5f * sums->eyy;
+    *d_opacity = opacity > 0 ? sums->e / opacity : 0;
+}
+
+#endif

@@ -1,0 +1,58 @@
+/* Unbounded space into the unit cube (SPIN-4DGS; method.md 3.1).
+ *
+ * Inside the unit ball a point stays; outside, radius r becomes 2 - 1/r, so everything ends inside
+ * radius 2. A quarter of that, plus a half, is the unit cube.
+ * With s(r) the factor applied to p:   s = 1            for r <= 1
+ *                                      s = (2 - 1/r)/r  for r > 1
+ * Both pieces have value 1 and radial slope 1 at r = 1, so the map has no crease and the adjoint
+ * needs no special case on the sphere. */
+#ifndef SPIN_MATH_CONTRACT_H
+#define SPIN_MATH_CONTRACT_H
+
+#include "math/portable.h"
+
+/* [0, 1]; the rounding guard of method.md 3.3: 1 + 1e-7 would be out of range. NaN stays. */
+SPIN_FN float spin_clamp_unit(float x)
+{
+    x = x < 0.0f ? 0.0f : x;
+    return x > 1.0f ? 1.0f : x;
+}
+
+/* The scene's similarity transform. Kept below 1e18 so that squares stay finite. */
+SPIN_FN float spin_contract_axis(float p_w, float centre, float inv_radius)
+{
+    float x = (p_w - centre) * inv_radius;
+
+    x = x < -1e18f ? -1e18f : x;
+    return x > 1e18f ? 1e18f : x;
+}
+
+SPIN_FN spin_vec3 spin_contract(spin_vec3 p)
+{
+    float r2 = spin_dot3(p, p), s = 1.0f;
+
+    if (r2 > 1.0f) {
+        float inv_r = 1.0f / sqrtf(r2);
+        s = (2.0f - inv_r) * inv_r;
+    }
+    return spin_v3(spin_clamp_unit(0.25f * s * p.x + 0.5f), spin_clamp_unit(0.25f * s * p.y + 0.5f),
+                   spin_clamp_unit(0.25f * s * p.z + 0.5f));
+}
+
+/* For u = s(r) p:  d_p = s d_u + (s'(r) / r) (p . d_u) p,  and with n = p/r the second factor of
+ * the outer piece is (1/r^2 - s) n (n . d_u), which stays finite where p p^T would not. The
+ * quarter is the scale of the cube. */
+SPIN_FN spin_vec3 spin_contract_adj(spin_vec3 p, spin_vec3 d_u)
+{
+    float r2 = spin_dot3(p, p), s = 1.0f, k = 0.0f, inv_r = 0.0f;
+
+    if (r2 > 1.0f) {
+        inv_r = 1.0f / sqrtf(r2);
+        s = (2.0f - inv_r) * inv_r;
+        k = (inv_r * inv_r - s) * (p.x * inv_r * d_u.x + p.y * inv_r * d_u.y + p.z * inv_r * d_u.z);
+    }
+    return spin_v3(0.25f * (s * d_u.x + k * inv_r * p.x), 0.25f * (s * d_u.y + k * inv_r * p.y),
+                   0.25f * (s * d_u.z + k * inv_r * p.z));
+}
+
+#endif

@@ -1,0 +1,78 @@
+/* The 4-D hash grid of DASH: level sizes, the cell of a point, the row of a corner
+ * (hash-encoder-4d.md).
+ *
+ * Vertex k of an axis sits at k / scale; corner number k of a cell has bit d set for the upper
+ * vertex of axis d; its weight is the product of smoothstep weights. */
+#ifndef SPIN_MATH_GRID_H
+#define SPIN_MATH_GRID_H
+
+#include "math/portable.h"
+
+/* The factors of the spatial hash; the first is 1, so the x-neighbour usually shares a cache
+ * line. */
+#define SPIN_GRID_PRIME_X 1u
+#define SPIN_GRID_PRIME_Y 2654435761u
+#define SPIN_GRID_PRIME_Z 805459861u
+#define SPIN_GRID_PRIME_T 3674653429u
+
+/* Weight of the upper vertex at r in [0, 1] of the cell, and its slope. */
+SPIN_FN float spin_smoothstep(float r) { return r * r * (3.0f - 2.0f * r); }
+SPIN_FN float spin_smoothstep_slope(float r) { return 6.0f * r * (1.0f - r); }
+
+SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
+{
+    return (q[0] * SPIN_GRID_PRIME_X) ^ (q[1] * SPIN_GRID_PRIME_Y) ^ (q[2] * SPIN_GRID_PRIME_Z) ^
+           (q[3] * SPIN_GRID_PRIME_T);
+}
+
+/* A level is dense when all its vertices have a row of their own (equality is dense). The product
+ * is taken in 64 bits: in 32 it wraps to 0 at 2048^3 and the level would lose its hash (method.md
+ * 14). */
+SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
+{
+    uint64_t product = 1;
+
+    for (int d = 0; d < 4; d++) {
+        product *= res[d];
+        if (product > rows)
+            return 1;
+    }
+    return 0;
+}
+
+/* Row, within a level of `rows` rows, of the vertex q. */
+SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint32_t rows,
+                               int hashed)
+{
+    if (hashed)
+        return spin_grid_hash(q) % rows;
+    return (q[0] + res[0] * (q[1] + res[1] * (q[2] + res[2] * q[3]))) % rows;
+}
+
+/* Geometry of one level of our own network (method.md 3.3): n = base * growth^level vertices per
+ * axis in double, the last level exactly `finest`; scale = n - 1; 1e-9 is rounded away before the
+ * ceil. One level alone uses `base`. Returns its rows, min(2^log2_rows, product of res). */
+SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], const int finest[4],
+                                 int log2_rows, float scale[4], uint32_t res[4], int *hashed)
+{
+    uint64_t most = (uint64_t)1 << log2_rows, product = 1;
+
+    for (int d = 0; d < 4; d++) {
+        double n = base[d];
+
+        if (level > 0 && level == n_levels - 1)
+            n = finest[d];
+        else if (level > 0)
+            n *= pow((double)finest[d] / base[d], (double)level / (n_levels - 1));
+        scale[d] = (float)(n - 1.0);
+        res[d] = (uint32_t)ceil(n - 1.0 - 1e-9) + 1u;
+    }
+    *hashed = spin_grid_is_hashed(res, most);
+    if (*hashed)
+        return most;
+    for (int d = 0; d < 4; d++)
+        product *= res[d];
+    return product;
+}
+
+#endif

@@ -1,0 +1,83 @@
+/* L1, the SSIM window and one pixel of the SSIM map with its slopes (method.md 5); PSNR (section
+ * 8). */
+#ifndef SPIN_MATH_LOSS_H
+#define SPIN_MATH_LOSS_H
+
+#include <stddef.h>
+
+#include "math/portable.h"
+
+#define SPIN_SSIM_HALF 5 /* the window is 11 x 11, separable, sigma 1.5, zero padding */
+#define SPIN_SSIM_C1 1e-4f
+#define SPIN_SSIM_C2 9e-4f
+
+/* exp(-k^2 / 4.5) / sum, for k = 0..5 */
+#define SPIN_SSIM_WINDOW                                                                           \
+    {                                                                                              \
+        0.26601172486f, 0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f,            \
+            0.00102838008f                                                                         \
+    }
+
+struct spin_ssim_slope {
+    float d_mu, d_xx, d_xy; /* of the map at this pixel, to the windowed means of x, x^2, x y */
+};
+
+/* mu_x, mu_y, and the windowed means of x^2 + y^2 and x y. The variances enter only as their sum.
+ * It is kept from rounding below zero: flat images far from 0..1 would otherwise divide by
+ * nothing. */
+SPIN_FN float spin_ssim(float mu_x, float mu_y, float mean_squares, float mean_xy,
+                        struct spin_ssim_slope *slope)
+{
+    float squares = mu_x * mu_x + mu_y * mu_y;
+    float a1 = 2 * mu_x * mu_y + SPIN_SSIM_C1;
+    float a2 = 2 * (mean_xy - mu_x * mu_y) + SPIN_SSIM_C2;
+    float b1 = squares + SPIN_SSIM_C1;
+    float b2 = spin_maxf(mean_squares - squares, 0) + SPIN_SSIM_C2;
+    float i1 = 1 / b1, i2 = 1 / b2;
+    float s = a1 * a2 * i1 * i2;
+
+    slope->d_mu = 2 * mu_y * (a2 - a1) * i1 * i2 - 2 * mu_x * s * (i1 - i2);
+    slope->d_xx = -s * i2;
+    slope->d_xy = 2 * a1 * i1 * i2;
+    return s;
+}
+
+/* Slope of |v|: 0 at 0. */
+SPIN_FN float spin_sign(float v) { return (float)(v > 0) - (float)(v < 0); }
+
+/* Decibels of a mean squared error of images in 0..1. Equal images: infinity. */
+SPIN_FN double spin_psnr(double mse) { return -10 * log10(mse); }
+
+/* Mean squared error of n values, both clamped to 0..1 first when asked. */
+SPIN_FN double spin_mse(const float *image, const float *truth, size_t n, int clamp)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        float v = image[i], d;
+        if (clamp)
+            v = spin_minf(spin_maxf(v, 0), 1);
+        d = v - truth[i];
+        sum += (double)d * d;
+    }
+    return n ? sum / (double)n : 0;
+}
+
+/* Over all channels of planar images [3][n_pixels], and the mean of the channels' own, which is
+ * what 3DGS prints in training. */
+SPIN_FN double spin_psnr_image(const float *image, const float *truth, size_t n_pixels, int clamp)
+{
+    return spin_psnr(spin_mse(image, truth, 3 * n_pixels, clamp));
+}
+
+SPIN_FN double spin_psnr_channel_mean(const float *image, const float *truth, size_t n_pixels,
+                                      int clamp)
+{
+    double sum = 0;
+
+    for (int c = 0; c < 3; c++)
+        sum += spin_psnr(spin_mse(image + c * n_pixels, truth + c * n_pixels, n_pixels, clamp));
+    return sum / 3;
+}
+
+#endif

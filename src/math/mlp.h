@@ -1,0 +1,34 @@
+/* A head: three Linear layers with an activation after the first and second (method.md 3.4). The
+ * matrix products are the devices' business; here are the layout of its parameters and the
+ * activation. */
+#ifndef SPIN_MATH_MLP_H
+#define SPIN_MATH_MLP_H
+
+#include <stddef.h>
+
+#include "math/approx.h"
+
+/* Where the pieces of one head begin, in floats: w1 [hidden][n_in] b1 [hidden] w2 [hidden][hidden]
+ * b2 [hidden] w3 [n_out][hidden] b3 [n_out]; y = W x + b. size is the whole head. */
+struct spin_head_layout {
+    size_t w1, b1, w2, b2, w3, b3, size;
+};
+
+SPIN_FN struct spin_head_layout spin_head_layout(int n_in, int hidden, int n_out)
+{
+    struct spin_head_layout at;
+
+    at.w1 = 0;
+    at.b1 = at.w1 + (size_t)hidden * n_in;
+    at.w2 = at.b1 + (size_t)hidden;
+    at.b2 = at.w2 + (size_t)hidden * hidden;
+    at.w3 = at.b2 + (size_t)hidden;
+    at.b3 = at.w3 + (size_t)n_out * hidden;
+    at.size = at.b3 + (size_t)n_out;
+    return at;
+}
+
+SPIN_FN float spin_relu(float x) { return x < 0.0f ? 0.0f : x; }
+SPIN_FN float spin_relu_slope(float x) { return x > 0.0f ? 1.0f : 0.0f; }
+
+#endif

@@ -1,0 +1,204 @@
+/* From a Gaussian in space to an ellipse on the screen, and back (method.md 4.1 and 4.3). */
+#ifndef SPIN_MATH_PROJECT_H
+#define SPIN_MATH_PROJECT_H
+
+#include "math/portable.h"
+
+/* As in the 3DGS rasteriser; part of the result. */
+#define SPIN_PROJECT_NEAR 0.2f
+#define SPIN_PROJECT_DILATION 0.3f
+
+struct spin_lens {
+    float fx, fy, cx, cy;   /* pixels */
+    float limit_x, limit_y; /* of x/z and y/z in the Jacobian */
+    const float *r, *t;     /* [9], [3]: world to camera */
+};
+
+/* What forward and backward both need. */
+struct spin_footprint {
+    spin_vec3 p; /* mean in the camera */
+    float x, y;  /* p.x, p.y clamped for the Jacobian */
+    int x_clamped, y_clamped;
+    float a[2][3];            /* J R */
+    float rot[3][3], m[3][3]; /* of the quaternion; rot * diag(scale) */
+    float k[2][3];            /* a m: the 2-D covariance is k k^T + dilation */
+};
+
+struct spin_ellipse {
+    float u_px, v_px, conic[3];
+    float radius_px; /* whole; not finite or 0 when there is nothing to draw */
+};
+
+SPIN_FN spin_vec3 spin_to_camera(const float *r, const float *t, spin_vec3 w)
+{
+    return spin_v3(r[0] * w.x + r[1] * w.y + r[2] * w.z + t[0],
+                   r[3] * w.x + r[4] * w.y + r[5] * w.z + t[1],
+                   r[6] * w.x + r[7] * w.y + r[8] * w.z + t[2]);
+}
+
+/* Unit quaternion (w, x, y, z) to matrix. */
+SPIN_FN void spin_rotation(const float *q, float rot[3][3])
+{
+    float w = q[0], x = q[1], y = q[2], z = q[3];
+
+    rot[0][0] = 1 - 2 * (y * y + z * z);
+    rot[0][1] = 2 * (x * y - w * z);
+    rot[0][2] = 2 * (x * z + w * y);
+    rot[1][0] = 2 * (x * y + w * z);
+    rot[1][1] = 1 - 2 * (x * x + z * z);
+    rot[1][2] = 2 * (y * z - w * x);
+    rot[2][0] = 2 * (x * z - w * y);
+    rot[2][1] = 2 * (y * z + w * x);
+    rot[2][2] = 1 - 2 * (x * x + y * y);
+}
+
+/* d_q [4] += for g = dL/drot. The plain derivative: no projection onto the unit sphere. */
+SPIN_FN void spin_rotation_adj(const float *q, float g[3][3], float *d_q)
+{
+    float w = q[0], x = q[1], y = q[2], z = q[3];
+
+    d_q[0] += 2 * (z * (g[1][0] - g[0][1]) + y * (g[0][2] - g[2][0]) + x * (g[2][1] - g[1][2]));
+    d_q[1] += 2 * (y * (g[0][1] + g[1][0]) + z * (g[0][2] + g[2][0]) + w * (g[2][1] - g[1][2])) -
+              4 * x * (g[1][1] + g[2][2]);
+    d_q[2] += 2 * (x * (g[0][1] + g[1][0]) + w * (g[0][2] - g[2][0]) + z * (g[1][2] + g[2][1])) -
+              4 * y * (g[0][0] + g[2][2]);
+    d_q[3] += 2 * (w * (g[1][0] - g[0][1]) + x * (g[0][2] + g[2][0]) + y * (g[1][2] + g[2][1])) -
+              4 * z * (g[0][0] + g[1][1]);
+}
+
+SPIN_FN float spin_clampf(float v, float limit)
+{
+    return v > limit ? limit : v < -limit ? -limit : v;
+}
+
+/* p is the mean in the camera, with p.z > 0. */
+SPIN_FN void spin_footprint_from(const struct spin_lens *lens, spin_vec3 p, const float *scale,
+                                 const float *q, struct spin_footprint *f)
+{
+    const float *r = lens->r;
+    float inv_z = 1 / p.z, tx = p.x * inv_z, ty = p.y * inv_z;
+    float cx = spin_clampf(tx, lens->limit_x), cy = spin_clampf(ty, lens->limit_y);
+
+    f->p = p;
+    f->x_clamped = cx != tx;
+    f->y_clamped = cy != ty;
+    f->x = cx * p.z;
+    f->y = cy * p.z;
+    spin_rotation(q, f->rot);
+    for (int j = 0; j < 3; j++) {
+        f->a[0][j] = lens->fx * inv_z * (r[j] - cx * r[6 + j]);
+        f->a[1][j] = lens->fy * inv_z * (r[3 + j] - cy * r[6 + j]);
+        for (int i = 0; i < 3; i++)
+            f->m[i][j] = f->rot[i][j] * scale[j];
+    }
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 3; j++)
+            f->k[i][j] =
+                f->a[i][0] * f->m[0][j] + f->a[i][1] * f->m[1][j] + f->a[i][2] * f->m[2][j];
+}
+
+/* With the rows k0, k1 of the footprint the determinant is |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2:
+ * a sum of positive terms, where a c - b^2 would cancel for needles. */
+SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
+                                              const struct spin_footprint *f)
+{
+    struct spin_ellipse e;
+    spin_vec3 k0 = spin_v3(f->k[0][0], f->k[0][1], f->k[0][2]);
+    spin_vec3 k1 = spin_v3(f->k[1][0], f->k[1][1], f->k[1][2]);
+    spin_vec3 n =
+        spin_v3(k0.y * k1.z - k0.z * k1.y, k0.z * k1.x - k0.x * k1.z, k0.x * k1.y - k0.y * k1.x);
+    float dil = SPIN_PROJECT_DILATION;
+    float aa = spin_dot3(k0, k0), b = spin_dot3(k0, k1), cc = spin_dot3(k1, k1);
+    float a = aa + dil, c = cc + dil;
+    float det = spin_dot3(n, n) + dil * (aa + cc) + dil * dil;
+    float half = 0.5f * (aa - cc), mid = 0.5f * (a + c), inv = 1 / det;
+
+    e.u_px = lens->fx * f->p.x / f->p.z + lens->cx - 0.5f;
+    e.v_px = lens->fy * f->p.y / f->p.z + lens->cy - 0.5f;
+    e.conic[0] = c * inv;
+    e.conic[1] = -b * inv;
+    e.conic[2] = a * inv;
+    e.radius_px = ceilf(3 * sqrtf(mid + sqrtf(spin_maxf(half * half + b * b, 0.1f))));
+    return e;
+}
+
+/* d_k [2][3] = from the gradient of the conic. The conic is the inverse of C = k k^T + dilation,
+ * so dL/dC = -conic G conic. In double: for a needle of aspect 100 these products cancel to 1e-4
+ * of their terms. */
+SPIN_FN void spin_conic_adj(const struct spin_footprint *f, const float *d_conic, float d_k[2][3])
+{
+    double k00 = f->k[0][0], k01 = f->k[0][1], k02 = f->k[0][2];
+    double k10 = f->k[1][0], k11 = f->k[1][1], k12 = f->k[1][2];
+    double nx = k01 * k12 - k02 * k11, ny = k02 * k10 - k00 * k12, nz = k00 * k11 - k01 * k10;
+    double aa = k00 * k00 + k01 * k01 + k02 * k02, cc = k10 * k10 + k11 * k11 + k12 * k12;
+    double bb = k00 * k10 + k01 * k11 + k02 * k12, dil = SPIN_PROJECT_DILATION;
+    double inv = 1 / (nx * nx + ny * ny + nz * nz + dil * (aa + cc) + dil * dil);
+    double a = (cc + dil) * inv, b = -bb * inv, c = (aa + dil) * inv;
+    double ga = d_conic[0], gb = d_conic[1], gc = d_conic[2];
+    /* dL/d of the covariance's xx, yy, and both its xy */
+    double dxx = -(a * a * ga + a * b * gb + b * b * gc);
+    double dyy = -(b * b * ga + b * c * gb + c * c * gc);
+    double dxy = -(2 * a * b * ga + (a * c + b * b) * gb + 2 * b * c * gc);
+
+    for (int j = 0; j < 3; j++) {
+        d_k[0][j] = (float)(2 * dxx * f->k[0][j] + dxy * f->k[1][j]);
+        d_k[1][j] = (float)(dxy * f->k[0][j] + 2 * dyy * f->k[1][j]);
+    }
+}
+
+/* From the gradient of u, v and the conic: d_scale [3] +=, d_q [4] +=, d_pos_w [3] +=. Where x or
+ * y was clamped in the Jacobian it counts as a constant, as in 3DGS: no gradient through p.x or
+ * p.y there. */
+SPIN_FN void spin_ellipse_adj(const struct spin_lens *lens, const struct spin_footprint *f,
+                              const float *scale, const float *q, float d_u, float d_v,
+                              const float *d_conic, float *d_scale, float *d_q, float *d_pos_w)
+{
+    const float *r = lens->r;
+    float d_k[2][3], d_a[2][3], d_j[2][3], d_m[3][3], d_rot[3][3];
+    float inv_z = 1 / f->p.z, inv_z2 = inv_z * inv_z, fx2 = lens->fx * inv_z2,
+          fy2 = lens->fy * inv_z2;
+    float dp[3];
+
+    spin_conic_adj(f, d_conic, d_k);
+    for (int j = 0; j < 3; j++)
+        for (int i = 0; i < 3; i++) {
+            d_m[i][j] = f->a[0][i] * d_k[0][j] + f->a[1][i] * d_k[1][j];
+            d_rot[i][j] = d_m[i][j] * scale[j];
+            d_scale[j] += d_m[i][j] * f->rot[i][j];
+        }
+    spin_rotation_adj(q, d_rot, d_q);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 3; j++)
+            d_a[i][j] = d_k[i][0] * f->m[j][0] + d_k[i][1] * f->m[j][1] + d_k[i][2] * f->m[j][2];
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 3; j++)
+            d_j[i][j] = d_a[i][0] * r[3 * j] + d_a[i][1] * r[3 * j + 1] + d_a[i][2] * r[3 * j + 2];
+    dp[0] = lens->fx * inv_z * d_u - (f->x_clamped ? 0 : fx2 * d_j[0][2]);
+    dp[1] = lens->fy * inv_z * d_v - (f->y_clamped ? 0 : fy2 * d_j[1][2]);
+    dp[2] = -fx2 * (d_j[0][0] + f->p.x * d_u) - fy2 * (d_j[1][1] + f->p.y * d_v) +
+            2 * inv_z * (fx2 * f->x * d_j[0][2] + fy2 * f->y * d_j[1][2]);
+    for (int j = 0; j < 3; j++)
+        d_pos_w[j] += r[j] * dp[0] + r[3 + j] * dp[1] + r[6 + j] * dp[2];
+}
+
+/* Unit vector from the camera centre to the mean, and its length. */
+SPIN_FN spin_vec3 spin_view_direction(const float *centre, const float *pos_w, float *distance)
+{
+    spin_vec3 d = spin_v3(pos_w[0] - centre[0], pos_w[1] - centre[1], pos_w[2] - centre[2]);
+    float length = sqrtf(spin_dot3(d, d)), inv = 1 / length;
+
+    *distance = length;
+    return spin_v3(d.x * inv, d.y * inv, d.z * inv);
+}
+
+/* d_pos_w [3] += (I - d d^T) d_d / distance */
+SPIN_FN void spin_view_direction_adj(spin_vec3 d, float distance, spin_vec3 d_d, float *d_pos_w)
+{
+    float along = spin_dot3(d, d_d), inv = 1 / distance;
+
+    d_pos_w[0] += (d_d.x - along * d.x) * inv;
+    d_pos_w[1] += (d_d.y - along * d.y) * inv;
+    d_pos_w[2] += (d_d.z - along * d.z) * inv;
+}
+
+#endif

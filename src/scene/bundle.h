@@ -1,0 +1,74 @@
+/* Reading and writing *.spin: a zip of npy arrays and meta.json. See man/spin-bundle.5.
+ *
+ *   meta.json
+ *   source/<column>/<index, 5 digits>.npy    one frame of a column, or
+ *   source/<column>.npy                      a column that is the same in every frame
+ *   network/means/<index>.npy                positions after retraining
+ *   network/table.npy  network/heads.npy ... what core/model keeps
+ *
+ * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];
+ * all little-endian float32. <index> is the frame's place in meta.json's list, not its number. */
+#ifndef SPIN_SCENE_BUNDLE_H
+#define SPIN_SCENE_BUNDLE_H
+
+#include "io/json.h"
+#include "io/npy.h"
+#include "spin.h"
+
+/* What meta.json says, less the network's own part. */
+struct spin_bundle_meta {
+    char from[32];                  /* importer */
+    char upstream[160];
+    char variant[128];
+    int n_frames;
+    struct spin_frame_info *frame;  /* [n_frames] */
+    int *source_index;              /* [n_frames] place in the whole source clip */
+    int n_source_frames;            /* frames of the source clip before any range */
+    bool numbered;                  /* frame numbers are the source's own */
+    unsigned columns, still_columns;
+    int sh_degree;                  /* -1: none */
+    char *data_path;                /* as stored: relative to the bundle's folder, or absolute; NULL */
+    char data_from[32];
+};
+spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
+void spin_bundle_meta_free(struct spin_bundle_meta *meta);
+
+/* An open bundle. */
+struct spin_bundle {
+    char *path;
+    struct spin_npz npz;
+    spin_json *json;                /* meta.json, whole */
+    struct spin_bundle_meta meta;
+};
+/* Every member's header is checked against meta.json before this returns. */
+spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
+void spin_bundle_close(struct spin_bundle *bundle);
+/* The data set's folder, made absolute against the bundle's place; NULL when there is none. Allocated. */
+spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);
+/* The source's columns of one frame. */
+spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
+                              struct spin_splats *out);
+
+/* Writing. Frames in order, then spin_bundle_writer_finish() writes meta.json and commits. */
+struct spin_bundle_writer {
+    struct spin_zip_writer zip;
+    unsigned still_written;
+};
+spin_status spin_bundle_writer_open(const char *path, bool force, struct spin_bundle_writer *w);
+/* Columns in `columns` of frame `index`; those in still_columns are written at index 0 only. */
+spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
+                                    unsigned still_columns, const struct spin_splats *splats);
+/* Copy every member below "source/" of an open bundle as it is. */
+spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct spin_bundle *from);
+/* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must be
+ * set. data_path is stored as given. */
+spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w, const struct spin_bundle_meta *meta,
+                                      spin_json *extra);
+void spin_bundle_writer_abandon(struct spin_bundle_writer *w);
+
+/* "means" for SPIN_COL_MEANS, ... and floats per row (sh: with this degree). */
+const char *spin_column_name(enum spin_column column);
+size_t spin_column_width(enum spin_column column, int sh_degree);
+float **spin_column_of(struct spin_splats *s, enum spin_column column);
+
+#endif

@@ -1,0 +1,96 @@
+/* Choosing an importer: by name, or by asking every one of them to look at the input's outside. */
+#include "scene/detect.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "io/file.h"
+
+/* Two probes this close are a tie: the numbers are guesses. */
+#define TIE 10
+
+static bool is_candidate(const struct spin_importer *importer, bool want_views)
+{
+    return want_views ? importer->views != NULL : importer->open != NULL;
+}
+
+/* "d3dgs, ply" */
+static void list_names(bool want_views, char *text, size_t n_text)
+{
+    size_t used = 0;
+
+    text[0] = '\0';
+    for (size_t i = 0; spin_importers[i] && used < n_text; i++) {
+        if (is_candidate(spin_importers[i], want_views))
+            used += (size_t)snprintf(text + used, n_text - used, "%s%s", used ? ", " : "",
+                                     spin_importers[i]->name);
+    }
+}
+
+static spin_status find_by_name(const char *from, bool want_views, const struct spin_importer **out)
+{
+    char names[512];
+
+    for (size_t i = 0; spin_importers[i]; i++) {
+        if (strcmp(spin_importers[i]->name, from) == 0 &&
+            is_candidate(spin_importers[i], want_views)) {
+            *out = spin_importers[i];
+            return SPIN_OK;
+        }
+    }
+    list_names(want_views, names, sizeof names);
+    return spin_fail(SPIN_E_USAGE, "no importer of %s is called '%s'; there are %s",
+                     want_views ? "data sets" : "runs", from, names);
+}
+
+static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
+                                 const struct spin_importer **out)
+{
+    const struct spin_importer *best = NULL, *second = NULL;
+    int best_score = 0, second_score = 0;
+
+    for (size_t i = 0; spin_importers[i]; i++) {
+        const struct spin_importer *importer = spin_importers[i];
+        int score;
+
+        if (!is_candidate(importer, want_views) || !importer->probe)
+            continue;
+        score = importer->probe(peek);
+        if (score > best_score) {
+            second = best;
+            second_score = best_score;
+            best = importer;
+            best_score = score;
+        } else if (score > second_score) {
+            second = importer;
+            second_score = score;
+        }
+    }
+    if (!best)
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
+                         peek->path);
+    if (second && best_score - second_score < TIE)
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
+                         peek->path, best->name, second->name,
+                         want_views ? "--data-from" : "--from");
+    *out = best;
+    return SPIN_OK;
+}
+
+spin_status spin_importer_find(const char *path, const char *from, bool want_views,
+                               const struct spin_importer **out)
+{
+    struct spin_peek peek;
+    spin_status status;
+
+    *out = NULL;
+    if (from)
+        return find_by_name(from, want_views, out);
+    SPIN_TRY(spin_peek_open(path, &peek));
+    status = find_by_probe(&peek, want_views, out);
+    spin_peek_free(&peek);
+    return status;
+}

@@ -1,0 +1,117 @@
+/* The plain data of spin.h, parts 2 to 4: columns that grow, lists of views, options by name. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+#define N_COLUMNS 6
+
+/* Where a column hangs and how many floats its rows have. */
+static float **column_at(struct spin_splats *s, int column)
+{
+    float **columns[N_COLUMNS] = {&s->means,           &s->quats, &s->log_scales,
+                                  &s->logit_opacities, &s->sh,    &s->rgb};
+
+    return columns[column];
+}
+
+static size_t column_width(int column, int sh_degree)
+{
+    size_t side = sh_degree > 0 ? (size_t)sh_degree + 1 : 1;
+    const size_t widths[N_COLUMNS] = {3, 4, 3, 1, 3 * side * side, 3};
+
+    return widths[column];
+}
+
+/* Make one column hold n rows of row_bytes, letting go of the old one first: contents do not matter
+ * and two at a time might not fit. */
+static spin_status column_reserve(float **column, size_t *held, size_t n, size_t row_bytes)
+{
+    size_t bytes;
+
+    if (!spin_mul_size(n, row_bytes, &bytes))
+        return spin_fail(SPIN_E_MEMORY, "%zu splats are more than memory can hold", n);
+    if (*column && bytes <= *held)
+        return SPIN_OK;
+    free(*column);
+    *column = NULL;
+    *held = 0;
+    /* An empty frame still has its columns. */
+    SPIN_TRY(spin_alloc(bytes ? bytes : row_bytes, 1, (void **)column));
+    *held = bytes ? bytes : row_bytes;
+    return SPIN_OK;
+}
+
+spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree)
+{
+    if ((columns & SPIN_COL_SH) && (sh_degree < 0 || sh_degree > 3))
+        return spin_fail(SPIN_E_UNSUPPORTED, "SH degree %d is not in 0..3", sh_degree);
+    s->n = 0;
+    s->sh_degree = sh_degree;
+    s->capacity = SIZE_MAX;
+    for (int i = 0; i < N_COLUMNS; i++) {
+        float **column = column_at(s, i);
+        size_t row_bytes = column_width(i, sh_degree) * sizeof(float);
+
+        /* Columns of an earlier call keep up, so that every column there is holds n rows. */
+        if (!*column && !(columns & 1u << i))
+            continue;
+        SPIN_TRY(column_reserve(column, &s->held[i], n, row_bytes));
+        if (s->held[i] / row_bytes < s->capacity)
+            s->capacity = s->held[i] / row_bytes;
+    }
+    if (s->capacity == SIZE_MAX)
+        s->capacity = 0;
+    s->n = n;
+    return SPIN_OK;
+}
+
+void spin_splats_free(struct spin_splats *s)
+{
+    for (int i = 0; i < N_COLUMNS; i++)
+        free(*column_at(s, i));
+    *s = (struct spin_splats){0};
+}
+
+spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
+{
+    char *path = NULL;
+
+    if (views->n == views->capacity) {
+        size_t capacity = views->capacity ? 2 * views->capacity : 64;
+
+        SPIN_TRY(spin_grow(capacity, sizeof *views->view, (void **)&views->view));
+        views->capacity = capacity;
+    }
+    if (v->path)
+        SPIN_TRY(spin_strdup(v->path, &path));
+    views->view[views->n] = *v;
+    views->view[views->n++].path = path;
+    if (v->row >= views->n_rows)
+        views->n_rows = v->row + 1;
+    return SPIN_OK;
+}
+
+void spin_views_free(struct spin_views *views)
+{
+    for (size_t i = 0; i < views->n; i++)
+        free(views->view[i].path);
+    free(views->view);
+    *views = (struct spin_views){0};
+}
+
+const char *spin_plugin_value(const struct spin_plugin_values *v, const char *key,
+                              const char *fallback)
+{
+    const char *found = fallback;
+
+    if (!v || !v->pairs)
+        return fallback;
+    /* Given twice, the last one counts, as everywhere on a command line. */
+    for (const char *const *pair = v->pairs; pair[0]; pair += 2) {
+        if (strcmp(pair[0], key) == 0)
+            found = pair[1] ? pair[1] : "";
+    }
+    return found;
+}

@@ -1,0 +1,390 @@
+/* The views of a data set: sorted, split, scaled, paired with a clip, and their pixels. */
+#include "scene/views.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "io/image.h"
+#include "scene/detect.h"
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static int by_row_and_camera(const void *a, const void *b)
+{
+    const struct spin_view *x = a, *y = b;
+
+    if (x->row != y->row)
+        return x->row < y->row ? -1 : 1;
+    if (x->camera_id != y->camera_id)
+        return x->camera_id < y->camera_id ? -1 : 1;
+    if (x->test != y->test)
+        return x->test ? 1 : -1;
+    return strcmp(x->path, y->path);
+}
+
+/* One number per row, growing from row to row: only then do numbers say which frame is which. */
+static bool are_numbered(const struct spin_views *views)
+{
+    for (size_t i = 0; i < views->n; i++) {
+        const struct spin_view *v = &views->view[i], *before = v - 1;
+
+        if (v->number < 0)
+            return false;
+        if (i > 0 &&
+            (v->row == before->row ? v->number != before->number : v->number <= before->number))
+            return false;
+    }
+    return true;
+}
+
+static void warn_duplicates(const struct spin_views *views)
+{
+    for (size_t i = 1; i < views->n; i++) {
+        const struct spin_view *v = &views->view[i], *before = v - 1;
+
+        if (v->row == before->row && v->camera_id == before->camera_id) {
+            spin_warn("'%s' and '%s' are both camera %d of frame %d", before->path, v->path,
+                      v->camera_id, v->row);
+            return;
+        }
+    }
+}
+
+static spin_status arrange(struct spin_views *views)
+{
+    if (views->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "it has no views");
+    qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
+    views->n_rows = views->view[views->n - 1].row + 1;
+    for (size_t i = 0; i < views->n; i++) {
+        int expected = i > 0 ? views->view[i - 1].row : 0;
+
+        if (views->view[i].row < expected || views->view[i].row > expected + (i > 0))
+            return spin_fail(SPIN_E_MALFORMED, "it has no view of frame %d", expected + (i > 0));
+    }
+    views->numbered = are_numbered(views);
+    warn_duplicates(views);
+    return SPIN_OK;
+}
+
+spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
+                            char *used_from, size_t n_used_from)
+{
+    const struct spin_importer *importer;
+    spin_status status;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY_OUT(spin_importer_find(path, from, true, &importer));
+    SPIN_TRY_OUT(importer->views(path, NULL, out));
+    SPIN_TRY_OUT(arrange(out));
+    if (used_from)
+        snprintf(used_from, n_used_from, "%s", importer->name);
+    return SPIN_OK;
+out:
+    spin_views_free(out);
+    return spin_more(status, "cannot read the data set '%s'", path);
+}
+
+/* ---- Split, size ----------------------------------------------------------------------------- */
+
+static bool contains(const int *list, int n, int value)
+{
+    for (int i = 0; i < n; i++) {
+        if (list[i] == value)
+            return true;
+    }
+    return false;
+}
+
+spin_status spin_views_split(struct spin_views *views, const int *test_cameras, int n)
+{
+    for (int i = 0; i < n; i++) {
+        size_t k = 0;
+
+        while (k < views->n && views->view[k].camera_id != test_cameras[i])
+            k++;
+        if (k == views->n)
+            return spin_fail(SPIN_E_USAGE, "the data set has no camera %d", test_cameras[i]);
+    }
+    for (size_t k = 0; k < views->n; k++)
+        views->view[k].test = contains(test_cameras, n, views->view[k].camera_id);
+    return SPIN_OK;
+}
+
+/* Focal lengths and centre go with the real ratio of the rounded sizes, without a half-pixel shift:
+ * that is what every reader of these data sets does. */
+static spin_status scale_camera(struct spin_camera *camera, double image_scale)
+{
+    double width = round(camera->width * image_scale), height = round(camera->height * image_scale);
+    double sx = width / camera->width, sy = height / camera->height;
+
+    if (!(width >= 1 && height >= 1 && width <= INT_MAX && height <= INT_MAX))
+        return spin_fail(SPIN_E_USAGE, "scale %g leaves nothing of an image of %d x %d pixels",
+                         image_scale, camera->width, camera->height);
+    camera->width = (int)width;
+    camera->height = (int)height;
+    camera->fx *= sx;
+    camera->cx *= sx;
+    camera->fy *= sy;
+    camera->cy *= sy;
+    return SPIN_OK;
+}
+
+spin_status spin_views_scale(struct spin_views *views, double image_scale)
+{
+    if (!(image_scale > 0 && image_scale <= 16))
+        return spin_fail(SPIN_E_USAGE, "image scale is %g, expected above 0 and at most 16",
+                         image_scale);
+    for (size_t i = 0; i < views->n; i++)
+        SPIN_TRY(scale_camera(&views->view[i].camera, image_scale));
+    return SPIN_OK;
+}
+
+/* ---- Pairing --------------------------------------------------------------------------------- */
+
+/* First view of a row, by bisection: views are sorted by row. */
+static const struct spin_view *first_of_row(const struct spin_views *views, int row)
+{
+    size_t low = 0, high = views->n;
+
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+
+        if (views->view[middle].row < row)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return &views->view[low];
+}
+
+/* Row with this frame number, or -1. Numbers grow with the row. */
+static int row_of_number(const struct spin_views *views, int number)
+{
+    int low = 0, high = views->n_rows - 1;
+
+    while (low <= high) {
+        int middle = low + (high - low) / 2;
+        int here = first_of_row(views, middle)->number;
+
+        if (here == number)
+            return middle;
+        if (here < number)
+            low = middle + 1;
+        else
+            high = middle - 1;
+    }
+    return -1;
+}
+
+static spin_status pair_by_number(const struct spin_views *views,
+                                  const struct spin_bundle_meta *meta, int *row_of_frame)
+{
+    if (!views->numbered || !meta->numbered)
+        return spin_fail(
+            SPIN_E_USAGE,
+            "cannot pair frames by number: %s has no frame numbers; --pair order pairs "
+            "them by order",
+            meta->numbered ? "the data set" : "the clip");
+    for (int i = 0; i < meta->n_frames; i++) {
+        row_of_frame[i] = row_of_number(views, meta->frame[i].number);
+        if (row_of_frame[i] < 0)
+            return spin_fail(
+                SPIN_E_USAGE,
+                "cannot pair frames by number: the clip has a frame %d, the data set has "
+                "%d to %d; --range leaves frames out, --pair order pairs them by order",
+                meta->frame[i].number, views->view[0].number, views->view[views->n - 1].number);
+    }
+    return SPIN_OK;
+}
+
+static spin_status pair_by_order(const struct spin_views *views,
+                                 const struct spin_bundle_meta *meta, int *row_of_frame)
+{
+    for (int i = 0; i < meta->n_frames; i++) {
+        if (meta->source_index[i] >= views->n_rows)
+            return spin_fail(
+                SPIN_E_USAGE,
+                "cannot pair frames by order: the clip has a frame at place %d, the data "
+                "set has %d frames",
+                meta->source_index[i], views->n_rows);
+        row_of_frame[i] = meta->source_index[i];
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,
+                            const char *pair, int *row_of_frame)
+{
+    if (strcmp(pair, "number") == 0)
+        return pair_by_number(views, meta, row_of_frame);
+    if (strcmp(pair, "order") == 0)
+        return pair_by_order(views, meta, row_of_frame);
+    if (strcmp(pair, "auto") != 0)
+        return spin_fail(SPIN_E_USAGE, "--pair is '%s', expected auto, number or order", pair);
+    if (views->numbered && meta->numbered)
+        return pair_by_number(views, meta, row_of_frame);
+    if (meta->n_source_frames != views->n_rows)
+        return spin_fail(
+            SPIN_E_USAGE,
+            "cannot pair frames: the clip was made of %d frames, the data set has %d, and "
+            "%s no frame numbers; --pair order pairs them from the first on",
+            meta->n_source_frames, views->n_rows,
+            views->numbered  ? "the clip has"
+            : meta->numbered ? "the data set has"
+                             : "neither has");
+    return pair_by_order(views, meta, row_of_frame);
+}
+
+/* ---- Extent ---------------------------------------------------------------------------------- */
+
+/* -R^T t */
+static void camera_centre(const struct spin_camera *camera, double out[3])
+{
+    const double *m = camera->w2c;
+
+    for (int i = 0; i < 3; i++)
+        out[i] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
+}
+
+double spin_views_extent(const struct spin_views *views)
+{
+    double mean[3] = {0}, centre[3], largest = 0;
+    size_t n = 0, n_row = 0, n_train = 0;
+
+    while (n_row < views->n && views->view[n_row].row == views->view[0].row)
+        n_train += !views->view[n_row++].test;
+    for (size_t i = 0; i < n_row; i++) {
+        if (n_train > 0 && views->view[i].test)
+            continue;
+        camera_centre(&views->view[i].camera, centre);
+        for (int c = 0; c < 3; c++)
+            mean[c] += centre[c];
+        n++;
+    }
+    for (int c = 0; c < 3 && n > 0; c++)
+        mean[c] /= (double)n;
+    for (size_t i = 0; i < n_row; i++) {
+        double squared = 0;
+
+        if (n_train > 0 && views->view[i].test)
+            continue;
+        camera_centre(&views->view[i].camera, centre);
+        for (int c = 0; c < 3; c++)
+            squared += (centre[c] - mean[c]) * (centre[c] - mean[c]);
+        largest = fmax(largest, sqrt(squared));
+    }
+    return 1.1 * largest;
+}
+
+/* ---- Pixels ---------------------------------------------------------------------------------- */
+
+spin_status spin_pixels_open(const struct spin_views *views, size_t budget, struct spin_pixels *out)
+{
+    void *block = NULL;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_alloc(views->n, sizeof *out->rgb, &block));
+    out->views = views;
+    out->rgb = block;
+    out->budget = budget;
+    return SPIN_OK;
+}
+
+void spin_pixels_close(struct spin_pixels *pixels)
+{
+    for (size_t i = 0; pixels->rgb && i < pixels->views->n; i++)
+        free(pixels->rgb[i]);
+    free(pixels->rgb);
+    memset(pixels, 0, sizeof *pixels);
+}
+
+/* Rounding both sides of a scaled image moves the ratio by up to a pixel; else one per cent. */
+static spin_status check_aspect(const struct spin_view *view, int width, int height)
+{
+    double expected = (double)view->camera.height * width / height;
+    double allowed = fmax(0.01 * view->camera.width, 0.5 + 0.5 * width / height);
+
+    if (fabs(view->camera.width - expected) <= allowed)
+        return SPIN_OK;
+    return spin_fail(
+        SPIN_E_MALFORMED,
+        "image '%s' has %d x %d pixels, which is another shape than the camera's %d x %d",
+        view->path, width, height, view->camera.width, view->camera.height);
+}
+
+/* An image of another size, filtered and rounded to 8 bits, so that a kept image and one decoded
+ * anew are the same. */
+static spin_status decode_filtered(const struct spin_view *view, uint8_t **out)
+{
+    size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
+    void *rgb = NULL, *image = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(plane, 3, &rgb));
+    SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), &image));
+    SPIN_TRY_OUT(spin_image_load(view->path, view->camera.width, view->camera.height, image));
+    for (size_t i = 0; i < plane; i++) {
+        for (size_t c = 0; c < 3; c++)
+            ((uint8_t *)rgb)[3 * i + c] = (uint8_t)lrintf(((float *)image)[c * plane + i] * 255.0f);
+    }
+    *out = rgb;
+    rgb = NULL;
+out:
+    free(rgb);
+    free(image);
+    return status;
+}
+
+/* 8-bit RGB at the camera's size. */
+static spin_status decode(const struct spin_view *view, uint8_t **out)
+{
+    int width, height, channels;
+
+    SPIN_TRY(spin_image_size(view->path, &width, &height, &channels));
+    if (width != view->camera.width || height != view->camera.height) {
+        SPIN_TRY(check_aspect(view, width, height));
+        return decode_filtered(view, out);
+    }
+    SPIN_TRY(spin_image_read(view->path, &width, &height, out));
+    if (width == view->camera.width && height == view->camera.height)
+        return SPIN_OK;
+    free(*out);
+    *out = NULL;
+    return spin_fail(SPIN_E_IO, "image '%s' changed while it was being read", view->path);
+}
+
+static void spread(const uint8_t *rgb, size_t plane, float *out)
+{
+    for (size_t c = 0; c < 3; c++) {
+        for (size_t i = 0; i < plane; i++)
+            out[c * plane + i] = (float)rgb[3 * i + c] / 255.0f;
+    }
+}
+
+spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out)
+{
+    const struct spin_view *v = &pixels->views->view[view];
+    size_t plane = (size_t)v->camera.width * (size_t)v->camera.height;
+    uint8_t *rgb = pixels->rgb[view];
+
+    if (rgb) {
+        spread(rgb, plane, out);
+        return SPIN_OK;
+    }
+    SPIN_TRY(decode(v, &rgb));
+    spread(rgb, plane, out);
+    if (3 * plane <= pixels->budget - pixels->held) {
+        pixels->rgb[view] = rgb;
+        pixels->held += 3 * plane;
+    } else {
+        free(rgb);
+    }
+    return SPIN_OK;
+}

@@ -1,0 +1,40 @@
+/* The views of a data set: which belong to which frame of the clip, and their pixels. */
+#ifndef SPIN_SCENE_VIEWS_H
+#define SPIN_SCENE_VIEWS_H
+
+#include "scene/bundle.h"
+
+/* Find the importer that reads data set `path` (from NULL: detect) and read all views. */
+spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
+                            char *used_from, size_t n_used_from);
+
+/* Override the split: cameras in the list are test, the others train. Every id must exist. */
+spin_status spin_views_split(struct spin_views *views, const int *test_cameras, int n);
+
+/* Scale every camera (image_scale 0.5: half the size, rounded). */
+spin_status spin_views_scale(struct spin_views *views, double image_scale);
+
+/* Data set row of each of the clip's frames. pair: "auto", "number", "order". By number where both
+ * have numbers, else by order when the whole source clip has as many frames as the data set; anything
+ * else is an error that names the option that decides. row_of_frame [meta->n_frames]. */
+spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,
+                            const char *pair, int *row_of_frame);
+
+/* 3DGS's spatial_lr_scale: 1.1 x the largest distance of a training camera of the first row from
+ * their mean. */
+double spin_views_extent(const struct spin_views *views);
+
+/* Pixels on demand: decoded once, kept as 8-bit while `budget` bytes last, decoded anew after that.
+ * Images are box-filtered to the camera's size where they differ by a whole factor or more; an aspect
+ * ratio that does not fit is an error. */
+struct spin_pixels {
+    const struct spin_views *views;
+    uint8_t **rgb;                  /* [views->n] */
+    size_t held, budget;
+};
+spin_status spin_pixels_open(const struct spin_views *views, size_t budget, struct spin_pixels *out);
+void spin_pixels_close(struct spin_pixels *pixels);
+/* Planar [3][h][w] float 0..1 of one view. */
+spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out);
+
+#endif

@@ -1,0 +1,423 @@
+/* spin.h - the one public header of spin4d, and the map of the house.
+ *
+ *     three thin commands  ->  one library  <-  importers and exporters, one file each
+ *
+ *   src/base      errors with a trail, memory, log and progress, threads; knows nothing of splats
+ *   src/io        bytes to arrays and back: files, zip, npy, json, ply, images
+ *   src/scene     what is reconstructed: splats of a frame, the clip, views, the *.spin bundle
+ *   src/math      every formula once, each with its adjoint; headers that C and CUDA share
+ *   src/device    the verbs (encode, decode, project, blend, ...) and who can do them
+ *   src/core      the method: model, raster, train, metrics; spin.c wires the calls below
+ *   src/cmd       the commands: parse, call the library, print; nothing else
+ *   importers     foreign files in: one plug-in per file, listed in importers.c
+ *   exporters     standard files out: one plug-in per file, listed in exporters.c
+ *
+ * Conventions, written once. Quaternions are w, x, y, z. Matrices are row-major. Cameras look along
+ * +z, x right, y down; w2c maps world to camera; the centre of the top-left pixel is (0.5, 0.5).
+ * Images are planar [3][h][w] float, 0..1. Counts are n_, an index is the singular. Zero is the
+ * default of every option field unless its line says otherwise.
+ *
+ * Example: print the size of the first frame of a bundle.
+ *
+ *     struct spin_scene *scene = NULL;
+ *     struct spin_splats splats = {0};
+ *     if (spin_scene_open("ball.spin", &scene) != SPIN_OK ||
+ *         spin_scene_read(scene, 0, SPIN_FROM_BEST, SPIN_COL_MEANS, &splats) != SPIN_OK) {
+ *         fprintf(stderr, "%s\n", spin_last_error());
+ *         return 1;
+ *     }
+ *     printf("%zu splats\n", splats.n);
+ *     spin_splats_free(&splats);
+ *     spin_scene_close(scene);
+ */
+#ifndef SPIN_H
+#define SPIN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SPIN_VERSION "0.1.0"
+
+/* ---- 1. Status ------------------------------------------------------------------------------ */
+
+/* What a caller could do about it. A function that can fail returns one of these and leaves a
+ * one-line trail, outermost first, for spin_last_error(). */
+typedef enum spin_status {
+    SPIN_OK = 0,
+    SPIN_E_USAGE,          /* asked wrongly: exit code 2 */
+    SPIN_E_NOT_FOUND,      /* no such file, frame or name */
+    SPIN_E_NOT_RECOGNISED, /* no importer knows this input */
+    SPIN_E_MALFORMED,      /* the file lies or is cut short */
+    SPIN_E_UNSUPPORTED,    /* well-formed, but we do not do it */
+    SPIN_E_IO,             /* the disk or the system said no */
+    SPIN_E_MEMORY,         /* not enough of it */
+    SPIN_E_DEVICE,         /* the accelerator failed */
+    SPIN_E_CANCELLED       /* spin_cancel() was called: exit code 130 or 143 */
+} spin_status;
+
+/* The trail of this thread's last failure, one line, no full stop; "" when there was none. */
+const char *spin_last_error(void);
+
+/* How much the library says on stderr: -1 warnings only, 0 normal, 1 per run ... 4 per op. */
+void spin_set_verbosity(int level);
+
+/* Ask running work to stop at the next safe point (async-signal-safe). */
+void spin_cancel(void);
+
+/* ---- 2. Splats of one frame ------------------------------------------------------------------ */
+
+enum spin_column {
+    SPIN_COL_MEANS = 1 << 0,           /* [n][3] centres, world units */
+    SPIN_COL_QUATS = 1 << 1,           /* [n][4] w, x, y, z, unit length */
+    SPIN_COL_LOG_SCALES = 1 << 2,      /* [n][3] natural log of the standard deviation */
+    SPIN_COL_LOGIT_OPACITIES = 1 << 3, /* [n] before the sigmoid, finite */
+    SPIN_COL_SH = 1 << 4,              /* [n][(sh_degree+1)^2][3] coefficients, channel last */
+    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, of plain coloured points */
+    SPIN_COL_ATTRIBUTES =              /* all that a Gaussian needs besides its place */
+        SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
+};
+
+/* A structure of arrays. Columns are NULL or hold n rows. The struct owns its memory: zero it, let
+ * spin_splats_reserve() grow it as often as needed, free it once. */
+struct spin_splats {
+    size_t n;              /* rows */
+    size_t capacity;       /* rows there is room for in every allocated column */
+    int sh_degree;         /* of the sh column, 0..3 */
+    float *means;          /* [n][3] */
+    float *quats;          /* [n][4] or NULL */
+    float *log_scales;     /* [n][3] or NULL */
+    float *logit_opacities; /* [n] or NULL */
+    float *sh;             /* [n][(sh_degree+1)^2][3] or NULL */
+    float *rgb;            /* [n][3] or NULL */
+    size_t held[6];        /* private: bytes behind each column */
+};
+
+/* Set n and sh_degree and make the wanted columns at least that large; others become NULL-valued
+ * only if they were never asked for. Contents are not kept. SPIN_E_MEMORY. */
+spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
+void spin_splats_free(struct spin_splats *s);
+
+/* ---- 3. Cameras and views -------------------------------------------------------------------- */
+
+struct spin_camera {
+    int width, height;       /* pixels */
+    double fx, fy, cx, cy;   /* pixels; centre of the top-left pixel is 0.5, 0.5 */
+    double w2c[12];          /* [3][4], p_c = R p_w + t; R orthonormal, det +1 */
+};
+
+/* One image of a data set. */
+struct spin_view {
+    struct spin_camera camera;
+    int row;                 /* frame of the data set, 0.. */
+    int number;              /* frame number in its file name, or -1 */
+    double time;             /* in the data set's unit (panoptic: row) */
+    int camera_id;           /* the data set's own number of the camera */
+    bool test;               /* held out */
+    char *path;              /* image file, absolute or relative to the working directory */
+};
+
+/* All views of a data set, sorted by row, then camera_id. */
+struct spin_views {
+    struct spin_view *view;  /* [n] */
+    size_t n, capacity;
+    int n_rows;              /* frames */
+    bool numbered;           /* every view has a frame number, one per row */
+};
+
+/* Append a copy of v (path is copied). */
+spin_status spin_views_add(struct spin_views *views, const struct spin_view *v);
+void spin_views_free(struct spin_views *views);
+
+/* ---- 4. Plug-ins ----------------------------------------------------------------------------- */
+
+#define SPIN_PLUGIN_ABI 1
+
+/* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
+struct spin_plugin_option {
+    const char *key;         /* without the dashes */
+    const char *arg;         /* word for the value, NULL for a switch */
+    const char *help;
+    const char *fallback;    /* value when not given, or NULL */
+};
+
+/* Values given by the user, NULL-terminated pairs key, value; may be NULL. */
+struct spin_plugin_values {
+    const char *const *pairs;
+};
+/* The value of key, else fallback. */
+const char *spin_plugin_value(const struct spin_plugin_values *v, const char *key,
+                              const char *fallback);
+
+/* What probe() sees: never more than this. */
+struct spin_peek {
+    const char *path;
+    bool is_folder;
+    const unsigned char *head; /* first bytes of a file, at most 4096 */
+    size_t n_head;
+    const char *tail_names;    /* zip archives: member names, one per line; else "" */
+    const char *const *names;  /* folders: entries, sorted, at most 4096; NULL-terminated */
+};
+
+/* Filled by an importer's open(). Pointers belong to the importer until close(). */
+struct spin_track {
+    int n_frames;
+    const double *times;       /* [n_frames] in the method's unit; NULL: 0, 1, 2, ... */
+    const int *numbers;        /* [n_frames] frame numbers from file names; NULL: none */
+    const size_t *counts;      /* [n_frames] rows of each frame; NULL: not known before reading */
+    unsigned columns;          /* what frame() can fill */
+    unsigned still_columns;    /* the part of it that is the same in every frame */
+    int sh_degree;             /* -1: no SH */
+    bool continuous;           /* any time may be asked for, in [time_first, time_last] */
+    double time_first, time_last;
+    char variant[128];         /* what was recognised, for --info */
+    char notes[1024];          /* what was guessed or will be lost, lines; "" */
+};
+
+struct spin_importer {
+    int abi;                   /* SPIN_PLUGIN_ABI */
+    const char *name;          /* what the user types after --from */
+    const char *summary;       /* one line for --list */
+    const char *upstream;      /* project and commit whose files it was written against */
+    const struct spin_plugin_option *options;
+
+    /* How sure, 0..100, that this input is ours. May not open or allocate. */
+    int (*probe)(const struct spin_peek *peek);
+
+    /* Tracks. open() reads what is cheap; frame() fills the wanted columns of one frame, calling
+     * spin_splats_reserve(); `time` counts only when the track is continuous. frame() may be called
+     * in any order, as often as asked, by one thread at a time. close() also follows a failed open()
+     * that had set *self. NULL open: no tracks. */
+    spin_status (*open)(const char *path, const struct spin_plugin_values *values, void **self,
+                        struct spin_track *track);
+    spin_status (*frame)(void *self, int frame, double time, unsigned columns,
+                         struct spin_splats *out);
+    void (*close)(void *self);
+
+    /* Views: append every view of the data set in folder `path`. NULL: no views. */
+    spin_status (*views)(const char *path, const struct spin_plugin_values *values,
+                         struct spin_views *out);
+};
+
+struct spin_renderer;
+
+/* What an exporter is told before the first frame. Everything is borrowed until end() or abort(). */
+struct spin_export_job {
+    const char *output;        /* as the user gave it */
+    bool force;                /* may overwrite */
+    int n_frames;              /* that will come */
+    double fps;                /* 0: unknown */
+    const char *source;        /* name of the method the clip came from */
+    int sh_degree;             /* of the splats that will come */
+    const struct spin_plugin_values *values;
+    const struct spin_views *views;   /* NULL when the bundle has no data set at hand */
+    const int *row_of_frame;          /* [n_frames] the data set's row of each frame, or -1 */
+    struct spin_renderer *renderer;   /* set when the exporter has needs_renderer */
+    const float *background;          /* [3] */
+};
+
+struct spin_frame_info {
+    int number;                /* the source's frame number (its index when it has none) */
+    double time;               /* in the source's unit */
+    size_t n;                  /* splats, when known */
+};
+
+struct spin_exporter {
+    int abi;
+    const char *name, *summary;
+    const struct spin_plugin_option *options;
+    unsigned wants;            /* columns it cannot do without */
+    bool needs_renderer;
+
+    /* Exactly one of end() and abort() follows a successful begin(). Files appear under their
+     * final name only when whole. */
+    spin_status (*begin)(const struct spin_export_job *job, void **self);
+    spin_status (*frame)(void *self, int frame, const struct spin_frame_info *info,
+                         const struct spin_splats *splats);
+    spin_status (*end)(void *self);
+    void (*abort)(void *self);
+};
+
+/* The lists, NULL-terminated, alphabetical. */
+extern const struct spin_importer *const spin_importers[];
+extern const struct spin_exporter *const spin_exporters[];
+
+/* ---- 5. A clip: the *.spin bundle ------------------------------------------------------------ */
+
+struct spin_scene;
+
+enum spin_from { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_NETWORK };
+
+spin_status spin_scene_open(const char *path, struct spin_scene **out);
+void spin_scene_close(struct spin_scene *scene);
+int spin_scene_n_frames(const struct spin_scene *scene);
+const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame);
+bool spin_scene_has_network(const struct spin_scene *scene);
+unsigned spin_scene_columns(const struct spin_scene *scene); /* of the source */
+/* Fill the columns of a frame: from the network when there is one (BEST), else from the source.
+ * SPIN_E_NOT_FOUND when the columns are not there (positions only: run spin-retrain). */
+spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from from,
+                            unsigned columns, struct spin_splats *out);
+
+/* ---- 6. Calls behind the commands ------------------------------------------------------------ */
+
+/* Half-open frame numbers A:B:STEP; {0} means all. */
+struct spin_range {
+    bool given;
+    int first, last, step;
+};
+
+struct spin_import_options {
+    const char *input, *output;       /* output NULL: describe only */
+    const char *from;                 /* importer, NULL: detect */
+    const char *data, *data_from;     /* data set, or NULL */
+    const char *pair;                 /* "auto", "number" or "order"; NULL: auto */
+    int n_frames;                     /* continuous methods: sample this many; 0: not asked */
+    const double *times;              /* continuous methods: sample here */
+    int n_times;
+    struct spin_range range;
+    bool positions_only, force;
+    const char *const *plugin_pairs;  /* see struct spin_plugin_values */
+};
+
+struct spin_import_report {
+    char from[32];
+    char variant[128];
+    char notes[1024];
+    int frames;
+    size_t splats_min, splats_max;
+    double splats_mean;
+    double time_first, time_last;
+    int sh_degree;                    /* -1: none */
+    unsigned columns;
+    float bounds_min[3], bounds_max[3];
+    bool numbered;                    /* frame numbers came from the source */
+    int number_first, number_last;
+};
+
+/* Import a foreign run to a bundle, or only describe it. */
+spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report);
+
+enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO };
+
+struct spin_retrain_options {
+    const char *input, *output;
+    const char *data, *data_from, *pair;
+    struct spin_range range;
+    double image_scale;               /* 1: as stored */
+    const int *test_cameras;          /* NULL: the data set's own split */
+    int n_test_cameras;
+    int iterations, batch;            /* 40000, 3 */
+    int levels, features, hash_log2;  /* 16, 4, 21 */
+    int hidden, sh_degree;            /* 64, 3 */
+    int base_resolution[4];           /* 8 8 8 8 */
+    int finest_resolution[4];         /* 2048 2048 2048 0; 0: max(16, frames) */
+    double lambda_dssim;              /* 0.2 */
+    uint64_t seed;
+    int warmup;                       /* iterations; -1: iterations / 40 */
+    double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */
+    double lr_head_factor;            /* on the four head rates; 1 */
+    double scale_bias;                /* -5; NaN: auto, log of the median distance to 3 neighbours */
+    enum spin_normalise normalise;
+    double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
+    int views_per_frame;              /* of a batch taken from one frame; 1 */
+    float background[3];
+    const char *device;               /* "auto", "cpu" or "cuda" */
+    int n_threads;                    /* 0: all */
+    int eval_every, save_every;       /* 0: at the end; every 5 minutes */
+    bool resume, force, dry_run;
+    const char *preview, *log;        /* folder, file; or NULL */
+};
+
+/* The paper's defaults. */
+void spin_retrain_defaults(struct spin_retrain_options *o);
+
+struct spin_quality {
+    bool valid;
+    double psnr, ssim, psnr_channel_mean;
+};
+
+struct spin_retrain_report {
+    int iterations;
+    double seconds, seconds_per_iteration;
+    int frames;
+    double splats_mean;
+    char device[64];
+    struct spin_quality before, test;
+    double outside_ball;              /* share of points outside the unit ball at the encoder */
+    size_t bytes_needed, bytes_available;
+    double seconds_estimated;         /* dry run */
+    double loss_last;
+};
+
+spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retrain_report *report);
+
+enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
+
+struct spin_eval_options {
+    const char *input, *data, *data_from, *pair;
+    enum spin_split split;
+    const int *test_cameras;
+    int n_test_cameras;
+    struct spin_range range;
+    double image_scale;
+    bool source;                      /* measure the imported attributes */
+    const char *images;               /* folder for renders, or NULL */
+    float background[3];
+    const char *device;
+    int n_threads;
+    bool force;
+};
+
+struct spin_eval_view {
+    int frame, camera;                /* the source's frame number, camera_id */
+    double psnr, ssim, psnr_channel_mean;
+};
+
+struct spin_eval_report {
+    struct spin_quality mean;
+    struct spin_eval_view *view;      /* [n_views] */
+    size_t n_views;
+    bool network;                     /* what was measured */
+    double seconds_render;            /* decode + render, per view */
+};
+
+spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report);
+void spin_eval_report_free(struct spin_eval_report *report);
+
+struct spin_export_options {
+    const char *input, *output, *to;
+    struct spin_range range;
+    bool source, force;
+    const char *data, *data_from, *pair;
+    float background[3];
+    const char *device;
+    int n_threads;
+    const char *const *plugin_pairs;
+};
+
+struct spin_export_report {
+    int frames;
+    double splats_mean;
+    uint64_t bytes;                   /* 0: unknown */
+};
+
+spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);
+
+/* Draw one view of splats that have all attribute columns. image: [3][h][w]. */
+spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
+                        const struct spin_camera *camera, const float background[3], float *image);
+
+/* Read an image, box-filtered to camera size when they differ, as planar [3][h][w] float 0..1
+ * (out must hold it), and write one as PNG. For exporters that draw. */
+spin_status spin_image_load(const char *path, int width, int height, float *out);
+spin_status spin_image_save(const char *path, int width, int height, const float *image);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

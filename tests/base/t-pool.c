@@ -1,0 +1,133 @@
+/* Parallel-for.  K: base threads */
+#include <sched.h>
+#include <stdatomic.h>
+#include <time.h>
+
+#include "base/pool.h"
+#include "tests/tap.h"
+
+enum { MOST_TASKS = 5000, MOST_WORKERS = 64 };
+
+struct tally {
+    int n_workers, uneven;
+    int plain[MOST_TASKS]; /* written by one task each, without atomics */
+    atomic_int runs[MOST_TASKS];
+    atomic_int busy[MOST_WORKERS]; /* tasks under way for a worker number: 0 or 1 */
+    atomic_int last, wrong;        /* last: highest task handed out, loosely */
+};
+
+static void task(void *context, int number, int worker)
+{
+    struct tally *t = context;
+    volatile double x = number;
+
+    if (worker < 0 || worker >= t->n_workers || atomic_fetch_add(&t->busy[worker], 1) != 0)
+        atomic_fetch_add(&t->wrong, 1);
+    for (int i = 0; i < (t->uneven && number % 7 == 0 ? 20000 : 10); i++)
+        x = x * 1.000001;
+    t->plain[number] += number + 1;
+    atomic_fetch_add(&t->runs[number], 1);
+    atomic_fetch_sub(&t->busy[worker], 1);
+}
+
+static struct tally tally;
+
+static int run(struct spin_pool *pool, int n_tasks, int uneven)
+{
+    int good;
+
+    memset(&tally, 0, sizeof tally);
+    tally.n_workers = spin_pool_n_threads(pool);
+    tally.uneven = uneven;
+    spin_pool_run(pool, n_tasks, task, &tally);
+    good = atomic_load(&tally.wrong) == 0;
+    for (int i = 0; i < n_tasks; i++)
+        good = good && atomic_load(&tally.runs[i]) == 1 && tally.plain[i] == i + 1;
+    return good;
+}
+
+static void in_order(void *context, int number, int worker)
+{
+    int *next = context;
+
+    (void)worker;
+    if (*next == number)
+        ++*next;
+}
+
+static void many(int n_threads)
+{
+    struct spin_pool *pool;
+    int good = 1;
+
+    if (!ok(spin_pool_create(n_threads, &pool) == SPIN_OK, "creates a pool of %d", n_threads))
+        return;
+    ok(spin_pool_n_threads(pool) == n_threads, "it has %d threads", n_threads);
+    for (int i = 0; i < 40; i++)
+        good = good && run(pool, i * 61 % MOST_TASKS, i % 2);
+    ok(good, "%d threads: every task runs once, worker numbers are distinct", n_threads);
+    ok(run(pool, MOST_TASKS, 1), "%d threads: many uneven tasks", n_threads);
+    ok(run(pool, 1, 0) && run(pool, 0, 0), "%d threads: one task, and none", n_threads);
+    spin_pool_free(pool);
+}
+
+static void tiny(void *context, int number, int worker)
+{
+    (void)worker;
+    ((int *)context)[number]++;
+}
+
+/* Thousands of jobs of a few tasks, some after a pause long enough for workers to fall asleep. */
+static void bursts(int n_threads)
+{
+    enum { JOBS = 4000, TASKS = 5 };
+    int count[TASKS] = {0}, good = 1;
+    struct spin_pool *pool;
+
+    if (spin_pool_create(n_threads, &pool) != SPIN_OK) {
+        ok(0, "creates a pool");
+        return;
+    }
+    for (int i = 0; i < JOBS; i++) {
+        spin_pool_run(pool, TASKS, tiny, count);
+        for (int k = 0; k < TASKS; k++)
+            good = good && count[k] == i + 1;
+        if (i % 400 == 0) {
+            struct timespec pause = {0, 1000000};
+
+            nanosleep(&pause, NULL);
+        }
+    }
+    ok(good, "%d threads: %d small jobs, each complete when run returns", n_threads, JOBS);
+    spin_pool_free(pool);
+}
+
+TAP_MAIN
+{
+    struct spin_pool *pool;
+    cpu_set_t set;
+    int next = 0;
+
+    many(1);
+    many(2);
+    many(3);
+    many(16);
+    bursts(2);
+    bursts(8);
+    ok(run(NULL, 100, 0), "without a pool the caller does it all");
+    spin_pool_run(NULL, 100, in_order, &next);
+    ok(next == 100, "in order");
+    next = 0;
+    spin_pool_create(1, &pool);
+    spin_pool_run(pool, 100, in_order, &next);
+    ok(next == 100, "in order with one thread");
+    spin_pool_free(pool);
+
+    sched_getaffinity(0, sizeof set, &set);
+    ok(spin_pool_create(0, &pool) == SPIN_OK && spin_pool_n_threads(pool) == CPU_COUNT(&set),
+       "0 threads: as many as cores");
+    spin_pool_free(pool);
+    ok(spin_pool_create(-1, &pool) == SPIN_E_USAGE && !pool, "refuses a negative number");
+    ok(spin_pool_create(1000000, &pool) == SPIN_E_USAGE && !pool, "refuses an absurd number");
+    spin_pool_free(NULL);
+}

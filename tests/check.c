@@ -1,0 +1,257 @@
+/* What tests share: fixtures, comparing with golden values, broken copies of files. */
+#include "tests/check.h"
+
+#include <errno.h>
+#include <ftw.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "io/json.h"
+#include "tests/tap.h"
+
+enum { RING = 8, PATH_BYTES = 1024 };
+
+/* A test that cannot have what it needs stops here, as a failure. */
+static void give_up(const char *what)
+{
+    ok(0, "%s: %s", what, spin_last_error());
+    exit(tap_done());
+}
+
+/* ---- Files --------------------------------------------------------------------------------- */
+
+const char *check_fixture(const char *name)
+{
+    static char ring[RING][PATH_BYTES];
+    static int next;
+    const char *root[] = {getenv("SPIN_FIXTURES"), "../shared/fixtures", "fixtures"};
+
+    for (size_t i = 0; i < sizeof root / sizeof root[0]; i++) {
+        char *path = ring[next];
+
+        if (!root[i] || !*root[i])
+            continue;
+        snprintf(path, PATH_BYTES, "%s/%s", root[i], name);
+        if (spin_path_exists(path)) {
+            next = (next + 1) % RING;
+            return path;
+        }
+    }
+    return NULL;
+}
+
+static char folders[RING][64];
+static int n_folders;
+
+static int remove_entry(const char *path, const struct stat *st, int type, struct FTW *ftw)
+{
+    (void)st;
+    (void)type;
+    (void)ftw;
+    return remove(path);
+}
+
+static void remove_folders(void)
+{
+    for (int i = 0; i < n_folders; i++)
+        nftw(folders[i], remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+const char *check_folder(void)
+{
+    const char *base = getenv("TMPDIR");
+    char *path;
+
+    if (n_folders == RING) {
+        spin_fail(SPIN_E_USAGE, "more than %d temporary folders", RING);
+        give_up("check_folder");
+    }
+    path = folders[n_folders];
+    snprintf(path, sizeof folders[0], "%s/spin-test-XXXXXX",
+             base && *base && strlen(base) < 40 ? base : "/tmp");
+    if (!mkdtemp(path)) {
+        spin_fail(SPIN_E_IO, "cannot make '%s': %s", path, strerror(errno));
+        give_up("check_folder");
+    }
+    if (n_folders++ == 0)
+        atexit(remove_folders);
+    return path;
+}
+
+const char *check_truncated(const char *path, size_t n)
+{
+    static char ring[RING][PATH_BYTES];
+    static int next;
+    static const char *folder;
+    struct spin_map map;
+    const char *dot = strrchr(spin_path_name(path), '.');
+    char *name = ring[next];
+    FILE *file;
+
+    if (!folder)
+        folder = check_folder();
+    snprintf(name, PATH_BYTES, "%s/truncated-%d%s", folder, next, dot ? dot : "");
+    next = (next + 1) % RING;
+    if (spin_map_open(path, &map) != SPIN_OK)
+        give_up("check_truncated");
+    file = fopen(name, "wb");
+    if (n > map.size)
+        n = map.size;
+    if (!file || fwrite(map.data, 1, n, file) != n || fclose(file) != 0) {
+        spin_fail(SPIN_E_IO, "cannot write '%s'", name);
+        give_up("check_truncated");
+    }
+    spin_map_close(&map);
+    return name;
+}
+
+/* ---- Golden values ------------------------------------------------------------------------- */
+
+double *check_load(struct spin_npz *npz, const char *key, struct spin_array *info)
+{
+    struct spin_array a;
+    double *values;
+
+    if (spin_npz_array(npz, key, true, &a) != SPIN_OK) {
+        ok(0, "loads '%s': %s", key, spin_last_error());
+        return NULL;
+    }
+    values = malloc((size_t)a.count * sizeof *values + 1);
+    if (!values)
+        give_up("check_load");
+    spin_array_to_f64(&a, 0, a.count, values);
+    if (info)
+        *info = a;
+    return values;
+}
+
+float *check_load_f32(struct spin_npz *npz, const char *key, struct spin_array *info)
+{
+    struct spin_array a;
+    float *values;
+
+    if (spin_npz_array(npz, key, true, &a) != SPIN_OK) {
+        ok(0, "loads '%s': %s", key, spin_last_error());
+        return NULL;
+    }
+    values = malloc((size_t)a.count * sizeof *values + 1);
+    if (!values)
+        give_up("check_load_f32");
+    spin_array_to_f32(&a, 0, a.count, values);
+    if (info)
+        *info = a;
+    return values;
+}
+
+double check_tolerance(const char *file, const char *key, double fallback)
+{
+    static spin_json *manifest;
+    const char *path = manifest ? NULL : check_fixture("core/manifest.json");
+    const spin_json *entry;
+    double value;
+
+    if (path && spin_json_load(path, &manifest) != SPIN_OK)
+        give_up("check_tolerance");
+    entry = spin_json_get(spin_json_get(spin_json_get(manifest, "files"), file), "tolerance");
+    return spin_json_number(spin_json_get(entry, key), &value) ? value : fallback;
+}
+
+/* ---- Comparing ----------------------------------------------------------------------------- */
+
+/* The element that exceeds its tolerance most; `excess` is |got - want| / tolerance there. */
+static size_t worst_of(const float *got, const double *want, size_t n, double abs, double rel,
+                       double *excess)
+{
+    size_t worst = 0;
+
+    *excess = 0;
+    for (size_t i = 0; i < n; i++) {
+        double error = fabs((double)got[i] - want[i]);
+        double tolerance = abs + rel * fabs(want[i]);
+        double e = error == 0 && !isnan(got[i]) ? 0 : tolerance > 0 ? error / tolerance : INFINITY;
+
+        if (isnan(e)) /* NaN on either side, or two infinities */
+            e = (double)got[i] == want[i] ? 0 : INFINITY;
+        if (e > *excess) {
+            *excess = e;
+            worst = i;
+        }
+    }
+    return worst;
+}
+
+static int report(int good, const float *got, const double *want, size_t worst, double excess,
+                  const char *what)
+{
+    ok(good, "%s", what);
+    if (!good)
+        printf("#   worst at [%zu]: got %.9g, want %.9g, error %.3g, %.3g times the tolerance\n",
+               worst, (double)got[worst], want[worst], fabs((double)got[worst] - want[worst]),
+               excess);
+    return good;
+}
+
+int check_close(const float *got, const double *want, size_t n, double abs, double rel,
+                const char *what)
+{
+    double excess;
+    size_t worst;
+
+    if (!got || !want)
+        return ok(0, "%s: no values", what);
+    worst = worst_of(got, want, n, abs, rel, &excess);
+    return report(excess <= 1, got, want, worst, excess, what);
+}
+
+int check_rel_to_absmax(const float *got, const double *want, size_t n, double tol,
+                        const char *what)
+{
+    double largest = 0, excess;
+    size_t worst;
+
+    if (!got || !want)
+        return ok(0, "%s: no values", what);
+    for (size_t i = 0; i < n; i++)
+        largest = fmax(largest, fabs(want[i]));
+    worst = worst_of(got, want, n, tol * largest, 0, &excess);
+    return report(excess <= 1, got, want, worst, excess, what);
+}
+
+int check_same_bits(const void *got, const void *want, size_t bytes, const char *what)
+{
+    const unsigned char *a = got, *b = want;
+    size_t differing = 0, first = 0;
+
+    for (size_t i = bytes; i-- > 0;)
+        if (a[i] != b[i]) {
+            differing++;
+            first = i;
+        }
+    ok(differing == 0, "%s", what);
+    if (differing > 0)
+        printf("#   %zu of %zu bytes differ, the first at %zu\n", differing, bytes, first);
+    return differing == 0;
+}
+
+/* ---- Devices ------------------------------------------------------------------------------- */
+
+struct spin_device *check_device(int n_threads)
+{
+    struct spin_device *d = calloc(1, sizeof *d);
+
+    if (!d || spin_device_open("cpu", n_threads, d) != SPIN_OK)
+        give_up("check_device");
+    return d;
+}
+
+void check_device_free(struct spin_device *d)
+{
+    if (d)
+        spin_device_close(d);
+    free(d);
+}

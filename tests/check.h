@@ -1,0 +1,38 @@
+/* Comparing arrays with golden values, checking slopes, cutting files short. */
+#ifndef SPIN_TESTS_CHECK_H
+#define SPIN_TESTS_CHECK_H
+
+#include "device/device.h"
+#include "io/npy.h"
+
+/* $SPIN_FIXTURES/name, else ../shared/fixtures/name, else fixtures/name. Static buffer ring of 8. NULL
+ * when it is in none. */
+const char *check_fixture(const char *name);
+
+/* An array of an npz as doubles (malloc'd), NULL and a "not ok" line when missing. */
+double *check_load(struct spin_npz *npz, const char *key, struct spin_array *info);
+float *check_load_f32(struct spin_npz *npz, const char *key, struct spin_array *info);
+
+/* One ok/not ok line. Passes when |got - want| <= abs + rel * |want| for every element. Prints the worst
+ * index and both values when it fails. NaN fails. */
+int check_close(const float *got, const double *want, size_t n, double abs, double rel,
+                const char *what);
+/* max|got - want| <= tol * max|want|. */
+int check_rel_to_absmax(const float *got, const double *want, size_t n, double tol, const char *what);
+
+/* Same bits. */
+int check_same_bits(const void *got, const void *want, size_t bytes, const char *what);
+
+/* Numbers out of core/manifest.json: files.<file>.tolerance.<key>, or `fallback`. */
+double check_tolerance(const char *file, const char *key, double fallback);
+
+/* A device for tests: cpu with n threads; fails the test program when it cannot be had. */
+struct spin_device *check_device(int n_threads);
+void check_device_free(struct spin_device *d);
+
+/* Write the first n bytes of `path` to a new temporary file and return its name (static ring). */
+const char *check_truncated(const char *path, size_t n);
+/* A fresh empty temporary folder, removed with its contents at exit. */
+const char *check_folder(void);
+
+#endif

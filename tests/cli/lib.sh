@@ -1,0 +1,94 @@
+# shellcheck shell=sh
+# What the scripts beside this file share: run a command, look at what it said, print TAP.
+#
+#     . tests/cli/lib.sh
+#     run "$bin/spin-import" --list
+#     is "$code" 0 "lists the importers"
+#     done_testing
+#
+# SPIN_BIN: the folder of the commands. SPIN_FIXTURES: the large fixtures.
+bin=${SPIN_BIN:-build/release/bin}
+fixtures=${SPIN_FIXTURES:-}
+if [ -z "$fixtures" ]; then
+    fixtures=fixtures
+    [ -d ../shared/fixtures ] && fixtures=../shared/fixtures
+fi
+clip=fixtures/court-mini
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT
+trap 'exit 130' INT TERM
+count=0
+failed=0
+
+# Run a command; leaves $code, $work/out and $work/err.
+run() {
+    "$@" >"$work/out" 2>"$work/err" </dev/null
+    code=$?
+}
+
+# ok TRUTH NAME: TRUTH is the exit status of what was tried.
+ok() {
+    count=$((count + 1))
+    if [ "$1" = 0 ]; then
+        echo "ok $count - $2"
+        return
+    fi
+    failed=$((failed + 1))
+    echo "not ok $count - $2"
+    [ -s "$work/err" ] && sed 's/^/#   stderr: /' "$work/err" | head -n 3
+}
+
+is() { # GOT WANT NAME
+    [ "$1" = "$2" ]
+    ok $? "$3"
+    [ "$1" = "$2" ] || echo "#   got '$1', want '$2'"
+}
+
+skip() { # NAME WHY
+    count=$((count + 1))
+    echo "ok $count - $1 # SKIP $2"
+}
+
+out_has() { grep -q -e "$1" "$work/out"; ok $? "$2"; }
+err_has() { grep -q -e "$1" "$work/err"; ok $? "$2"; }
+
+# The last run failed as it should: this code, one line that begins with the command's name and does not
+# end in a full stop, nothing on stdout.
+fails() { # CODE COMMAND NAME
+    is "$code" "$1" "$3: exit code $1"
+    [ "$(wc -l <"$work/err")" = 1 ] && grep -q "^$2: .*[^.]\$" "$work/err"
+    ok $? "$3: one line on stderr"
+    [ ! -s "$work/out" ]
+    ok $? "$3: nothing on stdout"
+}
+
+# stdout is exactly one JSON document, as far as a program at hand can tell.
+is_json() { # NAME
+    if command -v jq >/dev/null 2>&1; then
+        [ "$(jq -s length "$work/out" 2>/dev/null)" = 1 ]
+        ok $? "$1"
+    elif command -v python3 >/dev/null 2>&1; then
+        python3 -c 'import json, sys; json.load(sys.stdin)' <"$work/out" 2>/dev/null
+        ok $? "$1"
+    else
+        skip "$1" "neither jq nor python3 is here"
+    fi
+}
+
+# A member on the top level of our JSON, a number or a word.
+member() { sed -n 's/^  "'"$1"'": "*\([^",]*\)"*,*$/\1/p' "${2:-$work/out}"; }
+
+# True when A > B, as numbers.
+greater() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a != "" && b != "" && a + 0 > b + 0) }'; }
+
+# Nothing of this name or beginning with it was left behind.
+nothing_at() { # PATH NAME
+    ! ls -d "$1"* >/dev/null 2>&1
+    ok $? "$2"
+}
+
+done_testing() {
+    echo "1..$count"
+    [ "$failed" = 0 ]
+    exit
+}

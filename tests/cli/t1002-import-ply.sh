@@ -1,0 +1,48 @@
+#!/bin/sh
+# K: ply
+# PLY files and sequences: described, imported, refused when malformed.
+. tests/cli/lib.sh
+
+files=$fixtures/ply
+if [ ! -d "$files" ]; then
+    skip "ply" "no fixtures at $files"
+    done_testing
+fi
+
+# describe FOLDER FRAMES SH_DEGREE
+describe() {
+    run "$bin/spin-import" --info --json "$files/$1"
+    is "$code" 0 "$1 is recognised"
+    is "$(member from)" ply "$1: from ply"
+    is "$(member frames)" "$2" "$1: $2 frames"
+    is "$(member sh_degree)" "$3" "$1: SH degree $3"
+}
+describe inria_sh0_varN 6 0
+describe inria_sh1 3 1
+describe inria_sh3 4 3
+describe gsplat_sh2 2 2
+describe brush_sh1 2 1
+describe variants/base.ply 1 1
+describe variants/ascii.ply 1 1
+describe variants/big_endian.ply 1 1
+
+run "$bin/spin-import" "$files/inria_sh0_varN" -o "$work/sequence.spin" --json
+is "$code" 0 "imports a sequence whose counts differ"
+smallest=$(sed -n 's/^    "min": \([0-9]*\),*$/\1/p' "$work/out")
+largest=$(sed -n 's/^    "max": \([0-9]*\),*$/\1/p' "$work/out")
+greater "$largest" "$smallest"
+ok $? "the counts do differ"
+
+run "$bin/spin-import" --from ply "$files/variants/truncated.ply" -o "$work/bad.spin"
+fails 1 spin-import "a truncated PLY"
+err_has truncated.ply "a truncated PLY is named"
+nothing_at "$work/bad" "a truncated PLY: nothing was written"
+size=$(wc -c <"$files/variants/base.ply")
+for part in 0 1 3 100 1000; do
+    head -c $((size * part / 1001)) "$files/variants/base.ply" >"$work/cut.ply"
+    run "$bin/spin-import" --from ply "$work/cut.ply" -o "$work/bad.spin"
+    fails 1 spin-import "a PLY cut to $part/1001"
+    nothing_at "$work/bad" "a PLY cut to $part/1001: nothing was written"
+done
+
+done_testing

@@ -1,0 +1,105 @@
+#!/bin/sh
+# K: retrain threads
+# spin-retrain on the smallest data set: reports, files, resuming after a kill, interrupting.
+. tests/cli/lib.sh
+
+run_of=$fixtures/d3dgs/trained
+data=$fixtures/datasets/panoptic_mini
+if [ ! -d "$run_of" ] || [ ! -d "$data" ]; then
+    skip "retrain" "no fixtures at $run_of and $data"
+    done_testing
+fi
+small='--device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
+in=$work/in.spin
+run "$bin/spin-import" "$run_of" --data "$data" -o "$in"
+is "$code" 0 "imports the run"
+
+# The retrained frames as PLY: what two bundles must agree on. FOLDER BUNDLE
+frames_of() { "$bin/spin-export" "$2" --to ply -o "$1" -q >/dev/null 2>"$work/err"; }
+same_frames() { # BUNDLE BUNDLE NAME
+    rm -rf "$work/a" "$work/b"
+    frames_of "$work/a" "$1" && frames_of "$work/b" "$2" && diff -r "$work/a" "$work/b" >/dev/null
+    ok $? "$3"
+}
+
+run "$bin/spin-retrain" "$in" --dry-run $small --json
+is "$code" 0 "--dry-run succeeds"
+is_json "--dry-run --json is one document"
+greater "$(member bytes_needed)" 0
+ok $? "--dry-run knows the memory needed"
+greater "$(member bytes_available)" 0
+ok $? "--dry-run knows the memory available"
+
+run "$bin/spin-retrain" "$in" -o "$work/one.spin" $small --iterations 6 --json --threads 1 \
+    --log "$work/log.jsonl" --preview "$work/preview"
+is "$code" 0 "retrains six steps"
+is_json "--json at the end is one document"
+is "$(member iterations)" 6 "reports its iterations"
+for key in seconds frames splats_mean device test before psnr ssim; do
+    out_has "\"$key\":" "reports '$key'"
+done
+[ "$(grep -c '^{' "$work/log.jsonl")" -ge 6 ]
+ok $? "--log has a line for every step"
+ls "$work/preview"/*.png >/dev/null 2>&1
+ok $? "--preview has pictures"
+nothing_at "$work/one.spin." "no unfinished state is left"
+run "$bin/spin-retrain" "$in" -o "$work/one.spin" $small --iterations 6
+fails 1 spin-retrain "does not overwrite"
+
+run "$bin/spin-retrain" "$in" -o "$work/two.spin" $small --iterations 6 --threads 2
+is "$code" 0 "retrains on two threads"
+same_frames "$work/one.spin" "$work/two.spin" "one thread and two give the same bits"
+run "$bin/spin-retrain" "$in" -o "$work/other.spin" $small --iterations 6 --seed 7
+rm -rf "$work/a" "$work/b"
+frames_of "$work/a" "$work/one.spin" && frames_of "$work/b" "$work/other.spin" &&
+    ! diff -r "$work/a" "$work/b" >/dev/null
+ok $? "another seed gives others"
+
+# Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
+# with one that was never stopped. SIGNAL CODE
+stopped() {
+    rm -f "$work/stopped.spin" "$work/stopped.spin."*
+    "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 \
+        >"$work/out" 2>"$work/err" &
+    pid=$!
+    tries=0
+    while [ ! -s "$work/stopped.spin.part" ] && kill -0 $pid 2>/dev/null && [ $tries -lt 600 ]; do
+        sleep 0.05
+        tries=$((tries + 1))
+    done
+    kill -"$1" $pid 2>/dev/null
+    wait $pid 2>/dev/null
+    code=$?
+    if [ -e "$work/stopped.spin" ]; then
+        skip "stopping with $1" "the run was over before it could be stopped"
+        return
+    fi
+    is "$code" "$2" "stopped by $1: exit code $2"
+    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10
+    fails 1 spin-retrain "an unfinished run without --resume ($1)"
+    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps \
+        --save-every 10 --resume --threads 1
+    is "$code" 0 "resumes after $1"
+    same_frames "$work/whole.spin" "$work/stopped.spin" "the bits of a run never stopped ($1)"
+    nothing_at "$work/stopped.spin." "no unfinished state is left ($1)"
+}
+steps=200
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps
+is "$code" 0 "retrains $steps steps"
+stopped KILL 137
+stopped TERM 143
+# A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
+stopped INT 130
+
+run "$bin/spin-retrain" "$in" -o "$work/cuda.spin" $small --iterations 1 --device cuda
+[ "$code" = 0 ] || [ "$code" = 1 ]
+ok $? "--device cuda works or says that it cannot"
+[ "$code" = 0 ] || nothing_at "$work/cuda" "nothing is written without the device"
+
+run "$bin/spin-import" "$run_of" -o "$work/blind.spin"
+run "$bin/spin-retrain" "$work/blind.spin" -o "$work/seeing.spin" $small --iterations 1
+fails 2 spin-retrain "no data set"
+run "$bin/spin-retrain" "$work/blind.spin" --data "$data" -o "$work/seeing.spin" $small --iterations 1
+is "$code" 0 "takes a data set from --data"
+
+done_testing

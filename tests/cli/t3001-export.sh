@@ -1,0 +1,63 @@
+#!/bin/sh
+# K: ply images
+# spin-export: PLY frames that read back, pictures, and what cannot be exported.
+. tests/cli/lib.sh
+
+run_of=$fixtures/d3dgs/trained
+data=$fixtures/datasets/panoptic_mini
+if [ ! -d "$run_of" ] || [ ! -d "$data" ]; then
+    skip "export" "no fixtures at $run_of and $data"
+    done_testing
+fi
+in=$work/in.spin
+run "$bin/spin-import" "$run_of" --data "$data" -o "$in" --json
+is "$code" 0 "imports the run"
+frames=$(member frames)
+splats=$(sed -n 's/^    "mean": \([0-9.]*\),*$/\1/p' "$work/out")
+
+run "$bin/spin-export" "$in" --to ply -o "$work/ply" --json
+is "$code" 0 "exports PLY"
+is_json "--json is one document"
+is "$(member to)" ply "reports 'to'"
+is "$(member frames)" "$frames" "reports 'frames'"
+is "$(member splats_mean)" "$splats" "reports 'splats_mean'"
+is "$(ls "$work/ply" | wc -l)" "$frames" "one file a frame"
+[ "$(find "$work/ply" -name 'frame_[0-9][0-9][0-9][0-9][0-9].ply' | wc -l)" -eq "$frames" ]
+ok $? "five digits in every name"
+head -c 3 "$work/ply"/frame_00000.ply | grep -q ply
+ok $? "they are PLY"
+run "$bin/spin-import" --info --json "$work/ply"
+is "$(member from)" ply "they read back"
+is "$(member frames)" "$frames" "all of them"
+run "$bin/spin-export" "$in" --to ply -o "$work/ply"
+fails 1 spin-export "does not overwrite"
+run "$bin/spin-export" "$in" --to ply -o "$work/ply" --force
+is "$code" 0 "overwrites with --force"
+run "$bin/spin-export" "$in" --to ply -o "$work/part" --range 1:4:2 --json
+is "$(member frames)" 2 "--range with a step"
+is "$(ls "$work/part" | tr '\n' ' ')" "frame_00001.ply frame_00003.ply " "keeps the frames' numbers"
+
+run "$bin/spin-export" "$in" --to ply -o "$work/no" --sh 9
+[ "$code" = 2 ] || [ "$code" = 1 ]
+ok $? "an exporter's option is checked"
+run "$bin/spin-export" "$in" --to images -o "$work/images"
+is "$code" 0 "exports pictures"
+find "$work/images" -name '*.png' | grep -q png
+ok $? "they are PNG"
+
+run "$bin/spin-import" "$run_of" -o "$work/places.spin" --positions-only
+is "$code" 0 "imports positions only"
+run "$bin/spin-export" "$work/places.spin" --to ply -o "$work/never"
+fails 1 spin-export "positions only"
+err_has spin-retrain "positions only: says to run spin-retrain"
+nothing_at "$work/never" "positions only: nothing was written"
+
+size=$(wc -c <"$in")
+for part in 1 50 99; do
+    head -c $((size * part / 100)) "$in" >"$work/cut.spin"
+    run "$bin/spin-export" "$work/cut.spin" --to ply -o "$work/never"
+    fails 1 spin-export "a bundle cut to $part %"
+    nothing_at "$work/never" "a bundle cut to $part %: nothing was written"
+done
+
+done_testing

@@ -1,0 +1,46 @@
+#!/bin/sh
+# K: end
+# The bundled clip from a foreign run to PLY frames: retraining must make it look better.
+. tests/cli/lib.sh
+
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/court.spin" --json
+is "$code" 0 "imports the clip"
+is "$(member frames)" 6 "six frames"
+cp "$work/out" "$work/import.json"
+run "$bin/spin-eval" --source --json "$work/court.spin"
+is "$code" 0 "measures the source"
+is_json "spin-eval --json is one document"
+out_has '"camera": 15' "names the held-out cameras"
+out_has '"frame": 5' "names the frames by the source's numbers"
+is "$(grep -c '"camera":' "$work/out")" 12 "six frames times two cameras"
+before=$(member psnr)
+
+run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --device cpu --iterations 300 \
+    --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \
+    --sh-degree 1 --head-lr-factor 8 --scale-bias auto --json
+is "$code" 0 "retrains"
+is_json "spin-retrain --json is one document"
+cp "$work/out" "$work/retrain.json"
+is "$(member frames)" 6 "of all frames"
+
+run "$bin/spin-eval" --json "$work/better.spin" --images "$work/pictures"
+is "$code" 0 "measures the result"
+after=$(member psnr)
+greater "$after" "$(awk -v b="$before" 'BEGIN { print b + 0.5 }')"
+ok $? "the PSNR of held-out views rises by half a decibel at least"
+echo "#   psnr_before $before psnr_after $after"
+is "$(find "$work/pictures" -name '*.png' | wc -l | tr -d ' ')" 12 "a picture for every view"
+awk -v a="$after" '/"test": {/ { t = 1 } t && /"psnr":/ { gsub(/[^0-9.]/, "");
+    d = $0 - a; exit !(d < 0.02 && d > -0.02) }' "$work/retrain.json"
+ok $? "spin-retrain measured the same"
+run "$bin/spin-eval" --source --json "$work/better.spin"
+awk -v a="$(member psnr)" -v b="$before" 'BEGIN { d = a - b; exit !(d < 0.001 && d > -0.001) }'
+ok $? "the source's attributes are still in the bundle"
+
+run "$bin/spin-export" "$work/better.spin" --to ply -o "$work/ply"
+is "$code" 0 "exports"
+is "$(ls "$work/ply" | tr '\n' ' ')" \
+    "frame_00000.ply frame_00001.ply frame_00002.ply frame_00003.ply frame_00004.ply frame_00005.ply " \
+    "frames are numbered as the source's"
+
+done_testing

@@ -1,0 +1,344 @@
+/* Blending: golden images and gradients of the whole raster chain, the formulas of math/blend.h
+ * pixel by pixel, differences, the same bits for any number of threads, bad numbers.
+ * K: golden blend raster threads */
+#include "math/blend.h"
+#include "math/project.h"
+#include "tests/device/raster.h"
+
+/* Pixels whose outcome hangs on a threshold are left out, as the fixture says. */
+static void check_image(struct spin_npz *npz, const struct view *v, const char *key,
+                        const float *from, int planes, double tolerance)
+{
+    char what[64];
+    size_t pixels = view_pixels(v);
+    double *want = check_load(npz, key, NULL), *fine = check_load(npz, "pixel_ok", NULL);
+    float *got = take((size_t)planes * pixels, sizeof(float));
+
+    memcpy(got, from, (size_t)planes * pixels * sizeof(float));
+    for (size_t i = 0; i < (size_t)planes * pixels; i++)
+        if (fine[i % pixels] == 0)
+            got[i] = (float)(want[i] = 0);
+    snprintf(what, sizeof what, "%s: %s", v->name, key);
+    check_close(got, want, (size_t)planes * pixels, tolerance, 0, what);
+    free(want);
+    free(fine);
+    free(got);
+}
+
+static void check_columns(struct spin_npz *npz, const struct view *v, const char *key,
+                          const float *from, int stride, int at, int columns, double tolerance)
+{
+    char what[64];
+    double *want = check_load(npz, key, NULL);
+    float *got = columns_of(from, stride, at, v->n, columns);
+
+    snprintf(what, sizeof what, "%s: %s", v->name, key);
+    check_rel_to_absmax(got, want, (size_t)(v->n * columns), tolerance, what);
+    free(want);
+    free(got);
+}
+
+static void golden(struct spin_device *d, const char *name, int degree)
+{
+    enum { GRAD = sizeof(struct spin_splat2d_grad) / sizeof(float) };
+    struct view v;
+    struct spin_npz npz;
+    char file[32];
+    double abs, rel;
+    const float *g;
+
+    if (!view_load(&v, &npz, name, degree))
+        return;
+    snprintf(file, sizeof file, "%s.npz", name);
+    abs = check_tolerance(file, "image_abs", 2e-5);
+    rel = check_tolerance(file, "grad_rel_to_absmax", 2e-4);
+    view_forward(d, &v);
+    check_image(&npz, &v, "image", v.image, 3, abs);
+    check_image(&npz, &v, "final_T", v.final_t, 1, abs);
+    view_backward(d, &v);
+    g = &v.d_splat2d->u_px;
+    check_columns(&npz, &v, "grad_means2d", g, GRAD, 0, 2, rel);
+    check_columns(&npz, &v, "grad_conic", g, GRAD, 2, 3, rel);
+    check_columns(&npz, &v, "grad_color", g, GRAD, 6, 3, rel);
+    check_columns(&npz, &v, "grad_opacity", g, GRAD, 5, 1, rel);
+    check_columns(&npz, &v, "grad_means", v.d_pos_w, 3, 0, 3, rel);
+    check_columns(&npz, &v, "grad_scales", v.d_attr, SPIN_ATTR, SPIN_ATTR_SCALE, 3, rel);
+    check_columns(&npz, &v, "grad_quats", v.d_attr, SPIN_ATTR, SPIN_ATTR_ROTATION, 4, rel);
+    check_columns(&npz, &v, "grad_sh", v.d_attr, SPIN_ATTR, SPIN_ATTR_SH, 48, rel);
+    view_free(&v);
+    spin_npz_close(&npz);
+}
+
+/* The plain way: every pixel walks its tile's list by the scalar formulas, forth and back. */
+static void plain(const struct view *v, float *image, struct spin_blend_sums *sums)
+{
+    size_t pixels = view_pixels(v);
+
+    for (size_t at = 0; at < pixels; at++) {
+        int px = (int)(at % (size_t)v->cam.width), py = (int)(at / (size_t)v->cam.width);
+        int tile = py / SPIN_TILE * v->cam.tiles_x + px / SPIN_TILE;
+        const uint32_t *pairs = v->tiles.pairs + v->tiles.start[tile];
+        int n = (int)(v->tiles.start[tile + 1] - v->tiles.start[tile]);
+        char *added = take((size_t)n, 1);
+        struct spin_blend_pixel pixel = {1, {0, 0, 0}, 0};
+        struct spin_blend_pixel_adj back = {0, 0, {0, 0, 0}};
+        for (int i = 0; i < n; i++) {
+            const struct spin_splat2d *s = v->splat2d + pairs[i];
+            struct spin_blend_splat b =
+                spin_blend_prepare(s->u_px, s->v_px, s->conic, s->opacity, s->colour);
+            added[i] = (char)spin_blend_step(&b, s->u_px - (float)px, s->v_px - (float)py, &pixel);
+        }
+        back.t = pixel.t;
+        for (int c = 0; c < 3; c++) {
+            size_t k = (size_t)c * pixels + at;
+            image[k] = pixel.colour[c] + pixel.t * v->background[c];
+            back.g[c] = v->d_image[k];
+            back.s += pixel.t * v->background[c] * back.g[c];
+        }
+        for (int i = n - 1; i >= 0; i--) {
+            const struct spin_splat2d *s = v->splat2d + pairs[i];
+            struct spin_blend_splat b =
+                spin_blend_prepare(s->u_px, s->v_px, s->conic, s->opacity, s->colour);
+            if (added[i])
+                spin_blend_step_adj(&b, s->u_px - (float)px, s->v_px - (float)py, &back,
+                                    sums + pairs[i]);
+        }
+        free(added);
+    }
+}
+
+static double most(double so_far, double got, double want)
+{
+    return fmax(so_far, fabs(got - want));
+}
+
+/* Registers of pixels against single ones. A pixel within rounding of a threshold may fall on
+ * either side: at most a few of them, and by no more than the threshold's worth (1/255). */
+static void against_plain(struct spin_device *d, int n, float size_px, const char *what)
+{
+    struct spin_camera camera = camera_of(150, 90, 120);
+    struct view v;
+    size_t values, off = 0;
+    float *image;
+    struct spin_blend_sums *sums;
+    double worst = 0, grads[4] = {0}, size[4] = {0};
+
+    view_random(&v, &camera, n, size_px, 4);
+    values = 3 * view_pixels(&v);
+    image = take(values, sizeof *image);
+    sums = take((size_t)n, sizeof *sums);
+    view_forward(d, &v);
+    plain(&v, image, sums);
+    for (size_t i = 0; i < values; i++) {
+        worst = most(worst, v.image[i], image[i]);
+        off += fabsf(v.image[i] - image[i]) > 1e-5f;
+    }
+    ok(worst < 0.004 && off <= 9, "%s: as the plain loop (%.2g at most, %zu values over 1e-5)",
+       what, worst, off);
+    view_backward(d, &v);
+    for (int i = 0; i < n; i++) {
+        const struct spin_splat2d_grad *g = v.d_splat2d + i;
+        float du, dv, dc[3], dop;
+        const struct spin_splat2d *s = v.splat2d + i;
+        spin_blend_finish_adj(s->conic, s->opacity, sums + i, &du, &dv, dc, &dop);
+        grads[0] = most(most(grads[0], g->u_px, du), g->v_px, dv);
+        size[0] = most(most(size[0], du, 0), dv, 0);
+        grads[1] = most(grads[1], g->opacity, dop);
+        size[1] = most(size[1], dop, 0);
+        for (int c = 0; c < 3; c++) {
+            grads[2] = most(grads[2], g->conic[c], dc[c]);
+            size[2] = most(size[2], dc[c], 0);
+            grads[3] = most(grads[3], g->colour[c], sums[i].colour[c]);
+            size[3] = most(size[3], sums[i].colour[c], 0);
+        }
+    }
+    /* sums over up to all pixels of the picture in another order, and the few pixels above */
+    near(grads[0] / size[0], 0, 2e-3, "  gradient of the mean");
+    near(grads[1] / size[1], 0, 2e-3, "  gradient of the opacity");
+    near(grads[2] / size[2], 0, 2e-3, "  gradient of the conic");
+    near(grads[3] / size[3], 0, 2e-3, "  gradient of the colour");
+    free(image);
+    free(sums);
+    view_free(&v);
+}
+
+static double picture_sum(struct spin_device *d, struct view *v)
+{
+    double sum = 0;
+
+    view_forward(d, v);
+    for (size_t i = 0; i < 3 * view_pixels(v); i++)
+        sum += (double)v->d_image[i] * v->image[i];
+    return sum;
+}
+
+/* The whole chain, one group of parameters at a time, along a random direction. Few large, faint
+ * splats with the centre of the picture as the upstream gradient: no alpha near 0.99 or 1/255
+ * where it counts, no clamped colour, nothing near a tile rectangle's edge. */
+static void differences(struct spin_device *d)
+{
+    static const struct {
+        const char *name;
+        int at, columns;
+        float step;
+    } groups[] = {{"positions by differences", -1, 3, 4e-3f},
+                  {"scales by differences", SPIN_ATTR_SCALE, 3, 1e-2f},
+                  {"rotations by differences", SPIN_ATTR_ROTATION, 4, 1e-2f},
+                  {"colour by differences", SPIN_ATTR_SH, 48, 5e-2f},
+                  {"opacity by differences", SPIN_ATTR_OPACITY, 1, 1e-2f}};
+    struct spin_camera camera = camera_of(48, 48, 60);
+    struct view v;
+
+    view_random(&v, &camera, 6, 20, 12);
+    for (int i = 0; i < v.n; i++) {
+        float *a = v.attr + SPIN_ATTR * i;
+        v.pos_w[3 * i] *= 0.2f;
+        v.pos_w[3 * i + 1] *= 0.2f;
+        a[SPIN_ATTR_OPACITY] = 0.3f + 0.05f * (float)i;
+        for (int c = 0; c < 3; c++)
+            a[SPIN_ATTR_SH + c] = 1 + 0.1f * (float)(c + i);
+    }
+    for (size_t i = 0; i < 3 * view_pixels(&v); i++) {
+        int x = (int)(i % 48), y = (int)(i / 48 % 48);
+        float r2 = (float)((x - 24) * (x - 24) + (y - 24) * (y - 24));
+        v.d_image[i] *= expf(-r2 / 40);
+        if (r2 > 200)
+            v.d_image[i] = 0;
+    }
+    for (size_t g = 0; g < sizeof groups / sizeof groups[0]; g++) {
+        int at = groups[g].at, columns = groups[g].columns, stride = at < 0 ? 3 : SPIN_ATTR;
+        float *p = at < 0 ? v.pos_w : v.attr + at, *slope = at < 0 ? v.d_pos_w : v.d_attr + at;
+        size_t all = (size_t)v.n * (size_t)stride - (size_t)(at < 0 ? 0 : at);
+        float *old = take(all, sizeof(float)), *dir = take(all, sizeof(float));
+        double along = 0, low, high;
+        uint64_t state = 77;
+        memcpy(old, p, all * sizeof(float));
+        for (int i = 0; i < v.n; i++) {
+            float dot = 0, *q = dir + i * stride;
+            for (int k = 0; k < columns; k++) {
+                q[k] = random_between(&state, -1, 1);
+                dot += q[k] * old[i * stride + k];
+            }
+            for (int k = 0; k < columns && at == SPIN_ATTR_ROTATION; k++)
+                q[k] -= dot * old[i * stride + k];
+        }
+        picture_sum(d, &v);
+        view_backward(d, &v);
+        for (int i = 0; i < v.n; i++)
+            for (int k = 0; k < columns; k++)
+                along += (double)dir[i * stride + k] * slope[i * stride + k];
+        for (int i = 0; i < v.n; i++)
+            for (int k = 0; k < columns; k++)
+                p[i * stride + k] = old[i * stride + k] + groups[g].step * dir[i * stride + k];
+        high = picture_sum(d, &v);
+        for (int i = 0; i < v.n; i++)
+            for (int k = 0; k < columns; k++)
+                p[i * stride + k] = old[i * stride + k] - groups[g].step * dir[i * stride + k];
+        low = picture_sum(d, &v);
+        memcpy(p, old, all * sizeof(float));
+        near(along, (high - low) / (2 * groups[g].step), 1e-2 * fabs(along) + 1e-3, groups[g].name);
+        free(old);
+        free(dir);
+    }
+    view_free(&v);
+}
+
+static void same_bits(const char *path)
+{
+    struct spin_camera camera = camera_of(211, 135, 170);
+    struct view one, more;
+
+    for (int n = 1; n <= 8; n = n < 3 ? n + 1 : n + 5) {
+        struct view *v = n == 1 ? &one : &more;
+        struct spin_device *d = device_of_path(path, n);
+        view_random(v, &camera, 3000, 5, 50);
+        view_forward(d, v);
+        view_backward(d, v);
+        check_device_free(d);
+        if (n == 1)
+            continue;
+        printf("# %s, %d threads\n", path, n);
+        check_same_bits(more.image, one.image, 3 * view_pixels(v) * sizeof(float), "same image");
+        check_same_bits(more.n_used, one.n_used, view_pixels(v) * sizeof(int32_t), "same n_used");
+        check_same_bits(more.d_splat2d, one.d_splat2d, 3000 * sizeof *one.d_splat2d,
+                        "same gradients");
+        check_same_bits(more.d_attr, one.d_attr, 3000 * SPIN_ATTR * sizeof(float),
+                        "same gradients of attributes");
+        view_free(&more);
+    }
+    view_free(&one);
+}
+
+/* One bad splat among good ones, in every place: the picture and the others' gradients stay
+ * finite. */
+static void bad_numbers(struct spin_device *d)
+{
+    const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f, -1e30f, 1e-30f, 0};
+    struct spin_camera camera = camera_of(40, 30, 40);
+    struct view v;
+    int spoiled = 0;
+
+    view_random(&v, &camera, 6, 6, 9);
+    for (size_t b = 0; b < sizeof bad / sizeof bad[0]; b++)
+        for (int k = 0; k < 3 + SPIN_ATTR; k++) {
+            float *p = k < 3 ? v.pos_w + k : v.attr + k - 3, old = *p;
+            *p = bad[b];
+            view_forward(d, &v);
+            view_backward(d, &v);
+            for (size_t i = 0; i < 3 * view_pixels(&v); i++)
+                spoiled += !isfinite(v.image[i]);
+            for (int i = SPIN_ATTR; i < v.n * SPIN_ATTR; i++)
+                spoiled += !isfinite(v.d_attr[i]);
+            *p = old;
+        }
+    ok(spoiled == 0, "bad numbers in one splat leave the picture and the others finite");
+    memset(v.attr + SPIN_ATTR_ROTATION, 0, 4 * sizeof(float));
+    view_forward(d, &v);
+    view_backward(d, &v);
+    for (int i = 0; i < v.n * SPIN_ATTR; i++)
+        spoiled += !isfinite(v.d_attr[i]);
+    ok(spoiled == 0, "a zero quaternion is harmless");
+    view_free(&v);
+}
+
+/* One opaque splat: alpha is capped at 0.99, and the second is not added once T would fall below
+ * 1e-4. */
+static void cap_and_stop(struct spin_device *d)
+{
+    struct spin_camera camera = camera_of(17, 17, 20);
+    struct view v;
+
+    view_random(&v, &camera, 4, 500, 1);
+    for (int i = 0; i < 4; i++) {
+        v.pos_w[3 * i] = v.pos_w[3 * i + 1] = 0;
+        v.pos_w[3 * i + 2] = (float)(2 + i);
+        v.attr[SPIN_ATTR * i + SPIN_ATTR_OPACITY] = 1;
+    }
+    view_forward(d, &v);
+    near(v.final_t[8 * 17 + 8], 1e-2, 1e-6,
+         "alpha is capped, and the splat that would end below 1e-4 is left out");
+    ok(v.n_used[8 * 17 + 8] == 1, "n_used is one past the last that was added");
+    view_free(&v);
+}
+
+TAP_MAIN
+{
+    static const char *const names[] = {"render_a", "render_b", "render_c", "render_d",
+                                        "render_e", "render_f", "render_g"};
+
+    for (int i = 0; i < CPU_PATHS; i++) {
+        struct spin_device *d = device_of_path(cpu_paths[i], 2);
+        if (!d)
+            continue;
+        printf("# code path %s\n", cpu_paths[i]);
+        for (size_t k = 0; k < sizeof names / sizeof names[0]; k++)
+            golden(d, names[k], strcmp(names[k], "render_e") == 0 ? 1 : 3);
+        against_plain(d, 2000, 2, "small splats");
+        against_plain(d, 150, 40, "large splats");
+        differences(d);
+        cap_and_stop(d);
+        bad_numbers(d);
+        check_device_free(d);
+        same_bits(cpu_paths[i]);
+    }
+}

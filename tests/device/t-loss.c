@@ -1,0 +1,208 @@
+/* L1 + SSIM: golden values and gradients, differences, the same bits for any number of threads,
+ * PSNR.
+ * K: golden loss raster threads */
+#include "math/loss.h"
+#include "tests/device/raster.h"
+
+/* Pair 2 is flat: its variances are differences of nearly equal numbers, and method.md 5 asks 3e-4
+ * of it, relative, not the others' absolute 2e-6. */
+static double value_tolerance(int pair, double want)
+{
+    double tolerance = check_tolerance("loss.npz", "value_abs", 2e-6);
+    return pair == 2 ? fmax(tolerance, 3e-4 * fabs(want)) : tolerance;
+}
+
+static void check_value(struct spin_npz *npz, int pair, const char *name, double got)
+{
+    char key[32];
+    double *want;
+
+    snprintf(key, sizeof key, "%d_%s", pair, name);
+    want = check_load(npz, key, NULL);
+    near(got, want[0], value_tolerance(pair, want[0]), key);
+    free(want);
+}
+
+static void check_psnr(struct spin_npz *npz, int pair, const float *image, const float *truth,
+                       size_t pixels)
+{
+    const char *names[3] = {"psnr", "psnr_channel_mean", "psnr_clamped"};
+    double got[3] = {spin_psnr_image(image, truth, pixels, 0),
+                     spin_psnr_channel_mean(image, truth, pixels, 0),
+                     spin_psnr_image(image, truth, pixels, 1)};
+
+    for (int i = 0; i < 3; i++) {
+        char key[32];
+        double *want;
+        snprintf(key, sizeof key, "%d_%s", pair, names[i]);
+        if (!spin_npz_has(npz, key))
+            continue; /* identical images */
+        want = check_load(npz, key, NULL);
+        near(got[i], want[0], check_tolerance("loss.npz", "psnr_abs", 1e-4), key);
+        free(want);
+    }
+}
+
+/* Pair 5 is identical: its gradient is 0, left over from terms of 1e-3 that cancel. */
+static void check_gradient(int pair, const float *got, const double *want, size_t n,
+                           const char *what)
+{
+    if (pair == 5)
+        check_close(got, want, n, 1e-8, 0, what);
+    else
+        check_rel_to_absmax(got, want, n, check_tolerance("loss.npz", "grad_rel_to_absmax", 5e-4),
+                            what);
+}
+
+static void golden_pair(struct spin_device *d, struct spin_npz *npz, int pair)
+{
+    char key[32];
+    struct spin_array info;
+    float *image, *truth, *d_image;
+    double *want, values[3];
+    int w, h;
+
+    snprintf(key, sizeof key, "%d_img", pair);
+    image = check_load_f32(npz, key, &info);
+    snprintf(key, sizeof key, "%d_gt", pair);
+    truth = check_load_f32(npz, key, NULL);
+    h = (int)info.shape[1];
+    w = (int)info.shape[2];
+    d_image = calloc(info.count, sizeof(float));
+    d->op->loss(d, w, h, image, truth, 0.2f, 1, values, d_image);
+    check_value(npz, pair, "loss", values[0]);
+    check_value(npz, pair, "l1", values[1]);
+    check_value(npz, pair, "ssim", values[2]);
+    snprintf(key, sizeof key, "%d_grad", pair);
+    want = check_load(npz, key, NULL);
+    check_gradient(pair, d_image, want, (size_t)info.count, key);
+    free(want);
+    /* lambda 1 leaves only SSIM: its gradient with the sign turned */
+    d->op->loss(d, w, h, image, truth, 1, -1, values, d_image);
+    snprintf(key, sizeof key, "%d_grad_ssim", pair);
+    want = check_load(npz, key, NULL);
+    check_gradient(pair, d_image, want, (size_t)info.count, key);
+    free(want);
+    check_psnr(npz, pair, image, truth, (size_t)(w * h));
+    free(image);
+    free(truth);
+    free(d_image);
+}
+
+static void golden(struct spin_device *d)
+{
+    const char *file = check_fixture("core/loss.npz");
+    struct spin_npz npz;
+
+    if (!file) {
+        skip("golden values", "core/loss.npz is not here");
+        return;
+    }
+    if (spin_npz_open(file, &npz) != SPIN_OK) {
+        ok(0, "core/loss.npz opens: %s", spin_last_error());
+        return;
+    }
+    for (int pair = 0; pair < 6; pair++)
+        golden_pair(d, &npz, pair);
+    spin_npz_close(&npz);
+}
+
+/* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v */
+static void differences(struct spin_device *d)
+{
+    enum { W = 37, H = 29, N = 3 * W * H };
+    float *x = take(N, 4), *y = take(N, 4), *v = take(N, 4), *moved = take(N, 4), *g = take(N, 4);
+    double low[3], high[3], values[3], along = 0;
+    const float step = 2e-3f;
+    uint64_t state = 7;
+
+    for (int i = 0; i < N; i++) {
+        y[i] = random_between(&state, 0.2f, 0.8f);
+        x[i] = y[i] + (random_f(&state) < 0.5f ? -1 : 1) * random_between(&state, 0.05f, 0.2f);
+        v[i] = random_between(&state, -1, 1);
+    }
+    d->op->loss(d, W, H, x, y, 0.2f, 3, values, g);
+    for (int i = 0; i < N; i++) {
+        along += (double)g[i] * v[i];
+        moved[i] = x[i] + step * v[i];
+    }
+    d->op->loss(d, W, H, moved, y, 0.2f, 3, high, NULL);
+    for (int i = 0; i < N; i++)
+        moved[i] = x[i] - step * v[i];
+    d->op->loss(d, W, H, moved, y, 0.2f, 3, low, NULL);
+    near(along, 3 * (high[0] - low[0]) / (2 * step), 1e-3 * fabs(along) + 1e-4,
+         "the gradient is 3 times the slope of the loss");
+    free(x);
+    free(y);
+    free(v);
+    free(moved);
+    free(g);
+}
+
+static void same_bits(const char *path)
+{
+    enum { W = 131, H = 97, N = 3 * W * H };
+    float *x = take(N, 4), *y = take(N, 4), *one = take(N, 4), *more = take(N, 4);
+    double first[3], values[3];
+    uint64_t state = 11;
+
+    for (int i = 0; i < N; i++) {
+        x[i] = random_f(&state);
+        y[i] = random_f(&state);
+    }
+    for (int n = 1; n <= 8; n = n < 3 ? n + 1 : n + 5) {
+        struct spin_device *d = device_of_path(path, n);
+        char what[64];
+        d->op->loss(d, W, H, x, y, 0.2f, 1, n == 1 ? first : values, n == 1 ? one : more);
+        if (n > 1) {
+            snprintf(what, sizeof what, "%s: values are the same with %d threads", path, n);
+            check_same_bits(values, first, sizeof first, what);
+            snprintf(what, sizeof what, "%s: gradients are the same with %d threads", path, n);
+            check_same_bits(more, one, N * sizeof(float), what);
+        }
+        check_device_free(d);
+    }
+    free(x);
+    free(y);
+    free(one);
+    free(more);
+}
+
+/* Flat images far outside 0..1, and a single pixel. */
+static void extremes(struct spin_device *d)
+{
+    enum { W = 20, H = 14, N = 3 * W * H };
+    float *x = take(N, 4), *y = take(N, 4), *g = take(N, 4);
+    double values[3];
+    int finite = 1;
+
+    for (int i = 0; i < N; i++) {
+        x[i] = 100.3f;
+        y[i] = 0.7f;
+    }
+    d->op->loss(d, W, H, x, y, 0.2f, 1, values, g);
+    for (int i = 0; i < N; i++)
+        finite &= isfinite(g[i]);
+    ok(finite && isfinite(values[0]), "flat images of 100 and 0.7 have a finite loss and gradient");
+    d->op->loss(d, 1, 1, x, x, 0.2f, 1, values, g);
+    near(values[0], 0, 1e-6, "one pixel equal to itself has no loss");
+    near(values[2], 1, 1e-6, "and SSIM 1");
+    free(x);
+    free(y);
+    free(g);
+}
+
+TAP_MAIN
+{
+    for (int i = 0; i < CPU_PATHS; i++) {
+        struct spin_device *d = device_of_path(cpu_paths[i], 2);
+        if (!d)
+            continue;
+        printf("# code path %s\n", cpu_paths[i]);
+        golden(d);
+        differences(d);
+        extremes(d);
+        check_device_free(d);
+        same_bits(cpu_paths[i]);
+    }
+}

@@ -1,0 +1,169 @@
+/* K: image export */
+#include "base/err.h"
+#include "base/log.h"
+#include "io/file.h"
+#include "io/image.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+extern const struct spin_exporter spin_exporter_images;
+
+static int n_renders;
+static bool renderer_fails;
+
+/* In place of the rasteriser: red says the camera's width, green the number of splats. */
+spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
+                        const struct spin_camera *camera, const float background[3], float *image)
+{
+    size_t plane = (size_t)camera->width * (size_t)camera->height;
+
+    (void)r;
+    if (renderer_fails)
+        return spin_fail(SPIN_E_DEVICE, "no renderer today");
+    n_renders++;
+    for (size_t i = 0; i < plane; i++) {
+        image[i] = (float)camera->width / 255;
+        image[plane + i] = (float)splats->n / 255;
+        image[2 * plane + i] = background[2];
+    }
+    return SPIN_OK;
+}
+
+static const float background[3] = {0, 0, 1};
+static const int rows[] = {1, -1, 0};
+static char folder[4096];
+
+static struct spin_export_job make_job(const struct spin_views *views, const char *name,
+                                       const struct spin_plugin_values *values)
+{
+    static char output[8][4200];
+    static int next;
+    char *path = output[next++ % 8];
+
+    snprintf(path, sizeof output[0], "%s/%s", folder, name);
+    return (struct spin_export_job){.output = path,
+                                    .n_frames = 3,
+                                    .views = views,
+                                    .values = values,
+                                    .row_of_frame = rows,
+                                    .background = background};
+}
+
+/* Two rows, cameras 0 (held out, 4 x 2) and 3 (5 x 3). */
+static void make_views(struct spin_views *views, const char *image)
+{
+    for (int row = 0; row < 2; row++) {
+        struct spin_view v = {
+            .row = row, .path = (char *)image, .test = true, .camera = {.width = 4, .height = 2}};
+
+        if (spin_views_add(views, &v) != SPIN_OK)
+            exit(1);
+        v.camera = (struct spin_camera){.width = 5, .height = 3};
+        v.camera_id = 3;
+        v.test = false;
+        if (spin_views_add(views, &v) != SPIN_OK)
+            exit(1);
+    }
+}
+
+static spin_status run(const struct spin_export_job *job)
+{
+    struct spin_splats s = {.n = 9};
+    void *self = NULL;
+    spin_status status = spin_exporter_images.begin(job, &self);
+
+    if (status != SPIN_OK)
+        return status;
+    for (int i = 0; i < job->n_frames && status == SPIN_OK; i++) {
+        struct spin_frame_info info = {.number = 40 + i, .n = 9};
+
+        status = spin_exporter_images.frame(self, i, &info, &s);
+    }
+    if (status == SPIN_OK)
+        return spin_exporter_images.end(self);
+    spin_exporter_images.abort(self);
+    return status;
+}
+
+static int pixel_is(const char *output, const char *name, int width, int x, int r, int g, int b)
+{
+    char path[4400];
+    int w = 0, h = 0, good = 0;
+    uint8_t *rgb = NULL;
+
+    snprintf(path, sizeof path, "%s/%s", output, name);
+    if (spin_image_read(path, &w, &h, &rgb) == SPIN_OK)
+        good = w == width && rgb[3 * x] == r && rgb[3 * x + 1] == g && rgb[3 * x + 2] == b;
+    free(rgb);
+    return good;
+}
+
+static void test_renders(const struct spin_views *views)
+{
+    static const char *const all[] = {"views", "all", NULL};
+    static const char *const compare[] = {"compare", "", "views", "train", NULL};
+    struct spin_plugin_values values = {all};
+    struct spin_export_job job = make_job(views, "test", NULL);
+
+    ok(run(&job) == SPIN_OK && n_renders == 2, "renders the held-out views of paired frames");
+    ok(pixel_is(job.output, "0/00040.png", 4, 3, 4, 9, 255) &&
+           pixel_is(job.output, "0/00042.png", 4, 0, 4, 9, 255),
+       "under camera and frame number");
+    ok(run(&job) == SPIN_E_IO && strstr(spin_last_error(), "--force"), "refuses a used folder");
+    job.force = true;
+    ok(run(&job) == SPIN_OK, "unless told to");
+    n_renders = 0;
+    job = make_job(views, "all", &values);
+    ok(run(&job) == SPIN_OK && n_renders == 4 &&
+           pixel_is(job.output, "3/00040.png", 5, 4, 5, 9, 255),
+       "renders all views");
+    values.pairs = compare;
+    job = make_job(views, "compare", &values);
+    ok(run(&job) == SPIN_OK && pixel_is(job.output, "3/00042.png", 10, 0, 10, 20, 30) &&
+           pixel_is(job.output, "3/00042.png", 10, 9, 5, 9, 255),
+       "puts the data set's image to the left");
+}
+
+static void test_failures(const struct spin_views *views)
+{
+    static const char *const bad[] = {"views", "some", NULL};
+    static const char *const train[] = {"views", "train", NULL};
+    struct spin_plugin_values values = {bad};
+    struct spin_export_job job = make_job(NULL, "never", NULL);
+    struct spin_views only_test = *views;
+
+    ok(run(&job) == SPIN_E_USAGE && strstr(spin_last_error(), "--data"), "asks for --data");
+    job = make_job(views, "never", &values);
+    ok(run(&job) == SPIN_E_USAGE && strstr(spin_last_error(), "'some'"), "refuses other views");
+    only_test.n = 1;
+    values.pairs = train;
+    job = make_job(&only_test, "never", &values);
+    ok(run(&job) == SPIN_E_NOT_FOUND && strstr(spin_last_error(), "no train views"),
+       "says when there are no such views");
+    renderer_fails = true;
+    job = make_job(views, "never", NULL);
+    ok(run(&job) == SPIN_E_DEVICE && !spin_path_exists(job.output),
+       "leaves nothing when rendering fails");
+    renderer_fails = false;
+}
+
+TAP_MAIN
+{
+    static const uint8_t colour[] = {10, 20, 30};
+    struct spin_views views = {0};
+    char image[4200];
+
+    if (spin_image_start() != SPIN_OK) {
+        skip("images", spin_last_error());
+        return;
+    }
+    spin_log_set_level(-2);
+    snprintf(folder, sizeof folder, "%s", check_folder());
+    snprintf(image, sizeof image, "%s/source.png", folder);
+    if (!ok(spin_image_write(image, 1, 1, colour) == SPIN_OK, "makes an image"))
+        return;
+    make_views(&views, image);
+    test_renders(&views);
+    test_failures(&views);
+    spin_views_free(&views);
+}

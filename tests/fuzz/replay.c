@@ -1,0 +1,65 @@
+/* A plain main for the fuzz targets, so that saved finds are tests in every build.
+ *
+ * Arguments are files and folders of files; each file is fed to the target once, in an exactly
+ * sized block. What fails, fails by crashing. One TAP line per file; without files one line says
+ * so. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/file.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n);
+
+static int count, failed;
+
+static void replay_file(const char *path)
+{
+    struct spin_map map;
+    uint8_t *copy;
+
+    count++;
+    if (spin_map_open(path, &map) != SPIN_OK) {
+        failed++;
+        printf("not ok %d - %s\n", count, spin_last_error());
+        return;
+    }
+    copy = malloc(map.size ? map.size : 1);
+    if (copy) {
+        memcpy(copy, map.data, map.size);
+        LLVMFuzzerTestOneInput(copy, map.size);
+    }
+    free(copy);
+    spin_map_close(&map);
+    printf("ok %d - survives '%s'\n", count, spin_path_name(path));
+    fflush(stdout);
+}
+
+static void replay(const char *path)
+{
+    char **names, *child;
+    size_t n;
+
+    if (!spin_path_is_folder(path)) {
+        replay_file(path);
+        return;
+    }
+    if (spin_folder_list(path, &names, &n) != SPIN_OK)
+        return;
+    for (size_t i = 0; i < n; i++) {
+        if (spin_path_join(path, names[i], &child) == SPIN_OK)
+            replay(child);
+        free(child);
+    }
+    spin_folder_list_free(names);
+}
+
+int main(int argc, char **argv)
+{
+    for (int i = 1; i < argc; i++)
+        replay(argv[i]);
+    if (count == 0)
+        printf("ok %d - no saved finds\n", ++count);
+    printf("1..%d\n", count);
+    return failed ? 1 : 0;
+}

@@ -1,0 +1,200 @@
+/* What the importers' tests share: opening a run, comparing its frames with expected.npz, and
+ * reading every truncation of a file. */
+#ifndef SPIN_TESTS_IMPORTERS_RUNS_H
+#define SPIN_TESTS_IMPORTERS_RUNS_H
+
+#include <unistd.h>
+
+#include "base/log.h"
+#include "base/mem.h"
+#include "io/json.h"
+#include "scene/detect.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+/* folder/name; kept until the program ends. */
+static inline const char *path_in(const char *folder, const char *name)
+{
+    static struct spin_arena arena;
+    size_t n = strlen(folder) + strlen(name) + 2;
+    void *path = NULL;
+
+    if (spin_arena_take(&arena, n, 1, &path) != SPIN_OK)
+        exit(1);
+    snprintf(path, n, "%s/%s", folder, name);
+    return path;
+}
+
+/* An empty folder; check_folder() only has a few. */
+static inline const char *new_folder(void)
+{
+    static const char *parent;
+    static int count;
+    char name[16];
+    const char *path;
+
+    if (!parent)
+        parent = check_folder();
+    snprintf(name, sizeof name, "%d", count++);
+    path = path_in(parent, name);
+    if (spin_folder_make(path) != SPIN_OK)
+        exit(1);
+    return path;
+}
+
+struct run {
+    const struct spin_importer *importer;
+    void *self;
+    struct spin_track track;
+};
+
+static inline void run_close(struct run *run)
+{
+    if (run->self)
+        run->importer->close(run->self);
+    run->self = NULL;
+}
+
+/* On failure everything is closed again. */
+static inline spin_status run_open(const char *from, const char *path, struct run *run)
+{
+    spin_status status;
+
+    memset(run, 0, sizeof *run);
+    status = spin_importer_find(path, from, false, &run->importer);
+    if (status == SPIN_OK)
+        status = run->importer->open(path, NULL, &run->self, &run->track);
+    if (status != SPIN_OK)
+        run_close(run);
+    return status;
+}
+
+/* Every frame with every column; the trail stays for the caller. */
+static inline spin_status read_all(const char *from, const char *path)
+{
+    struct spin_splats s = {0};
+    struct run run;
+    spin_status status = run_open(from, path, &run);
+
+    for (int f = 0; status == SPIN_OK && f < run.track.n_frames; f++)
+        status = run.importer->frame(run.self, f, 0, run.track.columns, &s);
+    run_close(&run);
+    spin_splats_free(&s);
+    return status;
+}
+
+/* Reading fails, and the message has this word in it (NULL: any). */
+static inline void fails(const char *from, const char *path, const char *word, const char *what)
+{
+    spin_status status = read_all(from, path);
+    bool good = status != SPIN_OK && (!word || strstr(spin_last_error(), word));
+
+    ok(good, "%s", what);
+    if (!good)
+        printf("#   status %d, '%s'\n", status, status == SPIN_OK ? "" : spin_last_error());
+}
+
+static inline spin_json *load_manifest(const char *folder)
+{
+    const char *path = path_in(folder, "manifest.json");
+    spin_json *manifest = NULL;
+
+    if (!spin_path_exists(path) || spin_json_load(path, &manifest) != SPIN_OK)
+        return NULL;
+    return manifest;
+}
+
+static inline double manifest_tolerance(const spin_json *manifest, const char *key, double fallback)
+{
+    double value = fallback;
+
+    spin_json_number(spin_json_get(spin_json_get(manifest, "tolerance"), key), &value);
+    return value;
+}
+
+/* Compare finished attributes with `count` expected values that begin at `first`. */
+struct expected {
+    struct spin_npz *npz;
+    double abs, rel;
+    const char *name; /* for the test's line */
+};
+
+static inline void compare(const struct expected *e, const char *key, uint64_t first, size_t count,
+                           const float *got)
+{
+    struct spin_array info;
+    double *want = check_load(e->npz, key, &info);
+    char what[300];
+
+    if (!want)
+        return;
+    snprintf(what, sizeof what, "%s: %s", e->name, key);
+    if (first + count > info.count)
+        ok(0, "%s: %llu values expected, %zu read", what, (unsigned long long)info.count, count);
+    else
+        check_close(got, want + first, count, e->abs, e->rel, what);
+    free(want);
+}
+
+static inline float *map_values(const float *in, size_t n, double (*fn)(double))
+{
+    float *out = malloc(n * sizeof *out + 1);
+
+    for (size_t i = 0; i < n; i++)
+        out[i] = (float)fn(in[i]);
+    return out;
+}
+
+static inline double sigmoid(double x) { return 1 / (1 + exp(-x)); }
+
+/* q and -q are the same rotation: turn each to the expected side. */
+static inline void compare_quats(const struct expected *e, const char *key, uint64_t first,
+                                 size_t n, const float *quats)
+{
+    struct spin_array info;
+    double *want = check_load(e->npz, key, &info);
+    float *turned = malloc(4 * n * sizeof *turned + 1);
+
+    for (size_t i = 0; want && first + 4 * n <= info.count && i < n; i++) {
+        const double *w = want + first + 4 * i;
+        const float *q = quats + 4 * i;
+        double dot = q[0] * w[0] + q[1] * w[1] + q[2] * w[2] + q[3] * w[3];
+
+        for (int c = 0; c < 4; c++)
+            turned[4 * i + (size_t)c] = dot < 0 ? -q[c] : q[c];
+    }
+    if (want)
+        compare(e, key, first, 4 * n, turned);
+    free(turned);
+    free(want);
+}
+
+/* Cut a copy of the file at up to 2000 lengths, longest first; reading must fail or succeed, not
+ * crash. Returns how many of them could still be read. */
+static inline int read_truncations(const char *from, const char *path)
+{
+    const char *copy = path_in(new_folder(), spin_path_name(path));
+    struct spin_map map;
+    size_t size, step;
+    int n_good = 0, n = 0;
+    FILE *file;
+
+    if (spin_map_open(path, &map) != SPIN_OK || !(file = fopen(copy, "wb")) ||
+        fwrite(map.data, 1, map.size, file) != map.size || fclose(file) != 0) {
+        ok(0, "copies '%s'", path);
+        return -1;
+    }
+    size = map.size;
+    spin_map_close(&map);
+    step = size > 2000 ? size / 1000 : 1;
+    while (size > 0 && n++ < 2000) {
+        /* One by one near both ends, in steps between them. */
+        size -= n < 500 || size < 500 || size < step ? 1 : step;
+        if (truncate(copy, (off_t)size) != 0)
+            break;
+        n_good += read_all(from, copy) == SPIN_OK;
+    }
+    return n_good;
+}
+
+#endif

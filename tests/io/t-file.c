@@ -1,0 +1,274 @@
+/* Maps, paths, folders, write-then-rename, peeks.  K: io file */
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "io/file.h"
+#include "io/zip.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+static const char *root; /* a fresh folder */
+
+static const char *in_root(const char *name)
+{
+    static char ring[8][512];
+    static int next;
+
+    next = (next + 1) % 8;
+    snprintf(ring[next], sizeof ring[0], "%s/%s", root, name);
+    return ring[next];
+}
+
+static void put_file(const char *path, const char *text)
+{
+    FILE *file = fopen(path, "wb");
+
+    if (file) {
+        fputs(text, file);
+        fclose(file);
+    }
+}
+
+static void error_is(spin_status got, spin_status want, const char *part, const char *what)
+{
+    if (!ok(got == want && strstr(spin_last_error(), part), "%s", what))
+        printf("#   status %d, '%s'\n", got, spin_last_error());
+}
+
+static void maps(void)
+{
+    struct spin_map map;
+    char want[600];
+
+    put_file(in_root("a"), "hello");
+    ok(spin_map_open(in_root("a"), &map) == SPIN_OK && map.size == 5 &&
+           memcmp(map.data, "hello", 5) == 0,
+       "maps a file");
+    spin_map_close(&map);
+    put_file(in_root("empty"), "");
+    ok(spin_map_open(in_root("empty"), &map) == SPIN_OK && map.size == 0 && map.data,
+       "maps nothing");
+    spin_map_close(&map);
+    ok(spin_map_open(in_root("none"), &map) == SPIN_E_NOT_FOUND, "a missing file is not found");
+    snprintf(want, sizeof want, "cannot open '%s': no such file or folder", in_root("none"));
+    is_text(spin_last_error(), want, "and the text names it");
+    error_is(spin_map_open(root, &map), SPIN_E_IO, "it is a folder", "a folder is not mapped");
+    mkfifo(in_root("fifo"), 0600);
+    error_is(spin_map_open(in_root("fifo"), &map), SPIN_E_IO, "not an ordinary file",
+             "a fifo does not block");
+    unlink(in_root("fifo"));
+}
+
+static void join_is(const char *dir, const char *name, const char *want)
+{
+    char *path;
+
+    ok(spin_path_join(dir, name, &path) == SPIN_OK && strcmp(path, want) == 0, "joins to '%s'",
+       want);
+    free(path);
+}
+
+static void folder_is(const char *path, const char *want)
+{
+    char *folder;
+
+    ok(spin_path_folder(path, &folder) == SPIN_OK && strcmp(folder, want) == 0, "'%s' lies in '%s'",
+       path, want);
+    free(folder);
+}
+
+static void relative_is(const char *from, const char *to, const char *want)
+{
+    char *path;
+
+    if (spin_path_relative(from, to, &path) != SPIN_OK) {
+        ok(0, "relative: %s", spin_last_error());
+        return;
+    }
+    if (!ok(strcmp(path, want) == 0, "relative path '%s'", want))
+        printf("#   got '%s'\n", path);
+    free(path);
+}
+
+static void paths(void)
+{
+    char *path;
+
+    join_is("a", "b", "a/b");
+    join_is("a/", "b", "a/b");
+    join_is("", "b", "b");
+    join_is("/", "b", "/b");
+    folder_is("a", ".");
+    folder_is("a/b", "a");
+    folder_is("a/b/", "a");
+    folder_is("/a", "/");
+    folder_is("/", "/");
+    folder_is("/a//b", "/a");
+    is_text(spin_path_name("a/b.ply"), "b.ply", "last component");
+    is_text(spin_path_name("b.ply"), "b.ply", "last component of a bare name");
+
+    ok(spin_path_number("frame_10.ply") == 10, "number of frame_10.ply");
+    ok(spin_path_number("a7/cam3_000123.png") == 123, "the last run of digits counts");
+    ok(spin_path_number("12_left.jpg") == 12, "digits before letters");
+    ok(spin_path_number("a7/left.mp4") == -1, "folder and extension do not count");
+    ok(spin_path_number("9223372036854775807") == 9223372036854775807LL, "the largest number");
+    ok(spin_path_number("9223372036854775808") == -1, "no number that does not fit");
+    ok(spin_path_number("") == -1, "no number in nothing");
+
+    spin_folder_make(in_root("p/q/r"));
+    spin_folder_make(in_root("p/s"));
+    relative_is(in_root("p/q"), in_root("p/s"), "../s");
+    relative_is(in_root("p/q/r"), in_root("p"), "../..");
+    relative_is(in_root("p"), in_root("p/q/r"), "q/r");
+    relative_is(in_root("p"), in_root("p"), ".");
+    relative_is(in_root("p/q/r"), in_root("p/s"), "../../s");
+    relative_is("/proc", "/dev", "/dev");
+    relative_is("/", "/dev", "/dev");
+    ok(spin_path_relative(root, in_root("none"), &path) == SPIN_E_NOT_FOUND && !path,
+       "no relative path to what is not there");
+    ok(spin_path_absolute(in_root("p/../p/q"), &path) == SPIN_OK && path[0] == '/' &&
+           !strstr(path, ".."),
+       "absolute path");
+    free(path);
+}
+
+static void folders(void)
+{
+    char **names;
+    size_t n;
+
+    ok(spin_folder_make(in_root("x/y//z/")) == SPIN_OK && spin_path_is_folder(in_root("x/y/z")),
+       "makes folders along the way");
+    ok(spin_folder_make(in_root("x/y")) == SPIN_OK, "an existing folder is fine");
+    put_file(in_root("x/file"), "");
+    error_is(spin_folder_make(in_root("x/file")), SPIN_E_IO, "a file has that name",
+             "a file is not");
+    ok(spin_folder_make(in_root("x/file/below")) != SPIN_OK, "nor is a folder below a file");
+    put_file(in_root("x/b10"), "");
+    put_file(in_root("x/B"), "");
+    ok(spin_folder_list(in_root("x"), &names, &n) == SPIN_OK && n == 4, "lists a folder");
+    ok(n == 4 && !strcmp(names[0], "B") && !strcmp(names[1], "b10") && !strcmp(names[2], "file") &&
+           !strcmp(names[3], "y") && !names[4],
+       "sorted by bytes, ended by NULL");
+    spin_folder_list_free(names);
+    ok(spin_folder_list(in_root("x/y/z"), &names, &n) == SPIN_OK && n == 0 && names && !names[0],
+       "lists an empty folder");
+    spin_folder_list_free(names);
+    ok(spin_folder_list(in_root("none"), &names, &n) == SPIN_E_NOT_FOUND && !names, "or says no");
+    ok(spin_path_exists(in_root("x/B")) && !spin_path_is_folder(in_root("x/B")),
+       "a file is no folder");
+}
+
+static size_t n_entries(const char *path)
+{
+    char **names;
+    size_t n = 0;
+
+    if (spin_folder_list(path, &names, &n) == SPIN_OK)
+        spin_folder_list_free(names);
+    return n;
+}
+
+static void outputs(void)
+{
+    struct spin_out out;
+    struct spin_map map;
+
+    spin_folder_make(in_root("out"));
+    ok(spin_out_open(in_root("out/f"), false, &out) == SPIN_OK, "opens an output");
+    ok(!spin_path_exists(in_root("out/f")), "which has not its name yet");
+    ok(spin_out_write(&out, "one", 3) == SPIN_OK && spin_out_write(&out, NULL, 0) == SPIN_OK &&
+           out.bytes == 3,
+       "writes and counts");
+    ok(spin_out_commit(&out) == SPIN_OK && n_entries(in_root("out")) == 1,
+       "commit leaves one file");
+    error_is(spin_out_open(in_root("out/f"), false, &out), SPIN_E_IO,
+             "it exists; use --force to overwrite", "an existing file is kept");
+    ok(spin_out_open(in_root("out/f"), true, &out) == SPIN_OK &&
+           spin_out_write(&out, "2", 1) == SPIN_OK,
+       "unless forced");
+    spin_out_abandon(&out);
+    ok(spin_map_open(in_root("out/f"), &map) == SPIN_OK && map.size == 3,
+       "abandon leaves the old content");
+    spin_map_close(&map);
+    ok(n_entries(in_root("out")) == 1, "and no temporary file");
+    spin_out_abandon(&out);
+    error_is(spin_out_open(in_root("none/f"), false, &out), SPIN_E_NOT_FOUND, "none/f",
+             "no folder to write into");
+    error_is(spin_out_open(in_root("out"), true, &out), SPIN_E_IO, "it is a folder",
+             "a folder is not overwritten");
+    error_is(spin_out_open("/dev/null", true, &out), SPIN_E_IO, "not an ordinary file",
+             "nor is a device");
+}
+
+static void full_disk(void)
+{
+    static char block[1 << 16];
+    struct spin_out out;
+    spin_status status;
+
+    if (access("/dev/full", W_OK) != 0) {
+        skip("a full disk is an error", "no /dev/full");
+        return;
+    }
+    status = spin_out_open(in_root("out/full"), false, &out);
+    if (status == SPIN_OK) { /* the same stream, onto a device that is always full */
+        out.file = freopen("/dev/full", "wb", out.file);
+        status = spin_out_write(&out, block, sizeof block);
+        status = status == SPIN_OK ? spin_out_commit(&out) : (spin_out_abandon(&out), status);
+    }
+    error_is(status, SPIN_E_IO, "out/full", "a full disk is an error");
+    ok(!spin_path_exists(in_root("out/full")) && n_entries(in_root("out")) == 1,
+       "that leaves nothing");
+}
+
+static void peeks(void)
+{
+    struct spin_peek peek;
+    struct spin_zip_writer w;
+    char large[5001];
+
+    memset(large, 'z', 5000);
+    large[5000] = '\0';
+    put_file(in_root("large"), large);
+    ok(spin_peek_open(in_root("large"), &peek) == SPIN_OK && peek.n_head == 4096 &&
+           !peek.is_folder && peek.head[4095] == 'z',
+       "peeks at the first 4096 bytes");
+    is_text(peek.tail_names, "", "which has no members");
+    is_text(peek.path, in_root("large"), "keeps the path");
+    spin_peek_free(&peek);
+
+    spin_zip_writer_open(in_root("z.npz"), false, &w);
+    spin_zip_member_begin(&w, "a.npy", 0);
+    spin_zip_member_end(&w);
+    spin_zip_member_begin(&w, "b/c.npy", 0);
+    spin_zip_member_end(&w);
+    spin_zip_writer_commit(&w);
+    ok(spin_peek_open(in_root("z.npz"), &peek) == SPIN_OK, "peeks at an archive");
+    is_text(peek.tail_names, "a.npy\nb/c.npy", "sees its members");
+    spin_peek_free(&peek);
+    put_file(in_root("bad.npz"), "PK\003\004 and nothing more");
+    ok(spin_peek_open(in_root("bad.npz"), &peek) == SPIN_OK, "peeks at a broken archive");
+    is_text(peek.tail_names, "", "sees no members");
+    spin_peek_free(&peek);
+
+    ok(spin_peek_open(in_root("x"), &peek) == SPIN_OK && peek.is_folder &&
+           !strcmp(peek.names[0], "B") && !peek.names[4],
+       "peeks into a folder");
+    spin_peek_free(&peek);
+    ok(spin_peek_open(in_root("none"), &peek) == SPIN_E_NOT_FOUND,
+       "what is not there is not found");
+    ok(strstr(spin_last_error(), "no such file or folder") != NULL, "in these words");
+    spin_peek_free(&peek);
+}
+
+TAP_MAIN
+{
+    root = check_folder();
+    maps();
+    paths();
+    folders();
+    outputs();
+    full_disk();
+    peeks();
+}

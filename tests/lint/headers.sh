@@ -1,0 +1,33 @@
+#!/bin/sh
+# Each header compiles alone, as C; those in math/ also as C++, plain and with the qualifiers that nvcc
+# would see, so that a machine without nvcc still notices a header that CUDA would refuse.
+CC=${1:-gcc}
+CXX=${2:-g++}
+flags='-Isrc -I. -D_GNU_SOURCE -Wall -Wextra -fsyntax-only'
+nvcc='-D__CUDACC__ -D__host__= -D__device__= -D__global__= -D__forceinline__=inline'
+failed=0
+n=0
+
+# What a file that includes only this header would see. `how` is the compiler and its flags.
+try() {
+    how=$1
+    if ! echo "#include \"$header\"" | $how -Werror $flags -; then
+        echo "headers: src/$header does not compile alone: $how"
+        failed=1
+    fi
+}
+
+for path in $(find src -name '*.h' | sort); do
+    header=${path#src/}
+    n=$((n + 1))
+    try "$CC -std=gnu11 -x c -DSPIN_CPU_PATH=base"
+    case $header in
+    spin.h) try "$CXX -std=c++17 -x c++" ;;
+    math/*)
+        try "$CXX -std=c++17 -x c++"
+        try "$CXX -std=c++17 -x c++ $nvcc -Wno-unused-function"
+        ;;
+    esac
+done
+[ $failed = 0 ] && echo "headers: $n compile alone"
+exit $failed

@@ -1,0 +1,95 @@
+#!/bin/sh
+# Who may include whom: the drawing of the house as a table, and no arrow that is not in it.
+#
+#     cmd        -> spin.h cmd
+#     importers, exporters -> spin.h io math base
+#     core       -> spin.h scene device/device.h io math base core
+#     scene      -> spin.h io base scene
+#     device     -> spin.h device math base;  a device sees device.h and its own folder
+#     io         -> spin.h base io
+#     base       -> spin.h base
+#     math       -> math
+#
+# spin.h includes nothing of ours. Tests may include anything of ours.
+
+# file, pattern of what it may include of ours
+ours() {
+    case $1 in
+    src/spin.h) echo '^$' ;;
+    src/cmd/*) echo '^(spin\.h|cmd/.*)$' ;;
+    importers/* | exporters/*) echo '^(spin\.h|(io|math|base)/.*)$' ;;
+    src/core/*) echo '^(spin\.h|device/device\.h|(scene|io|math|base|core)/.*)$' ;;
+    src/scene/*) echo '^(spin\.h|(io|base|scene)/.*)$' ;;
+    src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
+    src/device/device.h) echo '^(spin\.h|(math|base)/.*)$' ;;
+    src/device/cpu/*) echo '^(spin\.h|device/device\.h|device/cpu/.*|(math|base)/.*)$' ;;
+    src/device/cuda/*) echo '^(spin\.h|device/device\.h|device/cuda/.*|(math|base)/.*)$' ;;
+    src/io/*) echo '^(spin\.h|(base|io)/.*)$' ;;
+    src/base/*) echo '^(spin\.h|base/.*)$' ;;
+    src/math/*) echo '^math/.*$' ;;
+    *) echo '.' ;;
+    esac
+}
+
+# file, pattern of what it may include besides libc and POSIX
+foreign() {
+    case $1 in
+    src/io/zip.c) echo '^zlib\.h$' ;;
+    src/io/json.c) echo '^jansson\.h$' ;;
+    src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
+    src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;
+    src/device/cuda/*) echo '^(cuda.*|cub/.*|cooperative_groups.*)$' ;;
+    src/base/mem.c) echo '^sanitizer/asan_interface\.h$' ;;
+    *) echo '^$' ;;
+    esac
+}
+
+libc='^(assert|ctype|dirent|dlfcn|errno|fcntl|fenv|float|glob|inttypes|limits|locale|math|pthread|'
+libc=$libc'sched|setjmp|signal|stdarg|stdatomic|stdbool|stddef|stdint|stdio|stdlib|string|strings|'
+libc=$libc'time|unistd|sys/[a-z]+|cstdint|cstdio|cstdlib|cstring|cmath)(\.h)?$'
+
+failed=0
+arrows=0
+complain() {
+    echo "includes: $*"
+    failed=1
+}
+
+for file in $(find src importers exporters -name '*.[ch]' -o -name '*.cpp' -o -name '*.cu' \
+    -o -name '*.cuh' | sort); do
+    may=$(ours "$file")
+    outside=$(foreign "$file")
+    for header in $(sed -n 's/^ *# *include *"\([^"]*\)".*/\1/p' "$file"); do
+        arrows=$((arrows + 1))
+        echo "$header" | grep -Eq "$may" || complain "$file may not include \"$header\""
+        [ -f "src/$header" ] || [ -f "$header" ] || complain "$file: no such file \"$header\""
+    done
+    for header in $(sed -n 's/^ *# *include *<\([^>]*\)>.*/\1/p' "$file"); do
+        arrows=$((arrows + 1))
+        echo "$header" | grep -Eq "$libc" || echo "$header" | grep -Eq "$outside" ||
+            complain "$file may not include <$header>"
+    done
+done
+
+# Names that belong to one list: each plug-in is named by itself and by the list only, a device by
+# src/device only.
+for list in importers exporters; do
+    for path in $list/*.c; do
+        plugin=$(basename "$path" .c)
+        for file in $(grep -rlw "spin_${list%s}_$plugin" src importers exporters); do
+            case $file in
+            "$list/$list.c" | "$path") ;;
+            *) complain "$file names the plug-in '$plugin'" ;;
+            esac
+        done
+    done
+done
+for file in $(grep -rlE '\<spin_(cpu|cuda)_' src importers exporters); do
+    case $file in
+    src/device/*) ;;
+    *) complain "$file names a device" ;;
+    esac
+done
+
+[ $failed = 0 ] && echo "includes: $arrows arrows, all in the drawing"
+exit $failed

@@ -1,0 +1,30 @@
+#!/bin/sh
+# Every plug-in's file defines its struct, the struct is in the list, the list is alphabetical and ends
+# with NULL.
+failed=0
+n=0
+complain() {
+    echo "lists: $*"
+    failed=1
+}
+
+for list in importers exporters; do
+    kind=${list%s}
+    listed=$(sed -n "s/^ *&spin_${kind}_\([a-z0-9_]*\),\$/\1/p" $list/$list.c)
+    for file in $list/*.c; do
+        name=$(basename "$file" .c)
+        [ "$name" = $list ] && continue
+        n=$((n + 1))
+        grep -q "^const struct spin_$kind spin_${kind}_$name = {" "$file" ||
+            complain "$file does not define spin_${kind}_$name"
+        echo "$listed" | grep -qx "$name" || complain "$file is not in $list/$list.c"
+    done
+    for name in $listed; do
+        [ -f "$list/$name.c" ] || complain "$list/$list.c lists '$name', which has no file"
+    done
+    [ "$listed" = "$(echo "$listed" | LC_ALL=C sort)" ] ||
+        complain "$list/$list.c is not alphabetical"
+    grep -q '^ *NULL,$' $list/$list.c || complain "$list/$list.c does not end with NULL"
+done
+[ $failed = 0 ] && echo "lists: $n plug-ins, all listed"
+exit $failed

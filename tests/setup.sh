@@ -1,0 +1,86 @@
+#!/bin/sh
+# setup.sh: install what the build needs and this machine lacks (Debian, Ubuntu), or print the line to
+# type. setup.sh --report [CC [CXX]]: say what is there.
+CC=${2:-${CC:-gcc}}
+CXX=${3:-${CXX:-g++}}
+
+have() { command -v "$1" >/dev/null 2>&1; }
+
+# One run of the preprocessor tells which headers are missing.
+missing_headers() {
+    printf '%s\n' '#if !__has_include(<zlib.h>)' zlib1g-dev '#endif' \
+        '#if !__has_include(<jansson.h>)' libjansson-dev '#endif' \
+        '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' |
+        "$CXX" -E -P -x c++ - 2>/dev/null | tr -s '\n' ' '
+}
+
+missing_packages() {
+    if have make && have "${CC%% *}" && have "${CXX%% *}"; then
+        missing_headers
+    elif have "$CXX"; then
+        echo "build-essential $(missing_headers)"
+    else
+        echo build-essential zlib1g-dev libjansson-dev libopenimageio-dev
+    fi
+}
+
+version_of() { # header macro: its value, as text
+    printf '#include <%s>\nspin4d %s\n' "$1" "$2" | "$CXX" -E -P -x c++ - 2>/dev/null |
+        sed -n 's/^ *spin4d *//p' | tr -d '" '
+}
+
+report() {
+    for tool in "$CC" "$CXX" make nvcc; do
+        if have "${tool%% *}"; then
+            found=$($tool --version 2>/dev/null | grep -i -m 1 '[0-9]\.[0-9]')
+        elif [ "$tool" = nvcc ]; then
+            found='not found; not needed: this version computes on the CPU'
+        else
+            found='not found: package build-essential'
+        fi
+        printf '%-12s %s\n' "$tool:" "$found"
+    done
+    lacking=" $(missing_headers) "
+    while read -r name package header macro; do
+        case $lacking in
+        *" $package "*) found="not found: package $package" ;;
+        *) found=$(version_of "$header" "$macro") ;;
+        esac
+        printf '%-12s %s\n' "$name:" "$found"
+    done <<LIST
+zlib zlib1g-dev zlib.h ZLIB_VERSION
+jansson libjansson-dev jansson.h JANSSON_VERSION
+OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
+LIST
+}
+
+if [ "${1:-}" = --report ]; then
+    report
+    exit 0
+fi
+
+packages=$(missing_packages | xargs)
+[ -z "$packages" ] && exit 0
+
+as_root=
+if [ "$(id -u)" != 0 ]; then
+    as_root=sudo
+fi
+install="apt-get install -y --no-install-recommends $packages"
+if have apt-get && { [ -z "$as_root" ] || { have sudo && sudo -n true 2>/dev/null; }; }; then
+    echo "setup: installing $packages" >&2
+    export DEBIAN_FRONTEND=noninteractive
+    $as_root apt-get update >&2 || echo 'setup: apt-get update failed, trying to install all the same' >&2
+    # shellcheck disable=SC2086
+    if ! $as_root $install >&2; then
+        echo "setup: could not install; type: ${as_root:+sudo }$install" >&2
+        exit 1
+    fi
+    packages=$(missing_packages | xargs)
+    [ -z "$packages" ] && exit 0
+    echo "setup: still missing after the installation: $packages" >&2
+    exit 1
+fi
+echo "setup: missing packages; type:" >&2
+echo "    sudo apt-get update && sudo $install" >&2
+exit 1
