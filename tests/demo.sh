@@ -6,10 +6,13 @@ clip=fixtures/court-mini
 out=demo-out
 
 # What fits into a few minutes on two cores. The paper's numbers are the defaults of spin-retrain.
-ITERATIONS=800
+ITERATIONS=2000
 BATCH=3
+LEVELS=8
 HASH_LOG2=15
-FINEST=512
+BASE=8,8,8,2
+FINEST=128,128,128,8
+SH_DEGREE=1
 HEAD_LR_FACTOR=4
 SCALE_BIAS=auto
 
@@ -35,8 +38,9 @@ echo "   PSNR $(number psnr $out/before.json)  SSIM $(number ssim $out/before.js
 echo
 echo "3. retrain the attributes: $ITERATIONS iterations"
 "$bin/spin-retrain" $out/court.spin -o $out/better.spin --device cpu --iterations $ITERATIONS \
-    --batch $BATCH --hash-log2 $HASH_LOG2 --finest-resolution $FINEST \
-    --head-lr-factor $HEAD_LR_FACTOR --scale-bias $SCALE_BIAS --preview $out/preview ||
+    --batch $BATCH --levels $LEVELS --hash-log2 $HASH_LOG2 --base-resolution $BASE \
+    --finest-resolution $FINEST --sh-degree $SH_DEGREE --head-lr-factor $HEAD_LR_FACTOR \
+    --scale-bias $SCALE_BIAS ||
     fail "the retraining failed"
 
 echo
@@ -51,6 +55,6 @@ echo
 echo "psnr_before $before"
 echo "psnr_after  $after"
 echo "frames      $out/ply/"
-echo "pictures    $out/preview/ (ground truth, before, after), $out/images/ (ground truth, after)"
+echo "pictures    $out/images/ (ground truth | before | after, every frame and held-out camera)"
 awk -v a="$after" -v b="$before" 'BEGIN { exit !(a > b) }' ||
     fail "the retrained clip does not look better than the imported one"

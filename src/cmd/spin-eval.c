@@ -22,7 +22,7 @@ static const struct spin_opt_row rows[] = {
              &options.image_scale, 0.01, 1),
     SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
              SPIN_OPT_COLOUR, options.background, 0, 0),
-    SPIN_OPT("images", 0, "DIR", "write one PNG a view: ground truth left, render right",
+    SPIN_OPT("images", 0, "DIR", "write one PNG a view: ground truth | source | render",
              SPIN_OPT_STRING, &options.images, 0, 0),
     SPIN_OPT_HEADING("Data set"),
     SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",

@@ -29,17 +29,42 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
     return status;
 }
 
-static spin_status save_view(const struct spin_measure *m, const struct spin_view *view, int number,
+/* The source's picture of the same view, when there is a source to show. */
+static spin_status draw_source(struct spin_measure *m, const struct spin_pair *pair, float **out)
+{
+    const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
+    void *block = NULL;
+
+    *out = NULL;
+    if (!m->source)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(3 * (size_t)c->width * (size_t)c->height, sizeof(float), &block));
+    *out = block;
+    SPIN_TRY(spin_player_show(m->source, m->clip->frame[pair->frame]));
+    return spin_player_draw(m->source, c, m->background, *out);
+}
+
+static spin_status save_view(struct spin_measure *m, const struct spin_pair *pair, int number,
                              const float *truth, const float *image)
 {
-    const float *both[2] = {truth, image};
+    const struct spin_view *view = &m->clip->views.view[pair->view];
+    const float *picture[3];
     char name[64];
     char *path = NULL;
+    float *source = NULL;
+    int n = 0;
     spin_status status;
 
     snprintf(name, sizeof name, "cam_%02d_frame_%05d.png", view->camera_id, number);
-    SPIN_TRY(spin_path_join(m->images, name, &path));
-    status = spin_write_beside(path, view->camera.width, view->camera.height, both, 2);
+    SPIN_TRY_OUT(draw_source(m, pair, &source));
+    SPIN_TRY_OUT(spin_path_join(m->images, name, &path));
+    picture[n++] = truth;
+    if (source)
+        picture[n++] = source;
+    picture[n++] = image;
+    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
+out:
+    free(source);
     free(path);
     return status;
 }
@@ -71,7 +96,7 @@ static spin_status measure_one(struct spin_measure *m, size_t i, float *image, f
     out->camera = view->camera_id;
     SPIN_TRY(spin_player_compare(m->player, camera->width, camera->height, image, truth, out));
     if (m->images)
-        SPIN_TRY(save_view(m, view, out->frame, truth, image));
+        SPIN_TRY(save_view(m, pair, out->frame, truth, image));
     return SPIN_OK;
 }
 

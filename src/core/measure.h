@@ -13,6 +13,7 @@ struct spin_measure {
     const float *background;
     const size_t *live_counts;   /* live player: splats of each frame, else NULL */
     const char *images;          /* folder for "truth | picture" PNGs, or NULL */
+    struct spin_player *source;  /* "truth | source | picture" then; or NULL */
     const char *what;            /* for the progress line */
     struct spin_eval_view *view; /* [n_pairs] out, or NULL */
     double seconds;              /* out: decoding and drawing, all views */

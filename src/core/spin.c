@@ -187,12 +187,28 @@ static void fill_report(struct import *im)
     report->number_last = meta->frame[meta->n_frames - 1].number;
 }
 
+/* Options the plug-in does not have are asked wrongly, not dropped. */
+static spin_status check_values(const char *plugin, const struct spin_plugin_option *options,
+                                const char *const *pairs)
+{
+    for (size_t i = 0; pairs && pairs[i]; i += 2) {
+        const struct spin_plugin_option *o = options;
+
+        while (o && o->key && strcmp(o->key, pairs[i]) != 0)
+            o++;
+        if (!o || !o->key)
+            return spin_fail(SPIN_E_USAGE, "'%s' has no option --%s", plugin, pairs[i]);
+    }
+    return SPIN_OK;
+}
+
 static spin_status run_import(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_bundle_meta *meta = &im->meta;
 
     SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
+    SPIN_TRY(check_values(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;
     SPIN_TRY(im->importer->open(o->input, &im->values, &im->self, &im->track));
     SPIN_TRY(choose_frames(im));
@@ -342,7 +358,7 @@ struct eval {
     struct spin_clip clip;
     struct spin_pixels pixels;
     struct spin_device device;
-    struct spin_player player;
+    struct spin_player player, source;
     struct spin_pair *pairs;
     size_t n_pairs;
 };
@@ -379,6 +395,11 @@ static spin_status run_eval(struct eval *e)
     e->report->view = block;
     if (o->images)
         SPIN_TRY(spin_folder_make(o->images));
+    if (o->images && e->report->network &&
+        !(SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns)) {
+        SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, false));
+        m.source = &e->source;
+    }
     m.pairs = e->pairs;
     m.n_pairs = e->n_pairs;
     m.view = e->report->view;
@@ -396,6 +417,7 @@ spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report
     memset(report, 0, sizeof *report);
     status = run_eval(&e);
     spin_player_close(&e.player);
+    spin_player_close(&e.source);
     spin_device_close(&e.device);
     spin_pixels_close(&e.pixels);
     spin_clip_close(&e.clip);
@@ -520,6 +542,7 @@ static spin_status run_export(struct export *x)
     void *block = NULL;
 
     SPIN_TRY(find_exporter(o->to, &x->exporter));
+    SPIN_TRY(check_values(o->to, x->exporter->options, o->plugin_pairs));
     c.needs_views = x->exporter->needs_renderer;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     SPIN_TRY(choose_network(&x->clip.bundle, o->source, &network));

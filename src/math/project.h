@@ -53,7 +53,7 @@ SPIN_FN void spin_rotation(const float *q, float rot[3][3])
 }
 
 /* d_q [4] += for g = dL/drot. The plain derivative: no projection onto the unit sphere. */
-SPIN_FN void spin_rotation_adj(const float *q, float g[3][3], float *d_q)
+SPIN_FN void spin_matrix_quat_adj(const float *q, float g[3][3], float *d_q)
 {
     float w = q[0], x = q[1], y = q[2], z = q[3];
 
@@ -166,7 +166,7 @@ SPIN_FN void spin_ellipse_adj(const struct spin_lens *lens, const struct spin_fo
             d_rot[i][j] = d_m[i][j] * scale[j];
             d_scale[j] += d_m[i][j] * f->rot[i][j];
         }
-    spin_rotation_adj(q, d_rot, d_q);
+    spin_matrix_quat_adj(q, d_rot, d_q);
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 3; j++)
             d_a[i][j] = d_k[i][0] * f->m[j][0] + d_k[i][1] * f->m[j][1] + d_k[i][2] * f->m[j][2];

@@ -1,0 +1,128 @@
+#!/usr/bin/python3
+"""Decode a retrained bundle with NumPy alone and hold exported PLY frames to it.
+
+Usage: check-export.py BUNDLE.spin FOLDER_OF_PLY
+
+An independent reading of man/spin-bundle.5: nothing of spin4d is used. Prints the largest deviation of
+each attribute, checks the names and the order of the 62 properties, and exits 1 when a value is off.
+Needs numpy.
+"""
+import glob
+import json
+import math
+import os
+import sys
+
+import numpy as np
+
+PRIMES = np.array([1, 2654435761, 805459861, 3674653429], dtype=np.uint32)
+ORDER = (["x", "y", "z", "nx", "ny", "nz"] + [f"f_dc_{i}" for i in range(3)] +
+         [f"f_rest_{i}" for i in range(45)] + ["opacity"] + [f"scale_{i}" for i in range(3)] +
+         [f"rot_{i}" for i in range(4)])
+erf = np.vectorize(math.erf)
+
+
+def encode(table, net, x):
+    """x [n,4] in the unit cube -> z [n, levels * features], in double but for the vertex positions."""
+    n, out = len(x), []
+    for l in range(net["levels"]):
+        scale = np.array(net["scale"][l], np.float32)
+        res = np.array(net["res"][l]).astype(np.uint32)
+        first, rows = (int(net["offset"][l]), int(net["offset"][l + 1] - net["offset"][l]))
+        pos = (x * scale).astype(np.float32)
+        cell = np.floor(pos)
+        r = (pos - cell).astype(np.float64)
+        w = r * r * (3 - 2 * r)
+        cell = cell.astype(np.uint32)
+        z = np.zeros((n, net["features"]))
+        for corner in range(16):
+            bits = np.array([corner >> d & 1 for d in range(4)], np.uint32)
+            q = cell + bits
+            weight = np.prod(np.where(bits == 1, w, 1 - w), axis=1)
+            if net["hashed"][l]:
+                row = np.bitwise_xor.reduce(q * PRIMES, axis=1)
+            else:
+                row = q[:, 0] + res[0] * (q[:, 1] + res[1] * (q[:, 2] + res[2] * q[:, 3]))
+            z += weight[:, None] * table[int(first) + (row % np.uint32(rows)).astype(np.int64)]
+        out.append(z)
+    return np.concatenate(out, axis=1)
+
+
+def heads(params, net, z):
+    hidden, n_in, at, out = net["hidden"], z.shape[1], 0, []
+
+    def take(*shape):
+        nonlocal at
+        n = int(np.prod(shape))
+        at += n
+        return params[at - n:at].astype(np.float64).reshape(shape)
+
+    def gelu(a):
+        return 0.5 * a * (1 + erf(a / math.sqrt(2)))
+
+    for n_out in (3, 4, 48, 1):
+        w1, b1 = take(hidden, n_in), take(hidden)
+        w2, b2 = take(hidden, hidden), take(hidden)
+        w3, b3 = take(n_out, hidden), take(n_out)
+        out.append(gelu(gelu(z @ w1.T + b1) @ w2.T + b2) @ w3.T + b3)
+    return out
+
+
+def decode(bundle, meta, frame):
+    net = meta["network"]
+    means = bundle[f"network/means/{frame:05d}"]
+    p = (means.astype(np.float64) - net["norm"]["centre"]) * net["norm"]["inv_radius"]
+    r = np.linalg.norm(p, axis=1, keepdims=True)
+    p = np.where(r > 1, (2 - 1 / np.maximum(r, 1e-30)) / np.maximum(r, 1e-30) * p, p)
+    span = net["time_last"] - net["time_first"]
+    t = (meta["frames"][frame]["time"] - net["time_first"]) / span if span > 0 else 0.0
+    x = np.concatenate([p / 4 + 0.5, np.full((len(p), 1), t)], axis=1).astype(np.float32)
+    x = np.clip(x, 0, 1)
+    table = bundle["network/table"].astype(np.float64)
+    scale, rotation, sh, opacity = heads(bundle["network/heads"], net, encode(table, net, x))
+    rotation /= np.maximum(np.linalg.norm(rotation, axis=1, keepdims=True), 1e-12)
+    return means, np.minimum(scale, 20), rotation, sh.reshape(-1, 16, 3), opacity[:, 0]
+
+
+def read_ply(path):
+    raw = open(path, "rb").read()
+    end = raw.index(b"end_header\n") + 11
+    header = raw[:end].decode().splitlines()
+    names = [line.split()[2] for line in header if line.startswith("property")]
+    n = next(int(line.split()[2]) for line in header if line.startswith("element vertex"))
+    return names, np.frombuffer(raw, "<f4", n * len(names), end).reshape(n, len(names))
+
+
+def main():
+    bundle, good = np.load(sys.argv[1]), True
+    meta = json.loads(bytes(bundle["meta.json"]))
+    files = sorted(glob.glob(os.path.join(sys.argv[2], "*.ply")))
+    numbers = {f["number"]: i for i, f in enumerate(meta["frames"])}
+    worst = {}
+    for path in files:
+        names, v = read_ply(path)
+        if names != ORDER:
+            sys.exit(f"{path}: not the 62 properties in INRIA's order: {names}")
+        number = int("".join(c for c in os.path.basename(path) if c.isdigit()))
+        means, scale, rotation, sh, opacity = decode(bundle, meta, numbers[number])
+        rotation = np.where(rotation[:, :1] < 0, -rotation, rotation)
+        off = {
+            "means": np.abs(v[:, 0:3] - means),
+            "normals": np.abs(v[:, 3:6]),
+            "f_dc": np.abs(v[:, 6:9] - sh[:, 0]),
+            "f_rest": np.abs(v[:, 9:54] - sh[:, 1:].transpose(0, 2, 1).reshape(len(v), 45)),
+            "opacity (logit)": np.abs(v[:, 54] - opacity),
+            "scale (log)": np.abs(v[:, 55:58] - scale),
+            "rot": np.minimum(np.abs(v[:, 58:62] - rotation), np.abs(v[:, 58:62] + rotation)),
+        }
+        for name, d in off.items():
+            worst[name] = max(worst.get(name, 0), float(d.max()))
+    for name, d in worst.items():
+        limit = 0 if name in ("means", "normals") else 2e-3
+        good = good and d <= limit
+        print(f"{name:16s} worst deviation {d:.3g} (limit {limit:g})")
+    print(f"{len(files)} frames compared: {'all well' if good and files else 'OFF'}")
+    sys.exit(0 if good and files else 1)
+
+
+main()
