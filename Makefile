@@ -8,6 +8,7 @@
 CONFIG  ?= release
 PREFIX  ?= /usr/local
 B       := build/$(CONFIG)
+JOBS    ?= $(shell nproc 2>/dev/null || echo 2)
 CXX     ?= g++
 ifeq ($(origin CC),default)
 CC      := gcc
@@ -36,7 +37,7 @@ CPPFLAGS += -Isrc -I. -D_GNU_SOURCE
 CFLAGS   += -std=gnu11 -g $(OPT) $(WARN) -fno-trapping-math -fno-math-errno -fPIC -pthread
 CXXFLAGS += -std=c++17 -g -O2 -fPIC -Wall -Wextra
 LDFLAGS  += $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
-LDLIBS   += -lz -ljansson -ldl -lm
+LDLIBS   += -lz -llzma -ljansson -ldl -lm
 
 # The CPU device is compiled once per code path; device.c picks one at run time.
 MACHINE  := $(shell $(CC) -dumpmachine)
@@ -56,7 +57,7 @@ CMD_O    := $(B)/src/cmd/opt.o
 COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
-SHIM     := $(B)/lib/spin-image.so
+SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
 
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
@@ -68,7 +69,7 @@ FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 .SECONDARY:
 .DELETE_ON_ERROR:
 
-all: $(BINS) $(SHIM) bin ## library and the four commands (default)
+all: $(BINS) $(SHIMS) bin ## library and the four commands (default)
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-22s %s\n", $$1, $$2}'
@@ -82,12 +83,12 @@ setup: ## install what is missing (Debian/Ubuntu), or print the line to type
 
 demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
 	@sh tests/setup.sh
-	@$(MAKE) --no-print-directory all
+	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/demo.sh $(B)/bin
 
 test: ## all tests; K=word selects
 	@sh tests/setup.sh
-	@$(MAKE) --no-print-directory all test-bins
+	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 
 test-bins: $(TEST_BIN) fuzz-bins
@@ -104,10 +105,16 @@ $(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
 
-$(SHIM): src/io/image_oiio.cpp src/io/image_shim.h
+# What stands before a C++ library is an object of its own: who does not need it does not load it.
+$(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
+
+$(B)/lib/spin-gltf.so: src/io/gltf_tiny.cpp src/io/gltf_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -shared -o $@ $< -ltinygltf
 
 # The grid's vertex positions are defined with one rounding per operation: no contraction there.
 $(B)/src/device/cpu/grid.%.o: CONTRACT := -ffp-contract=off
@@ -125,7 +132,7 @@ $(B)/%.o: %.c
 	$(SAY) CC $<
 	$(Q)$(CC) $(CPPFLAGS) -DSPIN_CPU_PATHS_$(words $(PATHS)) -DSPIN_PREFIX='"$(PREFIX)"' $(CFLAGS) -MMD -MP -c -o $@ $<
 
-$(B)/tests/%: $(B)/tests/%.o $(B)/tests/check.o $(LIB) | $(SHIM)
+$(B)/tests/%: $(B)/tests/%.o $(B)/tests/check.o $(LIB) | $(SHIMS)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(B)/tests/check.o $(LIB) $(LDLIBS)
 
@@ -160,7 +167,7 @@ bench: $(BENCH_BIN) ## every op, median and spread
 install: all ## into DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/spin4d $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/share/man/man1 $(DESTDIR)$(PREFIX)/share/man/man5
 	install $(BINS) $(DESTDIR)$(PREFIX)/bin
-	install -m 644 $(SHIM) $(DESTDIR)$(PREFIX)/lib/spin4d
+	install -m 644 $(SHIMS) $(DESTDIR)$(PREFIX)/lib/spin4d
 	install -m 644 src/spin.h $(DESTDIR)$(PREFIX)/include
 	install -m 644 man/*.1 $(DESTDIR)$(PREFIX)/share/man/man1
 	install -m 644 man/*.5 $(DESTDIR)$(PREFIX)/share/man/man5

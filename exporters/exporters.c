@@ -1,11 +1,19 @@
 /* The exporters, one per line, alphabetical. */
 #include "spin.h"
 
+extern const struct spin_exporter spin_exporter_compressed_ply;
+extern const struct spin_exporter spin_exporter_gltf;
 extern const struct spin_exporter spin_exporter_images;
 extern const struct spin_exporter spin_exporter_ply;
+extern const struct spin_exporter spin_exporter_splat;
+extern const struct spin_exporter spin_exporter_spz;
 
 const struct spin_exporter *const spin_exporters[] = {
+    &spin_exporter_compressed_ply,
+    &spin_exporter_gltf,
     &spin_exporter_images,
     &spin_exporter_ply,
+    &spin_exporter_splat,
+    &spin_exporter_spz,
     NULL,
 };

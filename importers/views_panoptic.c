@@ -39,7 +39,7 @@ static int probe(const struct spin_peek *peek)
 {
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
         if (strcmp(peek->names[i], "train_meta.json") == 0)
-            return 80;
+            return 70;
     }
     return 0;
 }

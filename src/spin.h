@@ -79,22 +79,22 @@ enum spin_column {
     SPIN_COL_SH = 1 << 4,              /* [n][(sh_degree+1)^2][3] coefficients, channel last */
     SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, of plain coloured points */
     SPIN_COL_ATTRIBUTES =              /* all that a Gaussian needs besides its place */
-        SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
+    SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
 };
 
 /* A structure of arrays. Columns are NULL or hold n rows. The struct owns its memory: zero it, let
  * spin_splats_reserve() grow it as often as needed, free it once. */
 struct spin_splats {
-    size_t n;              /* rows */
-    size_t capacity;       /* rows there is room for in every allocated column */
-    int sh_degree;         /* of the sh column, 0..3 */
-    float *means;          /* [n][3] */
-    float *quats;          /* [n][4] or NULL */
-    float *log_scales;     /* [n][3] or NULL */
+    size_t n;               /* rows */
+    size_t capacity;        /* rows there is room for in every allocated column */
+    int sh_degree;          /* of the sh column, 0..3 */
+    float *means;           /* [n][3] */
+    float *quats;           /* [n][4] or NULL */
+    float *log_scales;      /* [n][3] or NULL */
     float *logit_opacities; /* [n] or NULL */
-    float *sh;             /* [n][(sh_degree+1)^2][3] or NULL */
-    float *rgb;            /* [n][3] or NULL */
-    size_t held[6];        /* private: bytes behind each column */
+    float *sh;              /* [n][(sh_degree+1)^2][3] or NULL */
+    float *rgb;             /* [n][3] or NULL */
+    size_t held[6];         /* private: bytes behind each column */
 };
 
 /* Set n and sh_degree and make the wanted columns at least that large; others become NULL-valued
@@ -105,28 +105,28 @@ void spin_splats_free(struct spin_splats *s);
 /* ---- 3. Cameras and views -------------------------------------------------------------------- */
 
 struct spin_camera {
-    int width, height;       /* pixels */
-    double fx, fy, cx, cy;   /* pixels; centre of the top-left pixel is 0.5, 0.5 */
-    double w2c[12];          /* [3][4], p_c = R p_w + t; R orthonormal, det +1 */
+    int width, height;     /* pixels */
+    double fx, fy, cx, cy; /* pixels; centre of the top-left pixel is 0.5, 0.5 */
+    double w2c[12];        /* [3][4], p_c = R p_w + t; R orthonormal, det +1 */
 };
 
 /* One image of a data set. */
 struct spin_view {
     struct spin_camera camera;
-    int row;                 /* frame of the data set, 0.. */
-    int number;              /* frame number in its file name, or -1 */
-    double time;             /* in the data set's unit (panoptic: row) */
-    int camera_id;           /* the data set's own number of the camera */
-    bool test;               /* held out */
-    char *path;              /* image file, absolute or relative to the working directory */
+    int row;       /* frame of the data set, 0.. */
+    int number;    /* frame number in its file name, or -1 */
+    double time;   /* in the data set's unit (panoptic: row) */
+    int camera_id; /* the data set's own number of the camera */
+    bool test;     /* held out */
+    char *path;    /* image file, absolute or relative to the working directory */
 };
 
 /* All views of a data set, sorted by row, then camera_id. */
 struct spin_views {
-    struct spin_view *view;  /* [n] */
+    struct spin_view *view; /* [n] */
     size_t n, capacity;
-    int n_rows;              /* frames */
-    bool numbered;           /* every view has a frame number, one per row */
+    int n_rows;    /* frames */
+    bool numbered; /* every view has a frame number, one per row */
 };
 
 /* Append a copy of v (path is copied). */
@@ -139,10 +139,10 @@ void spin_views_free(struct spin_views *views);
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
-    const char *key;         /* without the dashes */
-    const char *arg;         /* word for the value, NULL for a switch */
+    const char *key; /* without the dashes */
+    const char *arg; /* word for the value, NULL for a switch */
     const char *help;
-    const char *fallback;    /* value when not given, or NULL */
+    const char *fallback; /* value when not given, or NULL */
 };
 
 /* Values given by the user, NULL-terminated pairs key, value; may be NULL. */
@@ -157,32 +157,34 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 struct spin_peek {
     const char *path;
     bool is_folder;
-    const unsigned char *head; /* first bytes of a file, at most 4096 */
+    const unsigned char *head; /* first bytes of a file, or of a folder's cfg_args, at most 4096 */
     size_t n_head;
-    const char *tail_names;    /* zip archives: member names, one per line; else "" */
-    const char *const *names;  /* folders: entries, sorted, at most 4096; NULL-terminated */
+    const char *tail_names;   /* zip archives, and params.npz of a folder: member names, one per
+                                 line; else "" */
+    const char *const *names; /* folders: entries, sorted, at most 4096; NULL-terminated */
 };
 
 /* Filled by an importer's open(). Pointers belong to the importer until close(). */
 struct spin_track {
     int n_frames;
-    const double *times;       /* [n_frames] in the method's unit; NULL: 0, 1, 2, ... */
-    const int *numbers;        /* [n_frames] frame numbers from file names; NULL: none */
-    const size_t *counts;      /* [n_frames] rows of each frame; NULL: not known before reading */
-    unsigned columns;          /* what frame() can fill */
-    unsigned still_columns;    /* the part of it that is the same in every frame */
-    int sh_degree;             /* -1: no SH */
-    bool continuous;           /* any time may be asked for, in [time_first, time_last] */
+    const double *times;    /* [n_frames] in the method's unit; NULL: 0, 1, 2, ... */
+    const int *numbers;     /* [n_frames] frame numbers from file names; NULL: none */
+    const size_t *counts;   /* [n_frames] rows of each frame; NULL: not known before reading */
+    unsigned columns;       /* what frame() can fill */
+    unsigned still_columns; /* the part of it that is the same in every frame */
+    int sh_degree;          /* -1: no SH */
+    bool continuous;        /* any time may be asked for, in [time_first, time_last] */
     double time_first, time_last;
-    char variant[128];         /* what was recognised, for --info */
-    char notes[1024];          /* what was guessed or will be lost, lines; "" */
+    bool half_open;    /* frame i of n of a data set without times is at i/n of it, not i/(n-1) */
+    char variant[128]; /* what was recognised, for --info */
+    char notes[1024];  /* what was guessed or will be lost, lines; "" */
 };
 
 struct spin_importer {
-    int abi;                   /* SPIN_PLUGIN_ABI */
-    const char *name;          /* what the user types after --from */
-    const char *summary;       /* one line for --list */
-    const char *upstream;      /* project and commit whose files it was written against */
+    int abi;              /* SPIN_PLUGIN_ABI */
+    const char *name;     /* what the user types after --from */
+    const char *summary;  /* one line for --list */
+    const char *upstream; /* project and commit whose files it was written against */
     const struct spin_plugin_option *options;
 
     /* How sure, 0..100, that this input is ours. May not open or allocate. */
@@ -207,30 +209,31 @@ struct spin_renderer;
 
 /* What an exporter is told before the first frame. Everything is borrowed until end() or abort(). */
 struct spin_export_job {
-    const char *output;        /* as the user gave it */
-    bool force;                /* may overwrite */
-    int n_frames;              /* that will come */
-    double fps;                /* 0: unknown */
-    const char *source;        /* name of the method the clip came from */
-    int sh_degree;             /* of the splats that will come */
+    const char *output; /* as the user gave it */
+    bool force;         /* may overwrite */
+    int n_frames;       /* that will come */
+    double fps;         /* 0: unknown */
+    const char *source; /* name of the method the clip came from */
+    int sh_degree;      /* of the splats that will come */
     const struct spin_plugin_values *values;
-    const struct spin_views *views;   /* NULL when the bundle has no data set at hand */
-    const int *row_of_frame;          /* [n_frames] the data set's row of each frame, or -1 */
-    struct spin_renderer *renderer;   /* set when the exporter has needs_renderer */
-    const float *background;          /* [3] */
+    const struct spin_views *views; /* NULL when the bundle has no data set at hand */
+    const int *row_of_frame;        /* [n_frames] the data set's row of each frame, or -1 */
+    struct spin_renderer *renderer; /* set when the exporter has needs_renderer */
+    const float *background;        /* [3] */
+    int n_threads;                  /* 0: all */
 };
 
 struct spin_frame_info {
-    int number;                /* the source's frame number (its index when it has none) */
-    double time;               /* in the source's unit */
-    size_t n;                  /* splats, when known */
+    int number;  /* the source's frame number (its index when it has none) */
+    double time; /* in the source's unit */
+    size_t n;    /* splats, when known */
 };
 
 struct spin_exporter {
     int abi;
     const char *name, *summary;
     const struct spin_plugin_option *options;
-    unsigned wants;            /* columns it cannot do without */
+    unsigned wants; /* columns it cannot do without */
     bool needs_renderer;
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their
@@ -272,16 +275,16 @@ struct spin_range {
 };
 
 struct spin_import_options {
-    const char *input, *output;       /* output NULL: describe only */
-    const char *from;                 /* importer, NULL: detect */
-    const char *data, *data_from;     /* data set, or NULL */
-    const char *pair;                 /* "auto", "number" or "order"; NULL: auto */
-    int n_frames;                     /* continuous methods: sample this many; 0: not asked */
-    const double *times;              /* continuous methods: sample here */
+    const char *input, *output;   /* output NULL: describe only */
+    const char *from;             /* importer, NULL: detect */
+    const char *data, *data_from; /* data set, or NULL */
+    const char *pair;             /* "auto", "number" or "order"; NULL: auto */
+    int n_frames;                 /* continuous methods: sample this many; 0: not asked */
+    const double *times;          /* continuous methods: sample here */
     int n_times;
     struct spin_range range;
     bool positions_only, force;
-    const char *const *plugin_pairs;  /* see struct spin_plugin_values */
+    const char *const *plugin_pairs; /* see struct spin_plugin_values */
 };
 
 struct spin_import_report {
@@ -292,10 +295,10 @@ struct spin_import_report {
     size_t splats_min, splats_max;
     double splats_mean;
     double time_first, time_last;
-    int sh_degree;                    /* -1: none */
+    int sh_degree; /* -1: none */
     unsigned columns;
     float bounds_min[3], bounds_max[3];
-    bool numbered;                    /* frame numbers came from the source */
+    bool numbered; /* frame numbers came from the source */
     int number_first, number_last;
 };
 
@@ -308,29 +311,31 @@ struct spin_retrain_options {
     const char *input, *output;
     const char *data, *data_from, *pair;
     struct spin_range range;
-    double image_scale;               /* 1: as stored */
-    const int *test_cameras;          /* NULL: the data set's own split */
+    double image_scale;      /* 1: as stored */
+    const int *test_cameras; /* NULL: the data set's own split */
     int n_test_cameras;
-    int iterations, batch;            /* 40000, 3 */
-    int levels, features, hash_log2;  /* 16, 4, 21 */
-    int hidden, sh_degree;            /* 64, 3 */
-    int base_resolution[4];           /* 8 8 8 8 */
-    int finest_resolution[4];         /* 2048 2048 2048 0; 0: max(16, frames) */
-    double lambda_dssim;              /* 0.2 */
+    int iterations, batch;           /* 40000, 3 */
+    int levels, features, hash_log2; /* 16, 4, 21 */
+    int hidden, sh_degree;           /* 64, 3 */
+    int base_resolution[4];          /* 8 8 8 8 */
+    int finest_resolution[4];        /* 2048 2048 2048 0; 0: max(16, frames) */
+    double lambda_dssim;             /* 0.2 */
     uint64_t seed;
-    int warmup;                       /* iterations; -1: iterations / 40 */
+    int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */
-    double lr_head_factor;            /* on the four head rates; 1 */
-    double scale_bias;                /* -5; NaN: auto, log of the median distance to 3 neighbours */
+    bool camera_colour;    /* learn a gain and offset of every training camera */
+    double lr_camera;      /* their rate; 1e-3 */
+    double lr_head_factor; /* on the four head rates; 1 */
+    double scale_bias;     /* -5; NaN: auto, log of the median distance to 3 neighbours */
     enum spin_normalise normalise;
     double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
-    int views_per_frame;              /* of a batch taken from one frame; 1 */
+    int views_per_frame;                          /* of a batch taken from one frame; 1 */
     float background[3];
-    const char *device;               /* "auto", "cpu" or "cuda" */
-    int n_threads;                    /* 0: all */
-    int eval_every, save_every;       /* 0: at the end; every 5 minutes */
+    const char *device;         /* "auto", "cpu" or "cuda" */
+    int n_threads;              /* 0: all */
+    int eval_every, save_every; /* 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
-    const char *preview, *log;        /* folder, file; or NULL */
+    const char *preview, *log; /* folder, file; or NULL */
 };
 
 /* The paper's defaults. */
@@ -348,9 +353,9 @@ struct spin_retrain_report {
     double splats_mean;
     char device[64];
     struct spin_quality before, test;
-    double outside_ball;              /* share of points outside the unit ball at the encoder */
+    double outside_ball; /* share of points outside the unit ball at the encoder */
     size_t bytes_needed, bytes_available;
-    double seconds_estimated;         /* dry run */
+    double seconds_estimated; /* dry run */
     double loss_last;
 };
 
@@ -365,8 +370,8 @@ struct spin_eval_options {
     int n_test_cameras;
     struct spin_range range;
     double image_scale;
-    bool source;                      /* measure the imported attributes */
-    const char *images;               /* folder for renders, or NULL */
+    bool source;        /* measure the imported attributes */
+    const char *images; /* folder for renders, or NULL */
     float background[3];
     const char *device;
     int n_threads;
@@ -374,16 +379,16 @@ struct spin_eval_options {
 };
 
 struct spin_eval_view {
-    int frame, camera;                /* the source's frame number, camera_id */
+    int frame, camera; /* the source's frame number, camera_id */
     double psnr, ssim, psnr_channel_mean;
 };
 
 struct spin_eval_report {
     struct spin_quality mean;
-    struct spin_eval_view *view;      /* [n_views] */
+    struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
-    bool network;                     /* what was measured */
-    double seconds_render;            /* decode + render, per view */
+    bool network;          /* what was measured */
+    double seconds_render; /* decode + render, per view */
 };
 
 spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report);
@@ -403,7 +408,7 @@ struct spin_export_options {
 struct spin_export_report {
     int frames;
     double splats_mean;
-    uint64_t bytes;                   /* 0: unknown */
+    uint64_t bytes; /* 0: unknown */
 };
 
 spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);

@@ -9,8 +9,10 @@ have() { command -v "$1" >/dev/null 2>&1; }
 # One run of the preprocessor tells which headers are missing.
 missing_headers() {
     printf '%s\n' '#if !__has_include(<zlib.h>)' zlib1g-dev '#endif' \
+        '#if !__has_include(<lzma.h>)' liblzma-dev '#endif' \
         '#if !__has_include(<jansson.h>)' libjansson-dev '#endif' \
-        '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' |
+        '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' \
+        '#if !__has_include(<tiny_gltf.h>)' libtinygltf-dev '#endif' |
         "$CXX" -E -P -x c++ - 2>/dev/null | tr -s '\n' ' '
 }
 
@@ -20,7 +22,7 @@ missing_packages() {
     elif have "$CXX"; then
         echo "build-essential $(missing_headers)"
     else
-        echo build-essential zlib1g-dev libjansson-dev libopenimageio-dev
+        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev
     fi
 }
 
@@ -49,8 +51,10 @@ report() {
         printf '%-12s %s\n' "$name:" "$found"
     done <<LIST
 zlib zlib1g-dev zlib.h ZLIB_VERSION
+liblzma liblzma-dev lzma.h LZMA_VERSION_STRING
 jansson libjansson-dev jansson.h JANSSON_VERSION
 OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
+tinygltf libtinygltf-dev tiny_gltf.h found
 LIST
 }
 

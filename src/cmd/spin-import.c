@@ -13,7 +13,8 @@ static const struct spin_opt_row rows[] = {
     SPIN_OPT("from", 0, "NAME", "the importer (detected)", SPIN_OPT_STRING, &options.from, 0, 0),
     SPIN_OPT("data", 0, "DIR", "the multi-view video that the run was trained on", SPIN_OPT_STRING,
              &options.data, 0, 0),
-    SPIN_OPT("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_OPT_STRING,
+    SPIN_OPT("data-from", 0, "NAME",
+             "kind of that data set (detected); with options NAME:KEY=VALUE,...", SPIN_OPT_STRING,
              &options.data_from, 0, 0),
     SPIN_OPT(
         "pair", 0, "auto|number|order",
@@ -198,10 +199,14 @@ static void report_text(const struct spin_import_report *r)
         printf("written     %s\n", options.output);
 }
 
+/* A data set's options follow its name: "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
+    size_t length = name ? strcspn(name, ":") : 0;
+
     for (size_t i = 0; name && spin_importers[i]; i++)
-        if (!strcmp(spin_importers[i]->name, name))
+        if (strlen(spin_importers[i]->name) == length &&
+            !strncmp(spin_importers[i]->name, name, length))
             return spin_importers[i];
     return NULL;
 }

@@ -24,7 +24,7 @@ struct spin_clip {
     bool has_views;
     struct spin_views views;
     char *data_path; /* absolute; NULL without a data set */
-    char data_from[32];
+    char data_from[128];
     size_t n_max; /* splats of the largest frame */
     double n_mean;
 };

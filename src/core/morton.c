@@ -6,22 +6,12 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "math/morton.h"
 
 struct keyed {
     uint64_t key;
     uint32_t index;
 };
-
-/* The low 21 bits, two zeros between any two. */
-static uint64_t spread(uint64_t x)
-{
-    x &= 0x1fffff;
-    x = (x | x << 32) & 0x1f00000000ffffULL;
-    x = (x | x << 16) & 0x1f0000ff0000ffULL;
-    x = (x | x << 8) & 0x100f00f00f00f00fULL;
-    x = (x | x << 4) & 0x10c30c30c30c30c3ULL;
-    return (x | x << 2) & 0x1249249249249249ULL;
-}
 
 static int compare(const void *a, const void *b)
 {
@@ -50,7 +40,7 @@ spin_status spin_morton_order(size_t n, const float *points, uint32_t *order)
             double width = (double)high[c] - (double)low[c];
             double u = width > 0 ? ((double)points[3 * i + (size_t)c] - (double)low[c]) / width : 0;
 
-            keyed[i].key |= spread((uint64_t)(u * 2097151.0)) << c;
+            keyed[i].key |= spin_morton_spread((uint64_t)(u * 2097151.0)) << c;
         }
     }
     qsort(keyed, n, sizeof *keyed, compare);

@@ -19,8 +19,9 @@
 #include "math/contract.h"
 #include "math/rng.h"
 
-enum { STREAM_SHUFFLE = 16 };           /* of the random numbers, see math/rng.h */
-static const double save_seconds = 300; /* between states, when --save-every is not given */
+enum { STREAM_SHUFFLE = 16 };                  /* of the random numbers, see math/rng.h */
+static const size_t program_bytes = 150 << 20; /* the image library, mostly */
+static const double save_seconds = 300;        /* between states, when --save-every is not given */
 
 struct retrain {
     const struct spin_retrain_options *o;
@@ -30,9 +31,11 @@ struct retrain {
     struct spin_device device;
     struct spin_model model;
     struct spin_trainer trainer;
-    size_t *counts;                 /* [frames] splats */
-    uint32_t **order;               /* [frames][n] the source's row at each place of ours */
-    struct spin_splats splats;      /* scratch of one frame */
+    size_t *counts;            /* [frames] splats */
+    uint32_t **order;          /* [frames][n] the source's row at each place of ours */
+    struct spin_splats splats; /* scratch of one frame */
+    int *camera;               /* [n_cameras] ids of the training cameras, ascending */
+    int n_cameras;
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
     uint32_t *sequence; /* [n_train] of the present epoch */
@@ -72,6 +75,7 @@ void spin_retrain_defaults(struct spin_retrain_options *o)
     o->lr_rotation = 3e-5;
     o->lr_opacity = 8e-4;
     o->lr_position = 1.6e-4;
+    o->lr_camera = 1e-3;
     o->lr_head_factor = 1;
     o->scale_bias = -5;
     o->views_per_frame = 1;
@@ -110,6 +114,35 @@ static spin_status read_means(struct retrain *r, int frame)
                              "not finite in row %zu",
                              r->o->input, frame_index(r, frame), i / 3);
     return SPIN_OK;
+}
+
+/* The training cameras' ids, each once. */
+static spin_status list_cameras(struct retrain *r)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(r->n_train, sizeof *r->camera, &block));
+    r->camera = block;
+    for (size_t i = 0; i < r->n_train; i++) {
+        int id = r->clip.views.view[r->train[i].view].camera_id, k = 0;
+
+        while (k < r->n_cameras && r->camera[k] < id)
+            k++;
+        if (k < r->n_cameras && r->camera[k] == id)
+            continue;
+        memmove(r->camera + k + 1, r->camera + k, (size_t)(r->n_cameras++ - k) * sizeof *r->camera);
+        r->camera[k] = id;
+    }
+    return SPIN_OK;
+}
+
+static int camera_place(const struct retrain *r, int id)
+{
+    int k = 0;
+
+    while (r->camera[k] != id)
+        k++;
+    return k;
 }
 
 static void measure_pictures(struct retrain *r)
@@ -155,6 +188,7 @@ static spin_status open_clip(struct retrain *r)
     SPIN_TRY(spin_alloc(r->n_train, sizeof *r->sequence, &block));
     r->sequence = block;
     r->epoch = -1;
+    SPIN_TRY(list_cameras(r));
     r->extent = spin_views_extent(&r->clip.views);
     measure_pictures(r);
     return SPIN_OK;
@@ -267,31 +301,37 @@ static spin_status plan(struct retrain *r)
     r->model.time_last = frame_info(r, r->clip.n_frames - 1)->time;
     SPIN_TRY(plan_norm(r));
     SPIN_TRY(plan_scale_bias(r));
-    for (size_t i = 0; i < r->n_train; i++) {
-        const struct spin_camera *c = &r->clip.views.view[r->train[i].view].camera;
+    for (size_t i = 0; i < r->n_train + r->n_test; i++) {
+        size_t view = i < r->n_train ? r->train[i].view : r->test[i - r->n_train].view;
+        const struct spin_camera *c = &r->clip.views.view[view].camera;
 
         pixels_cache += 3 * (size_t)c->width * (size_t)c->height;
     }
     r->report->bytes_needed =
         spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels) +
-        (size_t)(o->batch + 3) * 3 * r->max_pixels * sizeof(float) + pixels_cache;
+        spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with its host copies */
+        3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
+        (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) + pixels_cache + program_bytes;
     r->report->bytes_available = spin_memory_available();
     return SPIN_OK;
 }
 
-/* Seconds for one picture of n splats on one thread, roughly: what `make bench` measures. */
+/* Seconds of the whole run, from what the ops take on one thread of a present server core: network
+ * per splat and decoding, rasteriser per splat and view, rasteriser and loss per pixel, Adam. */
 static double guess_seconds(const struct retrain *r)
 {
-    double per_splat = 5.5e-6, per_pixel = 0.25e-6, per_parameter = 1.1e-9;
-    double splats = r->clip.n_mean, threads = r->o->n_threads;
+    const struct spin_retrain_options *o = r->o;
+    double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9;
+    double threads = o->n_threads;
+    int decodings = (o->batch + o->views_per_frame - 1) / o->views_per_frame;
     struct spin_pool *pool = NULL;
 
     if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
         threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
-    return r->o->iterations *
-           (r->o->batch * (splats * per_splat + (double)r->max_pixels * per_pixel) +
-            (double)r->model.n_table * per_parameter) /
+    return o->iterations *
+           (r->clip.n_mean * (decodings * network + o->batch * raster) +
+            o->batch * (double)r->max_pixels * pixel + (double)r->model.n_table * adam) /
            (threads > 1 ? threads : 1);
 }
 
@@ -336,6 +376,8 @@ static spin_json *options_to_json(const struct retrain *r)
     spin_json_set_number(j, "lr_opacity", o->lr_opacity);
     spin_json_set_number(j, "lr_position", o->lr_position);
     spin_json_set_number(j, "lr_head_factor", o->lr_head_factor);
+    spin_json_set_bool(j, "camera_colour", o->camera_colour);
+    spin_json_set_number(j, "lr_camera", o->lr_camera);
     spin_json_set_number(j, "scale_bias", r->scale_bias);
     spin_json_set_integer(j, "views_per_frame", o->views_per_frame);
     spin_json_set_number(j, "image_scale", o->image_scale);
@@ -430,15 +472,15 @@ struct piece {
 static spin_status list_pieces(struct retrain *r, struct piece **out, size_t *n)
 {
     struct spin_trainer *t = &r->trainer;
-    struct spin_param *param[2] = {&t->table, &t->heads};
-    const char *param_name[2] = {"table", "heads"};
+    struct spin_param *param[3] = {&t->table, &t->heads, &t->tint};
+    const char *param_name[3] = {"table", "heads", "tint"};
     void *block = NULL;
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(6 + 3 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(9 + 3 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < 3; i++) {
         float *at[3] = {param[i]->p, param[i]->m, param[i]->v};
 
         for (int j = 0; j < 3; j++, k++) {
@@ -699,6 +741,7 @@ static spin_status plan_batch(struct retrain *r, int64_t i, struct spin_train_it
         SPIN_TRY(spin_pixels_get(&r->pixels, pair->view, truth));
         items[k].frame = pair->frame;
         items[k].camera = &r->clip.views.view[pair->view].camera;
+        items[k].tint = camera_place(r, r->clip.views.view[pair->view].camera_id);
         items[k].truth = truth;
         pairs[k] = pair;
     }
@@ -997,12 +1040,38 @@ static void set_quality(spin_json *j, const char *key, const struct spin_quality
     spin_json_set(j, key, value);
 }
 
+/* What was learned of the cameras: by id, the log of the gain and the offset, r g b each. */
+static spin_status cameras_to_json(struct retrain *r, spin_json **out)
+{
+    spin_json *all = spin_json_array();
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(r->trainer.tint.n + 1, sizeof(float), &block));
+    r->device.op->down(&r->device, block, r->trainer.tint.p, r->trainer.tint.n * sizeof(float));
+    for (size_t i = 0; i < r->trainer.tint.n / 6; i++) {
+        spin_json *one = spin_json_object(), *gain = spin_json_array(), *offset = spin_json_array();
+        const float *tint = (const float *)block + 6 * i;
+
+        for (int c = 0; c < 3; c++) {
+            spin_json_push_number(gain, (double)tint[c]);
+            spin_json_push_number(offset, (double)tint[3 + c]);
+        }
+        spin_json_set_integer(one, "camera", r->camera[i]);
+        spin_json_set(one, "log_gain", gain);
+        spin_json_set(one, "offset", offset);
+        spin_json_push(all, one);
+    }
+    free(block);
+    *out = all;
+    return SPIN_OK;
+}
+
 /* Nothing in the output tells when or how fast it was made, so equal runs give equal files. */
 static spin_status write_output(struct retrain *r)
 {
     struct spin_bundle_writer w;
     struct spin_bundle_meta meta;
-    spin_json *extra, *network;
+    spin_json *extra, *network, *cameras = NULL;
     spin_status status;
 
     memset(&meta, 0, sizeof meta);
@@ -1014,8 +1083,10 @@ static spin_status write_output(struct retrain *r)
         SPIN_TRY_OUT(spin_bundle_write_frame(&w, f, meta.columns, meta.still_columns, &r->splats));
     }
     SPIN_TRY_OUT(write_network(r, &w));
+    SPIN_TRY_OUT(cameras_to_json(r, &cameras));
     extra = spin_json_object();
     network = network_to_json(r);
+    spin_json_set(network, "cameras", cameras);
     spin_json_set_string(network, "fingerprint", r->fingerprint);
     set_quality(network, "before", &r->report->before);
     set_quality(network, "test", &r->report->test);
@@ -1086,7 +1157,7 @@ static spin_status prepare(struct retrain *r)
     r->truth = block;
     SPIN_TRY(sort_frames(r));
     SPIN_TRY(spin_trainer_open(&r->trainer, &r->device, &r->model, r->clip.n_frames, r->counts,
-                               r->max_pixels, r->max_tiles));
+                               r->max_pixels, r->max_tiles, o->camera_colour ? r->n_cameras : 0));
     for (int f = 0; f < r->clip.n_frames; f++)
         r->trainer.frame[f].time = frame_info(r, f)->time;
     rates->table = o->lr_table;
@@ -1095,6 +1166,7 @@ static spin_status prepare(struct retrain *r)
     rates->head[SPIN_HEAD_SH] = o->lr_sh * o->lr_head_factor;
     rates->head[SPIN_HEAD_OPACITY] = o->lr_opacity * o->lr_head_factor;
     rates->position = o->lr_position * r->extent;
+    rates->tint = o->lr_camera;
     rates->end = 1e-7;
     rates->iterations = o->iterations;
     rates->warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40;
@@ -1177,6 +1249,7 @@ static void close_all(struct retrain *r)
         free(r->order[f]);
     free(r->order);
     free(r->counts);
+    free(r->camera);
     free(r->truth);
     free(r->train);
     free(r->test);

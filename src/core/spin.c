@@ -25,96 +25,142 @@ struct import {
     struct spin_bundle_writer writer;
     bool writing;
     struct spin_splats splats;
+    struct spin_views views; /* of the data set, when one is given */
+    char *data;              /* its absolute path */
 };
 
-/* Which times a continuous method is sampled at. */
-static spin_status sample_times(struct import *im)
+/* Read the data set first: its frames may be where a continuous method is sampled. */
+static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    const struct spin_track *t = &im->track;
-    int n = o->n_times > 0 ? o->n_times : o->n_frames;
 
-    if (n <= 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' is defined at any time: say where to sample it with "
-                         "--frames, --times or --data",
-                         o->input);
-    SPIN_TRY(spin_bundle_meta_reserve(&im->meta, n));
-    for (int i = 0; i < n; i++) {
-        double u = n > 1 ? (double)i / (n - 1) : 0;
-
-        im->meta.frame[i].number = i;
-        im->meta.frame[i].time =
-            o->n_times > 0 ? o->times[i] : t->time_first + u * (t->time_last - t->time_first);
-        im->meta.source_index[i] = i;
-    }
-    im->meta.n_source_frames = n;
-    return SPIN_OK;
+    if (!o->data)
+        return SPIN_OK;
+    SPIN_TRY(spin_path_absolute(o->data, &im->data));
+    return spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
+                           sizeof im->meta.data_from);
 }
 
-/* The frames a stored clip has, less those outside the range. */
-static spin_status choose_frames(struct import *im)
-{
-    const struct spin_import_options *o = im->o;
-    const struct spin_track *t = &im->track;
-    struct spin_frame_info *all;
-    int *index = NULL, n = 0;
-    void *block = NULL;
-    spin_status status;
-
-    if (t->continuous)
-        return sample_times(im);
-    if (o->n_frames > 0 || o->n_times > 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' has %d frames as they are: --frames and --times are "
-                         "for methods defined at any time; use --range",
-                         o->input, t->n_frames);
-    SPIN_TRY(spin_alloc((size_t)t->n_frames, sizeof *all, &block));
-    all = block;
-    for (int i = 0; i < t->n_frames; i++) {
-        all[i].number = t->numbers ? t->numbers[i] : i;
-        all[i].time = t->times ? t->times[i] : i;
-    }
-    status = spin_range_select(&o->range, all, t->n_frames, &index, &n);
-    if (status == SPIN_OK)
-        status = spin_bundle_meta_reserve(&im->meta, n);
-    for (int i = 0; status == SPIN_OK && i < n; i++) {
-        im->meta.frame[i] = all[index[i]];
-        im->meta.source_index[i] = index[i];
-    }
-    im->meta.n_source_frames = t->n_frames;
-    im->meta.numbered = t->numbers != NULL;
-    free(index);
-    free(block);
-    return status;
-}
-
-/* Read the data set, see that its frames can be paired with ours, and remember where it is. */
+/* See that the data set's frames can be paired with ours, and remember where it is. */
 static spin_status attach_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    struct spin_views views;
-    char *folder = NULL, *data = NULL;
+    char *folder = NULL;
     void *rows = NULL;
     spin_status status;
 
     if (!o->data)
         return SPIN_OK;
-    memset(&views, 0, sizeof views);
-    SPIN_TRY(spin_path_absolute(o->data, &data));
-    SPIN_TRY_OUT(
-        spin_views_open(data, o->data_from, &views, im->meta.data_from, sizeof im->meta.data_from));
     SPIN_TRY_OUT(spin_alloc((size_t)im->meta.n_frames, sizeof(int), &rows));
-    SPIN_TRY_OUT(spin_views_pair(&views, &im->meta, o->pair ? o->pair : "auto", rows));
+    SPIN_TRY_OUT(spin_views_pair(&im->views, &im->meta, o->pair ? o->pair : "auto", rows));
     if (o->output) {
         SPIN_TRY_OUT(spin_path_folder(o->output, &folder));
-        SPIN_TRY_OUT(spin_path_relative(folder, data, &im->meta.data_path));
+        SPIN_TRY_OUT(spin_path_relative(folder, im->data, &im->meta.data_path));
     }
 out:
-    spin_views_free(&views);
     free(rows);
     free(folder);
-    free(data);
+    return status;
+}
+
+/* A data set without times of its own counts its frames: 0, 1, 2, ... Where that leaves the range
+ * of a continuous method, the frames are spread over it. */
+static void spread_rows(struct import *im, struct spin_frame_info *all, int n)
+{
+    struct spin_track *t = &im->track;
+    double span = t->time_last - t->time_first, steps = t->half_open ? n : n - 1;
+    size_t used = strlen(t->notes);
+
+    for (int i = 0; i < n; i++) {
+        if (all[i].time != i)
+            return;
+    }
+    if (n < 2 || n - 1 <= t->time_last + 0.1 * span)
+        return;
+    for (int i = 0; i < n; i++)
+        all[i].time = t->time_first + span * i / steps;
+    snprintf(t->notes + used, sizeof t->notes - used,
+             "the data set counts its %d frames: they are spread over the times %g to %g\n", n,
+             all[0].time, all[n - 1].time);
+}
+
+/* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
+static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
+{
+    const struct spin_import_options *o = im->o;
+    const struct spin_track *t = &im->track;
+    bool rows = o->n_times <= 0 && o->n_frames <= 0 && o->data;
+    struct spin_frame_info *all;
+
+    *n = o->n_times > 0 ? o->n_times : o->n_frames > 0 ? o->n_frames : im->views.n_rows;
+    if (*n <= 0 && o->output)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' is defined at any time: say where to sample it with "
+                         "--frames, --times or --data",
+                         o->input);
+    if (*n <= 0) /* a look at both ends is enough to describe it */
+        *n = 2;
+    SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
+    all = *out;
+    for (int i = 0; i < *n && !rows; i++) {
+        double u = *n > 1 ? (double)i / (*n - 1) : 0;
+
+        all[i].number = i;
+        all[i].time =
+            o->n_times > 0 ? o->times[i] : t->time_first + u * (t->time_last - t->time_first);
+    }
+    for (size_t v = 0; v < im->views.n && rows; v++) {
+        const struct spin_view *view = &im->views.view[v];
+
+        all[view->row].number = im->views.numbered ? view->number : view->row;
+        all[view->row].time = view->time;
+    }
+    if (rows)
+        spread_rows(im, all, *n);
+    im->meta.numbered = rows && im->views.numbered;
+    return SPIN_OK;
+}
+
+/* The frames that a stored clip has. */
+static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
+{
+    const struct spin_import_options *o = im->o;
+    const struct spin_track *t = &im->track;
+
+    if (o->n_frames > 0 || o->n_times > 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' has %d frames as they are: --frames and --times are "
+                         "for methods defined at any time; use --range",
+                         o->input, t->n_frames);
+    *n = t->n_frames;
+    SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
+    for (int i = 0; i < *n; i++) {
+        (*out)[i].number = t->numbers ? t->numbers[i] : i;
+        (*out)[i].time = t->times ? t->times[i] : i;
+    }
+    im->meta.numbered = t->numbers != NULL;
+    return SPIN_OK;
+}
+
+/* All frames, less those outside the range. */
+static spin_status choose_frames(struct import *im)
+{
+    struct spin_frame_info *all = NULL;
+    int *index = NULL, n_all = 0, n = 0;
+    spin_status status;
+
+    SPIN_TRY_OUT(im->track.continuous ? sample_times(im, &all, &n_all)
+                                      : stored_frames(im, &all, &n_all));
+    SPIN_TRY_OUT(spin_range_select(&im->o->range, all, n_all, &index, &n));
+    SPIN_TRY_OUT(spin_bundle_meta_reserve(&im->meta, n));
+    for (int i = 0; i < n; i++) {
+        im->meta.frame[i] = all[index[i]];
+        im->meta.source_index[i] = index[i];
+    }
+    im->meta.n_source_frames = n_all;
+out:
+    free(index);
+    free(all);
     return status;
 }
 
@@ -211,6 +257,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_values(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;
     SPIN_TRY(im->importer->open(o->input, &im->values, &im->self, &im->track));
+    SPIN_TRY(open_data(im));
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(attach_data(im));
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
@@ -247,6 +294,8 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
         im.importer->close(im.self);
     spin_bundle_meta_free(&im.meta);
     spin_splats_free(&im.splats);
+    spin_views_free(&im.views);
+    free(im.data);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_more(status, "cannot import '%s'", o->input);
     return status;
@@ -395,8 +444,7 @@ static spin_status run_eval(struct eval *e)
     e->report->view = block;
     if (o->images)
         SPIN_TRY(spin_folder_make(o->images));
-    if (o->images && e->report->network &&
-        !(SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns)) {
+    if (o->images && e->report->network && !(SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns)) {
         SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, false));
         m.source = &e->source;
     }
@@ -518,6 +566,7 @@ static spin_status begin_export(struct export *x, bool network)
         .row_of_frame = x->clip.row,
         .renderer = x->renderer,
         .background = o->background,
+        .n_threads = o->n_threads,
     };
     spin_status status;
 

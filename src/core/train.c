@@ -47,7 +47,7 @@ size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const si
 
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
                               const struct spin_model *model, int n_frames, const size_t *counts,
-                              size_t max_pixels, size_t max_tiles)
+                              size_t max_pixels, size_t max_tiles, int n_tints)
 {
     spin_status status;
     void *block = NULL;
@@ -62,6 +62,9 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->n_frames = n_frames;
     SPIN_TRY_OUT(open_param(device, model->n_table, &t->table));
     SPIN_TRY_OUT(open_param(device, model->n_heads, &t->heads));
+    SPIN_TRY_OUT(open_param(device, 6 * (size_t)n_tints, &t->tint));
+    if (n_tints > 0)
+        SPIN_TRY_OUT(reserve(device, 3 * max_pixels, &t->tinted));
     for (int f = 0; f < n_frames; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
@@ -88,6 +91,8 @@ void spin_trainer_close(struct spin_trainer *t)
         return;
     close_param(d, &t->table);
     close_param(d, &t->heads);
+    close_param(d, &t->tint);
+    d->op->release(d, t->tinted, 3 * t->max_pixels * sizeof(float));
     for (int f = 0; f < t->n_frames; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
@@ -102,6 +107,51 @@ void spin_trainer_close(struct spin_trainer *t)
     memset(t, 0, sizeof *t);
 }
 
+/* The picture as this item's camera would have taken it, and its loss. d_image is the gradient with
+ * respect to the picture before that. */
+static void compare_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
+                         double v[3])
+{
+    struct spin_device *d = t->device;
+    int width = item->camera->width, height = item->camera->height;
+    size_t n_pixels = (size_t)width * (size_t)height, at = 6 * (size_t)item->tint;
+    float *image = t->raster.image, weight = 1.0f / (float)n;
+
+    d->op->up(d, t->raster.truth, item->truth, 3 * n_pixels * sizeof(float));
+    if (t->tint.n) {
+        d->op->tint(d, n_pixels, t->tint.p + at, t->raster.image, t->tinted);
+        image = t->tinted;
+    }
+    d->op->loss(d, width, height, image, t->raster.truth, t->lambda_dssim, weight, v,
+                t->raster.d_image);
+    if (t->tint.n)
+        d->op->tint_back(d, n_pixels, t->tint.p + at, t->raster.image, t->raster.d_image,
+                         t->tint.g + at);
+}
+
+/* Gauge: the mean camera has gain 1 and offset 0, so held-out views are drawn in its colours. */
+static spin_status centre_tint(struct spin_trainer *t)
+{
+    size_t n = t->tint.n / 6;
+    void *block = NULL;
+    float *tint;
+
+    SPIN_TRY(spin_alloc(t->tint.n, sizeof(float), &block));
+    tint = block;
+    t->device->op->down(t->device, tint, t->tint.p, t->tint.n * sizeof(float));
+    for (size_t k = 0; k < 6; k++) {
+        double mean = 0;
+
+        for (size_t i = 0; i < n; i++)
+            mean += (double)tint[6 * i + k] / (double)n;
+        for (size_t i = 0; i < n; i++)
+            tint[6 * i + k] -= (float)mean;
+    }
+    t->device->op->up(t->device, t->tint.p, tint, t->tint.n * sizeof(float));
+    free(block);
+    return SPIN_OK;
+}
+
 /* Render one item, add its loss to values and its gradient to d_attr and d_pos. */
 static spin_status draw_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
                              struct spin_train_values *values, double *loss)
@@ -109,15 +159,11 @@ static spin_status draw_item(struct spin_trainer *t, const struct spin_train_ite
     struct spin_device *d = t->device;
     const struct spin_train_frame *frame = &t->frame[item->frame];
     struct spin_cam cam = spin_cam_from(item->camera);
-    size_t bytes = 3 * (size_t)cam.width * (size_t)cam.height * sizeof(float);
     double v[3];
 
     SPIN_TRY(spin_raster_forward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr,
                                  t->model.sh_degree, t->background));
-    d->op->up(d, t->raster.truth, item->truth, bytes);
-    SPIN_TIMED(d, SPIN_OP_LOSS,
-               d->op->loss(d, cam.width, cam.height, t->raster.image, t->raster.truth,
-                           t->lambda_dssim, 1.0f / (float)n, v, t->raster.d_image));
+    SPIN_TIMED(d, SPIN_OP_LOSS, compare_item(t, item, n, v));
     spin_raster_backward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, t->model.sh_degree,
                          t->background, t->decode.d_attr, t->d_pos);
     values->loss += v[0] / n;
@@ -192,5 +238,9 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_it
     step_param(t, &t->table, 0, t->table.n, t->rates.table);
     for (int k = 0; k < SPIN_HEADS; k++)
         step_param(t, &t->heads, offset[k], offset[k + 1], t->rates.head[k]);
+    if (t->tint.n) {
+        step_param(t, &t->tint, 0, t->tint.n, t->rates.tint);
+        SPIN_TRY(centre_tint(t));
+    }
     return t->device->op->wait(t->device);
 }

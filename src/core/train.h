@@ -22,7 +22,7 @@ struct spin_train_frame {
 };
 
 struct spin_train_rates {
-    double table, head[SPIN_HEADS], position, end;
+    double table, head[SPIN_HEADS], position, tint, end;
     int64_t warmup, iterations;
 };
 
@@ -30,6 +30,7 @@ struct spin_trainer {
     struct spin_device *device;
     struct spin_model model;
     struct spin_param table, heads;
+    struct spin_param tint;         /* [cameras][6], math/tint.h; n 0: cameras are all alike */
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
     size_t n_max, max_pixels, max_tiles;
@@ -38,13 +39,15 @@ struct spin_trainer {
     int64_t iteration; /* steps done */
     struct spin_decode decode;
     struct spin_raster raster;
-    float *d_pos; /* [n_max][3] */
+    float *d_pos;  /* [n_max][3] */
+    float *tinted; /* [3][max_pixels], when cameras have colours */
 };
 
 /* One picture of a batch. */
 struct spin_train_item {
     int frame;
     const struct spin_camera *camera;
+    int tint;           /* its place in the trainer's tint */
     const float *truth; /* host [3][h][w] */
 };
 
@@ -53,11 +56,12 @@ struct spin_train_values {
     double *each;          /* [n] losses, when not NULL */
 };
 
-/* Reserve everything for frames of counts[f] splats and pictures up to max_pixels. The caller then
- * fills parameters, positions, times, rates through the device. */
+/* Reserve everything for frames of counts[f] splats, pictures up to max_pixels, and the colours of
+ * n_tints cameras (0: none are learned). The caller then fills parameters, positions, times and rates
+ * through the device. */
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
                               const struct spin_model *model, int n_frames, const size_t *counts,
-                              size_t max_pixels, size_t max_tiles);
+                              size_t max_pixels, size_t max_tiles, int n_tints);
 void spin_trainer_close(struct spin_trainer *t);
 /* Bytes that open will reserve, and about as much as the ops' scratch comes to. */
 size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,

@@ -168,6 +168,13 @@ struct spin_device_ops {
                  const float *truth, float lambda_dssim, float weight, double values[3] /* host */,
                  float *d_image);
 
+    /* A camera's gain and offset, math/tint.h: out [3][n_pixels] = exp(tint[c]) image + tint[3 + c].
+     * Back: d_image is scaled in place, d_tint [6] +=. */
+    void (*tint)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
+                 float *out);
+    void (*tint_back)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
+                      float *d_image, float *d_tint);
+
     /* rows [<= n] = ascending indices of splats whose d_attr or d_pos_w row is not all zero. Returns
      * their count (host). */
     size_t (*active)(struct spin_device *d, size_t n, const float *d_attr, const float *d_pos_w,

@@ -493,7 +493,26 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-static spin_status peek_folder(const char *path, struct spin_peek *out)
+/* Two files tell the runs of related methods apart: params.npz by its members (Dynamic 3D Gaussians and
+ * its descendants), cfg_args by its text (what grew out of 3DGS). */
+static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
+                               char **members)
+{
+    char *path = NULL;
+    spin_status status = SPIN_OK;
+
+    if (strcmp(name, "params.npz") != 0 && strcmp(name, "cfg_args") != 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_path_join(folder, name, &path));
+    if (strcmp(name, "params.npz") == 0)
+        status = peek_members(path, members);
+    else
+        (void)peek_head(path, out); /* what cannot be read has no head */
+    free(path);
+    return status;
+}
+
+static spin_status peek_folder(const char *path, struct spin_peek *out, char **members)
 {
     char **names;
     size_t n;
@@ -505,6 +524,8 @@ static spin_status peek_folder(const char *path, struct spin_peek *out)
     }
     out->is_folder = true;
     out->names = (const char *const *)names;
+    for (size_t i = 0; names[i]; i++)
+        SPIN_TRY(peek_inside(path, names[i], out, members));
     return SPIN_OK;
 }
 
@@ -519,17 +540,24 @@ spin_status spin_peek_open(const char *path, struct spin_peek *out)
     SPIN_TRY(spin_strdup(path, &copy));
     out->path = copy;
     if (spin_path_is_folder(path)) {
-        SPIN_TRY_OUT(peek_folder(path, out));
+        SPIN_TRY_OUT(peek_folder(path, out, &members));
     } else {
         SPIN_TRY_OUT(peek_head(path, out));
         if (spin_zip_looks_like(out->head, out->n_head))
             SPIN_TRY_OUT(peek_members(path, &members));
+    }
+    if (!out->head) {
+        char *empty = NULL;
+
+        SPIN_TRY_OUT(spin_strdup("", &empty));
+        out->head = (const unsigned char *)empty;
     }
     if (!members)
         SPIN_TRY_OUT(spin_strdup("", &members));
     out->tail_names = members;
     return SPIN_OK;
 out:
+    free(members);
     spin_peek_free(out);
     return status;
 }

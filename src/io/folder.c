@@ -2,6 +2,7 @@
 #include "io/folder.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "base/err.h"
@@ -44,4 +45,47 @@ void spin_out_folder_abandon(struct spin_out_folder *folder)
     if (folder->created && folder->path)
         (void)rmdir(folder->path); /* refuses when files are in it, which is what we want */
     spin_out_folder_end(folder);
+}
+
+/* ---- Numbered names -------------------------------------------------------------------------- */
+
+static spin_status fail_pattern(const char *text)
+{
+    return spin_fail(SPIN_E_USAGE,
+                     "--pattern '%s': expected a file name with exactly one %%d or %%0Nd, N 1 to 9",
+                     text);
+}
+
+spin_status spin_pattern_parse(const char *text, struct spin_pattern *out)
+{
+    const char *field = strchr(text, '%');
+    const char *at;
+
+    *out = (struct spin_pattern){.text = text};
+    if (!field || strchr(text, '/'))
+        return fail_pattern(text);
+    at = field + 1;
+    if (*at == '0') {
+        out->zeros = true;
+        at++;
+        if (*at < '1' || *at > '9')
+            return fail_pattern(text);
+        out->width = *at++ - '0';
+    }
+    if (*at != 'd' || strchr(at, '%'))
+        return fail_pattern(text);
+    out->n_before = (int)(field - text);
+    out->after = at + 1;
+    return SPIN_OK;
+}
+
+spin_status spin_pattern_path(const struct spin_pattern *p, const char *folder, int number,
+                              char **out)
+{
+    char name[512];
+
+    if (snprintf(name, sizeof name, p->zeros ? "%.*s%0*d%s" : "%.*s%*d%s", p->n_before, p->text,
+                 p->width, number, p->after) >= (int)sizeof name)
+        return spin_fail(SPIN_E_USAGE, "--pattern makes too long a name: '%.40s...'", name);
+    return spin_path_join(folder, name, out);
 }

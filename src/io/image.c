@@ -1,100 +1,34 @@
-/* Finds and loads the shim, looks whether a file is all there, and gives failures our words.
+/* Loads the shim, looks whether a file is all there, and gives failures our words.
  *
  * The looking is ours because the decoders' is not enough: libjpeg paints what is missing grey and
  * calls that success, and libpng talks to the terminal. */
 #include "io/image.h"
 
-#include <dlfcn.h>
-#include <limits.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/err.h"
 #include "io/file.h"
 #include "io/image_shim.h"
-
-#ifndef SPIN_PREFIX
-#define SPIN_PREFIX "/usr/local"
-#endif
+#include "io/shim.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
-/* Folders above the program's in which lib/ is looked for: tests lie two below the build's. */
-#define MAX_PARENTS 4
-
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static const struct spin_image_shim *shim; /* NULL after a failed start */
 static char failure[512];
 
 /* ---- Loading --------------------------------------------------------------------------------- */
 
-/* Take the shim at path; false when there is none, or none that fits: then the reason is kept. */
-static bool load(const char *path)
-{
-    const struct spin_image_shim *table;
-    void *object;
-
-    if (access(path, R_OK) != 0)
-        return false;
-    object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (!object) {
-        snprintf(failure, sizeof failure, "%s", dlerror());
-        return false;
-    }
-    table = dlsym(object, SPIN_IMAGE_SHIM_SYMBOL);
-    if (!table || table->abi != SPIN_IMAGE_SHIM_ABI) {
-        snprintf(failure, sizeof failure, "'%.400s' belongs to another version", path);
-        dlclose(object);
-        return false;
-    }
-    shim = table;
-    return true;
-}
-
-static bool load_below(const char *folder, const char *name)
-{
-    char path[PATH_MAX + 64];
-
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    return load(path);
-}
-
-/* Beside the program: in build/release/lib, or where `make install` puts it. */
-static bool load_beside_program(void)
-{
-    char folder[PATH_MAX];
-    ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);
-
-    if (n <= 0)
-        return false;
-    folder[n] = '\0';
-    for (int i = 0; i <= MAX_PARENTS; i++) {
-        char *slash = strrchr(folder, '/');
-
-        if (!slash)
-            return false;
-        *slash = '\0';
-        if (load_below(folder, "lib/spin-image.so") ||
-            load_below(folder, "lib/spin4d/spin-image.so"))
-            return true;
-    }
-    return false;
-}
-
 static void start(void)
 {
-    const char *given = getenv("SPIN_IMAGE_SHIM");
+    static const struct spin_shim where = {.file = "spin-image.so",
+                                           .override = "SPIN_IMAGE_SHIM",
+                                           .symbol = SPIN_IMAGE_SHIM_SYMBOL,
+                                           .abi = SPIN_IMAGE_SHIM_ABI};
 
-    if (given && *given) {
-        if (!load(given) && !*failure)
-            snprintf(failure, sizeof failure, "SPIN_IMAGE_SHIM names '%.400s', which is not there",
-                     given);
-        return;
-    }
-    if (!load_beside_program())
-        load_below(SPIN_PREFIX, "lib/spin4d/spin-image.so");
+    shim = spin_shim_load(&where, failure, sizeof failure);
 }
 
 spin_status spin_image_start(void)

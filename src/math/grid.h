@@ -75,4 +75,30 @@ SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], con
     return product;
 }
 
+/* Geometry of a level of somebody else's network, from what is stored with it (hash-encoder-4d.md
+ * 2): growth and base per axis as float32, rounded where the method's kernel rounds, as one unit
+ * in the last place more or less can turn a dense level into a hashed one. Axes beyond n_dims get
+ * one vertex, which leaves row and hash alone. Returns 0 when the numbers make no grid. */
+SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, const float *base,
+                                   float scale[4], uint32_t res[4])
+{
+    for (int d = 0; d < 4; d++) {
+        float log_growth, e;
+
+        scale[d] = 0.0f;
+        res[d] = 1;
+        if (d >= n_dims)
+            continue;
+        if (!(growth[d] > 0.0f && base[d] > 0.0f))
+            return 0;
+        log_growth = (float)log2((double)growth[d]);
+        e = (float)exp2((double)((float)level * log_growth));
+        scale[d] = (float)((double)e * (double)base[d] - 1.0);
+        if (!(scale[d] >= 0.0f && scale[d] < 1e9f))
+            return 0;
+        res[d] = (uint32_t)ceilf(scale[d]) + 1u;
+    }
+    return 1;
+}
+
 #endif

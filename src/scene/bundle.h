@@ -17,18 +17,18 @@
 
 /* What meta.json says, less the network's own part. */
 struct spin_bundle_meta {
-    char from[32];                  /* importer */
+    char from[32]; /* importer */
     char upstream[160];
     char variant[128];
     int n_frames;
-    struct spin_frame_info *frame;  /* [n_frames] */
-    int *source_index;              /* [n_frames] place in the whole source clip */
-    int n_source_frames;            /* frames of the source clip before any range */
-    bool numbered;                  /* frame numbers are the source's own */
+    struct spin_frame_info *frame; /* [n_frames] */
+    int *source_index;             /* [n_frames] place in the whole source clip */
+    int n_source_frames;           /* frames of the source clip before any range */
+    bool numbered;                 /* frame numbers are the source's own */
     unsigned columns, still_columns;
-    int sh_degree;                  /* -1: none */
-    char *data_path;                /* as stored: relative to the bundle's folder, or absolute; NULL */
-    char data_from[32];
+    int sh_degree;       /* -1: none */
+    char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
+    char data_from[128]; /* as spin_views_open() takes it */
 };
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);
@@ -37,7 +37,7 @@ void spin_bundle_meta_free(struct spin_bundle_meta *meta);
 struct spin_bundle {
     char *path;
     struct spin_npz npz;
-    spin_json *json;                /* meta.json, whole */
+    spin_json *json; /* meta.json, whole */
     struct spin_bundle_meta meta;
 };
 /* Every member's header is checked against meta.json before this returns. */
@@ -62,8 +62,8 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
 spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct spin_bundle *from);
 /* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must be
  * set. data_path is stored as given. */
-spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w, const struct spin_bundle_meta *meta,
-                                      spin_json *extra);
+spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
+                                      const struct spin_bundle_meta *meta, spin_json *extra);
 void spin_bundle_writer_abandon(struct spin_bundle_writer *w);
 
 /* "means" for SPIN_COL_MEANS, ... and floats per row (sh: with this degree). */

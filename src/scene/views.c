@@ -73,20 +73,91 @@ static spin_status arrange(struct spin_views *views)
     return SPIN_OK;
 }
 
+/* "dynerf:time=unit,test=-1": a name and the reader's own options, cut apart in `text`. */
+struct spec {
+    char *text;
+    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1];
+};
+
+static spin_status parse_spec(const char *from, struct spec *spec)
+{
+    char *at;
+
+    SPIN_TRY(spin_strdup(from, &spec->text));
+    at = strchr(spec->text, ':');
+    if (at)
+        *at++ = '\0';
+    for (int n = 0; at && *at; n += 2) {
+        char *end = strchr(at, ','), *value;
+
+        if (n == 2 * SPIN_VIEWS_MAX_OPTIONS)
+            return spin_fail(SPIN_E_USAGE, "'%s' has more than %d options", from,
+                             SPIN_VIEWS_MAX_OPTIONS);
+        if (end)
+            *end++ = '\0';
+        value = strchr(at, '=');
+        if (!value)
+            return spin_fail(SPIN_E_USAGE,
+                             "'%s': option '%s' has no value, expected NAME:KEY=VALUE,"
+                             "KEY=VALUE",
+                             from, at);
+        *value++ = '\0';
+        spec->pairs[n] = at;
+        spec->pairs[n + 1] = value;
+        at = end;
+    }
+    return SPIN_OK;
+}
+
+/* Options the reader does not have are asked wrongly, not dropped. */
+static spin_status check_spec(const struct spin_importer *importer, const struct spec *spec)
+{
+    for (int i = 0; spec->pairs[i]; i += 2) {
+        const struct spin_plugin_option *o = importer->options;
+
+        while (o && o->key && strcmp(o->key, spec->pairs[i]) != 0)
+            o++;
+        if (!o || !o->key)
+            return spin_fail(SPIN_E_USAGE, "'%s' has no option '%s'", importer->name,
+                             spec->pairs[i]);
+    }
+    return SPIN_OK;
+}
+
+/* What to open the data set with again: the name that was found, or all that was asked for. */
+static spin_status keep_spec(const char *from, const struct spin_importer *importer, char *used,
+                             size_t n_used)
+{
+    const char *text = from ? from : importer->name;
+
+    if (used && strlen(text) >= n_used)
+        return spin_fail(SPIN_E_USAGE, "'%s' has %zu letters, expected less than %zu", text,
+                         strlen(text), n_used);
+    if (used)
+        snprintf(used, n_used, "%s", text);
+    return SPIN_OK;
+}
+
 spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
                             char *used_from, size_t n_used_from)
 {
     const struct spin_importer *importer;
+    struct spec spec = {NULL};
+    struct spin_plugin_values values = {spec.pairs};
     spin_status status;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY_OUT(spin_importer_find(path, from, true, &importer));
-    SPIN_TRY_OUT(importer->views(path, NULL, out));
+    if (from)
+        SPIN_TRY_OUT(parse_spec(from, &spec));
+    SPIN_TRY_OUT(spin_importer_find(path, spec.text, true, &importer));
+    SPIN_TRY_OUT(check_spec(importer, &spec));
+    SPIN_TRY_OUT(importer->views(path, &values, out));
     SPIN_TRY_OUT(arrange(out));
-    if (used_from)
-        snprintf(used_from, n_used_from, "%s", importer->name);
+    SPIN_TRY_OUT(keep_spec(from, importer, used_from, n_used_from));
+    free(spec.text);
     return SPIN_OK;
 out:
+    free(spec.text);
     spin_views_free(out);
     return spin_more(status, "cannot read the data set '%s'", path);
 }

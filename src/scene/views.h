@@ -4,7 +4,10 @@
 
 #include "scene/bundle.h"
 
-/* Find the importer that reads data set `path` (from NULL: detect) and read all views. */
+#define SPIN_VIEWS_MAX_OPTIONS 8
+
+/* Find the importer that reads data set `path` (from NULL: detect) and read all views. The importer's
+ * own options follow its name: "dynerf:time=unit,test=-1". used_from gets what opens it again. */
 spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
                             char *used_from, size_t n_used_from);
 
@@ -29,10 +32,11 @@ double spin_views_extent(const struct spin_views *views);
  * ratio that does not fit is an error. */
 struct spin_pixels {
     const struct spin_views *views;
-    uint8_t **rgb;                  /* [views->n] */
+    uint8_t **rgb; /* [views->n] */
     size_t held, budget;
 };
-spin_status spin_pixels_open(const struct spin_views *views, size_t budget, struct spin_pixels *out);
+spin_status spin_pixels_open(const struct spin_views *views, size_t budget,
+                             struct spin_pixels *out);
 void spin_pixels_close(struct spin_pixels *pixels);
 /* Planar [3][h][w] float 0..1 of one view. */
 spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out);

@@ -66,8 +66,7 @@ static void load_model(struct fixture *f, struct spin_model *model)
             product *= model->grid.res[l][d];
         }
         model->grid.offset[l + 1] = (uint32_t)offset[l + 1];
-        model->grid.hashed[l] =
-            product > model->grid.offset[l + 1] - model->grid.offset[l];
+        model->grid.hashed[l] = product > model->grid.offset[l + 1] - model->grid.offset[l];
     }
     model->n_table = (size_t)model->grid.offset[4] * 4;
     model->time_first = 0;
@@ -162,7 +161,7 @@ static void run(struct fixture *f, int n_threads, struct result *r)
     load_model(f, &r->model);
     if (!f->heads0)
         f->heads0 = load_heads(f, &r->model);
-    ok(spin_trainer_open(&t, d, &r->model, FRAMES, counts, W * H, 4 * 3) == SPIN_OK, "opens");
+    ok(spin_trainer_open(&t, d, &r->model, FRAMES, counts, W * H, 4 * 3, 0) == SPIN_OK, "opens");
     fill_trainer(f, &t);
     for (int i = 0; i < STEPS; i++) {
         struct spin_train_item items[BATCH];
@@ -246,11 +245,12 @@ static void check_first(struct fixture *f, struct result *r)
     double *want = check_load(&f->npz, "image0", NULL);
     char key[48];
 
-    check_close(r->image0, want, 3 * W * H,
-                check_tolerance("e2e.npz", "first_image_abs", 2e-5), 0, "the first picture");
+    check_close(r->image0, want, 3 * W * H, check_tolerance("e2e.npz", "first_image_abs", 2e-5), 0,
+                "the first picture");
     free(want);
     want = check_load(&f->npz, "g1_table", NULL);
-    check_rel_to_absmax(r->g1_table, want, r->model.n_table, tolerance, "first gradient of the table");
+    check_rel_to_absmax(r->g1_table, want, r->model.n_table, tolerance,
+                        "first gradient of the table");
     free(want);
     for (int k = 0; k < FRAMES; k++) {
         snprintf(key, sizeof key, "g1_pos%d", k);

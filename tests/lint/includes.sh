@@ -2,7 +2,7 @@
 # Who may include whom: the drawing of the house as a table, and no arrow that is not in it.
 #
 #     cmd        -> spin.h cmd
-#     importers, exporters -> spin.h io math base
+#     importers, exporters -> spin.h io math base, and headers of their own room
 #     core       -> spin.h scene device/device.h io math base core
 #     scene      -> spin.h io base scene
 #     device     -> spin.h device math base;  a device sees device.h and its own folder
@@ -17,7 +17,8 @@ ours() {
     case $1 in
     src/spin.h) echo '^$' ;;
     src/cmd/*) echo '^(spin\.h|cmd/.*)$' ;;
-    importers/* | exporters/*) echo '^(spin\.h|(io|math|base)/.*)$' ;;
+    importers/*) echo '^(spin\.h|(io|math|base|importers)/.*)$' ;;
+    exporters/*) echo '^(spin\.h|(io|math|base|exporters)/.*)$' ;;
     src/core/*) echo '^(spin\.h|device/device\.h|(scene|io|math|base|core)/.*)$' ;;
     src/scene/*) echo '^(spin\.h|(io|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
@@ -34,9 +35,11 @@ ours() {
 # file, pattern of what it may include besides libc and POSIX
 foreign() {
     case $1 in
-    src/io/zip.c) echo '^zlib\.h$' ;;
+    src/io/zip.c | src/io/gzip.c) echo '^zlib\.h$' ;;
+    src/io/xz.c) echo '^lzma\.h$' ;;
     src/io/json.c) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
+    src/io/gltf_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
     src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;
     src/device/cuda/*) echo '^(cuda.*|cub/.*|cooperative_groups.*)$' ;;
     src/base/mem.c) echo '^sanitizer/asan_interface\.h$' ;;

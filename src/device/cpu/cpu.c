@@ -117,6 +117,8 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .blend = SPIN_CPU(blend),
     .blend_back = SPIN_CPU(blend_back),
     .loss = SPIN_CPU(loss),
+    .tint = SPIN_CPU(tint),
+    .tint_back = SPIN_CPU(tint_back),
     .active = SPIN_CPU(active),
     .adam = SPIN_CPU(adam),
 };

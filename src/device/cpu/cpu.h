@@ -92,4 +92,10 @@ void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *i
                     const float *truth, float lambda_dssim, float weight, double values[3],
                     float *d_image);
 
+/* tint.c */
+void SPIN_CPU(tint)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
+                    float *out);
+void SPIN_CPU(tint_back)(struct spin_device *d, size_t n_pixels, const float *tint,
+                         const float *image, float *d_image, float *d_tint);
+
 #endif

@@ -1,0 +1,65 @@
+/* The kept rows of a frame as a list, and a stable sort of it by a 64-bit key. */
+#ifndef SPIN_EXPORTERS_ORDER_H
+#define SPIN_EXPORTERS_ORDER_H
+
+#include "exporters/rows.h"
+
+struct spin_keyed {
+    uint64_t key;
+    uint32_t row;
+};
+
+struct spin_order {
+    struct spin_keyed *item, *spare; /* [room] */
+    size_t n, room;
+};
+
+/* The kept rows in the source's order, keys zero. */
+static inline spin_status spin_order_fill(struct spin_order *order, const struct spin_rows *rows,
+                                          size_t n_rows, size_t n_kept)
+{
+    if (n_rows > UINT32_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "%zu splats in a frame, at most %u are supported",
+                         n_rows, UINT32_MAX);
+    if (n_kept > order->room) {
+        SPIN_TRY(spin_grow(n_kept, sizeof *order->item, (void **)&order->item));
+        SPIN_TRY(spin_grow(n_kept, sizeof *order->spare, (void **)&order->spare));
+        order->room = n_kept;
+    }
+    order->n = 0;
+    for (size_t i = 0; i < n_rows; i++)
+        if (rows->keep[i])
+            order->item[order->n++] = (struct spin_keyed){.row = (uint32_t)i};
+    return SPIN_OK;
+}
+
+/* Eleven bits at a time, from the low end; rounds in which all keys agree are skipped. */
+static inline void spin_order_sort(struct spin_order *order)
+{
+    enum { BITS = 11, N = 1 << BITS };
+
+    for (int shift = 0; shift < 64; shift += BITS) {
+        size_t start[N + 1] = {0};
+        struct spin_keyed *sorted = order->spare;
+
+        for (size_t i = 0; i < order->n; i++)
+            start[1 + ((order->item[i].key >> shift) & (N - 1))]++;
+        if (order->n == 0 || start[1 + ((order->item[0].key >> shift) & (N - 1))] == order->n)
+            continue;
+        for (int b = 0; b < N; b++)
+            start[b + 1] += start[b];
+        for (size_t i = 0; i < order->n; i++)
+            sorted[start[(order->item[i].key >> shift) & (N - 1)]++] = order->item[i];
+        order->spare = order->item;
+        order->item = sorted;
+    }
+}
+
+static inline void spin_order_free(struct spin_order *order)
+{
+    free(order->item);
+    free(order->spare);
+    *order = (struct spin_order){0};
+}
+
+#endif

@@ -1,0 +1,129 @@
+/* How far what a reader will see lies from what the bundle holds, for formats of few bits: gathered
+ * row by row, said once at the end. */
+#ifndef SPIN_EXPORTERS_QUANT_H
+#define SPIN_EXPORTERS_QUANT_H
+
+#include <math.h>
+
+#include "exporters/rows.h"
+#include "math/approx.h"
+#include "math/sh.h"
+
+enum spin_quant_part {
+    SPIN_QUANT_PLACE,    /* world units */
+    SPIN_QUANT_SCALE,    /* of the logarithm: 0.01 is about one percent */
+    SPIN_QUANT_ROTATION, /* degrees */
+    SPIN_QUANT_OPACITY,  /* of 0..1 */
+    SPIN_QUANT_COLOUR,   /* of 0..1, of the degree 0 term */
+    SPIN_QUANT_SH,       /* of coefficients above degree 0 */
+    SPIN_QUANT_PARTS
+};
+
+struct spin_quant {
+    struct {
+        double squares, largest;
+        uint64_t n;
+    } part[SPIN_QUANT_PARTS];
+};
+
+/* One splat as a reader understands it. */
+struct spin_quant_row {
+    float place[3], log_scale[3], rotation[4], opacity, colour[3];
+};
+
+/* Row i of a frame, which is one that was chosen. */
+static inline void spin_quant_take(const struct spin_splats *s, size_t i,
+                                   struct spin_quant_row *out)
+{
+    const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    memcpy(out->place, s->means + 3 * i, sizeof out->place);
+    memcpy(out->log_scale, s->log_scales + 3 * i, sizeof out->log_scale);
+    spin_rows_rotation(s->quats + 4 * i, out->rotation);
+    out->opacity = spin_sigmoid(spin_rows_logit(s->logit_opacities[i]));
+    for (int c = 0; c < 3; c++)
+        out->colour[c] = 0.5f + SPIN_SH_C0 * dc[c];
+}
+
+static inline void spin_quant_add(struct spin_quant *q, enum spin_quant_part part, double error)
+{
+    error = fabs(error);
+    q->part[part].squares += error * error;
+    q->part[part].n++;
+    if (error > q->part[part].largest)
+        q->part[part].largest = error;
+}
+
+/* n values at once: fast where there are many. */
+static inline void spin_quant_add_all(struct spin_quant *q, enum spin_quant_part part,
+                                      const float *error, size_t n)
+{
+    float squares = 0, largest = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        squares += error[i] * error[i];
+        largest = fabsf(error[i]) > largest ? fabsf(error[i]) : largest;
+    }
+    q->part[part].squares += (double)squares;
+    q->part[part].n += n;
+    q->part[part].largest = fmax(q->part[part].largest, (double)largest);
+}
+
+static inline double spin_quant_distance(const float *a, const float *b, int n)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        sum += ((double)a[i] - b[i]) * ((double)a[i] - b[i]);
+    return sqrt(sum);
+}
+
+/* Unit quaternions of one sign at distance d are turned against each other by 4 asin(d / 2). */
+static inline void spin_quant_row(struct spin_quant *q, const struct spin_quant_row *is,
+                                  const struct spin_quant_row *shown)
+{
+    double d = spin_quant_distance(is->rotation, shown->rotation, 4);
+
+    d = d * d > 2 ? sqrt(fmax(4 - d * d, 0)) : d; /* q and -q are one rotation */
+    spin_quant_add(q, SPIN_QUANT_PLACE, spin_quant_distance(is->place, shown->place, 3));
+    spin_quant_add(q, SPIN_QUANT_ROTATION, 4 * asin(fmin(d / 2, 1)) * (180 / 3.14159265358979));
+    spin_quant_add(q, SPIN_QUANT_OPACITY, (double)is->opacity - shown->opacity);
+    for (int c = 0; c < 3; c++) {
+        spin_quant_add(q, SPIN_QUANT_SCALE, (double)is->log_scale[c] - shown->log_scale[c]);
+        spin_quant_add(q, SPIN_QUANT_COLOUR, (double)is->colour[c] - shown->colour[c]);
+    }
+}
+
+static inline void spin_quant_merge(struct spin_quant *to, const struct spin_quant *from)
+{
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+        to->part[p].squares += from->part[p].squares;
+        to->part[p].n += from->part[p].n;
+        to->part[p].largest = fmax(to->part[p].largest, from->part[p].largest);
+    }
+}
+
+static inline double spin_quant_rms(const struct spin_quant *q, enum spin_quant_part part)
+{
+    return q->part[part].n ? sqrt(q->part[part].squares / (double)q->part[part].n) : 0;
+}
+
+/* One line, root mean square and largest of each part. */
+static inline void spin_quant_say(const struct spin_quant *q, const char *format)
+{
+    double r[SPIN_QUANT_PARTS], m[SPIN_QUANT_PARTS];
+
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+        r[p] = spin_quant_rms(q, (enum spin_quant_part)p);
+        m[p] = q->part[p].largest;
+    }
+    if (q->part[SPIN_QUANT_PLACE].n == 0)
+        return;
+    spin_log(0,
+             "%s holds few bits; error, rms (largest): place %.3g (%.3g), log scale %.2g (%.2g), "
+             "rotation %.2g deg (%.2g deg), opacity %.2g (%.2g), colour %.2g (%.2g), "
+             "sh %.2g (%.2g)",
+             format, r[0], m[0], r[1], m[1], r[2], m[2], r[3], m[3], r[4], m[4], r[5], m[5]);
+}
+
+#endif

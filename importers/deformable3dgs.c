@@ -1,0 +1,610 @@
+/* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
+ * network of position and time that adds to their finished attributes (deformable3dgs.md).
+ *
+ * Two traps. The sums are taken after activation, and the sum of quaternions goes to the rasteriser as
+ * it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the
+ * rasteriser does and taken apart again. And the two halves of a save lie in separate folders: they
+ * must be of the same iteration. */
+#include "spin.h"
+
+#include "importers/canonical.h"
+#include "importers/mlp_eval.h"
+#include "math/covariance.h"
+#include "math/deform.h"
+
+enum {
+    MAX_LAYERS = 32,
+    POSITION_FREQUENCIES = 10, /* not stored; 63 inputs */
+    POSITION_INPUTS = 3 + 6 * POSITION_FREQUENCIES,
+    MAX_TIME_FREQUENCIES = 64,
+    WARM_UP = 3000 /* iterations before which training does not use the network */
+};
+
+struct model {
+    char *path; /* of deform.pth */
+    size_t n;
+    struct spin_splats canonical;
+    struct mlp_linear linear[MAX_LAYERS];
+    int n_layers, wide; /* the layer that also takes the input again */
+    int n_in, width;
+    struct mlp_linear time[2]; /* time network, or none */
+    int n_time;                /* inputs of the first layer that depend on time */
+    int frequencies;           /* of time */
+    bool screw;                /* 6dof: screw and pivot instead of warp */
+    struct mlp_linear warp, screw_w, screw_v, rotation, scaling;
+    struct mlp_team team;
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+static int probe(const struct spin_peek *peek)
+{
+    bool deform = false, cloud = false;
+
+    if (!peek->is_folder)
+        return 0;
+    for (size_t i = 0; peek->names && peek->names[i]; i++) {
+        deform = deform || strcmp(peek->names[i], "deform") == 0;
+        cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
+    }
+    if (!deform || !cloud)
+        return 0;
+    if (memmem(peek->head, peek->n_head, "grid_args", 9)) /* Grid4D and DASH */
+        return 0;
+    return memmem(peek->head, peek->n_head, "is_6dof", 7) ? 90 : 60;
+}
+
+/* ---- Finding the files ----------------------------------------------------------------------- */
+
+/* The newest save of one side; *out stays NULL when there is none. */
+static spin_status newest(const char *folder, const char *file, char **out)
+{
+    struct canonical_pick pick = {folder, file, NULL, NULL};
+
+    return canonical_choose(&pick, NULL, out);
+}
+
+/* Both sides must end with the same save, or the user must say which. */
+static spin_status check_newest(const char *path, const char *clouds, const char *deforms,
+                                const char *found)
+{
+    char *cloud = NULL, *deform = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(newest(clouds, "point_cloud.ply", &cloud));
+    SPIN_TRY_OUT(newest(deforms, "deform.pth", &deform));
+    if (!cloud)
+        status =
+            spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with point_cloud.ply", clouds);
+    else if (!deform)
+        status = spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with deform.pth", deforms);
+    else if (strcmp(cloud, deform) != 0)
+        status = spin_fail(SPIN_E_MALFORMED,
+                           "'%s': the last cloud is %s but the last network is %s; %s%s", path,
+                           cloud, deform,
+                           found ? "say which with --iteration; both have "
+                                 : "the folders are of two runs or half copied",
+                           found ? found : "");
+out:
+    free(cloud);
+    free(deform);
+    return status;
+}
+
+struct save {
+    char *name, *cloud, *network; /* iteration_<N>, and two files */
+};
+
+static void save_free(struct save *save)
+{
+    free(save->name);
+    free(save->cloud);
+    free(save->network);
+}
+
+static spin_status join3(const char *folder, const char *name, const char *file, char **out)
+{
+    char *middle = NULL;
+    spin_status status = spin_path_join(folder, name, &middle);
+
+    if (status == SPIN_OK)
+        status = spin_path_join(middle, file, out);
+    free(middle);
+    return status;
+}
+
+static spin_status find_save(const char *path, const char *wanted, struct save *out)
+{
+    struct canonical_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
+    char *clouds = NULL, *deforms = NULL;
+    spin_status status;
+
+    if (!spin_path_is_folder(path))
+        return spin_fail(SPIN_E_USAGE, "'%s' is not what is read here: give the model's folder",
+                         path);
+    SPIN_TRY_OUT(spin_path_join(path, "point_cloud", &clouds));
+    SPIN_TRY_OUT(spin_path_join(path, "deform", &deforms));
+    if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms)) {
+        status = spin_fail(SPIN_E_NOT_FOUND, "'%s' has no folder '%s'", path,
+                           spin_path_is_folder(clouds) ? "deform" : "point_cloud");
+        goto out;
+    }
+    pick.folder = clouds;
+    pick.other = deforms;
+    SPIN_TRY_OUT(canonical_choose(&pick, wanted, &out->name));
+    if (!wanted)
+        SPIN_TRY_OUT(check_newest(path, clouds, deforms, out->name));
+    if (!out->name) {
+        status =
+            spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_%s with both a cloud and a network",
+                      path, wanted ? wanted : "<N>");
+        goto out;
+    }
+    SPIN_TRY_OUT(join3(clouds, out->name, "point_cloud.ply", &out->cloud));
+    SPIN_TRY_OUT(join3(deforms, out->name, "deform.pth", &out->network));
+out:
+    free(clouds);
+    free(deforms);
+    return status;
+}
+
+/* ---- The network ----------------------------------------------------------------------------- */
+
+static bool ends_in_parameter(const char *key, size_t n_stem)
+{
+    return strcmp(key + n_stem, ".weight") == 0 || strcmp(key + n_stem, ".bias") == 0;
+}
+
+static bool is_known(const char *key)
+{
+    static const char *const stems[] = {"timenet.0",       "timenet.2", "gaussian_warp",
+                                        "branch_w",        "branch_v",  "gaussian_rotation",
+                                        "gaussian_scaling"};
+    size_t n = strlen("linear.");
+
+    for (size_t i = 0; i < sizeof stems / sizeof *stems; i++)
+        if (strncmp(key, stems[i], strlen(stems[i])) == 0 &&
+            ends_in_parameter(key, strlen(stems[i])))
+            return true;
+    return strncmp(key, "linear.", n) == 0 && strspn(key + n, "0123456789") > 0 &&
+           ends_in_parameter(key, n + strspn(key + n, "0123456789"));
+}
+
+/* Methods built on this one keep its folders and add heads: those would change the result. */
+static spin_status check_keys(const struct spin_value *root)
+{
+    if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
+        root->item[1]->kind == SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from "
+                         "dash");
+    if (root->kind != SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict");
+    for (size_t i = 0; i < root->n; i++) {
+        const char *key = spin_value_text(root->item[2 * i]);
+
+        if (!key)
+            return spin_fail(SPIN_E_MALFORMED, "a state dict with a key that is not text");
+        if (!is_known(key))
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "tensor '%.80s' is not of this method: it may be of one built on it",
+                             key);
+    }
+    return SPIN_OK;
+}
+
+/* linear.0 [W, I], then [W, W] but for one [W, I + W]. */
+static spin_status load_layers(struct spin_torch *torch, struct model *m)
+{
+    char name[32];
+
+    for (int i = 0;; i++) {
+        struct mlp_linear *l = &m->linear[i];
+
+        snprintf(name, sizeof name, "linear.%d", i);
+        if (i > 0 && !mlp_has(torch->root, "", name))
+            break;
+        if (i == MAX_LAYERS)
+            return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers 'linear'", MAX_LAYERS);
+        SPIN_TRY(mlp_load(torch, torch->root, "", name, -1, i ? m->width : -1, l));
+        m->n_layers = i + 1;
+        if (i == 0) {
+            m->n_in = l->n_in;
+            m->width = l->n_out;
+        } else if (l->n_in == m->n_in + m->width && m->wide == 0) {
+            m->wide = i;
+        } else if (l->n_in != m->width) {
+            return spin_fail(SPIN_E_MALFORMED,
+                             "tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s", name,
+                             l->n_out, l->n_in, m->width, m->width,
+                             m->wide ? " as one layer takes the input again already" : "");
+        }
+    }
+    for (size_t i = 0; i < torch->root->n; i++) {
+        const char *key = spin_value_text(torch->root->item[2 * i]);
+
+        if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= m->n_layers)
+            return spin_fail(SPIN_E_MALFORMED, "tensor '%.80s' but no 'linear.%d.weight'", key,
+                             m->n_layers);
+    }
+    if (m->wide == 0)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "no layer 'linear' takes the input again: layers are missing");
+    return SPIN_OK;
+}
+
+/* How time enters: through a small network, or by its frequencies alone. */
+static spin_status load_time(struct spin_torch *torch, struct model *m)
+{
+    int inputs;
+
+    m->n_time = m->n_in - POSITION_INPUTS;
+    if (m->n_time < 1)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a "
+                         "position",
+                         m->n_in, POSITION_INPUTS);
+    inputs = m->n_time;
+    if (mlp_has(torch->root, "", "timenet.0") || mlp_has(torch->root, "", "timenet.2")) {
+        SPIN_TRY(mlp_load(torch, torch->root, "", "timenet.0", -1, -1, &m->time[0]));
+        SPIN_TRY(mlp_load(torch, torch->root, "", "timenet.2", m->time[0].n_out, m->n_time,
+                          &m->time[1]));
+        inputs = m->time[0].n_in;
+    }
+    m->frequencies = (inputs - 1) / 2;
+    if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "time has %d inputs, expected 1 and two for each of at most %d "
+                         "frequencies",
+                         inputs, MAX_TIME_FREQUENCIES);
+    return SPIN_OK;
+}
+
+static spin_status load_network(struct spin_torch *torch, struct model *m)
+{
+    const struct spin_value *root = torch->root;
+    bool warp = mlp_has(root, "", "gaussian_warp");
+
+    SPIN_TRY(check_keys(root));
+    SPIN_TRY(load_layers(torch, m));
+    SPIN_TRY(load_time(torch, m));
+    m->screw = mlp_has(root, "", "branch_w") || mlp_has(root, "", "branch_v");
+    if (m->screw == warp)
+        return spin_fail(SPIN_E_MALFORMED, "%s 'gaussian_warp' and 'branch_w'; expected one",
+                         warp ? "both tensors" : "neither tensor");
+    if (m->screw) {
+        SPIN_TRY(mlp_load(torch, root, "", "branch_w", m->width, 3, &m->screw_w));
+        SPIN_TRY(mlp_load(torch, root, "", "branch_v", m->width, 3, &m->screw_v));
+    } else {
+        SPIN_TRY(mlp_load(torch, root, "", "gaussian_warp", m->width, 3, &m->warp));
+    }
+    SPIN_TRY(mlp_load(torch, root, "", "gaussian_rotation", m->width, 4, &m->rotation));
+    return mlp_load(torch, root, "", "gaussian_scaling", m->width, 3, &m->scaling);
+}
+
+static spin_status open_network(struct model *m)
+{
+    struct spin_torch torch;
+    spin_status status;
+
+    memset(&torch, 0, sizeof torch);
+    status = spin_torch_open(m->path, &torch);
+    if (status == SPIN_OK)
+        status = load_network(&torch, m);
+    spin_torch_close(&torch);
+    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
+        return spin_more(status, "cannot read '%s'", m->path);
+    return status;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+/* The tensors say what the network is; a cfg_args that says otherwise is of another run. */
+static spin_status check_cfg(const char *path, const char *cloud, const struct model *m,
+                             struct spin_track *track)
+{
+    const struct {
+        const char *key;
+        bool is;
+    } said[] = {{"is_blender", m->time[0].n_in > 0}, {"is_6dof", m->screw}};
+    struct cfg_args cfg;
+    spin_status status = canonical_cfg(path, cloud, &cfg);
+
+    for (size_t i = 0; i < 2 && status == SPIN_OK; i++) {
+        bool value = said[i].is;
+
+        status = cfg_read_bool(&cfg, said[i].key, &value);
+        if (status != SPIN_OK || value == said[i].is)
+            continue;
+        spin_warn("'%s' says %s=%s, but the network in '%s' is otherwise, which counts", cfg.path,
+                  said[i].key, value ? "True" : "False", m->path);
+        canonical_note(track, "cfg_args says %s=%s, the network is otherwise and counts\n",
+                       said[i].key, value ? "True" : "False");
+    }
+    cfg_close(&cfg);
+    return status;
+}
+
+static void describe(struct model *m, const char *name, struct spin_track *track)
+{
+    track->n_frames = 1;
+    track->counts = &m->n;
+    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    track->still_columns = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
+    track->sh_degree = m->canonical.sh_degree;
+    track->continuous = true;
+    track->time_last = 1;
+    snprintf(track->variant, sizeof track->variant,
+             "Deformable 3D Gaussians, %zu Gaussians, %s, %d layers of %d%s%s", m->n, name,
+             m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
+             m->screw ? ", 6dof" : "");
+    canonical_note(track, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)\n");
+    if (canonical_iteration(name) >= 0 && canonical_iteration(name) < WARM_UP)
+        canonical_note(track, "before iteration %d training does not use the network yet\n",
+                       WARM_UP);
+}
+
+/* Floats of one block: the input with a layer's output behind it, two layers, a head. */
+static size_t scratch_floats(const struct model *m)
+{
+    return ((size_t)m->n_in + 3 * (size_t)m->width + 4) * MLP_BLOCK;
+}
+
+static spin_status open_model(const char *path, const struct save *save, struct model *m,
+                              struct spin_track *track)
+{
+    SPIN_TRY(spin_strdup(save->network, &m->path));
+    SPIN_TRY(canonical_read(save->cloud, &m->canonical, NULL, NULL));
+    m->n = m->canonical.n;
+    SPIN_TRY(open_network(m));
+    SPIN_TRY(check_cfg(path, save->cloud, m, track));
+    describe(m, save->name, track);
+    return mlp_team_create(scratch_floats(m), &m->team);
+}
+
+static spin_status deformable_open(const char *path, const struct spin_plugin_values *values,
+                                   void **self, struct spin_track *track)
+{
+    struct save save = {NULL, NULL, NULL};
+    spin_status status;
+
+    *track = (struct spin_track){.sh_degree = -1};
+    SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
+    status = find_save(path, spin_plugin_value(values, "iteration", NULL), &save);
+    if (status == SPIN_OK)
+        status = open_model(path, &save, *self, track);
+    save_free(&save);
+    return status;
+}
+
+static void deformable_close(void *self)
+{
+    struct model *m = self;
+
+    if (!m)
+        return;
+    for (int i = 0; i < MAX_LAYERS; i++)
+        mlp_free(&m->linear[i]);
+    mlp_free(&m->time[0]);
+    mlp_free(&m->time[1]);
+    mlp_free(&m->warp);
+    mlp_free(&m->screw_w);
+    mlp_free(&m->screw_v);
+    mlp_free(&m->rotation);
+    mlp_free(&m->scaling);
+    mlp_team_free(&m->team);
+    spin_splats_free(&m->canonical);
+    free(m->path);
+    free(m);
+}
+
+/* ---- Evaluating ------------------------------------------------------------------------------ */
+
+struct job {
+    const struct model *model;
+    struct spin_splats *out;
+    unsigned columns;
+    const float *time; /* [n_time] inputs, the same for all points */
+};
+
+/* v, then sin(2^k v) and cos(2^k v) for each frequency: one value of `width`, every `step` floats. */
+static void encode(float v, int frequencies, int width, size_t step, float *out)
+{
+    out[0] = v;
+    for (int k = 0; k < frequencies; k++) {
+        float angle = ldexpf(v, k);
+
+        out[(size_t)(width * (2 * k + 1)) * step] = sinf(angle);
+        out[(size_t)(width * (2 * k + 2)) * step] = cosf(angle);
+    }
+}
+
+/* The inputs that depend on time; a block of equal points for the network, of which one is kept. */
+static spin_status encode_time(const struct model *m, float time, float **out)
+{
+    size_t n = (size_t)(1 + 2 * m->frequencies), hidden = (size_t)m->time[0].n_out;
+    size_t kept = (size_t)m->n_time;
+    float *in, *middle, *last;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(n + hidden + 2 * kept, MLP_BLOCK * sizeof(float), &block));
+    *out = block; /* [kept], then the scratch */
+    if (hidden == 0) {
+        encode(time, m->frequencies, 1, 1, *out);
+        return SPIN_OK;
+    }
+    in = *out + kept * MLP_BLOCK;
+    middle = in + n * MLP_BLOCK;
+    last = middle + hidden * MLP_BLOCK;
+    encode(time, m->frequencies, 1, MLP_BLOCK, in);
+    mlp_linear(&m->time[0], in, middle, true);
+    mlp_linear(&m->time[1], middle, last, false);
+    for (size_t i = 0; i < kept; i++)
+        (*out)[i] = last[i * MLP_BLOCK];
+    return SPIN_OK;
+}
+
+/* The last hidden layer. `wide` has the input in front, and room for a layer behind it. */
+static const float *hidden_of(const struct model *m, float *wide, float *a, float *b)
+{
+    float *behind = wide + (size_t)m->n_in * MLP_BLOCK;
+    const float *in = wide;
+
+    for (int i = 0; i < m->n_layers; i++) {
+        float *to = i + 1 == m->wide ? behind : in == a ? b : a;
+
+        mlp_linear(&m->linear[i], i == m->wide ? wide : in, to, true);
+        in = to;
+    }
+    return in;
+}
+
+/* The screw motion of a twist: p' = R p + T with R and T of the matrix exponential. The constant is
+ * added by the method to every component, after the division, so R is not quite a rotation. */
+static void move_by_screw(const double w_raw[3], const double v_raw[3], const float p[3],
+                          float out[3])
+{
+    double a = sqrt(w_raw[0] * w_raw[0] + w_raw[1] * w_raw[1] + w_raw[2] * w_raw[2]);
+    double w[3], v[3], kp[3], kkp[3], kv[3], kkv[3];
+
+    for (int c = 0; c < 3; c++) {
+        w[c] = w_raw[c] / a + 1e-5;
+        v[c] = v_raw[c] / a + 1e-5;
+    }
+    for (int c = 0; c < 3; c++) {
+        int i = (c + 1) % 3, j = (c + 2) % 3;
+
+        kp[c] = w[i] * p[j] - w[j] * p[i];
+        kv[c] = w[i] * v[j] - w[j] * v[i];
+    }
+    for (int c = 0; c < 3; c++) {
+        int i = (c + 1) % 3, j = (c + 2) % 3;
+
+        kkp[c] = w[i] * kp[j] - w[j] * kp[i];
+        kkv[c] = w[i] * kv[j] - w[j] * kv[i];
+    }
+    for (int c = 0; c < 3; c++)
+        out[c] = (float)(p[c] + sin(a) * kp[c] + (1 - cos(a)) * kkp[c] + a * v[c] +
+                         (1 - cos(a)) * kv[c] + (a - sin(a)) * kkv[c]);
+}
+
+static void move(const struct job *job, size_t first, int n, const float *hidden, float *head)
+{
+    const struct model *m = job->model;
+    double w[MLP_BLOCK][3];
+
+    mlp_linear(m->screw ? &m->screw_w : &m->warp, hidden, head, false);
+    for (int p = 0; p < n && !m->screw; p++)
+        for (int c = 0; c < 3; c++) {
+            size_t at = 3 * (first + (size_t)p) + (size_t)c;
+
+            job->out->means[at] = m->canonical.means[at] + head[c * MLP_BLOCK + p];
+        }
+    if (!m->screw)
+        return;
+    for (int p = 0; p < n; p++)
+        for (int c = 0; c < 3; c++)
+            w[p][c] = head[c * MLP_BLOCK + p];
+    mlp_linear(&m->screw_v, hidden, head, false);
+    for (int p = 0; p < n; p++) {
+        double v[3] = {head[p], head[MLP_BLOCK + p], head[2 * MLP_BLOCK + p]};
+        size_t at = 3 * (first + (size_t)p);
+
+        move_by_screw(w[p], v, m->canonical.means + at, job->out->means + at);
+    }
+}
+
+/* exp(log scale) + d, and unit quaternion + d, both as stored: one ellipsoid. */
+static void shape(const struct job *job, size_t first, int n, const float *hidden, float *head)
+{
+    const struct model *m = job->model;
+    float d_scale[3 * MLP_BLOCK];
+
+    mlp_linear(&m->scaling, hidden, d_scale, false);
+    mlp_linear(&m->rotation, hidden, head, false);
+    for (int p = 0; p < n; p++) {
+        size_t i = first + (size_t)p;
+        const float *raw = m->canonical.quats + 4 * i;
+        double norm = sqrt((double)raw[0] * raw[0] + (double)raw[1] * raw[1] +
+                           (double)raw[2] * raw[2] + (double)raw[3] * raw[3]);
+        double scale[3], q[4], cov6[6], log_scale[3] = {NAN, NAN, NAN}, quat[4] = {NAN, 0, 0, 0};
+
+        for (int c = 0; c < 3; c++)
+            scale[c] = exp(m->canonical.log_scales[3 * i + (size_t)c]) + d_scale[c * MLP_BLOCK + p];
+        for (int c = 0; c < 4; c++)
+            q[c] = (norm > 0 ? raw[c] / norm : 0) + head[c * MLP_BLOCK + p];
+        spin_covariance_unnormalised(scale, q, cov6);
+        spin_covariance_split(cov6, log_scale, quat);
+        for (int c = 0; c < 3 && (job->columns & SPIN_COL_LOG_SCALES); c++)
+            job->out->log_scales[3 * i + (size_t)c] = (float)log_scale[c];
+        for (int c = 0; c < 4 && (job->columns & SPIN_COL_QUATS); c++)
+            job->out->quats[4 * i + (size_t)c] = (float)quat[c];
+    }
+}
+
+static void evaluate(void *context, size_t first, int n, float *scratch)
+{
+    const struct job *job = context;
+    const struct model *m = job->model;
+    float *a = scratch + (size_t)(m->n_in + m->width) * MLP_BLOCK;
+    float *b = a + (size_t)m->width * MLP_BLOCK, *head = b + (size_t)m->width * MLP_BLOCK;
+    const float *hidden;
+
+    for (int p = 0; p < MLP_BLOCK; p++) { /* the last block repeats its last point */
+        const float *xyz = m->canonical.means + 3 * (first + (size_t)(p < n ? p : n - 1));
+
+        for (int c = 0; c < 3; c++)
+            encode(xyz[c], POSITION_FREQUENCIES, 3, MLP_BLOCK, scratch + c * MLP_BLOCK + p);
+        for (int i = 0; i < m->n_time; i++)
+            scratch[(POSITION_INPUTS + i) * MLP_BLOCK + p] = job->time[i];
+    }
+    hidden = hidden_of(m, scratch, a, b);
+    if (job->columns & SPIN_COL_MEANS)
+        move(job, first, n, hidden, head);
+    if (job->columns & (SPIN_COL_LOG_SCALES | SPIN_COL_QUATS))
+        shape(job, first, n, hidden, head);
+}
+
+static spin_status deformable_frame(void *self, int frame, double time, unsigned columns,
+                                    struct spin_splats *out)
+{
+    struct model *m = self;
+    const struct spin_splats *from = &m->canonical;
+    struct job job = {m, out, columns, NULL};
+    size_t n_sh = 3 * (size_t)((from->sh_degree + 1) * (from->sh_degree + 1));
+    float *inputs = NULL;
+
+    (void)frame;
+    if (!isfinite(time))
+        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->path, time);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    SPIN_TRY(spin_splats_reserve(out, m->n, columns, from->sh_degree));
+    if (columns & SPIN_COL_LOGIT_OPACITIES)
+        memcpy(out->logit_opacities, from->logit_opacities, m->n * sizeof *out->logit_opacities);
+    if (columns & SPIN_COL_SH)
+        memcpy(out->sh, from->sh, n_sh * m->n * sizeof *out->sh);
+    if (columns & (SPIN_COL_MEANS | SPIN_COL_LOG_SCALES | SPIN_COL_QUATS)) {
+        SPIN_TRY(encode_time(m, (float)time, &inputs));
+        job.time = inputs;
+        mlp_team_run(&m->team, m->n, evaluate, &job);
+        free(inputs);
+    }
+    return canonical_check(m->path, time, columns, out);
+}
+
+static const struct spin_plugin_option options[] = {
+    {"iteration", "N", "which save to read; the last when not given", NULL},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_deformable3dgs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "deformable3dgs",
+    .summary = "Deformable 3D Gaussians: the model's folder, with point_cloud and deform",
+    .upstream = "ingra14m/Deformable-3D-Gaussians ac42372",
+    .options = options,
+    .probe = probe,
+    .open = deformable_open,
+    .frame = deformable_frame,
+    .close = deformable_close,
+};

@@ -1,0 +1,733 @@
+/* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its flavour with
+ * velocities, OMG4-FTGS: one pickle in an xz; formats: omg4.md.
+ *
+ * Shapes lie in code books behind Huffman codes. Opacity and colour come from four small networks
+ * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
+ * networks over those Gaussians that it sees. */
+#include "spin.h"
+
+#include <string.h>
+
+#include "importers/mlp_eval.h"
+#include "importers/settings.h"
+#include "importers/sliced.h"
+#include "io/xz.h"
+#include "math/contract.h"
+
+#define UNPACKED_LIMIT ((size_t)1 << 30)
+#define LEAST_WEIGHT 0.05             /* Realtime-4DGS's rule */
+#define LEAST_WEIGHT_FTGS (1.0 / 255) /* its renderer has none; what is fainter is never drawn */
+#define SPREAD 1.2                    /* of initial times, over the clip's */
+
+enum {
+    OCTAVES = 16,
+    HIDDEN = 64,
+    N_FEATURES = 13,
+    HEAD_IN = 16, /* features and three of the six appearance numbers */
+    N_APP = 6,
+    MAX_CODE_BITS = 63
+};
+
+enum { CONT, DC, OPACITY, SH, N_NETS };
+
+static const struct {
+    const char *key;
+    int n_out; /* rows of the last matrix; a multiple of 16 */
+    float leak;
+} nets[N_NETS] = {
+    {"MLP_cont", 16, 0}, {"MLP_dc", 16, 0.01f}, {"MLP_opacity", 16, 0.01f}, {"MLP_sh", 144, 0.01f}};
+
+struct model {
+    struct spin_pickle pickle;
+    bool parsed, moving; /* moving: FTGS */
+    char *path;
+    struct settings settings;
+    struct clip_times times;
+    size_t n;
+    struct sliced gaussians;
+    float *app; /* [n][6] of the rows of the file */
+    struct mlp_linear layer[N_NETS][2];
+    float *zero;          /* the biases: there are none */
+    struct mlp_team team; /* made for the first frame that needs it */
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+static bool is_xz_name(const char *name)
+{
+    size_t n = strlen(name);
+
+    return n > 3 && strcmp(name + n - 3, ".xz") == 0;
+}
+
+static int probe(const struct spin_peek *peek)
+{
+    size_t n_xz = 0;
+
+    if (!peek->is_folder) {
+        if (!spin_xz_looks_like(peek->head, peek->n_head))
+            return 0;
+        return strcmp(spin_path_name(peek->path), "comp.xz") == 0 ? 95 : 60;
+    }
+    for (size_t i = 0; peek->names && peek->names[i]; i++) {
+        if (strcmp(peek->names[i], "comp.xz") == 0)
+            return 95;
+        n_xz += is_xz_name(peek->names[i]);
+    }
+    return n_xz == 1 ? 50 : 0;
+}
+
+/* ---- Huffman codes --------------------------------------------------------------------------- */
+
+/* The table is the code: it is not canonical. Leaves have label >= 0, or END. */
+enum { INNER = -1, END = -2 };
+
+struct tree_node {
+    uint32_t child[2]; /* 0: none */
+    int64_t label;
+};
+
+struct tree {
+    struct tree_node *node;
+    size_t n, capacity;
+};
+
+static spin_status new_node(struct tree *tree, uint32_t *out)
+{
+    if (tree->n == tree->capacity) {
+        size_t larger = tree->capacity ? 2 * tree->capacity : 256;
+
+        if (larger > UINT32_MAX / 2)
+            return spin_fail(SPIN_E_MALFORMED, "a Huffman table is too large");
+        SPIN_TRY(spin_grow(larger, sizeof *tree->node, (void **)&tree->node));
+        tree->capacity = larger;
+    }
+    *out = (uint32_t)tree->n;
+    tree->node[tree->n++] = (struct tree_node){{0, 0}, INNER};
+    return SPIN_OK;
+}
+
+static spin_status add_code(struct tree *tree, int bits, uint64_t code, int64_t label)
+{
+    uint32_t at = 0;
+
+    for (int b = bits - 1; b >= 0; b--) {
+        int side = (int)(code >> b & 1);
+        uint32_t next = tree->node[at].child[side];
+
+        if (tree->node[at].label != INNER)
+            return spin_fail(SPIN_E_MALFORMED, "a Huffman code begins with another one");
+        if (next == 0) {
+            SPIN_TRY(new_node(tree, &next));
+            tree->node[at].child[side] = next;
+        }
+        at = next;
+    }
+    if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
+        return spin_fail(SPIN_E_MALFORMED, "two Huffman codes are the same, or begin alike");
+    tree->node[at].label = label;
+    return SPIN_OK;
+}
+
+/* {label: (bits, code), ..., end mark: (bits, code)} */
+static spin_status build_tree(const struct spin_value *table, struct tree *tree)
+{
+    uint32_t root;
+
+    if (!table || table->kind != SPIN_VALUE_DICT || table->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is not a dict, or empty");
+    SPIN_TRY(new_node(tree, &root));
+    for (size_t i = 0; i < table->n; i++) {
+        const struct spin_value *key = table->item[2 * i], *entry = table->item[2 * i + 1];
+        const struct spin_value *bits = spin_value_at(entry, 0), *code = spin_value_at(entry, 1);
+        double label = END;
+
+        if (key->kind != SPIN_VALUE_OBJECT &&
+            (!spin_value_number(key, &label) || !(label >= 0) || label > 1e9))
+            return spin_fail(SPIN_E_MALFORMED, "a Huffman table has a label that is no number");
+        if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
+            bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
+            code->integer >> bits->integer != 0)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "a Huffman table has a code that is not (bits, value) of at most %d "
+                             "bits",
+                             MAX_CODE_BITS);
+        SPIN_TRY(add_code(tree, (int)bits->integer, (uint64_t)code->integer, (int64_t)label));
+    }
+    return SPIN_OK;
+}
+
+/* n labels below n_labels. The end mark may be missing or cut off: what counts is how many came. */
+static spin_status read_labels(const struct tree *tree, const struct spin_value *bytes, size_t n,
+                               uint64_t n_labels, uint32_t *out)
+{
+    uint32_t at = 0;
+    size_t found = 0;
+
+    for (size_t i = 0; i < 8 * bytes->n; i++) {
+        int bit = (unsigned char)bytes->text[i / 8] >> (7 - i % 8) & 1;
+        int64_t label;
+
+        at = tree->node[at].child[bit];
+        if (at == 0) {
+            if (found == n) /* padding behind the last label */
+                return SPIN_OK;
+            return spin_fail(SPIN_E_MALFORMED, "bits that are no Huffman code behind label %zu",
+                             found);
+        }
+        label = tree->node[at].label;
+        if (label == INNER)
+            continue;
+        if (label == END)
+            break;
+        if ((uint64_t)label >= n_labels)
+            return spin_fail(SPIN_E_MALFORMED, "label %lld, but the code book has %llu entries",
+                             (long long)label, (unsigned long long)n_labels);
+        if (found == n)
+            return spin_fail(SPIN_E_MALFORMED, "more than %zu labels", n);
+        out[found++] = (uint32_t)label;
+        at = 0;
+    }
+    if (found != n)
+        return spin_fail(SPIN_E_MALFORMED, "%zu labels, expected %zu", found, n);
+    return SPIN_OK;
+}
+
+/* ---- Arrays ---------------------------------------------------------------------------------- */
+
+/* A numpy array or the inner torch tensor, of floating-point numbers, all there. */
+static const struct spin_tensor *as_array(const struct spin_value *v)
+{
+    if (!v || v->kind != SPIN_VALUE_TENSOR || (v->tensor.kind != 'f' && v->tensor.kind != 'B') ||
+        (v->tensor.count > 0 && !v->tensor.data) || v->tensor.count > v->tensor.storage_count)
+        return NULL;
+    return &v->tensor;
+}
+
+/* [n][width], malloc'd; m->n is set by the first. */
+static spin_status load(struct model *m, const char *key, size_t width, float **out)
+{
+    const struct spin_tensor *t = as_array(spin_value_get(m->pickle.root, key));
+
+    if (!t || t->n_dims != 2 || t->shape[1] != width || (m->n && t->shape[0] != m->n))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s' is missing or no array [%s, %zu] of floating-point numbers", key,
+                         m->n ? "Gaussians" : "G", width);
+    if (t->shape[0] == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+    m->n = (size_t)t->shape[0];
+    SPIN_TRY(spin_alloc(m->n, width * sizeof **out, (void **)out));
+    spin_tensor_to_f32(t, 0, t->count, *out);
+    return SPIN_OK;
+}
+
+static const struct spin_value *get_list(struct model *m, const char *name, const char *what)
+{
+    char key[64];
+    const struct spin_value *list;
+
+    snprintf(key, sizeof key, "%s_%s", name, what);
+    list = spin_value_get(m->pickle.root, key);
+    return list && list->kind == SPIN_VALUE_LIST ? list : NULL;
+}
+
+/* Columns at..at+length-1 of out [n][width], looked up in one code book. */
+static spin_status read_part(struct model *m, const struct spin_value *code,
+                             const struct spin_value *index, const struct spin_value *table,
+                             size_t at, size_t width, float *out)
+{
+    const struct spin_tensor *book = as_array(code);
+    size_t length = (size_t)book->shape[1];
+    struct tree tree = {0};
+    float *values = NULL;
+    uint32_t *labels = NULL;
+    spin_status status;
+
+    if (!index || index->kind != SPIN_VALUE_BYTES)
+        return spin_fail(SPIN_E_MALFORMED, "an index is not bytes");
+    SPIN_TRY_OUT(build_tree(table, &tree));
+    SPIN_TRY_OUT(spin_alloc(m->n, sizeof *labels, (void **)&labels));
+    SPIN_TRY_OUT(read_labels(&tree, index, m->n, book->shape[0], labels));
+    SPIN_TRY_OUT(spin_alloc((size_t)book->count, sizeof *values, (void **)&values));
+    spin_tensor_to_f32(book, 0, book->count, values);
+    for (size_t i = 0; i < m->n; i++)
+        memcpy(out + i * width + at, values + labels[i] * length, length * sizeof *out);
+out:
+    free(tree.node);
+    free(labels);
+    free(values);
+    return status;
+}
+
+static spin_status read_parts(struct model *m, const char *name, size_t width, float *out)
+{
+    const struct spin_value *codes = get_list(m, name, "code"), *indices, *tables;
+    size_t at = 0;
+
+    indices = get_list(m, name, "index");
+    tables = get_list(m, name, "htable");
+    if (!codes || !indices || !tables || indices->n != codes->n || tables->n != codes->n)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s_code', '%s_index' and '%s_htable' are not three lists of one length",
+                         name, name, name);
+    for (size_t i = 0; i < codes->n; i++) {
+        const struct spin_tensor *book = as_array(spin_value_at(codes, i));
+        spin_status status;
+
+        if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "'%s_code' %zu is no code book, or its width does not fit into the %zu "
+                "columns",
+                name, i, width);
+        status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
+                           spin_value_at(tables, i), at, width, out);
+        if (status != SPIN_OK)
+            return spin_more(status, "'%s' part %zu", name, i);
+        at += (size_t)book->shape[1];
+    }
+    if (at != width)
+        return spin_fail(SPIN_E_MALFORMED, "'%s_code' has %zu columns, expected %zu", name, at,
+                         width);
+    return SPIN_OK;
+}
+
+/* A quantised column, malloc'd. */
+static spin_status load_coded(struct model *m, const char *name, size_t width, float **out)
+{
+    SPIN_TRY(spin_alloc(m->n, width * sizeof **out, (void **)out));
+    return read_parts(m, name, width, *out);
+}
+
+/* ---- Networks -------------------------------------------------------------------------------- */
+
+static int n_encoded(const struct model *m) { return 2 * OCTAVES * (m->moving ? 3 : 4); }
+
+/* Two matrices in one row of numbers: [64][in], then [out][64]. */
+static spin_status load_net(struct model *m, int net)
+{
+    const struct spin_tensor *t = as_array(spin_value_get(m->pickle.root, nets[net].key));
+    int n_in = net == CONT ? n_encoded(m) : HEAD_IN;
+    size_t first = (size_t)HIDDEN * (size_t)n_in, count = first + (size_t)HIDDEN * nets[net].n_out;
+    struct mlp_linear *l = m->layer[net];
+
+    if (!t || t->n_dims != 1 || t->count != count)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is missing or no array [%zu]", nets[net].key,
+                         count);
+    SPIN_TRY(spin_alloc(first, sizeof(float), (void **)&l[0].weight));
+    SPIN_TRY(spin_alloc(count - first, sizeof(float), (void **)&l[1].weight));
+    spin_tensor_to_f32(t, 0, first, l[0].weight);
+    spin_tensor_to_f32(t, first, count - first, l[1].weight);
+    for (size_t i = 0; i < count; i++) {
+        float w = i < first ? l[0].weight[i] : l[1].weight[i - first];
+
+        if (!isfinite(w))
+            return spin_fail(SPIN_E_MALFORMED, "'%s' has a weight that is not finite",
+                             nets[net].key);
+    }
+    l[0].n_in = n_in;
+    l[0].n_out = l[1].n_in = HIDDEN;
+    l[1].n_out = nets[net].n_out;
+    l[0].bias = l[1].bias = m->zero;
+    return SPIN_OK;
+}
+
+static spin_status load_nets(struct model *m)
+{
+    SPIN_TRY(spin_alloc(256, sizeof *m->zero, (void **)&m->zero));
+    for (int net = 0; net < N_NETS; net++)
+        SPIN_TRY(load_net(m, net));
+    return SPIN_OK;
+}
+
+/* The original computes in half: 11 bits are kept (Veltkamp's splitting; halves that are subnormal
+ * differ by less than their last bit, which is far below what networks notice). */
+static inline float to_half(float x)
+{
+    float c = x * 8193.0f;
+
+    return c - (c - x);
+}
+
+/* out [n_out][MLP_BLOCK]; hidden [HIDDEN][MLP_BLOCK] */
+static void run_net(const struct model *m, int net, const float *in, float *hidden, float *out)
+{
+    float leak = nets[net].leak;
+
+    mlp_linear(&m->layer[net][0], in, hidden, false);
+    for (int i = 0; i < HIDDEN * MLP_BLOCK; i++)
+        hidden[i] = to_half(hidden[i] < 0 ? leak * hidden[i] : hidden[i]);
+    mlp_linear(&m->layer[net][1], hidden, out, false);
+    for (int i = 0; i < nets[net].n_out * MLP_BLOCK; i++)
+        out[i] = to_half(out[i]);
+}
+
+/* sin and cos of 2^k pi x, k = 0..15. Turns are counted in double: the last argument reaches 10^5.
+ * */
+static void encode(float x, float *out)
+{
+    for (int k = 0; k < OCTAVES; k++) {
+        double turns = (double)x * (1 << k);
+        double angle = 3.141592653589793 * (turns - 2 * floor(0.5 * turns));
+
+        out[(2 * k) * MLP_BLOCK] = to_half((float)sin(angle));
+        out[(2 * k + 1) * MLP_BLOCK] = to_half((float)cos(angle));
+    }
+}
+
+/* Where the pieces of a thread's scratch begin, in channels. */
+enum {
+    ENCODED = 0,
+    INPUT = ENCODED + 8 * OCTAVES,
+    HIDE = INPUT + HEAD_IN,
+    FEATURES = HIDE + HIDDEN,
+    RESULT = FEATURES + 16,
+    N_CHANNELS = RESULT + 144
+};
+
+struct pass {
+    struct model *m;
+    double time;
+    unsigned columns;
+    struct spin_splats *out;
+};
+
+/* The place that the networks see: the Gaussian's own, or where FTGS has moved it. */
+static spin_vec3 place_of(const struct pass *p, size_t i)
+{
+    const struct sliced *g = &p->m->gaussians;
+    double dt = p->m->moving ? p->time - g->time[i] : 0;
+    float x[3];
+
+    for (size_t c = 0; c < 3; c++)
+        x[c] = spin_contract_axis((float)(g->mean[3 * i + c] + g->velocity[3 * i + c] * dt), 0, 1);
+    return spin_v3(x[0], x[1], x[2]);
+}
+
+static void encode_block(const struct pass *p, size_t first, int n, float *encoded)
+{
+    const struct clip_times *t = &p->m->times;
+    float tn = (float)((p->time - t->first) / (t->last - t->first));
+
+    for (int b = 0; b < n; b++) {
+        size_t i = p->m->gaussians.kept[first + (size_t)b];
+        spin_vec3 u = spin_contract(place_of(p, i));
+
+        encode(u.x, encoded + b);
+        encode(u.y, encoded + 2 * OCTAVES * MLP_BLOCK + b);
+        encode(u.z, encoded + 4 * OCTAVES * MLP_BLOCK + b);
+        if (!p->m->moving)
+            encode(tn, encoded + 6 * OCTAVES * MLP_BLOCK + b);
+    }
+}
+
+/* The features, and three of the six appearance numbers from `from` on. */
+static void fill_input(const struct pass *p, size_t first, int n, int from, const float *features,
+                       float *in)
+{
+    const struct sliced *g = &p->m->gaussians;
+
+    memcpy(in, features, N_FEATURES * MLP_BLOCK * sizeof *in);
+    for (int b = 0; b < n; b++) {
+        const float *app = p->m->app + N_APP * g->row[g->kept[first + (size_t)b]] + from;
+
+        for (int c = 0; c < 3; c++)
+            in[(N_FEATURES + c) * MLP_BLOCK + b] = to_half(app[c]);
+    }
+}
+
+/* Rows from `row` on of sh [48][3] of point b, out of a network's channels. */
+static void take_rows(const float *channel, int b, int row, int n_rows, float *sh)
+{
+    for (int i = 0; i < 3 * n_rows; i++)
+        sh[3 * row + i] = channel[i * MLP_BLOCK + b];
+}
+
+static void run_colours(const struct pass *p, size_t first, int n, float *scratch)
+{
+    const struct model *m = p->m;
+    float sh[MLP_BLOCK][144];
+    float *in = scratch + INPUT * MLP_BLOCK, *hidden = scratch + HIDE * MLP_BLOCK;
+    float *result = scratch + RESULT * MLP_BLOCK;
+
+    run_net(m, DC, in, hidden, result);
+    for (int b = 0; b < n; b++)
+        take_rows(result, b, 0, 1, sh[b]);
+    fill_input(p, first, n, 3, scratch + FEATURES * MLP_BLOCK, in);
+    run_net(m, SH, in, hidden, result);
+    for (int b = 0; b < n; b++) {
+        size_t k = first + (size_t)b, i = m->gaussians.kept[k];
+
+        take_rows(result, b, 1, 47, sh[b]);
+        /* FTGS's renderer uses the first 16 rows only. */
+        spin_sh_fold(m->moving ? 0 : 2, p->time - m->gaussians.time[i],
+                     m->times.last - m->times.first, sh[b], p->out->sh + 48 * k);
+    }
+}
+
+static void run_block(void *context, size_t first, int n, float *scratch)
+{
+    const struct pass *p = context;
+    const struct model *m = p->m;
+    float *in = scratch + INPUT * MLP_BLOCK, *hidden = scratch + HIDE * MLP_BLOCK;
+    float *result = scratch + RESULT * MLP_BLOCK;
+
+    encode_block(p, first, n, scratch + ENCODED * MLP_BLOCK);
+    run_net(m, CONT, scratch + ENCODED * MLP_BLOCK, hidden, scratch + FEATURES * MLP_BLOCK);
+    fill_input(p, first, n, 0, scratch + FEATURES * MLP_BLOCK, in);
+    if (p->columns & SPIN_COL_LOGIT_OPACITIES) {
+        run_net(m, OPACITY, in, hidden, result);
+        for (int b = 0; b < n; b++) {
+            size_t k = first + (size_t)b;
+
+            p->out->logit_opacities[k] =
+                logit_of(sigmoid_of(result[b]) *
+                         sliced_weight(&m->gaussians, m->gaussians.kept[k], p->time));
+        }
+    }
+    if (p->columns & SPIN_COL_SH)
+        run_colours(p, first, n, scratch);
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+struct columns {
+    float *xyz, *t, *scale, *rotation, *right, *scale_t, *velocity;
+};
+
+static void columns_free(struct columns *c)
+{
+    free(c->xyz);
+    free(c->t);
+    free(c->scale);
+    free(c->rotation);
+    free(c->right);
+    free(c->scale_t);
+    free(c->velocity);
+}
+
+static spin_status load_columns(struct model *m, struct columns *c)
+{
+    SPIN_TRY(load(m, m->moving ? "means" : "xyz", 3, &c->xyz));
+    SPIN_TRY(load(m, m->moving ? "times" : "t", 1, &c->t));
+    SPIN_TRY(load_coded(m, "scale", 3, &c->scale));
+    SPIN_TRY(load_coded(m, "rotation", 4, &c->rotation));
+    SPIN_TRY(load_coded(m, "app", N_APP, &m->app));
+    if (m->moving) {
+        SPIN_TRY(load_coded(m, "durations", 1, &c->scale_t));
+        return load_coded(m, "velocities", 3, &c->velocity);
+    }
+    SPIN_TRY(load_coded(m, "rotation_r", 4, &c->right));
+    return load_coded(m, "scaling_t", 1, &c->scale_t);
+}
+
+static void add_row(struct model *m, const struct columns *c, size_t i)
+{
+    double quat[4], right[4], scale[4], velocity[3], a[16];
+    spin_slice slice;
+
+    for (size_t k = 0; k < N_APP; k++) {
+        if (!isfinite(m->app[N_APP * i + k])) {
+            m->gaussians.n_dropped++;
+            return;
+        }
+    }
+    if (m->moving) {
+        unit_quat(c->rotation + 4 * i, quat);
+        for (size_t k = 0; k < 3; k++) {
+            scale[k] = c->scale[3 * i + k];
+            velocity[k] = c->velocity[3 * i + k];
+        }
+        sliced_add(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, velocity, exp(2.0 * c->scale_t[i]),
+                   scale, quat);
+        return;
+    }
+    for (size_t k = 0; k < 4; k++) {
+        quat[k] = c->rotation[4 * i + k];
+        right[k] = c->right[4 * i + k];
+        scale[k] = exp(k < 3 ? c->scale[3 * i + k] : c->scale_t[i]);
+    }
+    spin_rotation4_of_pair(quat, right, 0, a);
+    spin_slice_of(a, scale, &slice);
+    sliced_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
+}
+
+static spin_status add_rows(struct model *m, const struct columns *c, struct spin_track *track)
+{
+    SPIN_TRY(sliced_reserve(&m->gaussians, m->n));
+    for (size_t i = 0; i < m->n; i++)
+        add_row(m, c, i);
+    if (m->gaussians.n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
+    if (m->gaussians.n_dropped > 0)
+        add_note(track, "%zu of %zu Gaussians are dropped: values that are not finite",
+                 m->gaussians.n_dropped, m->n);
+    return SPIN_OK;
+}
+
+static spin_status find_times(struct model *m, const struct spin_plugin_values *values,
+                              struct spin_track *track)
+{
+    const char *asked = spin_plugin_value(values, "time-duration", NULL);
+
+    if (m->moving) /* fixed in its code, and no formula needs it */
+        return settings_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
+    SPIN_TRY(settings_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
+                           &m->settings));
+    SPIN_TRY(settings_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1, SPREAD,
+                            &m->times));
+    if (m->times.guessed)
+        add_note(track,
+                 "time_duration is not in the file: guessed %g,%g from the Gaussians' times; "
+                 "colours and opacities depend on it: --time-duration or --config decides",
+                 m->times.first, m->times.last);
+    return SPIN_OK;
+}
+
+static spin_status find_file(const char *path, char **out)
+{
+    char **names = NULL;
+    const char *best = NULL;
+    size_t n = 0, n_xz = 0;
+    spin_status status;
+
+    if (!spin_path_is_folder(path))
+        return spin_strdup(path, out);
+    SPIN_TRY(spin_folder_list(path, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        bool is_comp = strcmp(names[i], "comp.xz") == 0;
+
+        if (!is_xz_name(names[i]) || (best && strcmp(best, "comp.xz") == 0))
+            continue;
+        best = names[i];
+        n_xz = is_comp ? 1 : n_xz + 1;
+    }
+    if (n_xz == 1)
+        status = spin_path_join(path, best, out);
+    else
+        status = spin_fail(SPIN_E_NOT_FOUND, "'%s' holds %s", path,
+                           n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
+    spin_folder_list_free(names);
+    return status;
+}
+
+static spin_status parse(struct model *m)
+{
+    unsigned char *bytes = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_xz_load(m->path, UNPACKED_LIMIT, &bytes, &n));
+    status = spin_pickle_parse(m->path, bytes, n, &m->pickle);
+    free(bytes);
+    SPIN_TRY(status);
+    m->parsed = true;
+    m->moving = spin_value_get(m->pickle.root, "means") != NULL;
+    if (!m->moving && !spin_value_get(m->pickle.root, "xyz"))
+        return spin_fail(SPIN_E_MALFORMED, "the pickle is no dict with 'xyz' or 'means'");
+    return SPIN_OK;
+}
+
+static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
+                              struct spin_track *track)
+{
+    struct columns c = {0};
+    spin_status status;
+
+    SPIN_TRY(parse(m));
+    SPIN_TRY_OUT(load_columns(m, &c));
+    SPIN_TRY_OUT(load_nets(m));
+    SPIN_TRY_OUT(add_rows(m, &c, track));
+    SPIN_TRY_OUT(find_times(m, values, track));
+    spin_pickle_free(&m->pickle);
+    m->parsed = false;
+    track->n_frames = 1;
+    track->continuous = true;
+    track->time_first = m->times.first;
+    track->time_last = m->times.last;
+    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    track->sh_degree = 3;
+    snprintf(track->variant, sizeof track->variant, "%s, %zu Gaussians",
+             m->moving ? "OMG4-FTGS" : "OMG4", m->n);
+out:
+    columns_free(&c);
+    return status;
+}
+
+static spin_status omg4_open(const char *path, const struct spin_plugin_values *values, void **self,
+                             struct spin_track *track)
+{
+    struct model *m;
+    spin_status status;
+
+    *track = (struct spin_track){.sh_degree = -1};
+    SPIN_TRY(spin_alloc(1, sizeof *m, self));
+    m = *self;
+    SPIN_TRY(find_file(path, &m->path));
+    status = open_model(m, values, track);
+    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
+        return spin_more(status, "cannot read '%s'", m->path);
+    return status;
+}
+
+static void omg4_close(void *self)
+{
+    struct model *m = self;
+
+    if (!m)
+        return;
+    if (m->parsed)
+        spin_pickle_free(&m->pickle);
+    settings_close(&m->settings);
+    sliced_free(&m->gaussians);
+    for (int net = 0; net < N_NETS; net++) {
+        free(m->layer[net][0].weight);
+        free(m->layer[net][1].weight);
+    }
+    if (m->team.pool)
+        mlp_team_free(&m->team);
+    free(m->zero);
+    free(m->app);
+    free(m->path);
+    free(m);
+}
+
+/* ---- One time -------------------------------------------------------------------------------- */
+
+static spin_status omg4_frame(void *self, int frame, double time, unsigned columns,
+                              struct spin_splats *out)
+{
+    struct model *m = self;
+    struct pass pass = {m, time, columns, out};
+
+    if (frame < 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sliced_select(&m->gaussians, time, m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT, 0);
+    SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, 3));
+    sliced_fill(&m->gaussians, time, columns & ~(unsigned)SPIN_COL_LOGIT_OPACITIES, out);
+    if (!(columns & (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH)))
+        return SPIN_OK;
+    if (!m->team.scratch)
+        SPIN_TRY(mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->team));
+    mlp_team_run(&m->team, m->gaussians.n_kept, run_block, &pass);
+    return SPIN_OK;
+}
+
+static const struct spin_plugin_option options[] = {
+    {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
+    {"config", "FILE", "the training YAML (else one beside the file)", NULL},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_omg4 = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "omg4",
+    .summary = "OMG4 and OMG4-FTGS: comp.xz, or the folder it lies in",
+    .upstream = "MinShirley/OMG4 58bd7ed",
+    .options = options,
+    .probe = probe,
+    .open = omg4_open,
+    .frame = omg4_frame,
+    .close = omg4_close,
+};

@@ -1,0 +1,448 @@
+/* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors;
+ * formats: rotor4dgs.md.
+ *
+ * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales. Colours do
+ * not change in time. The renderer culls next to nothing, so that every slow Gaussian is in every
+ * frame with an opacity of nearly 0; here those that no 8-bit image could show are left out. */
+#include "spin.h"
+
+#include <ctype.h>
+#include <string.h>
+
+#include "importers/settings.h"
+#include "importers/sliced.h"
+#include "io/json.h"
+#include "io/torch.h"
+
+/* 3DGS renderers skip what is fainter. */
+#define LEAST_OPACITY (1.0 / 255)
+/* The renderer's own rule: 0.5 dt^2 / variance below 16. */
+#define FAR_WEIGHT 1.1253517471925912e-7 /* exp(-16) */
+/* That of Realtime-4DGS. */
+#define BELL_WEIGHT 0.05
+
+struct model {
+    struct spin_torch torch;
+    bool torch_open;
+    char *path;
+    struct settings settings;
+    const struct spin_value *tensors; /* the state dict */
+    char prefix[256];                 /* of the names in it */
+    struct spin_tensor dc, rest;
+    size_t n, n_rest; /* rows in the file; SH rows behind the first */
+    int degree;
+    double step; /* of training; -1: not told */
+    double least_weight, least_opacity;
+    struct clip_times times;
+    struct sliced gaussians;
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+/* N of step-<N>.ckpt, else -1. */
+static long long step_of_name(const char *name)
+{
+    char *end;
+    long long n;
+
+    if (strncmp(name, "step-", 5) != 0 || !isdigit((unsigned char)name[5]))
+        return -1;
+    n = strtoll(name + 5, &end, 10);
+    return strcmp(end, ".ckpt") == 0 ? n : -1;
+}
+
+static bool in_head(const struct spin_peek *peek, const char *word)
+{
+    return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
+}
+
+static int probe(const struct spin_peek *peek)
+{
+    if (peek->is_folder) {
+        for (size_t i = 0; peek->names && peek->names[i]; i++) {
+            if (strcmp(peek->names[i], "nerfstudio_models") == 0 ||
+                step_of_name(peek->names[i]) >= 0)
+                return 60;
+        }
+        return 0;
+    }
+    if (in_head(peek, "pipeline") && in_head(peek, "quats1"))
+        return 90;
+    return step_of_name(spin_path_name(peek->path)) >= 0 ? 40 : 0;
+}
+
+/* ---- Tensors --------------------------------------------------------------------------------- */
+
+static bool ends_with(const char *text, const char *tail)
+{
+    size_t n = strlen(text), m = strlen(tail);
+
+    return n >= m && strcmp(text + n - m, tail) == 0;
+}
+
+/* Keys have one of several prefixes; that of quats1 goes for all. */
+static spin_status find_prefix(struct model *m)
+{
+    const struct spin_value *d = m->tensors;
+    bool splatfacto = false;
+
+    for (size_t i = 0; i < d->n; i++) {
+        const char *key = spin_value_text(d->item[2 * i]);
+
+        if (!key)
+            continue;
+        splatfacto = splatfacto || ends_with(key, ".means");
+        if (ends_with(key, "quats1") && strlen(key) < sizeof m->prefix) {
+            memcpy(m->prefix, key, strlen(key) - 6);
+            return SPIN_OK;
+        }
+    }
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     splatfacto ? "'pipeline' holds an ordinary splatfacto model, which has no time"
+                                : "'pipeline' has no tensor whose name ends in 'quats1'");
+}
+
+/* The tensor prefix + key with that shape, of floating-point numbers that are all there (a stride
+ * of 0 would let a small file ask for any amount of memory). */
+static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
+                        struct spin_tensor *out)
+{
+    char name[300];
+    const struct spin_value *v;
+
+    snprintf(name, sizeof name, "%s%s", m->prefix, key);
+    v = spin_value_get(m->tensors, name);
+    if (!v)
+        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
+    SPIN_TRY(spin_torch_tensor_of(&m->torch, v, name, n_dims, shape, out));
+    if (out->kind != 'f' && out->kind != 'B')
+        return spin_fail(SPIN_E_MALFORMED, "'%s' does not hold floating-point numbers", name);
+    if (out->count > out->storage_count)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' has %llu elements, its storage %llu", name,
+                         (unsigned long long)out->count, (unsigned long long)out->storage_count);
+    return SPIN_OK;
+}
+
+static spin_status load(struct model *m, const char *key, int width, float **out)
+{
+    int64_t shape[2] = {(int64_t)m->n, width};
+    struct spin_tensor t;
+
+    SPIN_TRY(bind(m, key, 2, shape, &t));
+    SPIN_TRY(spin_alloc(m->n, (size_t)width * sizeof **out, (void **)out));
+    spin_tensor_to_f32(&t, 0, t.count, *out);
+    return SPIN_OK;
+}
+
+static spin_status count_rows(struct model *m)
+{
+    int64_t shape[2] = {-1, 3};
+    struct spin_tensor t;
+
+    SPIN_TRY(bind(m, "xyz", 2, shape, &t));
+    if (t.shape[0] == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+    m->n = (size_t)t.shape[0];
+    return SPIN_OK;
+}
+
+static spin_status bind_sh(struct model *m, struct spin_track *track)
+{
+    int64_t three[3] = {(int64_t)m->n, 1, 3}, two[2] = {(int64_t)m->n, 3};
+    int64_t rest[3] = {(int64_t)m->n, -1, 3};
+    int degree = 0;
+
+    if (bind(m, "features_dc", 3, three, &m->dc) != SPIN_OK)
+        SPIN_TRY(bind(m, "features_dc", 2, two, &m->dc)); /* as ordinary splatfacto has it */
+    SPIN_TRY(bind(m, "features_rest", 3, rest, &m->rest));
+    m->n_rest = (size_t)m->rest.shape[1];
+    while (degree < 4 && (size_t)((degree + 1) * (degree + 1)) != m->n_rest + 1)
+        degree++;
+    if (m->n_rest + 1 != (size_t)((degree + 1) * (degree + 1)))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%sfeatures_rest' has %zu rows of SH, expected 0, 3, 8, 15 or 24",
+                         m->prefix, m->n_rest);
+    if (degree == 4)
+        add_note(track, "SH of degree 4 are cut to degree 3");
+    m->degree = degree < 3 ? degree : 3;
+    return SPIN_OK;
+}
+
+static size_t sh_width(const struct model *m)
+{
+    return 3 * (size_t)((m->degree + 1) * (m->degree + 1));
+}
+
+static void read_sh(const struct model *m, size_t row, float *out)
+{
+    spin_tensor_to_f32(&m->dc, 3 * row, 3, out);
+    if (m->degree > 0)
+        spin_tensor_to_f32(&m->rest, 3 * m->n_rest * row, sh_width(m) - 3, out + 3);
+}
+
+/* ---- Shapes ---------------------------------------------------------------------------------- */
+
+enum { XYZ, TIME, SCALES, SCALES_T, QUATS1, QUATS2, OPACITIES, N_COLUMNS };
+
+static const struct {
+    const char *key;
+    int width;
+} columns_of[N_COLUMNS] = {{"xyz", 3},    {"t", 1},      {"scales_xyz", 3}, {"scales_t", 1},
+                           {"quats1", 4}, {"quats2", 4}, {"opacities", 1}};
+
+static void add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
+{
+    double rotor[8], scale[4], matrix[16];
+    spin_slice slice;
+
+    for (size_t k = 0; k < 4; k++) {
+        rotor[k] = c[QUATS1][4 * i + k];
+        rotor[k + 4] = c[QUATS2][4 * i + k];
+        scale[k] = exp(k < 3 ? c[SCALES][3 * i + k] : c[SCALES_T][i]);
+    }
+    spin_matrix4_of_rotor(rotor, matrix);
+    spin_slice_of(matrix, scale, &slice);
+    sliced_add_slice(&m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i], sigmoid_of(c[OPACITIES][i]),
+                     &slice, 0);
+}
+
+static spin_status add_rows(struct model *m, float *const c[N_COLUMNS], struct spin_track *track)
+{
+    size_t n_faint = 0, n_bad_sh = 0;
+
+    SPIN_TRY(sliced_reserve(&m->gaussians, m->n));
+    for (size_t i = 0; i < m->n; i++) {
+        float sh[48];
+        double sum = 0;
+
+        read_sh(m, i, sh);
+        for (size_t k = 0; k < sh_width(m); k++)
+            sum += fabs((double)sh[k]);
+        if (!isfinite(sum)) {
+            n_bad_sh++;
+            continue;
+        }
+        n_faint += sigmoid_of(c[OPACITIES][i]) < 0.02;
+        add_row(m, c, i);
+    }
+    m->gaussians.n_dropped += n_bad_sh;
+    if (m->gaussians.n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
+    if (m->gaussians.n_dropped > 0)
+        add_note(track,
+                 "%zu of %zu Gaussians are dropped: values that are not finite, or rotors "
+                 "of 0",
+                 m->gaussians.n_dropped, m->n);
+    if (n_faint > 0.99 * (double)m->n)
+        add_note(track, "nearly all opacities are below 0.02: training saved this just after it "
+                        "had reset them; positions are fine");
+    return SPIN_OK;
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+/* The newest step-*.ckpt of a folder, or of the nerfstudio_models in it. */
+static spin_status find_checkpoint(const char *path, char **out)
+{
+    char *folder = NULL, **names = NULL;
+    const char *best = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    if (!spin_path_is_folder(path))
+        return spin_strdup(path, out);
+    SPIN_TRY(spin_path_join(path, "nerfstudio_models", &folder));
+    if (!spin_path_is_folder(folder))
+        snprintf(folder, strlen(path) + 1, "%s", path);
+    SPIN_TRY_OUT(spin_folder_list(folder, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        if (step_of_name(names[i]) >= 0 && (!best || step_of_name(names[i]) > step_of_name(best)))
+            best = names[i];
+    }
+    status = best ? spin_path_join(folder, best, out)
+                  : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no step-<N>.ckpt", folder);
+    spin_folder_list_free(names);
+out:
+    free(folder);
+    return status;
+}
+
+static bool is_identity(const spin_json *json)
+{
+    const spin_json *rows = spin_json_get(json, "transform");
+    double value = 1;
+
+    spin_json_number(spin_json_get(json, "scale"), &value);
+    if (value != 1)
+        return false;
+    for (size_t i = 0; i < spin_json_length(rows); i++) {
+        for (size_t j = 0; j < spin_json_length(spin_json_at(rows, i)); j++) {
+            if (spin_json_number(spin_json_at(spin_json_at(rows, i), j), &value) &&
+                value != (double)(i == j))
+                return false;
+        }
+    }
+    return true;
+}
+
+/* dataparser_transforms.json lies one folder above the checkpoint's. */
+static spin_status note_transform(const struct model *m, struct spin_track *track)
+{
+    char *folder = NULL, *above = NULL, *path = NULL;
+    spin_json *json = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_path_folder(m->path, &folder));
+    SPIN_TRY_OUT(spin_path_join(folder, "..", &above));
+    SPIN_TRY_OUT(spin_path_join(above, "dataparser_transforms.json", &path));
+    if (spin_path_exists(path) && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
+        add_note(track, "dataparser_transforms.json moves and scales the scene: positions are in "
+                        "that space, not in the data set's");
+out:
+    spin_json_free(json);
+    free(folder);
+    free(above);
+    free(path);
+    return status;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status read_cull(struct model *m, const char *rule)
+{
+    if (strcmp(rule, "opacity") == 0) {
+        m->least_weight = FAR_WEIGHT;
+        m->least_opacity = LEAST_OPACITY;
+    } else if (strcmp(rule, "time") == 0) {
+        m->least_weight = BELL_WEIGHT;
+    } else if (strcmp(rule, "none") == 0) {
+        m->least_weight = FAR_WEIGHT;
+    } else {
+        return spin_fail(SPIN_E_USAGE, "--cull is '%s', expected opacity, time or none", rule);
+    }
+    return SPIN_OK;
+}
+
+static void describe(struct model *m, struct spin_track *track)
+{
+    char step[48] = "";
+
+    track->n_frames = 1;
+    track->continuous = true;
+    track->time_first = m->times.first;
+    track->time_last = m->times.last;
+    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    track->sh_degree = m->degree;
+    if (m->step >= 0)
+        snprintf(step, sizeof step, ", step %.0f", m->step);
+    snprintf(track->variant, sizeof track->variant,
+             "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->degree);
+    if (m->times.guessed)
+        add_note(track,
+                 "the checkpoint does not tell the range of times: guessed %g,%g from the "
+                 "Gaussians' own; --time-range decides",
+                 m->times.first, m->times.last);
+}
+
+static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
+                              struct spin_track *track)
+{
+    const struct spin_value *root;
+    float *c[N_COLUMNS] = {NULL};
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(read_cull(m, spin_plugin_value(values, "cull", "opacity")));
+    SPIN_TRY(spin_torch_open(m->path, &m->torch));
+    m->torch_open = true;
+    root = m->torch.root;
+    m->step = -1;
+    spin_value_number(spin_value_get(root, "step"), &m->step);
+    m->tensors = spin_value_get(root, "pipeline");
+    if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_MALFORMED, "the checkpoint has no dict 'pipeline', which "
+                                           "nerfstudio's have");
+    SPIN_TRY(find_prefix(m));
+    SPIN_TRY(count_rows(m));
+    SPIN_TRY(bind_sh(m, track));
+    for (int k = 0; k < N_COLUMNS && status == SPIN_OK; k++)
+        status = load(m, columns_of[k].key, columns_of[k].width, &c[k]);
+    if (status == SPIN_OK)
+        status = add_rows(m, c, track);
+    for (int k = 0; k < N_COLUMNS; k++)
+        free(c[k]);
+    SPIN_TRY(status);
+    SPIN_TRY(settings_times(&m->settings, spin_plugin_value(values, "time-range", NULL),
+                            m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
+    SPIN_TRY(note_transform(m, track));
+    describe(m, track);
+    return SPIN_OK;
+}
+
+static spin_status rotor4dgs_open(const char *path, const struct spin_plugin_values *values,
+                                  void **self, struct spin_track *track)
+{
+    struct model *m;
+    spin_status status;
+
+    *track = (struct spin_track){.sh_degree = -1};
+    SPIN_TRY(spin_alloc(1, sizeof *m, self));
+    m = *self;
+    SPIN_TRY(find_checkpoint(path, &m->path));
+    status = open_model(m, values, track);
+    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
+        return spin_more(status, "cannot read '%s'", m->path);
+    return status;
+}
+
+static void rotor4dgs_close(void *self)
+{
+    struct model *m = self;
+
+    if (!m)
+        return;
+    if (m->torch_open)
+        spin_torch_close(&m->torch);
+    settings_close(&m->settings);
+    sliced_free(&m->gaussians);
+    free(m->path);
+    free(m);
+}
+
+/* ---- One time -------------------------------------------------------------------------------- */
+
+static spin_status rotor4dgs_frame(void *self, int frame, double time, unsigned columns,
+                                   struct spin_splats *out)
+{
+    struct model *m = self;
+    struct sliced *g = &m->gaussians;
+
+    if (frame < 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sliced_select(g, time, m->least_weight, m->least_opacity);
+    SPIN_TRY(spin_splats_reserve(out, g->n_kept, columns, m->degree));
+    sliced_fill(g, time, columns, out);
+    for (size_t k = 0; k < g->n_kept && (columns & SPIN_COL_SH); k++)
+        read_sh(m, g->row[g->kept[k]], out->sh + sh_width(m) * k);
+    return SPIN_OK;
+}
+
+static const struct spin_plugin_option options[] = {
+    {"time-range", "A,B", "first and last time of the clip, as in the data set's file", NULL},
+    {"cull", "RULE",
+     "leave out Gaussians by opacity (below 1/255), by time (weight below 0.05), or none",
+     "opacity"},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_rotor4dgs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "rotor4dgs",
+    .summary = "4D-Rotor-Gaussians: step-<N>.ckpt, or the folder of the run",
+    .upstream = "weify627/4D-Rotor-Gaussians 1ea2ff9",
+    .options = options,
+    .probe = probe,
+    .open = rotor4dgs_open,
+    .frame = rotor4dgs_frame,
+    .close = rotor4dgs_close,
+};

@@ -1,0 +1,495 @@
+/* Neural 3D Video (DyNeRF) and Meet Room: LLFF cameras and the frames of a few fixed cameras.
+ *
+ *     poses_bounds.npy                [C][17]: 3 x 5 matrix, near, far; one row per camera
+ *     cam00/images/0000.png ...       as 4DGaussians extracts them (or cam00/0000.png)
+ *     images/cam00_0000.png ...       as n3v2blender extracts them
+ *     frames/0000/images/cam00.png    as StreamRF extracts them
+ *     cam00.mp4 ...                   the videos: only their names are looked at
+ *
+ * Rows of poses_bounds belong to the cameras that exist, sorted by number, not to the number in the
+ * name. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back] with the centre, and a column
+ * height, width, focal length of the full-size video. World: LLFF's, unchanged, as 4DGaussians and
+ * Deformable-3DGS keep it. */
+#include "spin.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <strings.h>
+
+#include "base/log.h"
+#include "base/mem.h"
+#include "importers/views_check.h"
+#include "io/npy.h"
+
+enum { COLUMNS = 17 };
+
+struct frame_image {
+    char *path;
+    int camera, number; /* of the names */
+};
+
+struct set {
+    const char *folder;
+    struct frame_image *image;
+    size_t n, capacity;
+    int *video; /* camera numbers of the video files, sorted */
+    size_t n_video;
+    int *camera; /* camera numbers in the order of the rows of poses_bounds */
+    size_t n_cameras;
+    int *number; /* frame numbers, sorted: place = row */
+    size_t n_rows;
+    double *pose;                   /* [n_cameras][17] */
+    struct spin_camera *intrinsics; /* [n_cameras], of the images' size */
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+static int probe(const struct spin_peek *peek)
+{
+    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
+        if (strcmp(peek->names[i], "poses_bounds.npy") == 0)
+            return 80;
+    }
+    return 0;
+}
+
+/* ---- Finding the images ---------------------------------------------------------------------- */
+
+static bool has_ending(const char *name, const char *const *endings)
+{
+    const char *dot = strrchr(name, '.');
+
+    for (; dot && *endings; endings++) {
+        if (strcasecmp(dot, *endings) == 0)
+            return name[0] != '.';
+    }
+    return false;
+}
+
+static bool is_image(const char *name)
+{
+    static const char *const endings[] = {".png", ".jpg", ".jpeg", NULL};
+
+    return has_ending(name, endings);
+}
+
+static bool is_video(const char *name)
+{
+    static const char *const endings[] = {".mp4", ".mov", ".mkv", ".avi", NULL};
+
+    return has_ending(name, endings);
+}
+
+/* "cam07", "cam_7", "cam07.mp4", "cam07_0001.png": 7; else -1. */
+static int camera_number(const char *name)
+{
+    int value = 0, n_digits = 0;
+
+    if (strncasecmp(name, "cam", 3) != 0)
+        return -1;
+    for (name += 3; *name && !isdigit((unsigned char)*name); name++) {
+        if (*name == '.' || *name == '/')
+            return -1;
+    }
+    for (; isdigit((unsigned char)*name) && n_digits < 9; name++, n_digits++)
+        value = value * 10 + (*name - '0');
+    return n_digits > 0 ? value : -1;
+}
+
+static spin_status add_image(struct set *set, const char *folder, const char *name, int camera,
+                             int number)
+{
+    if (set->n == set->capacity) {
+        void *block = set->image;
+        size_t capacity = set->capacity ? 2 * set->capacity : 256;
+
+        SPIN_TRY(spin_grow(capacity, sizeof *set->image, &block));
+        set->image = block;
+        set->capacity = capacity;
+    }
+    set->image[set->n] = (struct frame_image){.camera = camera, .number = number};
+    SPIN_TRY(spin_path_join(folder, name, &set->image[set->n].path));
+    set->n++;
+    return SPIN_OK;
+}
+
+/* camera >= 0: every image is that camera's and its name is the frame's number (camera folders).
+ * number >= 0: every image is of that frame and its name the camera's (frame folders). Else both
+ * stand in the name. */
+static spin_status add_folder(struct set *set, const char *folder, int camera, int number)
+{
+    char **names = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_folder_list(folder, &names, &n));
+    status = SPIN_OK;
+    for (size_t i = 0; i < n && status == SPIN_OK; i++) {
+        int c = camera >= 0 ? camera : camera_number(names[i]);
+        int f = number >= 0 ? number : views_number(names[i]);
+
+        if (!is_image(names[i]))
+            continue;
+        if (f < 0)
+            status = spin_fail(SPIN_E_MALFORMED, "image '%s/%s' has no frame number in its name",
+                               folder, names[i]);
+        else if (c < 0)
+            status = spin_fail(SPIN_E_MALFORMED, "image '%s/%s' is not called cam<number>...",
+                               folder, names[i]);
+        else
+            status = add_image(set, folder, names[i], c, f);
+    }
+    spin_folder_list_free(names);
+    return status;
+}
+
+/* folder/name/images, or folder/name when there is no such thing. */
+static spin_status images_folder(const char *folder, const char *name, char **out)
+{
+    char *sub = NULL, *images = NULL;
+    spin_status status = spin_path_join(folder, name, &sub);
+
+    if (status == SPIN_OK)
+        status = spin_path_join(sub, "images", &images);
+    if (status == SPIN_OK && spin_path_is_folder(images)) {
+        *out = images;
+        images = NULL;
+    } else if (status == SPIN_OK) {
+        *out = sub;
+        sub = NULL;
+    }
+    free(sub);
+    free(images);
+    return status;
+}
+
+/* An interrupted extraction leaves empty folders behind. */
+static spin_status add_camera_folder(struct set *set, const char *name)
+{
+    size_t before = set->n;
+    char *folder = NULL;
+    spin_status status;
+
+    SPIN_TRY(images_folder(set->folder, name, &folder));
+    status =
+        spin_path_is_folder(folder) ? add_folder(set, folder, camera_number(name), -1) : SPIN_OK;
+    if (status == SPIN_OK && spin_path_is_folder(folder) && set->n == before)
+        status = spin_fail(SPIN_E_NOT_FOUND,
+                           "folder '%s' holds no images; was their extraction interrupted", folder);
+    free(folder);
+    return status;
+}
+
+static spin_status add_frame_folders(struct set *set, const char *frames)
+{
+    char **names = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_folder_list(frames, &names, &n));
+    status = SPIN_OK;
+    for (size_t i = 0; i < n && status == SPIN_OK; i++) {
+        char *folder = NULL;
+
+        status = images_folder(frames, names[i], &folder);
+        if (status == SPIN_OK && spin_path_is_folder(folder) && views_number(names[i]) >= 0)
+            status = add_folder(set, folder, -1, views_number(names[i]));
+        free(folder);
+    }
+    spin_folder_list_free(names);
+    return status;
+}
+
+static spin_status add_video(struct set *set, int camera)
+{
+    void *block = set->video;
+
+    SPIN_TRY(spin_grow(set->n_video + 1, sizeof *set->video, &block));
+    set->video = block;
+    set->video[set->n_video++] = camera;
+    return SPIN_OK;
+}
+
+/* The first of the three layouts that has images. */
+static spin_status find_images(struct set *set, char **names)
+{
+    char *folder = NULL;
+    spin_status status = SPIN_OK;
+
+    for (size_t i = 0; names[i]; i++) {
+        if (camera_number(names[i]) < 0)
+            continue;
+        if (is_video(names[i]))
+            SPIN_TRY(add_video(set, camera_number(names[i])));
+        else
+            SPIN_TRY(add_camera_folder(set, names[i]));
+    }
+    if (set->n == 0) {
+        SPIN_TRY(spin_path_join(set->folder, "images", &folder));
+        status = spin_path_is_folder(folder) ? add_folder(set, folder, -1, -1) : SPIN_OK;
+        free(folder);
+        SPIN_TRY(status);
+    }
+    if (set->n == 0) {
+        SPIN_TRY(spin_path_join(set->folder, "frames", &folder));
+        status = spin_path_is_folder(folder) ? add_frame_folders(set, folder) : SPIN_OK;
+        free(folder);
+        SPIN_TRY(status);
+    }
+    if (set->n == 0 && set->n_video > 0)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "there are %zu videos but no frames, and videos are not decoded here: "
+                         "extract their frames to cam<NN>/images/<number>.png first",
+                         set->n_video);
+    if (set->n == 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "there are no images cam<NN>/images/<number>.png, "
+                                           "images/cam<NN>_<number>.png or "
+                                           "frames/<number>/images/cam<NN>.png");
+    return SPIN_OK;
+}
+
+/* ---- Cameras --------------------------------------------------------------------------------- */
+
+static spin_status read_poses(struct set *set)
+{
+    struct spin_map map = {0};
+    struct spin_array array;
+    char *path = NULL, shape[128];
+    spin_status status;
+
+    SPIN_TRY(spin_path_join(set->folder, "poses_bounds.npy", &path));
+    SPIN_TRY_OUT(spin_map_open(path, &map));
+    SPIN_TRY_OUT(spin_npy_parse(path, map.data, map.size, &array));
+    if (array.n_dims != 2 || array.shape[1] != COLUMNS || array.shape[0] == 0 ||
+        array.shape[0] > 1 << 20 || array.kind != 'f') {
+        spin_array_shape_text(array.n_dims, array.shape, shape, sizeof shape);
+        status = spin_fail(SPIN_E_MALFORMED,
+                           "'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
+                           path, shape, COLUMNS);
+        goto out;
+    }
+    set->n_cameras = (size_t)array.shape[0];
+    SPIN_TRY_OUT(spin_alloc(set->n_cameras, COLUMNS * sizeof *set->pose, (void **)&set->pose));
+    spin_array_to_f64(&array, 0, array.count, set->pose);
+out:
+    spin_map_close(&map);
+    free(path);
+    return status;
+}
+
+/* Distinct numbers of all images: of cameras, or of frames. */
+static spin_status list_numbers(const struct set *set, bool cameras, int **out, size_t *n)
+{
+    SPIN_TRY(spin_alloc(set->n, sizeof **out, (void **)out));
+    for (size_t i = 0; i < set->n; i++)
+        (*out)[i] = cameras ? set->image[i].camera : set->image[i].number;
+    *n = views_unique(*out, set->n);
+    return SPIN_OK;
+}
+
+/* Rows of poses_bounds belong to the videos where there are any, else to cameras with images. */
+static spin_status match_cameras(struct set *set)
+{
+    size_t n = 0;
+
+    SPIN_TRY(list_numbers(set, true, &set->camera, &n));
+    set->n_video = views_unique(set->video, set->n_video);
+    if (n != set->n_cameras && set->n_video == set->n_cameras) {
+        for (size_t i = 0; i < n; i++) {
+            if (views_place(set->video, set->n_video, set->camera[i]) < 0)
+                return spin_fail(SPIN_E_MALFORMED, "camera %d has images but no video",
+                                 set->camera[i]);
+        }
+        spin_warn("'%s': %zu of %zu cameras have no images", set->folder, set->n_cameras - n,
+                  set->n_cameras);
+        free(set->camera);
+        set->camera = set->video;
+        set->video = NULL;
+        return SPIN_OK;
+    }
+    if (n != set->n_cameras)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "poses_bounds.npy has %zu rows, but there are images of %zu cameras",
+                         set->n_cameras, n);
+    return SPIN_OK;
+}
+
+/* Row of poses_bounds to a camera of the full-size video. */
+static spin_status read_camera(const double row[COLUMNS], struct spin_camera *out)
+{
+    double c2w[12];
+
+    for (int i = 0; i < COLUMNS; i++) {
+        if (!isfinite(row[i]))
+            return spin_fail(SPIN_E_MALFORMED, "column %d is not finite", i);
+    }
+    /* [down, right, back] to OpenCV's [right, down, forward]. */
+    for (int i = 0; i < 3; i++) {
+        c2w[4 * i] = row[5 * i + 1];
+        c2w[4 * i + 1] = row[5 * i];
+        c2w[4 * i + 2] = -row[5 * i + 2];
+        c2w[4 * i + 3] = row[5 * i + 3];
+    }
+    SPIN_TRY(views_check_pose(c2w, "the pose"));
+    views_invert(c2w, out->w2c);
+    SPIN_TRY(views_check_size(row[9], row[4]));
+    out->width = (int)row[9];
+    out->height = (int)row[4];
+    out->fx = out->fy = row[14];
+    out->cx = out->width / 2.0;
+    out->cy = out->height / 2.0;
+    return views_check_intrinsics(out);
+}
+
+/* Every camera at the size of its first image. */
+static spin_status read_cameras(struct set *set)
+{
+    bool differs = false;
+
+    SPIN_TRY(spin_alloc(set->n_cameras, sizeof *set->intrinsics, (void **)&set->intrinsics));
+    for (size_t c = 0; c < set->n_cameras; c++) {
+        spin_status status = read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]);
+
+        if (status != SPIN_OK)
+            return spin_more(status, "poses_bounds.npy: row %zu", c);
+        differs = differs || set->pose[COLUMNS * c + 14] != set->pose[14];
+        for (size_t i = 0; i < set->n; i++) {
+            if (set->image[i].camera == set->camera[c]) {
+                SPIN_TRY(views_fit_image(&set->intrinsics[c], set->image[i].path));
+                break;
+            }
+        }
+    }
+    if (differs)
+        spin_warn("'%s': focal lengths differ between cameras; each has its own here, other "
+                  "readers take the first for all",
+                  set->folder);
+    return SPIN_OK;
+}
+
+/* ---- Views ----------------------------------------------------------------------------------- */
+
+/* Time of a row: a rule by name, or a number to divide by. */
+static spin_status row_time(const struct spin_plugin_values *values, size_t row, size_t n_rows,
+                            double *out)
+{
+    const char *rule = spin_plugin_value(values, "time", "300");
+    double whole;
+
+    if (strcmp(rule, "unit") == 0)
+        whole = n_rows > 1 ? (double)(n_rows - 1) : 1;
+    else if (strcmp(rule, "count") == 0)
+        whole = (double)n_rows;
+    else if (strcmp(rule, "row") == 0)
+        whole = 1;
+    else if (!views_is_number(rule, &whole) || !(whole > 0))
+        return spin_fail(SPIN_E_USAGE,
+                         "option 'time' is '%s', expected unit, count, row or a number above 0",
+                         rule);
+    *out = (double)row / whole;
+    return SPIN_OK;
+}
+
+/* Each camera has its frames from the first on, once; at most the last ones may be missing, as the
+ * programs that extract frames do not agree on how many there are. */
+static spin_status check_rows(const struct set *set)
+{
+    bool *seen = NULL;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(set->n_cameras * set->n_rows, sizeof *seen, (void **)&seen));
+    for (size_t i = 0; i < set->n && status == SPIN_OK; i++) {
+        int c = views_place(set->camera, set->n_cameras, set->image[i].camera);
+        int row = views_place(set->number, set->n_rows, set->image[i].number);
+        bool *at = &seen[(size_t)c * set->n_rows + (size_t)row];
+
+        if (*at)
+            status = spin_fail(SPIN_E_MALFORMED, "there is a second frame %d of camera %d: '%s'",
+                               set->image[i].number, set->image[i].camera, set->image[i].path);
+        *at = true;
+    }
+    for (size_t i = 1; i < set->n_cameras * set->n_rows && status == SPIN_OK; i++) {
+        if (i % set->n_rows != 0 && seen[i] && !seen[i - 1])
+            status = spin_fail(SPIN_E_NOT_FOUND, "camera %d has frame %d, but frame %d is missing",
+                               set->camera[i / set->n_rows], set->number[i % set->n_rows],
+                               set->number[i % set->n_rows - 1]);
+    }
+    free(seen);
+    return status;
+}
+
+static spin_status add_views(const struct set *set, const struct spin_plugin_values *values,
+                             struct spin_views *out)
+{
+    int test = 0;
+
+    SPIN_TRY(views_option_count(values, "test", "0", &test));
+    if (test >= (int)set->n_cameras)
+        return spin_fail(SPIN_E_USAGE, "option 'test' is %d, but there are %zu cameras", test,
+                         set->n_cameras);
+    for (size_t i = 0; i < set->n; i++) {
+        const struct frame_image *image = &set->image[i];
+        int c = views_place(set->camera, set->n_cameras, image->camera);
+        struct spin_view view = {.camera = set->intrinsics[c],
+                                 .row = views_place(set->number, set->n_rows, image->number),
+                                 .number = image->number,
+                                 .camera_id = image->camera,
+                                 .test = c == test,
+                                 .path = image->path};
+
+        SPIN_TRY(row_time(values, (size_t)view.row, set->n_rows, &view.time));
+        SPIN_TRY(spin_views_add(out, &view));
+    }
+    if (set->n != set->n_rows * set->n_cameras)
+        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are not there", set->folder,
+                  set->n, set->n_cameras, set->n_rows);
+    return SPIN_OK;
+}
+
+static spin_status dynerf_views(const char *path, const struct spin_plugin_values *values,
+                                struct spin_views *out)
+{
+    struct set set = {.folder = path};
+    char **names = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_folder_list(path, &names, &n));
+    SPIN_TRY_OUT(read_poses(&set));
+    SPIN_TRY_OUT(find_images(&set, names));
+    SPIN_TRY_OUT(match_cameras(&set));
+    SPIN_TRY_OUT(list_numbers(&set, false, &set.number, &set.n_rows));
+    SPIN_TRY_OUT(check_rows(&set));
+    SPIN_TRY_OUT(read_cameras(&set));
+    SPIN_TRY_OUT(add_views(&set, values, out));
+out:
+    spin_folder_list_free(names);
+    for (size_t i = 0; i < set.n; i++)
+        free(set.image[i].path);
+    free(set.image);
+    free(set.video);
+    free(set.camera);
+    free(set.number);
+    free(set.pose);
+    free(set.intrinsics);
+    return status;
+}
+
+static const struct spin_plugin_option options[] = {
+    {"time", "RULE",
+     "time of frame i of n: a number N for i/N (300 is 4DGaussians'), unit for i/(n-1), count for "
+     "i/n, row for i",
+     "300"},
+    {"test", "PLACE", "place of the camera that is held out, -1: none", "0"},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_views_dynerf = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "dynerf",
+    .summary = "views: Neural 3D Video, Meet Room: poses_bounds.npy and extracted frames",
+    .upstream = "hustvl/4DGaussians scene/neural_3D_dataset_NDC.py",
+    .options = options,
+    .probe = probe,
+    .views = dynerf_views,
+};

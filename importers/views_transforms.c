@@ -1,0 +1,424 @@
+/* D-NeRF / Blender JSON, and what n3v2blender.py writes: cameras and images.
+ *
+ *     transforms_train.json  transforms_test.json
+ *         camera_angle_x | fl_x fl_y cx cy    of all frames, or of one; w, h likewise
+ *         frames[]: file_path, transform_matrix (c2w, OpenGL's axes), time
+ *
+ * What a frame says itself wins over what the file says, and focal lengths over camera_angle_x.
+ * The rows of the data set are the distinct times of both files. One file is one moving camera
+ * unless its images are called cam<NN>. Images with alpha are seen over black, as everywhere here;
+ * D-NeRF's own training puts them over white.
+ *
+ * Differs: 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
+ * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as
+ * it does, for models that were trained on such cameras. */
+#include "spin.h"
+
+#include <ctype.h>
+#include <stdio.h>
+
+#include "base/log.h"
+#include "base/mem.h"
+#include "importers/views_check.h"
+#include "io/json.h"
+
+enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
+
+struct options {
+    const char *test_file, *ending;
+    enum time_rule time;
+    bool old_pose;
+};
+
+/* One of the two files. */
+struct split {
+    const char *folder, *name;
+    const struct options *options;
+    const spin_json *root;
+    int id; /* of its camera when images are not called cam<NN> */
+    bool test;
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+static int probe(const struct spin_peek *peek)
+{
+    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
+        if (strcmp(peek->names[i], "transforms_train.json") == 0)
+            return 90;
+    }
+    return 0;
+}
+
+/* ---- One camera ------------------------------------------------------------------------------ */
+
+/* The number `key` of the frame, else of the file. A value that is no number is an error. */
+static spin_status read_number(const struct split *s, const spin_json *frame, const char *key,
+                               double *out, bool *found)
+{
+    const spin_json *value = spin_json_get(frame, key);
+
+    if (!value)
+        value = spin_json_get(s->root, key);
+    *found = value != NULL;
+    if (value && (!spin_json_number(value, out) || !isfinite(*out)))
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is not a number", key);
+    return SPIN_OK;
+}
+
+/* A pinhole camera is all that can be rendered. */
+static spin_status check_lens(const struct split *s, const spin_json *frame)
+{
+    static const char *const names[] = {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"};
+    const char *model = spin_json_string(spin_json_get(frame, "camera_model"));
+    double value;
+    bool found;
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        SPIN_TRY(read_number(s, frame, names[i], &value, &found));
+        if (found && value != 0)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "'%s' is %g: images with lens distortion must be undistorted first",
+                             names[i], value);
+    }
+    if (!model)
+        model = spin_json_string(spin_json_get(s->root, "camera_model"));
+    if (model && strcmp(model, "OPENCV") != 0 && strcmp(model, "PINHOLE") != 0 &&
+        strcmp(model, "SIMPLE_PINHOLE") != 0 && strcmp(model, "perspective") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "'camera_model' is '%s', expected a pinhole camera: undistort first",
+                         model);
+    return SPIN_OK;
+}
+
+/* Size from the file, checked against the image where the frame has its own or is the first; else
+ * from the image. */
+static spin_status read_size(const struct split *s, const spin_json *frame, size_t index,
+                             const char *path, struct spin_camera *camera)
+{
+    int width, height, channels;
+    bool has_w, has_h;
+    double w, h;
+
+    SPIN_TRY(read_number(s, frame, "w", &w, &has_w));
+    SPIN_TRY(read_number(s, frame, "h", &h, &has_h));
+    if (has_w != has_h)
+        return spin_fail(SPIN_E_MALFORMED, "no number '%s'", has_w ? "h" : "w");
+    if (has_w) {
+        SPIN_TRY(views_check_size(w, h));
+        camera->width = (int)w;
+        camera->height = (int)h;
+        if (index > 0 && !spin_json_get(frame, "w") && !spin_json_get(frame, "h"))
+            return SPIN_OK;
+    }
+    SPIN_TRY(spin_image_size(path, &width, &height, &channels));
+    if (has_w && (width != camera->width || height != camera->height))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "image '%s' has %d x %d pixels, but 'w' and 'h' are %d and %d", path,
+                         width, height, camera->width, camera->height);
+    camera->width = width;
+    camera->height = height;
+    return SPIN_OK;
+}
+
+static spin_status read_intrinsics(const struct split *s, const spin_json *frame,
+                                   struct spin_camera *camera)
+{
+    static const char *const names[] = {"fl_x", "fl_y", "cx", "cy"};
+    double *const values[] = {&camera->fx, &camera->fy, &camera->cx, &camera->cy};
+    bool found[4], has_angle;
+    double angle;
+
+    for (int i = 0; i < 4; i++)
+        SPIN_TRY(read_number(s, frame, names[i], values[i], &found[i]));
+    SPIN_TRY(read_number(s, frame, "camera_angle_x", &angle, &has_angle));
+    if (!found[0] && !has_angle)
+        return spin_fail(SPIN_E_MALFORMED, "there is neither 'fl_x' nor 'camera_angle_x'");
+    if (!found[0]) {
+        if (!(angle > 0 && angle < M_PI))
+            return spin_fail(SPIN_E_MALFORMED, "'camera_angle_x' is %g, expected 0 to pi", angle);
+        camera->fx = camera->width / (2 * tan(angle / 2));
+    }
+    if (!found[1] || !found[0])
+        camera->fy = camera->fx;
+    if (!found[2])
+        camera->cx = camera->width / 2.0;
+    if (!found[3])
+        camera->cy = camera->height / 2.0;
+    return views_check_intrinsics(camera);
+}
+
+/* 4 x 4, or 3 x 4 without its last row. */
+static spin_status read_matrix(const spin_json *m, double out[16])
+{
+    static const double last[4] = {0, 0, 0, 1};
+    size_t n_rows = spin_json_length(m);
+
+    if (n_rows != 3 && n_rows != 4)
+        return spin_fail(SPIN_E_MALFORMED, "'transform_matrix' is not a 4 x 4 matrix");
+    memcpy(out + 12, last, sizeof last);
+    for (size_t i = 0; i < n_rows; i++) {
+        const spin_json *row = spin_json_at(m, i);
+
+        if (spin_json_length(row) != 4)
+            return spin_fail(SPIN_E_MALFORMED, "'transform_matrix' is not a 4 x 4 matrix");
+        for (size_t j = 0; j < 4; j++) {
+            if (!spin_json_number(spin_json_at(row, j), &out[4 * i + j]))
+                return spin_fail(SPIN_E_MALFORMED, "'transform_matrix'[%zu][%zu] is not a number",
+                                 i, j);
+        }
+    }
+    for (int j = 0; j < 4; j++) {
+        if (!(fabs(out[12 + j] - last[j]) <= 1e-6))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "the last row of 'transform_matrix' is %g %g %g %g, expected 0 0 0 1",
+                             out[12], out[13], out[14], out[15]);
+    }
+    return SPIN_OK;
+}
+
+/* OpenGL's c2w to OpenCV's: y and z turn round. */
+static spin_status read_pose(const struct split *s, const spin_json *frame,
+                             struct spin_camera *camera)
+{
+    const spin_json *m = spin_json_get(frame, "transform_matrix");
+    double c2w[16];
+
+    if (!m)
+        return spin_fail(SPIN_E_MALFORMED, "no 'transform_matrix'");
+    SPIN_TRY(read_matrix(m, c2w));
+    for (int i = 0; i < 3; i++) {
+        c2w[4 * i + 1] = -c2w[4 * i + 1];
+        c2w[4 * i + 2] = -c2w[4 * i + 2];
+    }
+    SPIN_TRY(views_check_pose(c2w, "'transform_matrix'"));
+    views_invert(c2w, camera->w2c);
+    if (s->options->old_pose)
+        camera->w2c[3] = -camera->w2c[3];
+    return SPIN_OK;
+}
+
+/* ---- One frame ------------------------------------------------------------------------------- */
+
+/* The image: as it is called, else with the ending. */
+static spin_status find_image(const struct split *s, const char *name, char **out)
+{
+    char *with_ending = NULL;
+    size_t n = strlen(name) + strlen(s->options->ending) + 1;
+    spin_status status;
+
+    SPIN_TRY(spin_path_join(s->folder, name, out));
+    if (spin_path_exists(*out) && !spin_path_is_folder(*out))
+        return SPIN_OK;
+    free(*out);
+    *out = NULL;
+    SPIN_TRY(spin_alloc(n, 1, (void **)&with_ending));
+    snprintf(with_ending, n, "%s%s", name, s->options->ending);
+    status = spin_path_join(s->folder, with_ending, out);
+    free(with_ending);
+    return status;
+}
+
+/* "images/cam07_0001" is camera 7; else all images of the file are one camera. */
+static int camera_of(const struct split *s, const char *name)
+{
+    const char *at = strstr(spin_path_name(name), "cam");
+    int value = 0, n_digits = 0;
+
+    if (!at)
+        at = strstr(name, "cam");
+    for (at = at ? at + 3 : ""; isdigit((unsigned char)*at) && n_digits < 9; at++, n_digits++)
+        value = value * 10 + (*at - '0');
+    return n_digits > 0 ? value : s->id;
+}
+
+static spin_status fill_view(const struct split *s, const spin_json *frame, size_t index,
+                             struct spin_view *view)
+{
+    const char *name = spin_json_string(spin_json_get(frame, "file_path"));
+    const spin_json *time = spin_json_get(frame, "time");
+
+    if (!name)
+        return spin_fail(SPIN_E_MALFORMED, "no text 'file_path'");
+    while (strncmp(name, "./", 2) == 0)
+        name += 2;
+    if (!views_is_safe_name(name))
+        return spin_fail(SPIN_E_MALFORMED, "'file_path' is '%s', expected a path below the folder",
+                         name);
+    if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
+        return spin_fail(SPIN_E_MALFORMED, "'time' is not a number");
+    view->number = views_number(name);
+    view->camera_id = camera_of(s, name);
+    view->test = s->test;
+    SPIN_TRY(find_image(s, name, &view->path));
+    if (access(view->path, R_OK) != 0)
+        return SPIN_OK; /* counted later, when all are known */
+    SPIN_TRY(check_lens(s, frame));
+    SPIN_TRY(read_size(s, frame, index, view->path, &view->camera));
+    SPIN_TRY(read_intrinsics(s, frame, &view->camera));
+    return read_pose(s, frame, &view->camera);
+}
+
+static spin_status read_frames(const struct split *s, struct spin_views *out)
+{
+    const spin_json *frames = spin_json_get(s->root, "frames");
+    size_t n = spin_json_length(frames);
+
+    if (!frames || !spin_json_is_array(frames))
+        return spin_fail(SPIN_E_MALFORMED, "no list 'frames'");
+    if (n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "list 'frames' is empty");
+    for (size_t i = 0; i < n; i++) {
+        struct spin_view view = {.number = -1};
+        spin_status status = fill_view(s, spin_json_at(frames, i), i, &view);
+
+        if (status == SPIN_OK)
+            status = spin_views_add(out, &view);
+        else
+            status = spin_more(status, "frame %zu", i);
+        free(view.path);
+        SPIN_TRY(status);
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_split(struct split *s, struct spin_views *out)
+{
+    char *path = NULL;
+    spin_json *root = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_path_join(s->folder, s->name, &path));
+    SPIN_TRY_OUT(spin_json_load(path, &root));
+    s->root = root;
+    if (!spin_json_is_object(root))
+        status = spin_fail(SPIN_E_MALFORMED, "not a JSON object");
+    else
+        status = read_frames(s, out);
+    s->root = NULL;
+    if (status != SPIN_OK)
+        status = spin_more(status, "cannot read '%s'", path);
+out:
+    spin_json_free(root);
+    free(path);
+    return status;
+}
+
+/* ---- Rows and times -------------------------------------------------------------------------- */
+
+static int by_value(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+/* Times closer than this share of the whole are one frame: files are written with six digits. */
+#define SAME_TIME 1e-6
+
+/* Rows are the distinct times, in order; then times follow the rule. */
+static spin_status set_rows(struct spin_views *views, size_t first, enum time_rule rule)
+{
+    size_t n = views->n - first, n_rows = 0;
+    struct spin_view *view = views->view + first;
+    double *times = NULL, low, high, scale;
+
+    SPIN_TRY(spin_alloc(n, sizeof *times, (void **)&times));
+    for (size_t i = 0; i < n; i++)
+        times[i] = view[i].time;
+    qsort(times, n, sizeof *times, by_value);
+    low = times[0];
+    high = times[n - 1];
+    for (size_t i = 0; i < n; i++) {
+        if (n_rows == 0 || times[i] - times[n_rows - 1] > SAME_TIME * (high - low))
+            times[n_rows++] = times[i];
+    }
+    scale = rule == TIME_MAX ? high : rule == TIME_UNIT ? high - low : 1;
+    for (size_t i = 0; i < n; i++) {
+        size_t a = 0, b = n_rows; /* the last time that is not later */
+
+        while (b - a > 1) {
+            size_t middle = a + (b - a) / 2;
+
+            if (times[middle] <= view[i].time)
+                a = middle;
+            else
+                b = middle;
+        }
+        view[i].row = (int)a;
+        view[i].time = (view[i].time - (rule == TIME_UNIT ? low : 0)) / (scale != 0 ? scale : 1);
+        views->n_rows = views->n_rows > view[i].row + 1 ? views->n_rows : view[i].row + 1;
+    }
+    free(times);
+    return SPIN_OK;
+}
+
+static spin_status read_options(const struct spin_plugin_values *values, struct options *out)
+{
+    const char *time = spin_plugin_value(values, "time", "file");
+    const char *pose = spin_plugin_value(values, "pose", "right");
+
+    out->test_file = spin_plugin_value(values, "test-file", "transforms_test.json");
+    out->ending = spin_plugin_value(values, "ending", ".png");
+    if (!views_is_safe_name(out->test_file))
+        return spin_fail(SPIN_E_USAGE, "option 'test-file' is '%s', expected a name in the folder",
+                         out->test_file);
+    if (strcmp(time, "file") == 0)
+        out->time = TIME_FILE;
+    else if (strcmp(time, "max") == 0)
+        out->time = TIME_MAX;
+    else if (strcmp(time, "unit") == 0)
+        out->time = TIME_UNIT;
+    else
+        return spin_fail(SPIN_E_USAGE, "option 'time' is '%s', expected file, max or unit", time);
+    out->old_pose = strcmp(pose, "4dgaussians") == 0;
+    if (!out->old_pose && strcmp(pose, "right") != 0)
+        return spin_fail(SPIN_E_USAGE, "option 'pose' is '%s', expected right or 4dgaussians",
+                         pose);
+    return SPIN_OK;
+}
+
+static spin_status transforms_views(const char *path, const struct spin_plugin_values *values,
+                                    struct spin_views *out)
+{
+    struct options o;
+    struct split train = {.folder = path, .name = "transforms_train.json", .options = &o};
+    struct split test = {.folder = path, .options = &o, .id = 1, .test = true};
+    size_t first = out->n;
+    char *test_path = NULL;
+    bool has_test;
+
+    SPIN_TRY(read_options(values, &o));
+    SPIN_TRY(read_split(&train, out));
+    test.name = o.test_file;
+    SPIN_TRY(spin_path_join(path, test.name, &test_path));
+    has_test = spin_path_exists(test_path);
+    free(test_path);
+    if (has_test)
+        SPIN_TRY(read_split(&test, out));
+    else if (spin_plugin_value(values, "test-file", NULL))
+        return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
+    SPIN_TRY(views_check_images(out, first));
+    return set_rows(out, first, o.time);
+}
+
+static const struct spin_plugin_option options[] = {
+    {"time", "RULE", "file: as it stands there; max: over the largest; unit: first 0, last 1",
+     "file"},
+    {"test-file", "NAME", "the file of what is held out (transforms_val.json for some)",
+     "transforms_test.json"},
+    {"ending", "TEXT", "what image names lack in the file", ".png"},
+    {"pose", "RULE", "right; 4dgaussians: with the sign that it gives the translation's x",
+     "right"},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_views_transforms = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "transforms",
+    .summary = "views: D-NeRF and n3v2blender JSON (transforms_train.json)",
+    .upstream = "fudan-zvg/4d-gaussian-splatting scene/dataset_readers.py",
+    .options = options,
+    .probe = probe,
+    .views = transforms_views,
+};

@@ -1,0 +1,417 @@
+/* PyTorch checkpoints: which kind of file it is, the pickle in it, and the storages behind its tensors.
+ *
+ * The zip form keeps each storage as a member TOP/data/KEY. At opening the members are only looked
+ * up in the directory and their sizes compared with what the pickle says; the moments of an
+ * optimiser, two thirds of a checkpoint, are never touched. Stored members are used from the map. */
+#include "io/torch.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/err.h"
+#include "base/log.h"
+
+/* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes. */
+#define PICKLE_LIMIT ((uint64_t)16 << 20)
+/* Checking a CRC reads every byte, so larger members are only checked for being there. */
+#define CRC_LIMIT ((uint64_t)64 << 20)
+
+struct bound {
+    const struct spin_zip_member *member;
+    const unsigned char *data; /* NULL until a tensor asked for it */
+    void *owned;               /* when it was deflated */
+};
+
+struct spin_torch_file {
+    char *path;
+    struct spin_map map; /* legacy streams */
+    struct spin_zip zip;
+    bool is_zip;
+    bool warned;     /* about damage */
+    const char *top; /* of the zip: the folder's name, its slash included */
+    size_t n_top;
+    struct bound *bound; /* [n_storages], as pickle.storage */
+};
+
+/* ---- What it is when it is something else ---------------------------------------------------- */
+
+static bool begins(const struct spin_map *map, const char *with)
+{
+    size_t n = strlen(with);
+
+    return map->size >= n && strncasecmp((const char *)map->data, with, n) == 0;
+}
+
+static bool is_safetensors(const struct spin_map *map)
+{
+    uint64_t n = 0;
+
+    for (int i = 0; i < 8 && map->size > 8; i++)
+        n |= (uint64_t)map->data[i] << 8 * i;
+    return n >= 2 && n <= map->size - 8 && map->data[8] == '{';
+}
+
+static spin_status fail_foreign(const char *path, const struct spin_map *map)
+{
+    const char *what = "it is not a PyTorch checkpoint";
+    const unsigned char *p = map->data;
+
+    if (map->size == 0)
+        what = "the file is empty";
+    else if (begins(map, "version https://git-lfs"))
+        what = "it is a Git LFS pointer; the file itself was never fetched (git lfs pull)";
+    else if (begins(map, "<!doctype") || begins(map, "<html"))
+        what = "it is an HTML page, not the checkpoint that it was to be downloaded from";
+    else if (map->size >= 6 && memcmp(p,
+                                      "\xfd"
+                                      "7zXZ\0",
+                                      6) == 0)
+        what = "it is an xz file, not a PyTorch checkpoint";
+    else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
+        what = "it is a bare pickle, not a PyTorch checkpoint";
+    else if (map->size >= 262 && memcmp(p + 257, "ustar", 5) == 0)
+        what = "it is a tar file, as PyTorch wrote them before 0.1.10";
+    else if (is_safetensors(map))
+        what = "it is a safetensors file, not a PyTorch checkpoint";
+    return spin_fail(SPIN_E_UNSUPPORTED, "cannot read '%s': %s", path, what);
+}
+
+/* ---- The zip form ---------------------------------------------------------------------------- */
+
+/* The one member TOP/data.pkl. */
+static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_member **out)
+{
+    static const char name[] = "/data.pkl";
+
+    *out = NULL;
+    for (size_t i = 0; i < f->zip.n; i++) {
+        const char *slash = strchr(f->zip.member[i].name, '/');
+
+        if (!slash || strcmp(slash, name) != 0)
+            continue;
+        if (*out && strcmp((*out)->name, f->zip.member[i].name) != 0)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "cannot read '%s': it holds two checkpoints, '%s' and '%s'", f->path,
+                             (*out)->name, f->zip.member[i].name);
+        *out = &f->zip.member[i];
+        f->top = (*out)->name;
+        f->n_top = (size_t)(slash - (*out)->name) + 1;
+    }
+    if (!*out)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "cannot read '%s': a zip file without 'data.pkl' is not a PyTorch "
+                         "checkpoint",
+                         f->path);
+    return SPIN_OK;
+}
+
+/* The part of a member's name behind TOP/, NULL when it lies elsewhere. */
+static const char *below_top(const struct spin_torch_file *f, const char *name)
+{
+    return strncmp(name, f->top, f->n_top) == 0 ? name + f->n_top : NULL;
+}
+
+static const struct spin_zip_member *find_below(const struct spin_torch_file *f, const char *name)
+{
+    for (size_t i = f->zip.n; i-- > 0;) {
+        const char *rest = below_top(f, f->zip.member[i].name);
+
+        if (rest && strcmp(rest, name) == 0)
+            return &f->zip.member[i];
+    }
+    return NULL;
+}
+
+/* A member's bytes. A CRC that does not match is a warning: torch can be told not to compute it. */
+static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
+                               uint64_t limit, const unsigned char **data, void **owned)
+{
+    if (member->size < CRC_LIMIT &&
+        spin_zip_read(&f->zip, member, true, limit, data, owned) == SPIN_OK)
+        return SPIN_OK;
+    SPIN_TRY(spin_zip_read(&f->zip, member, false, limit, data, owned));
+    if (member->size < CRC_LIMIT && !f->warned) {
+        f->warned = true;
+        spin_warn("'%s': the checksum of '%s' does not match; the file may be damaged", f->path,
+                  member->name);
+    }
+    return SPIN_OK;
+}
+
+/* A small text member without its line end; "" when there is none. */
+static spin_status read_word(struct spin_torch_file *f, const char *name, char out[32])
+{
+    const struct spin_zip_member *member = find_below(f, name);
+    const unsigned char *data;
+    void *owned = NULL;
+    size_t n;
+
+    out[0] = '\0';
+    if (!member)
+        return SPIN_OK;
+    SPIN_TRY(read_member(f, member, 4096, &data, &owned));
+    n = member->size < 31 ? (size_t)member->size : 31;
+    memcpy(out, data, n);
+    out[n] = '\0';
+    out[strcspn(out, "\r\n")] = '\0';
+    free(owned);
+    return SPIN_OK;
+}
+
+static spin_status check_container(struct spin_torch_file *f, bool *big_endian)
+{
+    char word[32], *end;
+    long version;
+
+    for (size_t i = 0; i < f->zip.n; i++) {
+        const char *rest = below_top(f, f->zip.member[i].name);
+
+        if (rest && (strcmp(rest, "constants.pkl") == 0 || strncmp(rest, "code/", 5) == 0))
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "cannot read '%s': member '%s' says that this is a TorchScript "
+                             "program, not a checkpoint",
+                             f->path, f->zip.member[i].name);
+    }
+    SPIN_TRY(read_word(f, "version", word));
+    version = strtol(word, &end, 10);
+    if (word[0] && (end == word || *end || version < 1 || version > 10))
+        return spin_fail(SPIN_E_UNSUPPORTED, "cannot read '%s': its version is not one of 1 to 10",
+                         f->path);
+    SPIN_TRY(read_word(f, "byteorder", word));
+    *big_endian = strcmp(word, "big") == 0;
+    if (word[0] && !*big_endian && strcmp(word, "little") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "cannot read '%s': its byte order is neither little nor big", f->path);
+    return SPIN_OK;
+}
+
+struct finder {
+    const char *key;
+    const struct spin_zip_member *member;
+};
+
+static int by_key(const void *a, const void *b)
+{
+    return strcmp(((const struct finder *)a)->key, ((const struct finder *)b)->key);
+}
+
+static spin_status check_storage(const struct spin_torch_file *f, const struct spin_storage *s,
+                                 const struct spin_zip_member *member)
+{
+    uint64_t bytes = s->count * (uint64_t)s->item_size; /* no overflow: checked by the pickle */
+
+    if (!member)
+        return s->count == 0
+                   ? SPIN_OK
+                   : spin_fail(SPIN_E_MALFORMED, "cannot read '%s': storage 'data/%s' is missing",
+                               f->path, s->key);
+    if (member->size < bytes)
+        return spin_fail(
+            SPIN_E_MALFORMED, "cannot read '%s': storage 'data/%s' has %llu bytes, expected %llu",
+            f->path, s->key, (unsigned long long)member->size, (unsigned long long)bytes);
+    if (member->size > bytes && member->method != 0)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "cannot read '%s': storage 'data/%s' unpacks to %llu bytes, expected %llu",
+                         f->path, s->key, (unsigned long long)member->size,
+                         (unsigned long long)bytes);
+    if (member->size > bytes)
+        spin_warn("'%s': storage 'data/%s' has %llu bytes more than its elements need", f->path,
+                  s->key, (unsigned long long)(member->size - bytes));
+    return SPIN_OK;
+}
+
+/* The member of every storage, by a merge of two sorted lists. */
+static spin_status find_storages(struct spin_torch_file *f, const struct spin_pickle *pickle)
+{
+    struct finder *list;
+    void *block = NULL;
+    size_t n = 0, at = 0;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(f->zip.n, sizeof *list, &block));
+    list = block;
+    for (size_t i = 0; i < f->zip.n; i++) {
+        const char *rest = below_top(f, f->zip.member[i].name);
+
+        if (rest && strncmp(rest, "data/", 5) == 0)
+            list[n++] = (struct finder){rest + 5, &f->zip.member[i]};
+    }
+    qsort(list, n, sizeof *list, by_key);
+    for (size_t i = 0; i < pickle->n_storages && status == SPIN_OK; i++) {
+        while (at < n && strcmp(list[at].key, pickle->storage[i].key) < 0)
+            at++;
+        if (at < n && strcmp(list[at].key, pickle->storage[i].key) == 0)
+            f->bound[i].member = list[at].member;
+        status = check_storage(f, &pickle->storage[i], f->bound[i].member);
+    }
+    free(block);
+    return status;
+}
+
+static spin_status open_zip(struct spin_torch_file *f, struct spin_pickle *pickle)
+{
+    const struct spin_zip_member *member;
+    const unsigned char *data;
+    void *owned = NULL, *block;
+    bool big_endian;
+    spin_status status;
+
+    SPIN_TRY(spin_zip_open(f->path, &f->zip));
+    SPIN_TRY(find_pickle(f, &member));
+    SPIN_TRY(check_container(f, &big_endian));
+    SPIN_TRY(read_member(f, member, PICKLE_LIMIT, &data, &owned));
+    status = spin_pickle_parse(f->path, data, (size_t)member->size, pickle);
+    free(owned);
+    SPIN_TRY(status);
+    pickle->big_endian = big_endian;
+    SPIN_TRY(spin_alloc(pickle->n_storages, sizeof *f->bound, &block));
+    f->bound = block;
+    return find_storages(f, pickle);
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+spin_status spin_torch_open(const char *path, struct spin_torch *out)
+{
+    struct spin_torch_file *f;
+    void *block = NULL;
+    spin_status status;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_alloc(1, sizeof *f, &block));
+    f = out->file = block;
+    SPIN_TRY_OUT(spin_strdup(path, &f->path));
+    SPIN_TRY_OUT(spin_map_open(path, &f->map));
+    f->is_zip = spin_zip_looks_like(f->map.data, f->map.size);
+    if (f->is_zip) {
+        spin_map_close(&f->map); /* the archive maps it again */
+        SPIN_TRY_OUT(open_zip(f, &out->pickle));
+    } else if (spin_pickle_is_legacy(f->map.data, f->map.size)) {
+        SPIN_TRY_OUT(spin_pickle_parse_legacy(path, f->map.data, f->map.size, &out->pickle));
+    } else {
+        SPIN_TRY_OUT(fail_foreign(path, &f->map));
+    }
+    out->root = out->pickle.root;
+    return SPIN_OK;
+out:
+    spin_torch_close(out);
+    return status;
+}
+
+void spin_torch_close(struct spin_torch *torch)
+{
+    struct spin_torch_file *f = torch->file;
+
+    if (f) {
+        for (size_t i = 0; f->bound && i < torch->pickle.n_storages; i++)
+            free(f->bound[i].owned);
+        free(f->bound);
+        spin_zip_close(&f->zip);
+        spin_map_close(&f->map);
+        free(f->path);
+        free(f);
+    }
+    spin_pickle_free(&torch->pickle);
+    memset(torch, 0, sizeof *torch);
+}
+
+/* ---- Tensors --------------------------------------------------------------------------------- */
+
+static spin_status bind(struct spin_torch *torch, struct spin_tensor *t)
+{
+    const struct spin_storage *s = spin_pickle_storage(&torch->pickle, t->storage);
+    struct spin_torch_file *f = torch->file;
+    struct bound *b;
+
+    if (!s) /* cannot be: every key in a tensor has its row */
+        return spin_fail(SPIN_E_MALFORMED, "storage '%s' is missing", t->storage);
+    t->big_endian = torch->pickle.big_endian && t->item_size > 1;
+    if (!f->is_zip || s->count == 0) {
+        t->data = f->is_zip ? (const unsigned char *)"" : s->data;
+        return SPIN_OK;
+    }
+    b = &f->bound[s - torch->pickle.storage];
+    if (!b->data)
+        SPIN_TRY(read_member(f, b->member, b->member->size, &b->data, &b->owned));
+    t->data = b->data;
+    return SPIN_OK;
+}
+
+spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value *v,
+                              const char *what, struct spin_tensor *out)
+{
+    const char *path = torch->file->path;
+
+    if (!v)
+        return spin_fail(SPIN_E_NOT_FOUND, "cannot read '%s': no '%s' in it", path, what);
+    if (v->kind != SPIN_VALUE_TENSOR)
+        return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': '%s' is not a tensor", path, what);
+    *out = v->tensor;
+    return out->storage ? bind(torch, out) : SPIN_OK;
+}
+
+/* "[-1, 3]" as "[N, 3]" */
+static void wanted_text(int n_dims, const int64_t *shape, char *text, size_t n_text)
+{
+    size_t n = 0;
+
+    n += (size_t)snprintf(text, n_text, "[");
+    for (int i = 0; i < n_dims && n < n_text; i++)
+        n += (size_t)(shape[i] < 0 ? snprintf(text + n, n_text - n, "%s*", i ? ", " : "")
+                                   : snprintf(text + n, n_text - n, "%s%lld", i ? ", " : "",
+                                              (long long)shape[i]));
+    if (n < n_text)
+        snprintf(text + n, n_text - n, "]");
+}
+
+spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
+                                 const char *what, int n_dims, const int64_t *shape,
+                                 struct spin_tensor *out)
+{
+    char got[160], wanted[160];
+    bool fits;
+
+    SPIN_TRY(spin_torch_tensor(torch, v, what, out));
+    fits = out->n_dims == n_dims;
+    for (int i = 0; fits && i < n_dims; i++)
+        fits = shape[i] < 0 || (uint64_t)shape[i] == out->shape[i];
+    if (fits)
+        return SPIN_OK;
+    spin_array_shape_text(out->n_dims, out->shape, got, sizeof got);
+    wanted_text(n_dims, shape, wanted, sizeof wanted);
+    return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': tensor '%s' has shape %s, expected %s",
+                     torch->file->path, what, got, wanted);
+}
+
+spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,
+                              const char *what, int n_dims, const int64_t *shape,
+                              struct spin_tensor *info, float **out)
+{
+    struct spin_tensor local, *t = info ? info : &local;
+    uint64_t bad = 0;
+    size_t bytes;
+
+    *out = NULL;
+    SPIN_TRY(spin_torch_tensor_of(torch, v, what, n_dims, shape, t));
+    if (t->kind != 'f' && t->kind != 'B')
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "cannot read '%s': tensor '%s' does not hold floating-point numbers",
+                         torch->file->path, what);
+    if (!spin_mul_size((size_t)t->count, sizeof **out, &bytes) ||
+        !(*out = malloc(bytes ? bytes : 1)))
+        return spin_fail(SPIN_E_MEMORY,
+                         "cannot read '%s': not enough memory for the %llu numbers of '%s'",
+                         torch->file->path, (unsigned long long)t->count, what);
+    spin_tensor_to_f32(t, 0, t->count, *out);
+    for (uint64_t i = 0; i < t->count; i++)
+        bad += !isfinite((*out)[i]);
+    if (bad == 0)
+        return SPIN_OK;
+    free(*out);
+    *out = NULL;
+    return spin_fail(SPIN_E_MALFORMED,
+                     "cannot read '%s': tensor '%s' has %llu values that are not finite",
+                     torch->file->path, what, (unsigned long long)bad);
+}

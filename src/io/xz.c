@@ -1,0 +1,105 @@
+/* xz through liblzma, piece by piece: memory grows with what really comes out, never with what a
+ * header promises. */
+#include "io/xz.h"
+
+#include <lzma.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/file.h"
+
+#define FIRST_PIECE ((size_t)1 << 20)
+/* Level 9 needs 65 MiB for its dictionary. */
+#define DECODER_MEMORY ((uint64_t)256 << 20)
+
+bool spin_xz_looks_like(const unsigned char *head, size_t n)
+{
+    return n >= 6 && memcmp(head,
+                            "\xfd"
+                            "7zXZ\0",
+                            6) == 0;
+}
+
+static spin_status fail_lzma(const char *path, lzma_ret code)
+{
+    switch (code) {
+    case LZMA_FORMAT_ERROR:
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is not an xz file", path);
+    case LZMA_BUF_ERROR:
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is cut short", path);
+    case LZMA_OPTIONS_ERROR:
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' uses xz options that are not known", path);
+    case LZMA_MEMLIMIT_ERROR:
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' needs more than 256 MiB to be unpacked", path);
+    case LZMA_MEM_ERROR:
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to unpack '%s'", path);
+    default:
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is damaged: xz data that cannot be unpacked",
+                         path);
+    }
+}
+
+/* Room for more, doubled, but never beyond limit + 1: that one byte tells that there is too much.
+ * */
+static spin_status more_room(lzma_stream *stream, size_t limit, unsigned char **block, size_t *size)
+{
+    size_t used = *size - stream->avail_out, larger = *size ? 2 * *size : FIRST_PIECE;
+
+    larger = larger > limit ? limit + 1 : larger;
+    SPIN_TRY(spin_grow(larger, 1, (void **)block));
+    *size = larger;
+    stream->next_out = *block + used;
+    stream->avail_out = larger - used;
+    return SPIN_OK;
+}
+
+static spin_status inflate_all(const char *path, lzma_stream *stream, size_t limit,
+                               unsigned char **block, size_t *n)
+{
+    size_t size = 0;
+    lzma_ret code = LZMA_OK;
+
+    while (code == LZMA_OK) {
+        if (stream->avail_out == 0) {
+            if (size > limit)
+                return spin_fail(SPIN_E_UNSUPPORTED, "'%s' unpacks to more than %zu bytes", path,
+                                 limit);
+            SPIN_TRY(more_room(stream, limit, block, &size));
+        }
+        code = lzma_code(stream, LZMA_FINISH);
+    }
+    if (code != LZMA_STREAM_END)
+        return fail_lzma(path, code);
+    *n = size - stream->avail_out;
+    if (*n > limit)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' unpacks to more than %zu bytes", path, limit);
+    return SPIN_OK;
+}
+
+spin_status spin_xz_load(const char *path, size_t limit, unsigned char **out, size_t *n)
+{
+    lzma_stream stream = LZMA_STREAM_INIT;
+    unsigned char *block = NULL;
+    struct spin_map map;
+    lzma_ret code;
+    spin_status status;
+
+    *out = NULL;
+    *n = 0;
+    SPIN_TRY(spin_map_open(path, &map));
+    code = lzma_stream_decoder(&stream, DECODER_MEMORY, LZMA_CONCATENATED);
+    stream.next_in = map.data;
+    stream.avail_in = map.size;
+    status = code == LZMA_OK ? inflate_all(path, &stream, limit, &block, n) : fail_lzma(path, code);
+    lzma_end(&stream);
+    spin_map_close(&map);
+    if (status != SPIN_OK) {
+        free(block);
+        *n = 0;
+        return status;
+    }
+    *out = block;
+    return SPIN_OK;
+}

@@ -1,0 +1,21 @@
+/* Morton codes (Morton 1966): the bits of x, y and z by turns, so that what is near in space is
+ * mostly near in order. */
+#ifndef SPIN_MATH_MORTON_H
+#define SPIN_MATH_MORTON_H
+
+#include "math/portable.h"
+
+#define SPIN_MORTON_MAX 2097151.0 /* 21 bits an axis */
+
+/* The low 21 bits, two zeros between any two. */
+SPIN_FN uint64_t spin_morton_spread(uint64_t x)
+{
+    x &= 0x1fffff;
+    x = (x | x << 32) & 0x1f00000000ffffULL;
+    x = (x | x << 16) & 0x1f0000ff0000ffULL;
+    x = (x | x << 8) & 0x100f00f00f00f00fULL;
+    x = (x | x << 4) & 0x10c30c30c30c30c3ULL;
+    return (x | x << 2) & 0x1249249249249249ULL;
+}
+
+#endif

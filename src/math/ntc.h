@@ -1,0 +1,97 @@
+/* The Neural Transformation Cache of 3DGStream as tiny-cuda-nn lays it out: a 3-D hash grid of many
+ * resolutions and the rounding of half precision (3dgstream.md, section 5).
+ *
+ * Not our own grid (grid.h): here the vertices are at (k - 0.5) / scale, weights are linear, and a
+ * level's size is rounded up to a multiple of 8. */
+#ifndef SPIN_MATH_NTC_H
+#define SPIN_MATH_NTC_H
+
+#include "math/approx.h"
+
+/* The nearest number of half precision, ties to even, as a float. */
+SPIN_FN float spin_half(float x)
+{
+    uint32_t bits = spin_bits_of_float(x), sign = bits & 0x80000000u, a = bits & 0x7fffffffu;
+
+    if (a >= 0x7f800000u) /* infinite, NaN */
+        return x;
+    if (a >= 0x477ff000u) /* 65520, half way to 2^16 */
+        return spin_float_of_bits(sign | 0x7f800000u);
+    if (a < 0x38800000u) { /* below 2^-14: multiples of 2^-24, which is what 0.5f is exact to */
+        float r = (spin_float_of_bits(a) + 0.5f) - 0.5f;
+
+        return spin_float_of_bits(sign | spin_bits_of_float(r));
+    }
+    a += 0xfffu + (a >> 13 & 1u);
+    return spin_float_of_bits(sign | (a & ~0x1fffu));
+}
+
+struct spin_ntc_level {
+    float scale;
+    uint32_t res;     /* vertices along an axis */
+    uint32_t entries; /* rows of the table */
+    int hashed;
+};
+
+/* scale = base * growth^level - 1 in floats; res = ceil(scale) + 1. False when an index would not
+ * fit 32 bits. */
+SPIN_FN int spin_ntc_level(int level, int base, float growth, int log2_entries,
+                           struct spin_ntc_level *out)
+{
+    float scale = exp2f((float)level * log2f(growth)) * (float)base - 1.0f;
+    uint64_t most = (uint64_t)1 << log2_entries, cube;
+
+    if (!(scale >= 0.0f && scale < 2147483648.0f))
+        return 0;
+    out->scale = scale;
+    out->res = (uint32_t)ceilf(scale) + 1u;
+    cube = out->res > 2000000u ? (uint64_t)1 << 62 : (uint64_t)out->res * out->res * out->res;
+    out->entries = (uint32_t)((cube + 7) / 8 * 8 < most ? (cube + 7) / 8 * 8 : most);
+    out->hashed = cube > out->entries;
+    return 1;
+}
+
+/* Row of the vertex q. A dense level's last vertex wraps. */
+SPIN_FN uint32_t spin_ntc_row(const struct spin_ntc_level *l, const uint32_t q[3])
+{
+    if (l->hashed)
+        return (q[0] ^ (q[1] * 2654435761u) ^ (q[2] * 805459861u)) % l->entries;
+    return (q[0] + l->res * (q[1] + l->res * q[2])) % l->entries;
+}
+
+/* Rows and weights of the 8 vertices around x in [0, 1]^3; bit d of the number is the upper one
+ * along axis d. */
+SPIN_FN void spin_ntc_corners(const struct spin_ntc_level *l, const float x[3], uint32_t row[8],
+                              float weight[8])
+{
+    uint32_t g[3], q[3];
+    float w[3];
+
+    for (int d = 0; d < 3; d++) {
+        float p = fmaf(x[d], l->scale, 0.5f), whole = floorf(p);
+
+        g[d] = (uint32_t)whole;
+        w[d] = p - whole;
+    }
+    for (uint32_t c = 0; c < 8; c++) {
+        weight[c] = 1.0f;
+        for (uint32_t d = 0; d < 3; d++) {
+            uint32_t up = c >> d & 1u;
+
+            q[d] = g[d] + up;
+            weight[c] *= up ? w[d] : 1.0f - w[d];
+        }
+        row[c] = spin_ntc_row(l, q);
+    }
+}
+
+/* a * b of quaternions w, x, y, z. */
+SPIN_FN void spin_quat_product(const float a[4], const float b[4], float out[4])
+{
+    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+}
+
+#endif

@@ -1,0 +1,83 @@
+/* Bilinear and trilinear lookup in feature grids (K-planes and HexPlane; 4dgaussian.md, section 3).
+ *
+ * Coordinates follow align_corners: -1 is the first sample and 1 the last. Outside, a plane repeats
+ * its border: the position is clamped before it is split into cell and fraction. */
+#ifndef SPIN_MATH_PLANE_H
+#define SPIN_MATH_PLANE_H
+
+#include <stddef.h>
+
+#include "math/portable.h"
+
+/* One axis of a lookup: value = (1 - r) sample[low] + r sample[high]. */
+struct spin_plane_axis {
+    int low, high;
+    float r;
+};
+
+/* u in [-1, 1] on an axis of `size` samples, position (u + 1) / 2 (size - 1). */
+SPIN_FN struct spin_plane_axis spin_plane_axis(float u, int size)
+{
+    struct spin_plane_axis a;
+    float last = (float)(size - 1);
+    float at = (u + 1.0f) * 0.5f * last;
+
+    at = spin_minf(spin_maxf(at, 0.0f), last);
+    a.low = (int)at;
+    a.high = a.low + 1 < size ? a.low + 1 : a.low;
+    a.r = at - (float)a.low;
+    return a;
+}
+
+/* out [n] = or *= the samples of a plane [height][width][n] at (column, row). */
+SPIN_FN void spin_plane_lookup(const float *SPIN_RESTRICT plane, int width, int n,
+                               struct spin_plane_axis column, struct spin_plane_axis row,
+                               int multiply, float *SPIN_RESTRICT out)
+{
+    const float *SPIN_RESTRICT a = plane + ((size_t)row.low * width + column.low) * n;
+    const float *SPIN_RESTRICT b = plane + ((size_t)row.low * width + column.high) * n;
+    const float *SPIN_RESTRICT c = plane + ((size_t)row.high * width + column.low) * n;
+    const float *SPIN_RESTRICT d = plane + ((size_t)row.high * width + column.high) * n;
+    float wa = (1.0f - column.r) * (1.0f - row.r), wb = column.r * (1.0f - row.r);
+    float wc = (1.0f - column.r) * row.r, wd = column.r * row.r;
+
+    if (multiply) {
+        for (int i = 0; i < n; i++)
+            out[i] *= wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
+    } else {
+        for (int i = 0; i < n; i++)
+            out[i] = wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
+    }
+}
+
+/* Trilinear lookup in a grid [n][n][n], x slowest, at u in samples; what lies outside counts as 0.
+ */
+SPIN_FN float spin_voxel_lookup(const float *grid, int n, const float u[3])
+{
+    float sum = 0.0f;
+    int low[3];
+
+    for (int d = 0; d < 3; d++) {
+        if (!(u[d] > -1.0f && u[d] < (float)n))
+            return 0.0f;
+        low[d] = (int)floorf(u[d]);
+    }
+    for (int k = 0; k < 8; k++) {
+        float weight = 1.0f;
+        int inside = 1, at = 0;
+
+        for (int d = 0; d < 3; d++) {
+            int bit = k >> d & 1, q = low[d] + bit;
+            float r = u[d] - (float)low[d];
+
+            weight *= bit ? r : 1.0f - r;
+            inside = inside && q >= 0 && q < n;
+            at = at * n + q;
+        }
+        if (inside)
+            sum += weight * grid[at];
+    }
+    return sum;
+}
+
+#endif

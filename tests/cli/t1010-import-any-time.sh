@@ -1,0 +1,79 @@
+#!/bin/sh
+# K: realtime4dgs rotor4dgs omg4
+# Methods that are defined at any time: sampled evenly, at given times, and where a data set is.
+. tests/cli/lib.sh
+
+# First and last time of what was imported.
+times_are() { # TIMES NAME
+    tr -d ' \n' <"$work/out" | grep -q -e "\"times\":\\[$1\\]"
+    ok $? "$2"
+}
+
+runs=$fixtures/realtime4dgs
+run_in=$runs/rot4d_sht
+if [ ! -d "$run_in" ]; then
+    skip "any time" "no fixtures at $run_in"
+    done_testing
+fi
+
+run "$bin/spin-import" --info --json "$run_in"
+is "$code" 0 "a run is described without a word on where to sample it"
+is "$(member from)" realtime4dgs "from realtime4dgs"
+out_has "guessed 'today'" "the notes say what was guessed"
+run "$bin/spin-import" "$run_in" -o "$work/none.spin"
+fails 2 spin-import "an import needs to know where"
+err_has "--frames, --times or --data" "and says how to tell"
+nothing_at "$work/none" "nothing was written"
+
+run "$bin/spin-import" "$run_in" -o "$work/five.spin" --frames 6 --json
+is "$code" 0 "--frames 6"
+is "$(member frames)" 6 "are six frames"
+times_are 0,5 "are spread over the whole time, both ends included"
+run "$bin/spin-import" "$run_in" -o "$work/times.spin" --times 2.565,0.5 --json
+is "$(member frames)" 2 "--times with two of them"
+times_are 2.565,0.5 "in their order"
+run "$bin/spin-import" "$run_in" -o "$work/part.spin" --frames 6 --range 1:3 --json
+times_are 1,2 "--range leaves out some of those sampled"
+
+# The data set of that run, with any image at hand in place of its own.
+picture=$fixtures/datasets/dynerf_mini/cam02/images/0001.png # of the same size
+if [ -f "$picture" ]; then
+    mkdir -p "$work/data/images"
+    cp "$run_in/transforms_train.json" "$work/data"
+    sed -n 's/.*"file_path": "\(.*\)".*/\1/p' "$run_in/transforms_train.json" |
+        while read -r image; do
+            cp "$picture" "$work/data/$image.png"
+        done
+    run "$bin/spin-import" "$run_in" --data "$work/data" -o "$work/data.spin" --json
+    is "$code" 0 "--data alone"
+    is "$(member frames)" 5 "samples at the data set's five times"
+    times_are 0,4 "as they are"
+    run "$bin/spin-import" "$run_in" --data "$work/data" -o "$work/cut.spin" --range 30:61 --json \
+        --pair order
+    is "$(member frames)" 2 "whose frame numbers --range picks from"
+fi
+
+for name in dnerf_like n3v_like_ddp old_names; do
+    run "$bin/spin-import" "$fixtures/rotor4dgs/$name" --frames 3 -o "$work/$name.spin" --json
+    is "$code" 0 "rotor4dgs/$name is imported"
+    is "$(member from)" rotor4dgs "rotor4dgs/$name: by its importer"
+done
+for name in comp_xz ftgs_xz; do
+    run "$bin/spin-import" "$fixtures/omg4/$name" --frames 3 -o "$work/$name.spin" --json
+    is "$code" 0 "omg4/$name is imported"
+    is "$(member from)" omg4 "omg4/$name: by its importer"
+done
+
+# A data set that counts its frames: they go over the whole time, and a note says so.
+mini=$fixtures/datasets/panoptic_mini
+if [ -d "$mini" ]; then
+    run "$bin/spin-import" "$fixtures/rotor4dgs/dnerf_like" --time-range 0,1 --from rotor4dgs \
+        --data "$mini" -o "$work/mini.spin" --json
+    is "$code" 0 "a data set without times"
+    out_has "they are spread over the times 0 to 1" "is spread over the range"
+fi
+
+run "$bin/spin-import" "$run_in" --from realtime4dgs --convention wrong -o "$work/bad.spin" --frames 2
+fails 2 spin-import "an option's value that is none"
+nothing_at "$work/bad" "nothing was written"
+done_testing

@@ -1,0 +1,322 @@
+/* What the tests of methods with a network share: opening a model with options, and checkpoints
+ * made here: a fixture's tensors with some of them changed. */
+#ifndef SPIN_TESTS_IMPORTERS_MODELS_H
+#define SPIN_TESTS_IMPORTERS_MODELS_H
+
+#include "io/torch.h"
+#include "tests/importers/runs.h"
+
+/* run_open() with options: key, value, ..., NULL. */
+static inline spin_status model_open(const char *from, const char *path, const char *const *pairs,
+                                     struct run *run)
+{
+    struct spin_plugin_values values = {pairs};
+    spin_status status;
+
+    memset(run, 0, sizeof *run);
+    status = spin_importer_find(path, from, false, &run->importer);
+    if (status == SPIN_OK)
+        status = run->importer->open(path, &values, &run->self, &run->track);
+    if (status != SPIN_OK)
+        run_close(run);
+    return status;
+}
+
+/* Opening fails, and the message is one line with both words in it. */
+static inline void model_fails(const char *from, const char *path, const char *const *pairs,
+                               const char *file, const char *word, const char *what)
+{
+    struct run run;
+    spin_status status = model_open(from, path, pairs, &run);
+    const char *said = status == SPIN_OK ? "" : spin_last_error();
+    bool good = status != SPIN_OK && strstr(said, word) && !strchr(said, '\n') &&
+                (!file || strstr(said, file));
+
+    ok(good, "%s", what);
+    if (!good)
+        printf("#   status %d, '%s'\n", status, said);
+    run_close(&run);
+}
+
+static inline double largest(const double *values, size_t n)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < n; i++)
+        most = fmax(most, fabs(values[i]));
+    return most;
+}
+
+/* ---- Checkpoints ----------------------------------------------------------------------------- */
+
+struct pth_tensor {
+    char name[100];
+    int dict;   /* which of a pair */
+    bool whole; /* int32 */
+    int n_dims;
+    uint64_t shape[5], count;
+    float *values;
+};
+
+struct pth {
+    struct pth_tensor tensor[160];
+    int n;
+    bool pair; /* a tuple of two dicts */
+};
+
+static inline void pth_free(struct pth *pth)
+{
+    for (int i = 0; i < pth->n; i++)
+        free(pth->tensor[i].values);
+    pth->n = 0;
+}
+
+static inline struct pth_tensor *pth_find(struct pth *pth, const char *name)
+{
+    for (int i = 0; i < pth->n; i++) {
+        if (strcmp(pth->tensor[i].name, name) == 0)
+            return &pth->tensor[i];
+    }
+    printf("# no tensor '%s'\n", name);
+    exit(1);
+}
+
+static inline void pth_drop(struct pth *pth, const char *name)
+{
+    struct pth_tensor *t = pth_find(pth, name);
+
+    free(t->values);
+    *t = pth->tensor[--pth->n];
+}
+
+/* A tensor of zeros, in place of the one of that name if there is one. */
+static inline struct pth_tensor *pth_put(struct pth *pth, const char *name, int n_dims,
+                                         const uint64_t *shape)
+{
+    struct pth_tensor *t = NULL;
+
+    for (int i = 0; i < pth->n; i++) {
+        if (strcmp(pth->tensor[i].name, name) == 0)
+            t = &pth->tensor[i];
+    }
+    if (!t) {
+        t = &pth->tensor[pth->n++];
+        memset(t, 0, sizeof *t);
+        snprintf(t->name, sizeof t->name, "%s", name);
+    }
+    free(t->values);
+    t->n_dims = n_dims;
+    t->count = 1;
+    for (int d = 0; d < n_dims; d++) {
+        t->shape[d] = shape[d];
+        t->count *= shape[d];
+    }
+    t->values = calloc(t->count + 1, sizeof *t->values);
+    return t;
+}
+
+static inline void pth_load_dict(struct spin_torch *torch, const struct spin_value *dict, int index,
+                                 struct pth *pth)
+{
+    for (size_t i = 0; dict && i < dict->n; i++) {
+        const char *name = spin_value_text(dict->item[2 * i]);
+        struct pth_tensor *t = &pth->tensor[pth->n];
+        struct spin_tensor tensor;
+
+        if (pth->n == 160 ||
+            spin_torch_tensor(torch, dict->item[2 * i + 1], name, &tensor) != SPIN_OK)
+            exit(1);
+        memset(t, 0, sizeof *t);
+        pth->n++;
+        snprintf(t->name, sizeof t->name, "%s", name);
+        t->dict = index;
+        t->whole = tensor.kind == 'i';
+        t->n_dims = tensor.n_dims;
+        memcpy(t->shape, tensor.shape, sizeof t->shape);
+        t->count = tensor.count;
+        t->values = malloc((t->count + 1) * sizeof *t->values);
+        spin_tensor_to_f32(&tensor, 0, t->count, t->values);
+    }
+}
+
+static inline void pth_load(const char *path, struct pth *pth)
+{
+    struct spin_torch torch;
+
+    memset(pth, 0, sizeof *pth);
+    if (spin_torch_open(path, &torch) != SPIN_OK) {
+        printf("# %s\n", spin_last_error());
+        exit(1);
+    }
+    pth->pair = torch.root->kind == SPIN_VALUE_TUPLE;
+    for (int i = 0; i < (pth->pair ? 2 : 1); i++)
+        pth_load_dict(&torch, pth->pair ? spin_value_at(torch.root, (size_t)i) : torch.root, i,
+                      pth);
+    spin_torch_close(&torch);
+}
+
+/* ---- Writing them ---------------------------------------------------------------------------- */
+
+struct bytes {
+    unsigned char *at;
+    size_t n, capacity;
+};
+
+static inline void put(struct bytes *b, const void *data, size_t n)
+{
+    if (b->n + n > b->capacity) {
+        b->capacity = 2 * (b->n + n) + 256;
+        b->at = realloc(b->at, b->capacity);
+    }
+    memcpy(b->at + b->n, data, n);
+    b->n += n;
+}
+
+static inline void put_op(struct bytes *b, const char *op) { put(b, op, strlen(op)); }
+
+static inline void put_int(struct bytes *b, uint64_t v)
+{
+    uint32_t small = (uint32_t)v;
+
+    put(b, "J", 1);
+    put(b, &small, 4);
+}
+
+static inline void put_text(struct bytes *b, const char *text)
+{
+    uint32_t n = (uint32_t)strlen(text);
+
+    put(b, "X", 1);
+    put(b, &n, 4);
+    put(b, text, n);
+}
+
+/* _rebuild_tensor_v2(storage, 0, sizes, strides, False, OrderedDict()) */
+static inline void put_tensor(struct bytes *b, const struct pth_tensor *t, int index)
+{
+    uint64_t stride[5] = {1, 1, 1, 1, 1};
+    char key[16];
+
+    snprintf(key, sizeof key, "%d", index);
+    for (int d = t->n_dims - 2; d >= 0; d--)
+        stride[d] = stride[d + 1] * t->shape[d + 1];
+    put_op(b, "ctorch._utils\n_rebuild_tensor_v2\n((");
+    put_text(b, "storage");
+    put_op(b, t->whole ? "ctorch\nIntStorage\n" : "ctorch\nFloatStorage\n");
+    put_text(b, key);
+    put_text(b, "cpu");
+    put_int(b, t->count);
+    put_op(b, "tQ");
+    put_int(b, 0);
+    put_op(b, "(");
+    for (int d = 0; d < t->n_dims; d++)
+        put_int(b, t->shape[d]);
+    put_op(b, "t(");
+    for (int d = 0; d < t->n_dims; d++)
+        put_int(b, stride[d]);
+    put_op(b, "t\x89"
+              "ccollections\nOrderedDict\n)RtR");
+}
+
+static inline void pth_member(struct spin_zip_writer *w, const char *name, const void *data,
+                              size_t n)
+{
+    if (spin_zip_member_begin(w, name, n) != SPIN_OK ||
+        spin_zip_member_write(w, data, n) != SPIN_OK || spin_zip_member_end(w) != SPIN_OK)
+        exit(1);
+}
+
+static inline void pth_save(const struct pth *pth, const char *path)
+{
+    struct spin_zip_writer w;
+    struct bytes b = {NULL, 0, 0};
+
+    put_op(&b, "\x80\x02");
+    for (int dict = 0; dict < (pth->pair ? 2 : 1); dict++) {
+        put_op(&b, "}(");
+        for (int i = 0; i < pth->n; i++) {
+            if (pth->tensor[i].dict != dict)
+                continue;
+            put_text(&b, pth->tensor[i].name);
+            put_tensor(&b, &pth->tensor[i], i);
+        }
+        put_op(&b, "u");
+    }
+    put_op(&b, pth->pair ? "\x86." : ".");
+    if (spin_zip_writer_open(path, true, &w) != SPIN_OK)
+        exit(1);
+    pth_member(&w, "archive/data.pkl", b.at, b.n);
+    pth_member(&w, "archive/version", "3\n", 2);
+    for (int i = 0; i < pth->n; i++) {
+        const struct pth_tensor *t = &pth->tensor[i];
+        int32_t *whole = calloc(t->count + 1, sizeof *whole);
+        char name[40];
+
+        snprintf(name, sizeof name, "archive/data/%d", i);
+        for (uint64_t k = 0; t->whole && k < t->count; k++)
+            whole[k] = (int32_t)t->values[k];
+        pth_member(&w, name, t->whole ? (void *)whole : (void *)t->values, 4 * t->count);
+        free(whole);
+    }
+    free(b.at);
+    if (spin_zip_writer_commit(&w) != SPIN_OK)
+        exit(1);
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+static inline void copy_file(const char *from, const char *to)
+{
+    struct spin_map map;
+    struct spin_out out;
+
+    if (spin_map_open(from, &map) != SPIN_OK || spin_out_open(to, true, &out) != SPIN_OK ||
+        spin_out_write(&out, map.data, map.size) != SPIN_OK || spin_out_commit(&out) != SPIN_OK) {
+        printf("# %s\n", spin_last_error());
+        exit(1);
+    }
+    spin_map_close(&map);
+}
+
+static inline void write_text(const char *path, const char *text)
+{
+    struct spin_out out;
+
+    if (spin_out_open(path, true, &out) != SPIN_OK ||
+        spin_out_write(&out, text, strlen(text)) != SPIN_OK || spin_out_commit(&out) != SPIN_OK)
+        exit(1);
+}
+
+/* Cut the file in `folder`/`name`, which the model at `path` holds, at some lengths: reading must
+ * fail and not crash, naming the file. Puts the whole file back. */
+static inline void cut_file(const char *from, const char *path, const char *folder,
+                            const char *name, const char *what)
+{
+    const char *file = path_in(folder, name), *copy = path_in(new_folder(), name);
+    struct spin_map map;
+    size_t size;
+    int n_good = 0, n_unnamed = 0;
+
+    copy_file(file, copy);
+    if (spin_map_open(copy, &map) != SPIN_OK)
+        exit(1);
+    size = map.size;
+    spin_map_close(&map);
+    for (int i = 0; i < 60; i++) {
+        size_t to = i < 30 ? size - 1 - (size_t)i : size * (size_t)(i - 30) / 30;
+
+        copy_file(copy, file);
+        if (truncate(file, (off_t)to) != 0)
+            exit(1);
+        if (read_all(from, path) == SPIN_OK)
+            n_good++;
+        else
+            n_unnamed += !strstr(spin_last_error(), name);
+    }
+    copy_file(copy, file);
+    ok(n_good == 0 && n_unnamed == 0, "%s", what);
+    if (n_good || n_unnamed)
+        printf("#   %d could be read, %d messages without the name\n", n_good, n_unnamed);
+}
+
+#endif

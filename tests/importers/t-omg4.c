@@ -1,0 +1,277 @@
+/* omg4: code books, networks and both flavours against the fixtures, and files that lie: in the xz,
+ * and in the pickle inside it.
+ * K: omg4 import threads */
+#include "tests/importers/slices.h"
+
+#include <lzma.h>
+
+#include "io/xz.h"
+
+#define FROM "omg4"
+
+static const char *const ten[] = {"time-duration", "0,10", NULL};
+
+/* ---- Fixtures -------------------------------------------------------------------------------- */
+
+struct tables {
+    struct table mask, mean, opacity, times, sh_index;
+};
+
+/* comp.xz has a mask; of FTGS those are left out that no 8-bit image shows. */
+static size_t seen_rows(const struct table *mask, bool ftgs, size_t block, size_t *row)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < mask->n_rows; i++) {
+        double v = mask->value[block * mask->n_rows + i];
+
+        if (ftgs ? v > 1.0 / 255 : v != 0)
+            row[n++] = i;
+    }
+    return n;
+}
+
+/* Covariances of FTGS are those of an ordinary Gaussian. */
+static void compare_shapes(struct spin_npz *npz, bool ftgs, const size_t *row,
+                           const struct spin_splats *s, const char *what)
+{
+    if (!ftgs) {
+        struct table cov = table_load(npz, "cov6", 1);
+
+        compare_covariances(&cov, 0, row, s, what);
+        free(cov.value);
+        return;
+    }
+    struct table scale = table_load(npz, "raw_scale", 0), quat = table_load(npz, "raw_rotation", 0);
+    struct table cov = {.value = malloc(scale.n_rows * 6 * sizeof(double)),
+                        .n_rows = scale.n_rows,
+                        .n_blocks = 1,
+                        .width = 6};
+
+    for (size_t i = 0; i < scale.n_rows; i++) {
+        double size[3];
+
+        for (size_t c = 0; c < 3; c++)
+            size[c] = exp(scale.value[3 * i + c]);
+        spin_covariance_of(size, quat.value + 4 * i, cov.value + 6 * i);
+    }
+    compare_covariances(&cov, 0, row, s, what);
+    free(scale.value);
+    free(quat.value);
+    free(cov.value);
+}
+
+static void compare_time(struct run *run, struct spin_npz *npz, const struct tables *t, bool ftgs,
+                         size_t index, const char *name)
+{
+    double time = t->times.value[index];
+    size_t *row = malloc(t->mask.n_rows * sizeof *row);
+    size_t n = seen_rows(&t->mask, ftgs, index, row);
+    struct spin_splats s = {0};
+    char what[200];
+
+    snprintf(what, sizeof what, "%s at %g", name, time);
+    if (run->importer->frame(run->self, 0, time, run->track.columns, &s) != SPIN_OK) {
+        ok(0, "%s: %s", what, spin_last_error());
+    } else if (ok(s.n == n && s.sh_degree == 3, "%s: %zu Gaussians are seen", what, n)) {
+        compare_rows(&t->mean, index, row, n, s.means, 3, 1e-4, 1e-4, what);
+        compare_opacities(&t->opacity, index, row, &s, 1e-2, what);
+        compare_shapes(npz, ftgs, row, &s, what);
+        if (t->sh_index.value[0] == (double)index) {
+            struct table sh = table_load(npz, ftgs ? "sh48" : "sh_folded", 0);
+
+            sh.width = 48; /* the first 16 rows of 48 are what FTGS's renderer uses */
+            if (ftgs) {
+                for (size_t i = 1; i < sh.n_rows; i++)
+                    memmove(sh.value + 48 * i, sh.value + 144 * i, 48 * sizeof *sh.value);
+            }
+            compare_rows(&sh, 0, row, n, s.sh, 48, ftgs ? 2e-2 : 4e-2, 0, what);
+            free(sh.value);
+        }
+        check_sane(&s, run->track.columns, what);
+    }
+    spin_splats_free(&s);
+    free(row);
+}
+
+static void compare_fixture(const char *folder, const char *name, bool ftgs)
+{
+    struct tables t;
+    struct spin_npz npz;
+    struct run run;
+
+    if (!ok(open_with(NULL, folder, ten, &run) == SPIN_OK && !strcmp(run.importer->name, FROM) &&
+                run.track.continuous && (strstr(run.track.variant, "FTGS") != NULL) == ftgs,
+            "%s: the folder is recognised and opens", name)) {
+        printf("#   %s\n", spin_last_error());
+        return;
+    }
+    if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK) {
+        ok(0, "%s: %s", name, spin_last_error());
+        run_close(&run);
+        return;
+    }
+    t = (struct tables){table_load(&npz, ftgs ? "marginal" : "mask", 1),
+                        table_load(&npz, "mean", 1), table_load(&npz, "opacity", 1),
+                        table_load(&npz, "times", 0), table_load(&npz, "sh_time_index", 0)};
+    for (size_t i = 0; i < t.times.n_rows; i++)
+        compare_time(&run, &npz, &t, ftgs, i, name);
+    free(t.mask.value);
+    free(t.mean.value);
+    free(t.opacity.value);
+    free(t.times.value);
+    free(t.sh_index.value);
+    spin_npz_close(&npz);
+    run_close(&run);
+}
+
+static void test_times(const char *folder)
+{
+    const char *odd[] = {"time-duration", "10", NULL};
+    struct spin_splats a = {0}, b = {0};
+    struct run run;
+
+    ok(run_open(FROM, folder, &run) == SPIN_OK && run.track.time_first == 0 &&
+           run.track.time_last == 10 && strstr(run.track.notes, "guessed 0,10") &&
+           strstr(run.track.notes, "opacities depend on it"),
+       "without a YAML the range of times is guessed, and the notes say so");
+    ok(run.importer->frame(run.self, 0, 3, run.track.columns, &a) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 8, run.track.columns, &b) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 3, run.track.columns, &b) == SPIN_OK && a.n == b.n &&
+           !memcmp(a.sh, b.sh, 192 * a.n) && !memcmp(a.logit_opacities, b.logit_opacities, 4 * a.n),
+       "a time gives the same bits however often it is asked for");
+    ok(run.importer->frame(run.self, 0, 3, SPIN_COL_MEANS, &b) == SPIN_OK && a.n == b.n &&
+           !memcmp(a.means, b.means, 12 * a.n),
+       "positions alone are the same positions");
+    run_close(&run);
+    fails_with(FROM, folder, odd, "expected A,B", "half a range");
+    spin_splats_free(&a);
+    spin_splats_free(&b);
+}
+
+/* ---- Files that lie -------------------------------------------------------------------------- */
+
+static const char *write_bytes(const char *path, const void *bytes, size_t n)
+{
+    FILE *file = fopen(path, "wb");
+
+    if (!file || fwrite(bytes, 1, n, file) != n || fclose(file) != 0)
+        exit(1);
+    return path;
+}
+
+static const char *write_xz(const char *path, const unsigned char *bytes, size_t n)
+{
+    size_t room = lzma_stream_buffer_bound(n), used = 0;
+    unsigned char *packed = malloc(room);
+
+    if (!packed || lzma_easy_buffer_encode(0, LZMA_CHECK_CRC32, NULL, bytes, n, packed, &used,
+                                           room) != LZMA_OK)
+        exit(1);
+    write_bytes(path, packed, used);
+    free(packed);
+    return path;
+}
+
+/* A copy of the pickle with the first `from` as `to` (of the same length). */
+static void fails_changed(const unsigned char *bytes, size_t n, const char *from, const char *to,
+                          size_t length, const char *word, const char *what)
+{
+    unsigned char *copy = malloc(n), *at;
+    const char *path = path_in(new_folder(), "comp.xz");
+
+    memcpy(copy, bytes, n);
+    at = memmem(copy, n, from, length);
+    if (!at) {
+        ok(0, "%s: there is nothing to change", what);
+    } else {
+        memcpy(at, to, length);
+        fails(FROM, write_xz(path, copy, n), word, what);
+        ok(strstr(spin_last_error(), path) != NULL, "  and the file is named");
+    }
+    free(copy);
+}
+
+static void test_changed(const unsigned char *bytes, size_t n)
+{
+    fails_changed(bytes, n, "MLP_dc", "MLP_dx", 6, "'MLP_dc' is missing", "a network is missing");
+    fails_changed(bytes, n, "M\0\x24\x85", "M\0\x22\x85", 4, "does not fit",
+                  "a network of another size");
+    fails_changed(bytes, n, "scale_index", "scale_indey", 11, "'scale_index'",
+                  "an index is missing");
+    fails_changed(bytes, n, "\x8c\x03xyz", "\x8c\x03xyy", 5, "'xyz'", "positions are missing");
+    fails_changed(bytes, n, "_EndOfFileSymbol", "_EndOfFileSymbox", 16, "_EndOfFileSymbox",
+                  "a class that is not on the list");
+    fails_changed(bytes, n, "M\x40\x01K\x03", "M\x3f\x01K\x03", 5, NULL,
+                  "fewer positions than the others have");
+}
+
+/* Single bytes of the pickle, behind a sound checksum. */
+static void test_flips(const unsigned char *bytes, size_t n)
+{
+    const char *path = path_in(new_folder(), "comp.xz");
+    unsigned char *copy = malloc(n);
+    int n_read = 0;
+
+    memcpy(copy, bytes, n);
+    for (size_t i = 0; i < 150; i++) {
+        size_t at = i * 2654435761u % n;
+
+        copy[at] ^= (unsigned char)(1 << i % 8);
+        n_read += read_all(FROM, write_xz(path, copy, n)) == SPIN_OK;
+        copy[at] = bytes[at];
+    }
+    ok(n_read < 150, "150 damaged pickles are survived (%d can be read)", n_read);
+    for (size_t i = 1; i < 60; i++)
+        n_read -= read_all(FROM, write_xz(path, copy, n * i / 60)) == SPIN_OK ? 1000 : 0;
+    ok(n_read >= 0, "no truncation of the pickle can be read");
+    free(copy);
+}
+
+static void test_xz(const char *file)
+{
+    const char *folder = new_folder(), *path = path_in(folder, "comp.xz");
+    unsigned char *bytes = NULL, *zeros = calloc(1, 2u << 20);
+    size_t n = 0;
+
+    fails(FROM, write_bytes(path, "not an xz file at all", 21), "not an xz file", "no xz");
+    fails(FROM, write_bytes(path, "", 0), path, "an empty file");
+    fails(FROM, write_xz(path, (const unsigned char *)"hello", 5), path, "an xz of something else");
+    ok(spin_xz_load(write_xz(path, zeros, 2u << 20), (2u << 20) - 1, &bytes, &n) ==
+               SPIN_E_UNSUPPORTED &&
+           strstr(spin_last_error(), "unpacks to more than") && !bytes,
+       "what unpacks to more than the bound is refused");
+    ok(spin_xz_load(path, 2u << 20, &bytes, &n) == SPIN_OK && n == 2u << 20 &&
+           !memcmp(bytes, zeros, n),
+       "what fits exactly is not");
+    free(bytes);
+    free(zeros);
+    fails(FROM, folder, path, "a folder with that file");
+    fails(FROM, new_folder(), "holds no comp.xz", "an empty folder");
+    ok(read_truncations(FROM, file) == 0, "no truncation of the file can be read");
+    survive_flips(FROM, file);
+}
+
+TAP_MAIN
+{
+    const char *root = check_fixture("omg4");
+    unsigned char *bytes = NULL;
+    size_t n = 0;
+
+    spin_log_set_level(-2);
+    if (!root) {
+        skip("omg4 fixtures", "there are none here");
+        return;
+    }
+    compare_fixture(path_in(root, "comp_xz"), "comp_xz", false);
+    compare_fixture(path_in(root, "ftgs_xz"), "ftgs_xz", true);
+    test_times(path_in(root, "comp_xz"));
+    test_xz(path_in(root, "ftgs_xz/ftgs.xz"));
+    if (spin_xz_load(path_in(root, "comp_xz/comp.xz"), 1u << 30, &bytes, &n) != SPIN_OK) {
+        ok(0, "unpacks comp.xz: %s", spin_last_error());
+        return;
+    }
+    test_changed(bytes, n);
+    test_flips(bytes, n);
+    free(bytes);
+}

@@ -1,0 +1,544 @@
+/* realtime4dgs: every fixture at every time against the method's own numbers, both conventions of
+ * rotation, settings found and guessed, forks, and files that lie.
+ * K: realtime4dgs import */
+#include "tests/importers/slices.h"
+
+#define FROM "realtime4dgs"
+
+/* ---- Fixtures -------------------------------------------------------------------------------- */
+
+/* Rows that the mask of one time says are seen. */
+static size_t seen_rows(const struct table *mask, size_t block, size_t *row)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < mask->n_rows; i++) {
+        if (mask->value[block * mask->n_rows + i] != 0)
+            row[n++] = i;
+    }
+    return n;
+}
+
+static void compare_time(struct run *run, struct spin_npz *npz, size_t index, double time,
+                         const char *name)
+{
+    struct table mask = table_load(npz, "mask", 1), mean = table_load(npz, "mean", 1);
+    struct table cov = table_load(npz, "cov6", 1), opacity = table_load(npz, "opacity", 1);
+    struct table sh = table_load(npz, "sh_folded", 1), eye = table_load(npz, "campos", 0);
+    struct table at = table_load(npz, "sh_folded_time_index", 0);
+    struct table rgb = table_load(npz, "rgb_dir_from_sliced_mean", 1);
+    size_t *row = malloc(mask.n_rows * sizeof *row), n = seen_rows(&mask, index, row);
+    struct spin_splats s = {0};
+    char what[200];
+
+    snprintf(what, sizeof what, "%s at %g", name, time);
+    if (run->importer->frame(run->self, 0, time, run->track.columns, &s) != SPIN_OK) {
+        ok(0, "%s: %s", what, spin_last_error());
+    } else if (ok(s.n == n, "%s: %zu Gaussians are seen", what, n)) {
+        size_t width = 3 * (size_t)((s.sh_degree + 1) * (s.sh_degree + 1));
+
+        compare_rows(&mean, index, row, n, s.means, 3, 1e-4, 1e-4, what);
+        compare_covariances(&cov, 0, row, &s, what);
+        compare_opacities(&opacity, index, row, &s, 1e-5, what);
+        for (size_t k = 0; k < at.n_rows; k++) {
+            if (at.value[k] == (double)index)
+                compare_rows(&sh, k, row, n, s.sh, width, 1e-5, 0, what);
+        }
+        compare_colours(&rgb, &eye, index, row, &s, 1e-4, what);
+        check_sane(&s, run->track.columns, what);
+    }
+    spin_splats_free(&s);
+    free(row);
+    free(rgb.value);
+    free(eye.value);
+    free(mask.value);
+    free(mean.value);
+    free(cov.value);
+    free(opacity.value);
+    free(sh.value);
+    free(at.value);
+}
+
+static void compare_fixture(const char *folder, const char *name)
+{
+    const char *expected = path_in(folder, "expected.npz");
+    struct spin_npz npz;
+    struct table times;
+    struct run run;
+
+    if (!ok(run_open(NULL, folder, &run) == SPIN_OK && !strcmp(run.importer->name, FROM),
+            "%s: the folder is recognised and opens", name)) {
+        printf("#   %s\n", spin_last_error());
+        return;
+    }
+    ok(run.track.continuous && run.track.columns == (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES),
+       "%s: is defined at any time, with all attributes", name);
+    ok(!strstr(run.track.notes, "time_duration is not"), "%s: the YAML is found", name);
+    if (spin_npz_open(expected, &npz) != SPIN_OK) {
+        ok(0, "%s: %s", name, spin_last_error());
+        run_close(&run);
+        return;
+    }
+    times = table_load(&npz, "times", 0);
+    for (size_t i = 0; i < times.n_rows; i++)
+        compare_time(&run, &npz, i, times.value[i], name);
+    free(times.value);
+    spin_npz_close(&npz);
+    run_close(&run);
+}
+
+/* gaussian_dim 3 is plain 3DGS: raw values, once. */
+static void compare_static(const char *folder)
+{
+    struct spin_npz npz;
+    struct spin_splats s = {0};
+    struct table xyz, scaling, opacity, dc;
+    size_t row[150];
+    struct run run;
+
+    for (size_t i = 0; i < 150; i++)
+        row[i] = i;
+    if (!ok(run_open(NULL, folder, &run) == SPIN_OK && !run.track.continuous &&
+                run.track.n_frames == 1 && run.track.counts[0] == 150,
+            "dim3_static: one frame of 150") ||
+        run.importer->frame(run.self, 0, 7, run.track.columns, &s) != SPIN_OK || s.n != 150 ||
+        spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK) {
+        ok(0, "dim3_static: %s", spin_last_error());
+        return;
+    }
+    xyz = table_load(&npz, "raw_xyz", 0);
+    scaling = table_load(&npz, "raw_scaling", 0);
+    opacity = table_load(&npz, "raw_opacity", 0);
+    dc = table_load(&npz, "raw_features_dc", 0);
+    compare_rows(&xyz, 0, row, s.n, s.means, 3, 0, 0, "dim3_static: means, exactly");
+    compare_rows(&scaling, 0, row, s.n, s.log_scales, 3, 0, 0, "dim3_static: scales, exactly");
+    compare_rows(&opacity, 0, row, s.n, s.logit_opacities, 1, 1e-4, 0, "dim3_static: opacities");
+    compare_rows(&dc, 0, row, s.n, s.sh, 48, 0, 0, "dim3_static: colours, exactly");
+    check_sane(&s, run.track.columns, "dim3_static: nothing odd");
+    free(xyz.value);
+    free(scaling.value);
+    free(opacity.value);
+    free(dc.value);
+    spin_npz_close(&npz);
+    run_close(&run);
+    spin_splats_free(&s);
+}
+
+/* ---- Settings -------------------------------------------------------------------------------- */
+
+static const char *copy_into(const char *folder, const char *from, const char *name)
+{
+    const char *path = path_in(folder, name);
+    struct spin_map map;
+    FILE *file;
+
+    if (spin_map_open(from, &map) != SPIN_OK || !(file = fopen(path, "wb")))
+        exit(1);
+    fwrite(map.data, 1, map.size, file);
+    fclose(file);
+    spin_map_close(&map);
+    return path;
+}
+
+static void write_text(const char *path, const char *text)
+{
+    FILE *file = fopen(path, "w");
+
+    if (!file)
+        exit(1);
+    fputs(text, file);
+    fclose(file);
+}
+
+static void test_times(const char *root)
+{
+    const char *original = path_in(root, "rot4d_sht/chkpnt7000.pth"), *folder = new_folder();
+    const char *file = copy_into(folder, original, "renamed.pth"), *yaml;
+    const char *five[] = {"time-duration", "0,5", NULL}, *wrong[] = {"time-duration", "5", NULL};
+    const char *back[] = {"time-duration", "5,0", NULL};
+    struct spin_splats a = {0}, b = {0};
+    struct run run;
+
+    ok(run_open(NULL, file, &run) == SPIN_OK && run.track.time_first == 0 &&
+           run.track.time_last == 5 && strstr(run.track.notes, "guessed 0,5"),
+       "without a YAML the range of times is guessed, and the notes say so");
+    ok(strstr(run.track.notes, "colours depend on it") != NULL, "and that colours depend on it");
+    ok(strstr(run.track.variant, "iteration 7000") != NULL, "the iteration inside is told");
+    run_close(&run);
+    ok(open_with(FROM, file, five, &run) == SPIN_OK &&
+           !strstr(run.track.notes, "time_duration is not"),
+       "the range may be given");
+    run.importer->frame(run.self, 0, 2, run.track.columns, &a);
+    run_close(&run);
+    fails_with(FROM, file, wrong, "expected A,B", "half a range");
+    fails_with(FROM, file, back, "A < B", "a range backwards");
+
+    yaml = path_in(new_folder(), "my.yaml");
+    write_text(yaml, "ModelParams:\n  time_duration: # block\n    - 0.0\n    - 10.0\n"
+                     "  frame_ratio: 2\n");
+    const char *config[] = {"config", yaml, NULL};
+    write_text(path_in(folder, "cfg_args"), "Namespace(sh_degree=3, frame_ratio=2)");
+    ok(open_with(FROM, file, config, &run) == SPIN_OK && run.track.time_last == 10,
+       "a YAML named by the user, as a block list");
+    run.importer->frame(run.self, 0, 4, run.track.columns, &b);
+    ok(a.n == b.n && !memcmp(a.means, b.means, 12 * a.n) && !memcmp(a.sh, b.sh, 192 * a.n),
+       "frame_ratio 2: time 4 of the data set is the file's 2");
+    run_close(&run);
+    write_text(path_in(folder, "cfg_args"), "Namespace(frame_ratio='x')");
+    fails_with(FROM, file, five, "frame_ratio", "a frame_ratio that is no number");
+    write_text(yaml, "time_duration: [1, 1]\n");
+    write_text(path_in(folder, "cfg_args"), "Namespace(frame_ratio=1)");
+    fails_with(FROM, file, config, "time_duration is [1, 1]", "an empty time_duration");
+    spin_splats_free(&a);
+    spin_splats_free(&b);
+}
+
+static void test_conventions(const char *root)
+{
+    static const char *const names[] = {"rot4d_sht", "rot4d_noshfs", "rot4d_preflip",
+                                        "rot4d_sh3d_env"};
+    const char *today[] = {"convention", "today", NULL}, *older[] = {"convention", "older", NULL};
+    const char *odd[] = {"convention", "new", NULL};
+    struct run run;
+
+    for (int i = 0; i < 4; i++) {
+        const char *path = path_in(root, names[i]);
+
+        ok(run_open(FROM, path, &run) == SPIN_OK &&
+               strstr(run.track.notes, i == 2 ? "guessed 'older'" : "guessed 'today'"),
+           "%s: the convention is guessed right, and the notes say that it is a guess", names[i]);
+        run_close(&run);
+        ok(open_with(FROM, path, i == 2 ? today : older, &run) == SPIN_OK &&
+               strstr(run.track.notes, "speak for the other") &&
+               !strstr(run.track.notes, "guessed '"),
+           "%s: the wrong one may be asked for, and is doubted", names[i]);
+        run_close(&run);
+        ok(open_with(FROM, path, i == 2 ? older : today, &run) == SPIN_OK &&
+               !strstr(run.track.notes, "convention"),
+           "%s: the right one is not", names[i]);
+        run_close(&run);
+    }
+    fails_with(FROM, path_in(root, names[0]), odd, "expected auto, today or older",
+               "a convention that is none");
+}
+
+static void test_notes(const char *root)
+{
+    struct run run;
+
+    ok(run_open(FROM, path_in(root, "rot4d_sh3d_env"), &run) == SPIN_OK &&
+           strstr(run.track.notes, "environment map is lost"),
+       "the loss of an environment map is noted");
+    run_close(&run);
+    ok(run_open(FROM, path_in(root, "rot4d_noshfs"), &run) == SPIN_OK && run.track.sh_degree == 2,
+       "only the active degree is there");
+    run_close(&run);
+}
+
+/* A checkpoint of OMG4 after its networks took over. */
+static void test_stale(void)
+{
+    const char *folder = check_fixture("omg4/stale_chkpnt");
+    struct spin_splats s = {0};
+    struct run run;
+
+    if (!folder) {
+        skip("omg4/stale_chkpnt", "it is not here");
+        return;
+    }
+    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.track.notes, "OMG4") &&
+           run.track.columns == (SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES) &&
+           run.track.sh_degree == -1,
+       "a stale checkpoint of OMG4 gives geometry only, and says so");
+    ok(run.importer->frame(run.self, 0, run.track.time_first, run.track.columns, &s) == SPIN_OK &&
+           s.n > 0 && s.n < 120,
+       "and its Gaussians come and go in time");
+    check_sane(&s, run.track.columns, "and they are sane");
+    run_close(&run);
+    spin_splats_free(&s);
+}
+
+/* ---- Pickles made here ----------------------------------------------------------------------- */
+
+/* A legacy torch stream, written as protocol 2. Storages are float, all cut from one stock of
+ * zeros. */
+struct writer {
+    FILE *file;
+    int n_storages, count[32];
+};
+
+static void put(struct writer *w, const char *bytes, size_t n) { fwrite(bytes, 1, n, w->file); }
+
+#define PUT(w, text) put(w, text, sizeof(text) - 1)
+
+static void put_int(struct writer *w, int value)
+{
+    fputc('J', w->file);
+    for (int i = 0; i < 4; i++)
+        fputc(value >> 8 * i & 255, w->file);
+}
+
+static void put_text(struct writer *w, const char *text)
+{
+    int n = (int)strlen(text);
+
+    fputc('X', w->file);
+    for (int i = 0; i < 4; i++)
+        fputc(n >> 8 * i & 255, w->file);
+    put(w, text, (size_t)n);
+}
+
+/* b, c 0: fewer dimensions. */
+static void put_tensor(struct writer *w, int a, int b, int c)
+{
+    int sizes[3] = {a, b, c}, n = c ? 3 : b ? 2 : 1, count = a * (b ? b : 1) * (c ? c : 1);
+    char key[12];
+
+    PUT(w, "ctorch._utils\n_rebuild_tensor_v2\n((");
+    put_text(w, "storage");
+    PUT(w, "ctorch\nFloatStorage\n");
+    snprintf(key, sizeof key, "%d", w->n_storages);
+    put_text(w, key);
+    put_text(w, "cuda:0");
+    put_int(w, count);
+    PUT(w, "NtQ");
+    put_int(w, 0);
+    fputc('(', w->file);
+    for (int i = 0; i < n; i++)
+        put_int(w, sizes[i]);
+    PUT(w, "t(");
+    for (int i = 0; i < n; i++)
+        put_int(w, (i < 1 ? (b ? b : 1) : 1) * (i < 2 ? (c ? c : 1) : 1));
+    PUT(w, "t\x89"
+           "ccollections\nOrderedDict\n)RtR");
+    w->count[w->n_storages++] = count;
+}
+
+static void begin_stream(struct writer *w, const char *path)
+{
+    memset(w, 0, sizeof *w);
+    w->file = fopen(path, "wb");
+    if (!w->file)
+        exit(1);
+    PUT(w, "\x80\x02\x8a\x0al\xfc\x9c\x46\xf9 j\xa8P\x19.\x80\x02M\xe9\x03.\x80\x02}(");
+    put_text(w, "protocol_version");
+    PUT(w, "M\xe9\x03");
+    put_text(w, "little_endian");
+    PUT(w, "\x88");
+    put_text(w, "type_sizes");
+    PUT(w, "}u.\x80\x02");
+}
+
+/* Storages hold this: logits 0, scales 1, quaternions of four equal numbers. */
+static void end_stream(struct writer *w, float value)
+{
+    PUT(w, ".\x80\x02](");
+    for (int i = 0; i < w->n_storages; i++) {
+        char key[12];
+
+        snprintf(key, sizeof key, "%d", i);
+        put_text(w, key);
+    }
+    PUT(w, "e.");
+    for (int i = 0; i < w->n_storages; i++) {
+        int64_t n = w->count[i];
+
+        fwrite(&n, sizeof n, 1, w->file);
+        for (int k = 0; k < n; k++)
+            fwrite(&value, sizeof value, 1, w->file);
+    }
+    fclose(w->file);
+}
+
+struct shape {
+    int n, rest, quats, right, degree, degree_t, items;
+    float value;
+};
+
+/* (model, iteration) with rot_4d set. */
+static const char *write_checkpoint(const char *path, const struct shape *s)
+{
+    struct writer w;
+
+    begin_stream(&w, path);
+    PUT(&w, "((");
+    put_int(&w, s->degree);
+    put_tensor(&w, s->n, 3, 0);
+    put_tensor(&w, s->n, 1, 3);
+    put_tensor(&w, s->n, s->rest, 3);
+    put_tensor(&w, s->n, 3, 0);
+    put_tensor(&w, s->n, s->quats, 0);
+    put_tensor(&w, s->n, 1, 0);
+    PUT(&w, "NNNN}G\0\0\0\0\0\0\0\0");
+    put_tensor(&w, s->n, 1, 0);
+    put_tensor(&w, s->n, 1, 0);
+    put_tensor(&w, s->right, s->right ? 4 : 0, 0);
+    PUT(&w, "\x88N");
+    put_int(&w, s->degree_t);
+    for (int i = 19; i < s->items; i++)
+        PUT(&w, "N");
+    PUT(&w, "t");
+    put_int(&w, 123);
+    PUT(&w, "t");
+    end_stream(&w, s->value);
+    return path;
+}
+
+/* A tuple of so many Nones in place of the model. */
+static const char *write_tuple(const char *path, int n_items)
+{
+    struct writer w;
+
+    begin_stream(&w, path);
+    PUT(&w, "((");
+    for (int i = 0; i < n_items; i++)
+        PUT(&w, "N");
+    PUT(&w, "tK\x01t");
+    end_stream(&w, 0);
+    return path;
+}
+
+static void test_refused(void)
+{
+    static const struct {
+        struct shape s;
+        const char *word, *what;
+    } cases[] = {
+        {{0, 15, 4, 0, 3, 0, 19, 1}, "0 Gaussians", "no Gaussians"},
+        {{5, 15, 3, 5, 3, 0, 19, 1}, "rotation", "quaternions of three numbers"},
+        {{5, 15, 4, 4, 3, 0, 19, 1}, "rotation_r", "right quaternions of another count"},
+        {{5, 15, 4, 0, 3, 0, 19, 1}, "right quaternions are empty", "no right quaternions"},
+        {{5, 16, 4, 5, 3, 0, 19, 1}, "17 rows", "a number of SH rows that none has"},
+        {{5, 60, 4, 5, 3, 0, 19, 1}, "60 rows", "far too many SH rows"},
+        {{5, 15, 4, 5, 4, 0, 19, 1}, "active SH degree", "degree 4"},
+        {{5, 47, 4, 5, 3, 3, 19, 1}, "temporal SH degree", "temporal degree 3"},
+        {{5, 15, 4, 5, 3, 0, 21, 1}, "21 items", "a tuple of another length"},
+        {{5, 15, 4, 5, 3, 0, 19, NAN}, "finite", "NaN everywhere"},
+        {{5, 15, 4, 5, 3, 0, 19, 0}, "finite", "quaternions without direction"},
+        {{5, 15, 4, 5, 3, 0, 19, 400}, "finite", "scales beyond measure"},
+    };
+    const char *folder = new_folder(), *path = path_in(folder, "chkpnt1.pth");
+    const struct shape good = {5, 47, 4, 5, 3, 2, 20, 1};
+    struct spin_splats s = {0};
+    struct run run;
+
+    ok(run_open(NULL, write_checkpoint(path, &good), &run) == SPIN_OK &&
+           strstr(run.track.notes, "mask of a fork") && strstr(run.track.variant, "iteration 123"),
+       "a fork's 20 items are read, its mask is not");
+    if (run.self) {
+        ok(run.importer->frame(run.self, 0, 1, run.track.columns, &s) == SPIN_OK && s.n == 5,
+           "and give their Gaussians");
+        check_sane(&s, run.track.columns, "which are sane");
+    } else {
+        printf("#   %s\n", spin_last_error());
+    }
+    run_close(&run);
+    spin_splats_free(&s);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        write_checkpoint(path, &cases[i].s);
+        fails(FROM, path, cases[i].word, cases[i].what);
+        ok(strstr(spin_last_error(), "chkpnt1.pth") != NULL, "  and the file is named");
+    }
+    fails(FROM, write_tuple(path, 18), "PVG", "a model of PVG");
+    fails(FROM, write_tuple(path, 15), "15 items", "a model of yet another method");
+    fails(FROM, write_tuple(path, 19), "xyz", "a tuple of the right length without tensors");
+    fails(FROM, new_folder(), "chkpnt<N>.pth", "a folder without checkpoints");
+    fails(FROM, "no/such.pth", "no/such.pth", "a missing file");
+}
+
+/* What loaded_pth takes: features with their axes swapped. */
+static void test_dicts(void)
+{
+    const char *folder = new_folder(), *path = path_in(folder, "init.pth");
+    static const struct {
+        const char *key;
+        int b, c;
+    } items[] = {{"xyz", 3, 0},       {"features_dc", 3, 1}, {"features_rest", 3, 47},
+                 {"t", 1, 0},         {"scaling", 3, 0},     {"rotation", 4, 0},
+                 {"scaling_t", 1, 0}, {"rotation_r", 4, 0},  {"opacity", 1, 0}};
+    struct writer w;
+    struct run run;
+
+    for (int fork = 0; fork < 2; fork++) {
+        begin_stream(&w, path);
+        put(&w, fork ? "(}(" : "}(", fork ? 3 : 2);
+        for (size_t i = 0; i < sizeof items / sizeof *items; i++) {
+            char key[32];
+
+            snprintf(key, sizeof key, "%s%s", fork ? "_" : "", items[i].key);
+            put_text(&w, key);
+            if (fork && i == 1)
+                put_tensor(&w, 6, 1, 3);
+            else if (fork && i == 2)
+                put_tensor(&w, 6, 47, 3);
+            else
+                put_tensor(&w, 6, items[i].b, items[i].c);
+        }
+        if (fork) {
+            put_text(&w, "active_sh_degree");
+            put_int(&w, 3);
+            put_text(&w, "active_sh_degree_t");
+            put_int(&w, 2);
+            put_text(&w, "rot_4d");
+            PUT(&w, "\x88");
+        }
+        PUT(&w, "u");
+        if (fork) {
+            put_int(&w, 77);
+            PUT(&w, "t");
+        }
+        end_stream(&w, 1);
+        ok(run_open(FROM, path, &run) == SPIN_OK && strstr(run.track.variant, "rot_4d") &&
+               strstr(run.track.variant, "with time") &&
+               (strstr(run.track.variant, "iteration 77") != NULL) == fork,
+           fork ? "a fork's dict of attributes is read" : "the dict of loaded_pth is read");
+        if (!run.self)
+            printf("#   %s\n", spin_last_error());
+        run_close(&run);
+    }
+}
+
+static void test_hostile(void)
+{
+    const char *root = check_fixture("torch_container/malformed");
+    char **names = NULL;
+    size_t n = 0;
+
+    if (!root || spin_folder_list(root, &names, &n) != SPIN_OK) {
+        skip("torch_container/malformed", "it is not here");
+        return;
+    }
+    for (size_t i = 0; i < n; i++) {
+        const char *path = path_in(root, names[i]);
+
+        if (strstr(names[i], ".pth"))
+            fails(FROM, path, names[i], names[i]);
+    }
+    spin_folder_list_free(names);
+}
+
+TAP_MAIN
+{
+    static const char *const names[] = {"norot4d_sht", "rot4d_noshfs", "rot4d_preflip",
+                                        "rot4d_sh3d_env", "rot4d_sht"};
+    const char *root = check_fixture("realtime4dgs");
+
+    spin_log_set_level(-2);
+    test_refused();
+    test_dicts();
+    test_hostile();
+    test_stale();
+    if (!root) {
+        skip("realtime4dgs fixtures", "there are none here");
+        return;
+    }
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        compare_fixture(path_in(root, names[i]), names[i]);
+    compare_static(path_in(root, "dim3_static"));
+    test_times(root);
+    test_conventions(root);
+    test_notes(root);
+    ok(read_truncations(FROM, path_in(root, "dim3_static/chkpnt7000.pth")) == 0,
+       "no truncation of a checkpoint can be read");
+    survive_flips(FROM, path_in(root, "dim3_static/chkpnt7000.pth"));
+}
