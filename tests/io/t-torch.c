@@ -7,7 +7,7 @@
 #include "tests/check.h"
 #include "tests/tap.h"
 
-static char path[512];
+static char path[1024];
 
 static const char *in(const char *folder, const char *name)
 {
@@ -328,7 +328,7 @@ static const char *make_file(const char *top, const void *extra_name, uint32_t n
     static char file[512];
     char pkl[1024], entry[64];
     size_t n = sizeof head - 1;
-    float *large = calloc(n_large, sizeof *large);
+    float *large = calloc(n_large > 1000 ? n_large : 1000, sizeof *large);
     struct spin_zip_writer w;
 
     snprintf(file, sizeof file, "%s/x.pth", check_folder());
