@@ -41,8 +41,12 @@ static int probe(const struct spin_peek *peek)
 {
     bool deform = false, cloud = false;
 
-    if (!peek->is_folder)
-        return 0;
+    if (!peek->is_folder) /* the keys of the state dict are near the beginning */
+        return strcmp(spin_path_name(peek->path), "deform.pth") == 0 &&
+                       (memmem(peek->head, peek->n_head, "linear.0.weight", 15) ||
+                        memmem(peek->head, peek->n_head, "timenet.0.weight", 16))
+                   ? 85
+                   : 0;
     for (size_t i = 0; peek->names && peek->names[i]; i++) {
         deform = deform || strcmp(peek->names[i], "deform") == 0;
         cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
@@ -113,15 +117,13 @@ static spin_status join3(const char *folder, const char *name, const char *file,
     return status;
 }
 
-static spin_status find_save(const char *path, const char *wanted, struct save *out)
+/* The save `wanted` of a model, NULL: the last. */
+static spin_status find_in_model(const char *path, const char *wanted, struct save *out)
 {
     struct canonical_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
     char *clouds = NULL, *deforms = NULL;
     spin_status status;
 
-    if (!spin_path_is_folder(path))
-        return spin_fail(SPIN_E_USAGE, "'%s' is not what is read here: give the model's folder",
-                         path);
     SPIN_TRY_OUT(spin_path_join(path, "point_cloud", &clouds));
     SPIN_TRY_OUT(spin_path_join(path, "deform", &deforms));
     if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms)) {
@@ -144,6 +146,39 @@ static spin_status find_save(const char *path, const char *wanted, struct save *
     SPIN_TRY_OUT(join3(deforms, out->name, "deform.pth", &out->network));
 out:
     free(clouds);
+    free(deforms);
+    return status;
+}
+
+/* `path` is the model's folder, or MODEL/deform/iteration_<N>/deform.pth, which says the save. */
+static spin_status find_save(const char *path, const char *wanted, char **model, struct save *out)
+{
+    static const char save[] = "iteration_";
+    char *whole = NULL, *folder = NULL, *deforms = NULL;
+    const char *name;
+    spin_status status;
+
+    if (spin_path_is_folder(path)) {
+        SPIN_TRY(spin_strdup(path, model));
+        return find_in_model(*model, wanted, out);
+    }
+    SPIN_TRY_OUT(spin_path_absolute(path, &whole));
+    SPIN_TRY_OUT(spin_path_folder(whole, &folder));
+    SPIN_TRY_OUT(spin_path_folder(folder, &deforms));
+    name = spin_path_name(folder);
+    if (strcmp(spin_path_name(whole), "deform.pth") != 0 ||
+        strncmp(name, save, sizeof save - 1) != 0) {
+        status = spin_fail(SPIN_E_USAGE,
+                           "'%s' is not what is read here: give the model's folder, or its "
+                           "deform/iteration_<N>/deform.pth",
+                           path);
+        goto out;
+    }
+    SPIN_TRY_OUT(spin_path_folder(deforms, model));
+    status = find_in_model(*model, name + sizeof save - 1, out);
+out:
+    free(whole);
+    free(folder);
     free(deforms);
     return status;
 }
@@ -366,13 +401,15 @@ static spin_status deformable_open(const char *path, const struct spin_plugin_va
                                    void **self, struct spin_track *track)
 {
     struct save save = {NULL, NULL, NULL};
+    char *model = NULL;
     spin_status status;
 
     *track = (struct spin_track){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    status = find_save(path, spin_plugin_value(values, "iteration", NULL), &save);
+    status = find_save(path, spin_plugin_value(values, "iteration", NULL), &model, &save);
     if (status == SPIN_OK)
-        status = open_model(path, &save, *self, track);
+        status = open_model(model, &save, *self, track);
+    free(model);
     save_free(&save);
     return status;
 }

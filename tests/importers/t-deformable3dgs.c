@@ -52,9 +52,23 @@ static void compare_time(struct spin_npz *npz, int index, const char *name,
     free(xyz_want);
 }
 
+static const char *only_entry(const char *folder)
+{
+    char **names = NULL;
+    const char *entry = NULL;
+    size_t n = 0;
+
+    if (spin_folder_list(folder, &names, &n) != SPIN_OK || n == 0)
+        exit(1);
+    entry = path_in(folder, names[0]);
+    spin_folder_list_free(names);
+    return entry;
+}
+
 static void test_fixture(const char *folder, const char *name)
 {
     const char *model = path_in(folder, "model");
+    const char *network = path_in(only_entry(path_in(model, "deform")), "deform.pth");
     const struct spin_importer *found = NULL;
     struct spin_splats s = {0};
     struct spin_array info;
@@ -65,6 +79,9 @@ static void test_fixture(const char *folder, const char *name)
     ok(spin_importer_find(model, NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, "deformable3dgs"),
        "%s: the model's folder is recognised", name);
+    ok(spin_importer_find(network, NULL, false, &found) == SPIN_OK &&
+           !strcmp(found->name, "deformable3dgs") && read_all(NULL, network) == SPIN_OK,
+       "%s: so is the checkpoint alone", name);
     if (!ok(model_open("deformable3dgs", model, NULL, &run) == SPIN_OK, "%s: opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;
@@ -92,19 +109,6 @@ static void test_fixture(const char *folder, const char *name)
 }
 
 /* ---- Models made here ------------------------------------------------------------------------ */
-
-static const char *only_entry(const char *folder)
-{
-    char **names = NULL;
-    const char *entry = NULL;
-    size_t n = 0;
-
-    if (spin_folder_list(folder, &names, &n) != SPIN_OK || n == 0)
-        exit(1);
-    entry = path_in(folder, names[0]);
-    spin_folder_list_free(names);
-    return entry;
-}
 
 /* A fixture's cloud and a network (NULL: the same), saved at these iterations (0: not at all). */
 static const char *make_model(const char *folder, const struct pth *pth, int cloud_at,
@@ -180,8 +184,8 @@ static void test_saves(const char *folder)
     model_fails("deformable3dgs", make_model(folder, NULL, 0, 7000, NULL), NULL, NULL,
                 "'point_cloud'", "no clouds");
     model_fails("deformable3dgs",
-                path_in(only_entry(path_in(folder, "model/deform")), "deform.pth"), NULL, NULL,
-                "give the model's folder", "a file alone is not a model");
+                path_in(only_entry(path_in(folder, "model/point_cloud")), "point_cloud.ply"), NULL,
+                NULL, "give the model's folder", "a cloud alone is not a model");
     ok(model_open("deformable3dgs", make_model(folder, NULL, 2000, 2000, NULL), NULL, &run) ==
                SPIN_OK &&
            strstr(run.track.notes, "before iteration 3000"),

@@ -15,6 +15,18 @@ static const char *in(const char *folder, const char *name)
     return path;
 }
 
+/* A file of ours; the folder is one, the names are used again. */
+static const char *ours(const char *name)
+{
+    static const char *folder;
+    static char file[512];
+
+    if (!folder)
+        folder = check_folder();
+    snprintf(file, sizeof file, "%.400s/%.40s", folder, name);
+    return file;
+}
+
 /* ---- The same object in every container ------------------------------------------------------ */
 
 /* "nested/list/1/0" from the root on. */
@@ -325,13 +337,12 @@ static const char *make_file(const char *top, const void *extra_name, uint32_t n
 {
     static const char head[] = "\x80\x02(";
     static const char *const name[] = {"0", "1"};
-    static char file[512];
+    const char *file = ours("x.pth");
     char pkl[1024], entry[64];
     size_t n = sizeof head - 1;
     float *large = calloc(n_large > 1000 ? n_large : 1000, sizeof *large);
     struct spin_zip_writer w;
 
-    snprintf(file, sizeof file, "%s/x.pth", check_folder());
     memcpy(pkl, head, n);
     for (int i = 0; i < 2; i++) {
         uint32_t count = i ? n_large : 1000;

@@ -5,7 +5,7 @@ Usage: check-export.py BUNDLE.spin FOLDER_OF_PLY
 
 An independent reading of man/spin-bundle.5: nothing of spin4d is used. Prints the largest deviation of
 each attribute, checks the names and the order of the 62 properties, and exits 1 when a value is off.
-Needs numpy.
+A network of SH degree below 3 must have been exported with --sh 3. Needs numpy.
 """
 import glob
 import json
@@ -81,7 +81,9 @@ def decode(bundle, meta, frame):
     table = bundle["network/table"].astype(np.float64)
     scale, rotation, sh, opacity = heads(bundle["network/heads"], net, encode(table, net, x))
     rotation /= np.maximum(np.linalg.norm(rotation, axis=1, keepdims=True), 1e-12)
-    return means, np.minimum(scale, 20), rotation, sh.reshape(-1, 16, 3), opacity[:, 0]
+    sh = sh.reshape(-1, 16, 3)
+    sh[:, (net["sh_degree"] + 1) ** 2:] = 0  # unused by a network of a lower degree
+    return means, np.minimum(scale, 20), rotation, sh, opacity[:, 0]
 
 
 def read_ply(path):
