@@ -28,7 +28,7 @@ rm -f build/fuzz/lib/lib.a
 find build/fuzz/lib -name '*.o' -exec ar rcs build/fuzz/lib/lib.a {} +
 # shellcheck disable=SC2086
 clang $FLAGS -fsanitize=fuzzer,address,undefined -o "$DIR/fuzz-$NAME" "$SOURCE" \
-    build/fuzz/lib/lib.a -lz -ljansson -ldl -lm || exit 1
+    build/fuzz/lib/lib.a -lz -ljansson -llzma -ldl -lm || exit 1
 
 find=
 [ -d "fixtures/hostile/$NAME" ] && find=fixtures/hostile/$NAME
