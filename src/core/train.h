@@ -1,5 +1,5 @@
 /* One training step of the network, and what it keeps between steps (method.md sections 3 to 7). The
- * loop around it - data, schedule of views, evaluation, checkpoints - is retrain.c. */
+ * loop around it - data, schedule of views, evaluation, checkpoints - is retrain*.c. */
 #ifndef SPIN_CORE_TRAIN_H
 #define SPIN_CORE_TRAIN_H
 

@@ -1,0 +1,317 @@
+/* The iterations of a retraining: which views, one step after the other, how good it is by now. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "core/measure.h"
+#include "core/ops.h"
+#include "core/retrain.h"
+#include "math/rng.h"
+
+enum { STREAM_SHUFFLE = 16 };           /* of the random numbers, see math/rng.h */
+static const double save_seconds = 300; /* between states, when --save-every is not given */
+
+/* ---- The schedule of views --------------------------------------------------------------------- */
+
+static void shuffle(const struct spin_retraining *r, uint64_t key, uint32_t *list, size_t n)
+{
+    for (size_t i = n; i > 1; i--) {
+        size_t j = spin_rng_below(r->o->seed, STREAM_SHUFFLE, key << 32 | i, (uint32_t)i);
+        uint32_t keep = list[i - 1];
+
+        list[i - 1] = list[j];
+        list[j] = keep;
+    }
+}
+
+/* One epoch: a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
+ * views of a frame are permuted, cut into groups of V, and the groups permuted. A function of the
+ * seed and the epoch. */
+static spin_status plan_epoch(struct spin_retraining *r, int64_t epoch)
+{
+    size_t n = r->n_train, v = (size_t)r->o->views_per_frame, n_groups = 0;
+    void *block = NULL;
+    uint32_t *views, *groups;
+
+    if (r->epoch == epoch)
+        return SPIN_OK;
+    for (size_t i = 0; i < n; i++)
+        r->sequence[i] = (uint32_t)i;
+    r->epoch = epoch;
+    if (v == 1) {
+        shuffle(r, 2 * (uint64_t)epoch, r->sequence, n);
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_alloc(2 * n, sizeof *views, &block));
+    views = block;
+    groups = views + n;
+    memcpy(views, r->sequence, n * sizeof *views);
+    shuffle(r, 2 * (uint64_t)epoch, views, n);
+    /* Stable by frame: pairs of one frame stay in their shuffled order, side by side. */
+    for (size_t f = 0, k = 0; f < (size_t)r->clip.n_frames; f++) {
+        size_t first = k;
+
+        for (size_t i = 0; i < n; i++)
+            if (r->train[views[i]].frame == (int)f)
+                r->sequence[k++] = views[i];
+        for (size_t i = first; i < k; i += v)
+            groups[n_groups++] = (uint32_t)i;
+    }
+    memcpy(views, r->sequence, n * sizeof *views);
+    shuffle(r, 2 * (uint64_t)epoch + 1, groups, n_groups);
+    for (size_t g = 0, k = 0; g < n_groups; g++) {
+        int frame = r->train[views[groups[g]]].frame;
+
+        for (size_t i = groups[g]; i < n && i < groups[g] + v && r->train[views[i]].frame == frame;
+             i++)
+            r->sequence[k++] = views[i];
+    }
+    free(block);
+    return SPIN_OK;
+}
+
+/* Items of iteration i (from 0), pixels loaded. The last incomplete batch of an epoch is dropped. */
+static spin_status plan_batch(struct spin_retraining *r, int64_t i, struct spin_train_item *items,
+                              const struct spin_pair **pairs)
+{
+    size_t batch = (size_t)r->o->batch;
+    int64_t per_epoch = (int64_t)(r->n_train / batch);
+
+    if (per_epoch < 1)
+        per_epoch = 1;
+    SPIN_TRY(plan_epoch(r, i / per_epoch));
+    for (size_t k = 0; k < batch; k++) {
+        size_t at = ((size_t)(i % per_epoch) * batch + k) % r->n_train;
+        const struct spin_pair *pair = &r->train[r->sequence[at]];
+        float *truth = r->truth + k * 3 * r->max_pixels;
+
+        SPIN_TRY(spin_pixels_get(&r->pixels, pair->view, truth));
+        items[k].frame = pair->frame;
+        items[k].camera = &r->clip.views.view[pair->view].camera;
+        items[k].tint = spin_retrain_camera(r, r->clip.views.view[pair->view].camera_id);
+        items[k].truth = truth;
+        pairs[k] = pair;
+    }
+    return SPIN_OK;
+}
+
+/* ---- Looking at it ------------------------------------------------------------------------------ */
+
+spin_status spin_retrain_measure(struct spin_retraining *r, bool network, struct spin_quality *out)
+{
+    struct spin_player player;
+    struct spin_measure m = {.player = &player,
+                             .clip = &r->clip,
+                             .pixels = &r->pixels,
+                             .pairs = r->test,
+                             .n_pairs = r->n_test,
+                             .background = r->o->background,
+                             .what = network ? "evaluating" : "evaluating the source"};
+    void *block = NULL;
+    spin_status status;
+
+    memset(out, 0, sizeof *out);
+    if (r->n_test == 0)
+        return SPIN_OK;
+    if (network) {
+        SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof(float *), &block));
+        for (int f = 0; f < r->clip.n_frames; f++)
+            ((float **)block)[f] = r->trainer.frame[f].pos;
+        m.live_counts = r->counts;
+        status = spin_player_open_live(&player, &r->device, &r->model, r->trainer.table.p,
+                                       r->trainer.heads.p, block);
+    } else {
+        status = spin_player_open(&player, &r->device, &r->clip.bundle, false);
+    }
+    if (status == SPIN_OK) {
+        status = spin_measure_run(&m, out);
+        spin_player_close(&player);
+    }
+    free(block);
+    return status;
+}
+
+bool spin_retrain_has_source(const struct spin_retraining *r)
+{
+    return (r->clip.bundle.meta.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
+}
+
+/* Truth | before | after of the clip's middle frame, one PNG a test camera. */
+static spin_status preview_view(struct spin_retraining *r, struct spin_player *live,
+                                struct spin_player *source, const struct spin_pair *pair)
+{
+    const struct spin_view *view = &r->clip.views.view[pair->view];
+    size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
+    const float *picture[3];
+    char name[96];
+    char *path = NULL;
+    void *block = NULL;
+    float *values;
+    int n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
+    values = block;
+    SPIN_TRY_OUT(spin_pixels_get(&r->pixels, pair->view, values));
+    picture[n++] = values;
+    if (source) {
+        SPIN_TRY_OUT(spin_player_show(source, spin_retrain_index(r, pair->frame)));
+        SPIN_TRY_OUT(spin_player_draw(source, &view->camera, r->o->background, values + pixels));
+        picture[n++] = values + pixels;
+    }
+    SPIN_TRY_OUT(spin_player_draw(live, &view->camera, r->o->background, values + 2 * pixels));
+    picture[n++] = values + 2 * pixels;
+    snprintf(name, sizeof name, "frame_%05d_cam_%02d_iteration_%07lld.png",
+             spin_retrain_info(r, pair->frame)->number, view->camera_id,
+             (long long)r->trainer.iteration);
+    SPIN_TRY_OUT(spin_path_join(r->o->preview, name, &path));
+    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
+out:
+    free(block);
+    free(path);
+    return status;
+}
+
+static spin_status preview(struct spin_retraining *r)
+{
+    struct spin_player live, source;
+    bool with_source = spin_retrain_has_source(r);
+    int middle = r->clip.n_frames / 2;
+    void *block = NULL;
+    spin_status status;
+
+    if (!r->o->preview || r->n_test == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_folder_make(r->o->preview));
+    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof(float *), &block));
+    for (int f = 0; f < r->clip.n_frames; f++)
+        ((float **)block)[f] = r->trainer.frame[f].pos;
+    status = spin_player_open_live(&live, &r->device, &r->model, r->trainer.table.p,
+                                   r->trainer.heads.p, block);
+    if (status == SPIN_OK && with_source)
+        status = spin_player_open(&source, &r->device, &r->clip.bundle, false);
+    if (status == SPIN_OK)
+        status = spin_player_show_live(&live, middle, r->counts[middle],
+                                       spin_retrain_info(r, middle)->time);
+    for (size_t i = 0; status == SPIN_OK && i < r->n_test; i++)
+        if (r->test[i].frame == middle)
+            status = preview_view(r, &live, with_source ? &source : NULL, &r->test[i]);
+    spin_player_close(&live);
+    if (with_source)
+        spin_player_close(&source);
+    free(block);
+    return status;
+}
+
+spin_status spin_retrain_look(struct spin_retraining *r)
+{
+    struct spin_quality q;
+
+    SPIN_TRY(spin_retrain_measure(r, true, &q));
+    if (q.valid)
+        spin_log(0, "iteration %lld: test PSNR %.3f dB, SSIM %.4f", (long long)r->trainer.iteration,
+                 q.psnr, q.ssim);
+    if (r->log && q.valid) {
+        fprintf(
+            r->log,
+            "{\"iteration\": %lld, \"seconds\": %.3f, \"test_psnr\": %.6f, \"test_ssim\": %.6f}\n",
+            (long long)r->trainer.iteration, r->worked_before_s + spin_now_s() - r->worked_s,
+            q.psnr, q.ssim);
+        fflush(r->log);
+    }
+    r->report->test = q;
+    return preview(r);
+}
+
+static const char *const op_names[] = SPIN_OP_NAMES;
+
+/* One line a step; seconds of each op since the line before. */
+static void log_step(struct spin_retraining *r, const struct spin_train_values *v,
+                     const struct spin_pair *const *pairs, double seconds)
+{
+    FILE *f = r->log;
+
+    fprintf(f,
+            "{\"iteration\": %lld, \"seconds\": %.3f, \"step_s\": %.5f, \"loss\": %.7g, "
+            "\"l1\": %.7g, \"ssim\": %.7g, \"views\": [",
+            (long long)r->trainer.iteration, r->worked_before_s + spin_now_s() - r->worked_s,
+            seconds, v->loss, v->l1, v->ssim);
+    for (int i = 0; i < r->o->batch; i++)
+        fprintf(f, "%s[%d, %d]", i ? ", " : "", spin_retrain_info(r, pairs[i]->frame)->number,
+                r->clip.views.view[pairs[i]->view].camera_id);
+    fprintf(f, "], \"ops_s\": {");
+    for (int i = 0; i < SPIN_N_OPS; i++) {
+        fprintf(f, "%s\"%s\": %.6f", i ? ", " : "", op_names[i], r->device.seconds[i]);
+        r->device.seconds[i] = 0;
+    }
+    fprintf(f, "}}\n");
+}
+
+/* ---- The loop ----------------------------------------------------------------------------------- */
+
+static bool due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
+
+static spin_status stop_or_save(struct spin_retraining *r)
+{
+    bool last = r->trainer.iteration == r->o->iterations;
+
+    if (spin_cancelled()) {
+        SPIN_TRY(spin_retrain_save(r));
+        return spin_fail_cancelled();
+    }
+    if (last)
+        return SPIN_OK;
+    if (r->o->save_every > 0 ? due(r->trainer.iteration, r->o->save_every)
+                             : spin_now_s() - r->saved_s > save_seconds)
+        return spin_retrain_save(r);
+    return SPIN_OK;
+}
+
+spin_status spin_retrain_loop(struct spin_retraining *r)
+{
+    struct spin_trainer *t = &r->trainer;
+    struct spin_train_item *items;
+    const struct spin_pair **pairs;
+    struct spin_progress progress;
+    struct spin_train_values v = {0};
+    double smooth = 0;
+    void *block = NULL, *block2 = NULL;
+    spin_status status;
+
+    spin_progress_begin(&progress, "retraining", "it", t->iteration, r->o->iterations);
+    SPIN_TRY_OUT(spin_alloc((size_t)r->o->batch, sizeof *items, &block));
+    SPIN_TRY_OUT(spin_alloc((size_t)r->o->batch, sizeof *pairs, &block2));
+    items = block;
+    pairs = block2;
+    while (t->iteration < r->o->iterations) {
+        double start = spin_now_s();
+
+        SPIN_TRY_OUT(plan_batch(r, t->iteration, items, pairs));
+        r->device.seconds[SPIN_OP_PIXELS] += spin_now_s() - start;
+        SPIN_TRY_OUT(spin_trainer_step(t, items, r->o->batch, &v));
+        if (!isfinite(v.loss)) {
+            status = spin_fail(SPIN_E_MALFORMED,
+                               "the loss is not finite at iteration %lld; lower "
+                               "the learning rates, or look for bad points",
+                               (long long)t->iteration);
+            goto out;
+        }
+        smooth = smooth > 0 ? 0.98 * smooth + 0.02 * v.loss : v.loss;
+        if (r->log)
+            log_step(r, &v, pairs, spin_now_s() - start);
+        spin_progress_set(&progress, t->iteration, "loss %.4f", smooth);
+        SPIN_TRY_OUT(stop_or_save(r));
+        if (due(t->iteration, r->o->eval_every) && t->iteration < r->o->iterations)
+            SPIN_TRY_OUT(spin_retrain_look(r));
+    }
+    r->report->loss_last = smooth;
+    status = SPIN_OK;
+out:
+    spin_progress_end(&progress);
+    free(block);
+    free(block2);
+    return status;
+}

@@ -1,0 +1,298 @@
+/* Retraining, before it begins: options to shapes, the clip, memory and time (--dry-run). */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "base/pool.h"
+#include "core/knn.h"
+#include "core/retrain.h"
+
+static const size_t program_bytes = 150 << 20; /* the image library, mostly */
+
+/* ---- Options ---------------------------------------------------------------------------------- */
+
+void spin_retrain_defaults(struct spin_retrain_options *o)
+{
+    memset(o, 0, sizeof *o);
+    o->image_scale = 1;
+    o->iterations = 40000;
+    o->batch = 3;
+    o->levels = 16;
+    o->features = 4;
+    o->hash_log2 = 21;
+    o->hidden = 64;
+    o->sh_degree = 3;
+    for (int d = 0; d < 4; d++) {
+        o->base_resolution[d] = 8;
+        o->finest_resolution[d] = d < 3 ? 2048 : 0;
+    }
+    o->lambda_dssim = 0.2;
+    o->warmup = -1;
+    o->lr_table = 8e-3;
+    o->lr_sh = 1e-3;
+    o->lr_scale = 3e-4;
+    o->lr_rotation = 3e-5;
+    o->lr_opacity = 8e-4;
+    o->lr_position = 1.6e-4;
+    o->lr_camera = 1e-3;
+    o->lr_head_factor = 1;
+    o->scale_bias = -5;
+    o->views_per_frame = 1;
+    o->device = "auto";
+}
+
+spin_status spin_retrain_check(const struct spin_retrain_options *o)
+{
+    if (!o->input || (!o->output && !o->dry_run))
+        return spin_fail(SPIN_E_USAGE, "retraining needs an input and an output");
+    if (o->iterations < 1 || o->batch < 1 || o->views_per_frame < 1 || o->batch > 4096)
+        return spin_fail(SPIN_E_USAGE, "iterations, batch and views per frame must be at least 1");
+    if (!(o->lambda_dssim >= 0 && o->lambda_dssim <= 1))
+        return spin_fail(SPIN_E_USAGE, "lambda-dssim %g is not in 0 to 1", o->lambda_dssim);
+    if (!(o->image_scale > 0 && o->image_scale <= 1))
+        return spin_fail(SPIN_E_USAGE, "image scale %g is not in (0, 1]", o->image_scale);
+    return SPIN_OK;
+}
+
+/* ---- Reading the clip -------------------------------------------------------------------------- */
+
+int spin_retrain_index(const struct spin_retraining *r, int frame) { return r->clip.frame[frame]; }
+
+const struct spin_frame_info *spin_retrain_info(const struct spin_retraining *r, int frame)
+{
+    return &r->clip.bundle.meta.frame[spin_retrain_index(r, frame)];
+}
+
+spin_status spin_retrain_means(struct spin_retraining *r, int frame)
+{
+    SPIN_TRY(spin_bundle_frame(&r->clip.bundle, spin_retrain_index(r, frame), SPIN_COL_MEANS,
+                               &r->splats));
+    for (size_t i = 0; i < r->splats.n * 3; i++)
+        if (!isfinite(r->splats.means[i]))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s': array 'source/means/%05d' has a value that is "
+                             "not finite in row %zu",
+                             r->o->input, spin_retrain_index(r, frame), i / 3);
+    return SPIN_OK;
+}
+
+/* The training cameras' ids, each once. */
+static spin_status list_cameras(struct spin_retraining *r)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(r->n_train, sizeof *r->camera, &block));
+    r->camera = block;
+    for (size_t i = 0; i < r->n_train; i++) {
+        int id = r->clip.views.view[r->train[i].view].camera_id, k = 0;
+
+        while (k < r->n_cameras && r->camera[k] < id)
+            k++;
+        if (k < r->n_cameras && r->camera[k] == id)
+            continue;
+        memmove(r->camera + k + 1, r->camera + k, (size_t)(r->n_cameras++ - k) * sizeof *r->camera);
+        r->camera[k] = id;
+    }
+    return SPIN_OK;
+}
+
+int spin_retrain_camera(const struct spin_retraining *r, int id)
+{
+    int k = 0;
+
+    while (r->camera[k] != id)
+        k++;
+    return k;
+}
+
+static void measure_pictures(struct spin_retraining *r)
+{
+    for (size_t i = 0; i < r->clip.views.n; i++) {
+        struct spin_cam cam = spin_cam_from(&r->clip.views.view[i].camera);
+        size_t pixels = (size_t)cam.width * (size_t)cam.height;
+        size_t tiles = (size_t)cam.tiles_x * (size_t)cam.tiles_y;
+
+        r->max_pixels = pixels > r->max_pixels ? pixels : r->max_pixels;
+        r->max_tiles = tiles > r->max_tiles ? tiles : r->max_tiles;
+    }
+}
+
+spin_status spin_retrain_open_clip(struct spin_retraining *r)
+{
+    const struct spin_retrain_options *o = r->o;
+    struct spin_clip_options c = {
+        .input = o->input,
+        .data = o->data,
+        .data_from = o->data_from,
+        .pair = o->pair,
+        .range = o->range,
+        .test_cameras = o->test_cameras,
+        .n_test_cameras = o->n_test_cameras,
+        .image_scale = o->image_scale,
+        .needs_views = true,
+    };
+    void *block = NULL;
+
+    SPIN_TRY(spin_clip_open(&c, &r->clip));
+    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->counts, &block));
+    r->counts = block;
+    for (int f = 0; f < r->clip.n_frames; f++)
+        r->counts[f] = spin_retrain_info(r, f)->n;
+    if (r->clip.n_max == 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' has no splat in any frame", o->input);
+    SPIN_TRY(spin_clip_pairs(&r->clip, SPIN_SPLIT_TRAIN, &r->train, &r->n_train));
+    SPIN_TRY(spin_clip_pairs(&r->clip, SPIN_SPLIT_TEST, &r->test, &r->n_test));
+    if (r->n_train == 0)
+        return spin_fail(SPIN_E_USAGE, "no training camera is left: all are held out for testing");
+    block = NULL;
+    SPIN_TRY(spin_alloc(r->n_train, sizeof *r->sequence, &block));
+    r->sequence = block;
+    r->epoch = -1;
+    SPIN_TRY(list_cameras(r));
+    r->extent = spin_views_extent(&r->clip.views);
+    measure_pictures(r);
+    return SPIN_OK;
+}
+
+/* ---- Planning ---------------------------------------------------------------------------------- */
+
+static int compare_floats(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Centre: per-axis medians over a sample of all frames; radius: the 90th percentile of the distance
+ * to it (method.md 3.1). Also the share of points outside the unit ball with the norm in use. */
+static spin_status plan_norm(struct spin_retraining *r)
+{
+    const struct spin_retrain_options *o = r->o;
+    size_t per_frame = 20000, n = 0, outside = 0;
+    void *block = NULL;
+    float *sample;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(per_frame * (size_t)r->clip.n_frames * 4, sizeof(float), &block));
+    sample = block;
+    for (int f = 0; f < r->clip.n_frames; f++) {
+        size_t step;
+
+        SPIN_TRY_OUT(spin_retrain_means(r, f));
+        step = r->splats.n / per_frame + 1;
+        for (size_t i = 0; i < r->splats.n; i += step)
+            memcpy(sample + 3 * n++, r->splats.means + 3 * i, 3 * sizeof(float));
+    }
+    if (o->normalise_radius > 0) {
+        for (int c = 0; c < 3; c++)
+            r->model.norm.centre[c] = (float)o->normalise_centre[c];
+        r->model.norm.inv_radius = (float)(1 / o->normalise_radius);
+    } else if (o->normalise == SPIN_NORMALISE_AUTO) {
+        float *value = sample + 3 * n;
+
+        for (int c = 0; c < 3; c++) {
+            for (size_t i = 0; i < n; i++)
+                value[i] = sample[3 * i + (size_t)c];
+            qsort(value, n, sizeof *value, compare_floats);
+            r->model.norm.centre[c] = value[n / 2];
+        }
+        for (size_t i = 0; i < n; i++) {
+            double d2 = 0;
+
+            for (int c = 0; c < 3; c++)
+                d2 += pow((double)(sample[3 * i + (size_t)c] - r->model.norm.centre[c]), 2);
+            value[i] = (float)sqrt(d2);
+        }
+        qsort(value, n, sizeof *value, compare_floats);
+        r->model.norm.inv_radius = 1.0f / fmaxf(value[(size_t)(0.9 * (double)(n - 1))], 1e-20f);
+    }
+    for (size_t i = 0; i < n; i++) {
+        double d2 = 0;
+
+        for (int c = 0; c < 3; c++)
+            d2 += pow((double)(sample[3 * i + (size_t)c] - r->model.norm.centre[c]), 2);
+        outside += d2 * pow((double)r->model.norm.inv_radius, 2) > 1;
+    }
+    r->report->outside_ball = n ? (double)outside / (double)n : 0;
+out:
+    free(block);
+    return status;
+}
+
+/* Log of the median distance to the three nearest points, in the clip's middle frame with points. */
+static spin_status plan_scale_bias(struct spin_retraining *r)
+{
+    int f = r->clip.n_frames / 2;
+    struct spin_pool *pool = NULL;
+    void *block = NULL;
+    float *d2;
+    spin_status status;
+
+    r->scale_bias = r->o->scale_bias;
+    if (!isnan(r->scale_bias))
+        return SPIN_OK;
+    while (r->counts[f] == 0)
+        f = (f + 1) % r->clip.n_frames;
+    SPIN_TRY(spin_retrain_means(r, f));
+    SPIN_TRY_OUT(spin_pool_create(r->o->n_threads, &pool));
+    SPIN_TRY_OUT(spin_alloc(r->splats.n, sizeof(float), &block));
+    d2 = block;
+    SPIN_TRY_OUT(spin_knn_mean_dist2(pool, r->splats.n, r->splats.means, d2));
+    qsort(d2, r->splats.n, sizeof *d2, compare_floats);
+    r->scale_bias = 0.5 * log(fmax((double)d2[r->splats.n / 2], 1e-7));
+out:
+    spin_pool_free(pool);
+    free(block);
+    return status;
+}
+
+spin_status spin_retrain_plan(struct spin_retraining *r)
+{
+    const struct spin_retrain_options *o = r->o;
+    int finest[4];
+    size_t pixels_cache = 0;
+
+    memcpy(finest, o->finest_resolution, sizeof finest);
+    if (finest[3] == 0)
+        finest[3] = r->clip.n_frames > 16 ? r->clip.n_frames : 16;
+    SPIN_TRY(spin_model_plan(&r->model, o->levels, o->features, o->hash_log2, o->hidden,
+                             o->sh_degree, o->base_resolution, finest));
+    r->model.time_first = spin_retrain_info(r, 0)->time;
+    r->model.time_last = spin_retrain_info(r, r->clip.n_frames - 1)->time;
+    SPIN_TRY(plan_norm(r));
+    SPIN_TRY(plan_scale_bias(r));
+    for (size_t i = 0; i < r->n_train + r->n_test; i++) {
+        size_t view = i < r->n_train ? r->train[i].view : r->test[i - r->n_train].view;
+        const struct spin_camera *c = &r->clip.views.view[view].camera;
+
+        pixels_cache += 3 * (size_t)c->width * (size_t)c->height;
+    }
+    r->report->bytes_needed =
+        spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels) +
+        spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with its host copies */
+        3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
+        (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) + pixels_cache + program_bytes;
+    r->report->bytes_available = spin_memory_available();
+    return SPIN_OK;
+}
+
+/* Seconds of the whole run, from what the ops take on one thread of a present server core: network
+ * per splat and decoding, rasteriser per splat and view, rasteriser and loss per pixel, Adam. */
+double spin_retrain_guess(const struct spin_retraining *r)
+{
+    const struct spin_retrain_options *o = r->o;
+    double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9;
+    double threads = o->n_threads;
+    int decodings = (o->batch + o->views_per_frame - 1) / o->views_per_frame;
+    struct spin_pool *pool = NULL;
+
+    if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
+        threads = spin_pool_n_threads(pool);
+    spin_pool_free(pool);
+    return o->iterations *
+           (r->clip.n_mean * (decodings * network + o->batch * raster) +
+            o->batch * (double)r->max_pixels * pixel + (double)r->model.n_table * adam) /
+           (threads > 1 ? threads : 1);
+}

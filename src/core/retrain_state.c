@@ -1,0 +1,340 @@
+/* The state of a retraining: first values, fingerprint, save and load.
+ *
+ * The unfinished state lives beside the output as OUT.part, written whole or not at all. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "core/morton.h"
+#include "core/retrain.h"
+
+static void set_string(spin_json *j, const char *key, const char *format, double v)
+{
+    char text[64];
+
+    snprintf(text, sizeof text, format, v);
+    spin_json_set_string(j, key, text);
+}
+
+/* The options that decide the result. Stored with the network, compared before a resume. */
+static spin_json *options_to_json(const struct spin_retraining *r)
+{
+    const struct spin_retrain_options *o = r->o;
+    spin_json *j = spin_json_object(), *base = spin_json_array(), *finest = spin_json_array();
+    spin_json *back = spin_json_array(), *test = spin_json_array();
+
+    for (int d = 0; d < 4; d++) {
+        spin_json_push_number(base, o->base_resolution[d]);
+        spin_json_push_number(finest, o->finest_resolution[d]);
+    }
+    for (int c = 0; c < 3; c++)
+        spin_json_push_number(back, (double)o->background[c]);
+    for (size_t i = 0; i < r->clip.views.n; i++)
+        if (r->clip.views.view[i].test && r->clip.views.view[i].row == r->clip.row[0])
+            spin_json_push_number(test, r->clip.views.view[i].camera_id);
+    spin_json_set_integer(j, "iterations", o->iterations);
+    spin_json_set_integer(j, "batch", o->batch);
+    spin_json_set_integer(j, "hash_log2", o->hash_log2);
+    spin_json_set(j, "base_resolution", base);
+    spin_json_set(j, "finest_resolution", finest);
+    spin_json_set_number(j, "lambda_dssim", o->lambda_dssim);
+    set_string(j, "seed", "%.0f", (double)o->seed);
+    spin_json_set_integer(j, "warmup", o->warmup);
+    spin_json_set_number(j, "lr_table", o->lr_table);
+    spin_json_set_number(j, "lr_sh", o->lr_sh);
+    spin_json_set_number(j, "lr_scale", o->lr_scale);
+    spin_json_set_number(j, "lr_rotation", o->lr_rotation);
+    spin_json_set_number(j, "lr_opacity", o->lr_opacity);
+    spin_json_set_number(j, "lr_position", o->lr_position);
+    spin_json_set_number(j, "lr_head_factor", o->lr_head_factor);
+    spin_json_set_bool(j, "camera_colour", o->camera_colour);
+    spin_json_set_number(j, "lr_camera", o->lr_camera);
+    spin_json_set_number(j, "scale_bias", r->scale_bias);
+    spin_json_set_integer(j, "views_per_frame", o->views_per_frame);
+    spin_json_set_number(j, "image_scale", o->image_scale);
+    spin_json_set_number(j, "spatial_extent", r->extent);
+    spin_json_set(j, "background", back);
+    spin_json_set(j, "test_cameras", test);
+    return j;
+}
+
+spin_json *spin_retrain_to_json(const struct spin_retraining *r)
+{
+    spin_json *j = spin_model_to_json(&r->model);
+
+    spin_json_set(j, "options", options_to_json(r));
+    spin_json_set_string(j, "device", r->device.op->name);
+    return j;
+}
+
+/* The network's plan and options, the frames, and the CRCs of the input's arrays. */
+spin_status spin_retrain_fingerprint(struct spin_retraining *r)
+{
+    spin_json *j = spin_retrain_to_json(r), *frames = spin_json_array();
+    const struct spin_zip *zip = &r->clip.bundle.npz.zip;
+    double sum = 0;
+
+    for (size_t i = 0; i < zip->n; i++)
+        sum += (double)zip->member[i].crc;
+    for (int f = 0; f < r->clip.n_frames; f++) {
+        spin_json_push_number(frames, spin_retrain_info(r, f)->number);
+        spin_json_push_number(frames, (double)r->counts[f]);
+    }
+    spin_json_set(j, "frames", frames);
+    set_string(j, "input", "%.0f", sum);
+    r->fingerprint = spin_json_text(j, false);
+    spin_json_free(j);
+    return r->fingerprint ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
+}
+
+/* Our order of a frame's splats: along a space-filling curve, so that neighbours share cache lines. */
+spin_status spin_retrain_sort(struct spin_retraining *r)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->order, &block));
+    r->order = block;
+    for (int f = 0; f < r->clip.n_frames; f++) {
+        block = NULL;
+        SPIN_TRY(spin_alloc(r->counts[f] + 1, sizeof(uint32_t), &block));
+        r->order[f] = block;
+        SPIN_TRY(spin_retrain_means(r, f));
+        SPIN_TRY(spin_morton_order(r->counts[f], r->splats.means, r->order[f]));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_retrain_begin(struct spin_retraining *r)
+{
+    struct spin_device *d = &r->device;
+    struct spin_trainer *t = &r->trainer;
+    size_t floats = t->table.n + t->heads.n;
+    void *block = NULL;
+    float *host;
+
+    floats = floats > r->clip.n_max * 3 ? floats : r->clip.n_max * 3;
+    SPIN_TRY(spin_alloc(floats, sizeof(float), &block));
+    host = block;
+    spin_model_init(&r->model, r->o->seed, r->scale_bias, host, host + t->table.n);
+    d->op->up(d, t->table.p, host, t->table.n * sizeof(float));
+    d->op->up(d, t->heads.p, host + t->table.n, t->heads.n * sizeof(float));
+    for (int f = 0; f < r->clip.n_frames; f++) {
+        spin_status status = spin_retrain_means(r, f);
+
+        if (status != SPIN_OK) {
+            free(block);
+            return status;
+        }
+        for (size_t i = 0; i < r->counts[f]; i++)
+            memcpy(host + 3 * i, r->splats.means + 3 * (size_t)r->order[f][i], 3 * sizeof(float));
+        d->op->up(d, t->frame[f].pos, host, r->counts[f] * 3 * sizeof(float));
+    }
+    free(block);
+    return SPIN_OK;
+}
+
+/* Everything the state holds, in one list: walked to save and to load. */
+struct piece {
+    char name[48];
+    float *at; /* device */
+    size_t n;
+};
+
+static spin_status list_pieces(struct spin_retraining *r, struct piece **out, size_t *n)
+{
+    struct spin_trainer *t = &r->trainer;
+    struct spin_param *param[3] = {&t->table, &t->heads, &t->tint};
+    const char *param_name[3] = {"table", "heads", "tint"};
+    void *block = NULL;
+    struct piece *piece;
+    size_t k = 0;
+
+    SPIN_TRY(spin_alloc(9 + 3 * (size_t)t->n_frames, sizeof *piece, &block));
+    piece = block;
+    for (int i = 0; i < 3; i++) {
+        float *at[3] = {param[i]->p, param[i]->m, param[i]->v};
+
+        for (int j = 0; j < 3; j++, k++) {
+            snprintf(piece[k].name, sizeof piece[k].name, "%s/%c", param_name[i], "pmv"[j]);
+            piece[k].at = at[j];
+            piece[k].n = param[i]->n;
+        }
+    }
+    for (int f = 0; f < t->n_frames; f++) {
+        float *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
+
+        for (int j = 0; j < 3; j++, k++) {
+            snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/%c", f, "pmv"[j]);
+            piece[k].at = at[j];
+            piece[k].n = 3 * t->frame[f].n;
+        }
+    }
+    *out = piece;
+    *n = k;
+    return SPIN_OK;
+}
+
+/* An array on the device into an archive, through a host copy. */
+spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
+                                     const char *name, int n_dims, const uint64_t *shape,
+                                     const float *at, size_t n)
+{
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof(float), &block));
+    r->device.op->down(&r->device, block, at, n * sizeof(float));
+    status = spin_npz_write(w, name, "<f4", n_dims, shape, block);
+    free(block);
+    return status;
+}
+
+static spin_status save_pieces(struct spin_retraining *r, struct spin_zip_writer *w)
+{
+    struct piece *piece = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY_OUT(list_pieces(r, &piece, &n));
+    for (size_t i = 0; i < n; i++) {
+        uint64_t shape[1] = {piece[i].n};
+
+        SPIN_TRY_OUT(
+            spin_retrain_write_array(r, w, piece[i].name, 1, shape, piece[i].at, piece[i].n));
+    }
+out:
+    free(piece);
+    return status;
+}
+
+static spin_status write_text(struct spin_zip_writer *w, const char *name, const char *text)
+{
+    size_t n = strlen(text);
+
+    SPIN_TRY(spin_zip_member_begin(w, name, n));
+    SPIN_TRY(spin_zip_member_write(w, text, n));
+    return spin_zip_member_end(w);
+}
+
+spin_status spin_retrain_save(struct spin_retraining *r)
+{
+    struct spin_zip_writer w;
+    spin_json *j = spin_json_object(), *steps = spin_json_array();
+    char *text;
+    spin_status status;
+
+    for (int f = 0; f < r->trainer.n_frames; f++)
+        spin_json_push_number(steps, (double)r->trainer.frame[f].steps);
+    spin_json_set_integer(j, "iteration", r->trainer.iteration);
+    spin_json_set_number(j, "seconds", r->worked_before_s + spin_now_s() - r->worked_s);
+    spin_json_set(j, "steps", steps);
+    spin_json_set_string(j, "fingerprint", r->fingerprint);
+    text = spin_json_text(j, true);
+    spin_json_free(j);
+    status = spin_zip_writer_open(r->part, true, &w);
+    if (status == SPIN_OK) {
+        status = write_text(&w, "state.json", text ? text : "");
+        if (status == SPIN_OK)
+            status = save_pieces(r, &w);
+        if (status == SPIN_OK)
+            status = spin_zip_writer_commit(&w);
+        else
+            spin_zip_writer_abandon(&w);
+    }
+    free(text);
+    r->saved_s = spin_now_s();
+    if (status != SPIN_OK)
+        return spin_more(status, "cannot save the unfinished state");
+    spin_log(1, "saved the state of iteration %lld to '%s'", (long long)r->trainer.iteration,
+             r->part);
+    return SPIN_OK;
+}
+
+static spin_status load_pieces(struct spin_retraining *r, struct spin_npz *npz)
+{
+    struct piece *piece = NULL;
+    size_t n = 0;
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(list_pieces(r, &piece, &n));
+    for (size_t i = 0; i < n; i++) {
+        struct spin_array a;
+        int64_t shape[1] = {(int64_t)piece[i].n};
+
+        SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
+        SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
+        spin_array_to_f32(&a, 0, piece[i].n, block);
+        r->device.op->up(&r->device, piece[i].at, block, piece[i].n * sizeof(float));
+    }
+out:
+    free(piece);
+    free(block);
+    return status;
+}
+
+static spin_status load_header(struct spin_retraining *r, struct spin_npz *npz)
+{
+    const struct spin_zip_member *member = spin_zip_find(&npz->zip, "state.json");
+    const unsigned char *bytes;
+    void *owned = NULL;
+    spin_json *j = NULL;
+    int64_t iteration, steps;
+    const char *fingerprint;
+    spin_status status;
+
+    if (!member)
+        return spin_fail(SPIN_E_MALFORMED, "no state.json");
+    SPIN_TRY_OUT(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
+    SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, &j));
+    fingerprint = spin_json_string(spin_json_get(j, "fingerprint"));
+    if (!fingerprint || strcmp(fingerprint, r->fingerprint) != 0) {
+        status = spin_fail(SPIN_E_USAGE, "it was made from another input or with other options "
+                                         "than these; give the same ones, or --force without "
+                                         "--resume to start anew");
+        goto out;
+    }
+    if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
+        iteration > r->o->iterations) {
+        status = spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
+        goto out;
+    }
+    spin_json_number(spin_json_get(j, "seconds"), &r->worked_before_s);
+    r->trainer.iteration = iteration;
+    for (int f = 0; f < r->trainer.n_frames; f++) {
+        const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
+        double v = 0;
+
+        if (!spin_json_number(step, &v) || v < 0 || v > 1e15) {
+            status = spin_fail(SPIN_E_MALFORMED, "state.json: bad steps");
+            goto out;
+        }
+        steps = (int64_t)v;
+        r->trainer.frame[f].steps = steps;
+    }
+    status = SPIN_OK;
+out:
+    spin_json_free(j);
+    free(owned);
+    return status;
+}
+
+spin_status spin_retrain_load(struct spin_retraining *r)
+{
+    struct spin_npz npz;
+    spin_status status = spin_npz_open(r->part, &npz);
+
+    if (status == SPIN_OK) {
+        status = load_header(r, &npz);
+        if (status == SPIN_OK)
+            status = load_pieces(r, &npz);
+        spin_npz_close(&npz);
+    }
+    if (status != SPIN_OK)
+        return spin_more(status, "cannot resume from '%s'", r->part);
+    spin_log(0, "resuming at iteration %lld of %d", (long long)r->trainer.iteration,
+             r->o->iterations);
+    return SPIN_OK;
+}
