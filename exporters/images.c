@@ -83,7 +83,7 @@ static spin_status write_view(struct export *x, const struct spin_view *view,
 
     SPIN_TRY(reserve_pixels(x, w * h));
     if (x->compare) {
-        SPIN_TRY(spin_image_load(view->path, width, height, x->image));
+        SPIN_TRY(spin_image_load(view->path, width, height, x->job->background, x->image));
         place(x->image, w, h, 0, x->pair);
     }
     SPIN_TRY(spin_render(x->job->renderer, splats, &view->camera, x->job->background, x->image));

@@ -6,8 +6,8 @@
  *
  * What a frame says itself wins over what the file says, and focal lengths over camera_angle_x.
  * The rows of the data set are the distinct times of both files. One file is one moving camera
- * unless its images are called cam<NN>. Images with alpha are seen over black, as everywhere here;
- * D-NeRF's own training puts them over white.
+ * unless its images are called cam<NN>. Images with alpha are composited where they are read, over the
+ * colour of --background; D-NeRF's own training takes white.
  *
  * Differs: 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
  * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as

@@ -279,6 +279,7 @@ struct spin_import_options {
     const char *from;             /* importer, NULL: detect */
     const char *data, *data_from; /* data set, or NULL */
     const char *pair;             /* "auto", "number" or "order"; NULL: auto */
+    const char *frame_times;      /* of the data set: "auto", "data", "unit" or "count"; NULL: auto */
     int n_frames;                 /* continuous methods: sample this many; 0: not asked */
     const double *times;          /* continuous methods: sample here */
     int n_times;
@@ -418,8 +419,10 @@ spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splat
                         const struct spin_camera *camera, const float background[3], float *image);
 
 /* Read an image, box-filtered to camera size when they differ, as planar [3][h][w] float 0..1
- * (out must hold it), and write one as PNG. For exporters that draw. */
-spin_status spin_image_load(const char *path, int width, int height, float *out);
+ * (out must hold it), and write one as PNG. For exporters that draw. Transparent pixels show the
+ * background; NULL: black. */
+spin_status spin_image_load(const char *path, int width, int height, const float background[3],
+                            float *out);
 spin_status spin_image_save(const char *path, int width, int height, const float *image);
 
 #ifdef __cplusplus

@@ -25,6 +25,10 @@ static const struct spin_opt_row rows[] = {
              SPIN_OPT_INT, &options.n_frames, 1, 1000000),
     SPIN_OPT("times", 0, "T0,T1,...", "continuous methods: sample here, in the method's unit",
              SPIN_OPT_DOUBLES, &times, 0, 0),
+    SPIN_OPT("frame-times", 0, "auto|data|unit|count",
+             "continuous methods: times of the data set's frames, as it has them, or i/(n-1) or "
+             "i/n of the whole (auto)",
+             SPIN_OPT_CHOICE, &options.frame_times, 0, 0),
     SPIN_OPT("range", 0, "A:B[:STEP]", "keep frame numbers A to B-1", SPIN_OPT_RANGE,
              &options.range, 0, 0),
     SPIN_OPT_HEADING("Output"),

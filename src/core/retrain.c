@@ -199,7 +199,7 @@ static spin_status prepare(struct spin_retraining *r)
                          "--hash-log2 or --scale, or take a --range of the frames",
                          (double)r->report->bytes_needed / 1e9,
                          (double)r->report->bytes_available / 1e9);
-    SPIN_TRY(spin_pixels_open(&r->clip.views, budget, &r->pixels));
+    SPIN_TRY(spin_pixels_open(&r->clip.views, budget, o->background, &r->pixels));
     SPIN_TRY(spin_alloc((size_t)o->batch * 3 * r->max_pixels, sizeof(float), &block));
     r->truth = block;
     SPIN_TRY(spin_retrain_sort(r));

@@ -63,25 +63,36 @@ out:
     return status;
 }
 
-/* A data set without times of its own counts its frames: 0, 1, 2, ... Where that leaves the range
- * of a continuous method, the frames are spread over it. */
-static void spread_rows(struct import *im, struct spin_frame_info *all, int n)
+/* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
+ * continuous method. */
+static bool rows_are_counted(const struct spin_track *t, const struct spin_frame_info *all, int n)
 {
-    struct spin_track *t = &im->track;
-    double span = t->time_last - t->time_first, steps = t->half_open ? n : n - 1;
-    size_t used = strlen(t->notes);
-
     for (int i = 0; i < n; i++) {
         if (all[i].time != i)
-            return;
+            return false;
     }
-    if (n < 2 || n - 1 <= t->time_last + 0.1 * span)
+    return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
+}
+
+/* Times of the data set's frames by the rule asked for. Methods do not say at which times their frames
+ * were, and their readers of one and the same data set differ: i/(n-1) with most, i/n with some. */
+static void rule_rows(struct import *im, struct spin_frame_info *all, int n)
+{
+    const char *rule = im->o->frame_times ? im->o->frame_times : "auto";
+    struct spin_track *t = &im->track;
+    bool automatic = strcmp(rule, "auto") == 0;
+    bool half_open = automatic ? t->half_open : strcmp(rule, "count") == 0;
+    double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
+    size_t used = strlen(t->notes);
+
+    if (strcmp(rule, "data") == 0 || (automatic && !rows_are_counted(t, all, n)))
         return;
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
     snprintf(t->notes + used, sizeof t->notes - used,
-             "the data set counts its %d frames: they are spread over the times %g to %g\n", n,
-             all[0].time, all[n - 1].time);
+             "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
+             automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+             all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
 /* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
@@ -116,7 +127,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
         all[view->row].time = view->time;
     }
     if (rows)
-        spread_rows(im, all, *n);
+        rule_rows(im, all, *n);
     im->meta.numbered = rows && im->views.numbered;
     return SPIN_OK;
 }
@@ -127,6 +138,11 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     const struct spin_import_options *o = im->o;
     const struct spin_track *t = &im->track;
 
+    if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' has %d frames as they are: --frame-times is for methods defined at "
+                         "any time",
+                         o->input, t->n_frames);
     if (o->n_frames > 0 || o->n_times > 0)
         return spin_fail(SPIN_E_USAGE,
                          "'%s' has %d frames as they are: --frames and --times are "
@@ -248,11 +264,30 @@ static spin_status check_values(const char *plugin, const struct spin_plugin_opt
     return SPIN_OK;
 }
 
+static spin_status check_frame_times(const struct spin_import_options *o)
+{
+    static const char *const rules[] = {"auto", "data", "unit", "count"};
+
+    if (!o->frame_times)
+        return SPIN_OK;
+    if (!o->data || o->n_frames > 0 || o->n_times > 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "--frame-times says how --data gives the times: it goes with a data set, "
+                         "and without --frames and --times");
+    for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
+        if (strcmp(o->frame_times, rules[i]) == 0)
+            return SPIN_OK;
+    }
+    return spin_fail(SPIN_E_USAGE, "--frame-times is '%s', expected auto, data, unit or count",
+                     o->frame_times);
+}
+
 static spin_status run_import(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_bundle_meta *meta = &im->meta;
 
+    SPIN_TRY(check_frame_times(o));
     SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
     SPIN_TRY(check_values(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;
@@ -437,7 +472,7 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0)
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
-    SPIN_TRY(spin_pixels_open(&e->clip.views, 0, &e->pixels));
+    SPIN_TRY(spin_pixels_open(&e->clip.views, 0, o->background, &e->pixels));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->report->network));
     SPIN_TRY(spin_alloc(e->n_pairs, sizeof *e->report->view, &block));

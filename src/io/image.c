@@ -173,8 +173,10 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
     return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
 }
 
-spin_status spin_image_read(const char *path, int *width, int *height, uint8_t **rgb)
+spin_status spin_image_read(const char *path, const float background[3], int *width, int *height,
+                            uint8_t **rgb)
 {
+    static const float black[3];
     char why[256] = "";
     const char *format;
     enum spin_image_result result;
@@ -182,7 +184,8 @@ spin_status spin_image_read(const char *path, int *width, int *height, uint8_t *
     *rgb = NULL;
     SPIN_TRY(spin_image_start());
     SPIN_TRY(inspect(path, true, &format));
-    result = shim->read(path, format, MAX_PIXELS, width, height, rgb, why, sizeof why);
+    result = shim->read(path, format, MAX_PIXELS, background ? background : black, width, height,
+                        rgb, why, sizeof why);
     return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
 }
 

@@ -12,9 +12,11 @@ spin_status spin_image_start(void);
 /* Size and channels without decoding. */
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels);
 
-/* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc; grey is spread, alpha is
- * composited over black, 16-bit is rounded. Sizes above 64 Mi pixels are refused. */
-spin_status spin_image_read(const char *path, int *width, int *height, uint8_t **rgb);
+/* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc; grey is spread, 16-bit is rounded,
+ * and what has alpha is composited over `background` (0..1; NULL: black) as the methods do it: on the
+ * stored values, colour * alpha + background * (1 - alpha). Sizes above 64 Mi pixels are refused. */
+spin_status spin_image_read(const char *path, const float background[3], int *width, int *height,
+                            uint8_t **rgb);
 
 /* Write interleaved 8-bit RGB as PNG (write, then rename). */
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb);

@@ -93,13 +93,18 @@ void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
                                                 " pixels are more than are taken"};
 }
 
-uint8_t over_black(unsigned value, unsigned alpha)
+/* What shows of a value 0..255 before a background 0..1. */
+uint8_t over(unsigned value, unsigned alpha, float background)
 {
-    return static_cast<uint8_t>((value * alpha + 127) / 255);
+    float shown =
+        static_cast<float>(value * alpha) / 255.0f + background * static_cast<float>(255u - alpha);
+
+    return static_cast<uint8_t>(shown + 0.5f);
 }
 
 /* Grey or colour, with or without alpha, to RGB. */
-void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, uint8_t *rgb)
+void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, const float background[3],
+            uint8_t *rgb)
 {
     bool grey = n < 3;
 
@@ -108,7 +113,7 @@ void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, uint8_t *r
         unsigned a = alpha >= 0 ? from[alpha] : 255u;
 
         for (int c = 0; c < 3; c++)
-            rgb[3 * i + static_cast<size_t>(c)] = over_black(from[grey ? 0 : c], a);
+            rgb[3 * i + static_cast<size_t>(c)] = over(from[grey ? 0 : c], a, background[c]);
     }
 }
 
@@ -125,7 +130,8 @@ enum spin_image_result image_size(const char *path, const char *format, int *wid
 }
 
 enum spin_image_result image_read(const char *path, const char *format, int64_t max_pixels,
-                                  int *width, int *height, uint8_t **rgb, char *why, size_t n_why)
+                                  const float background[3], int *width, int *height, uint8_t **rgb,
+                                  char *why, size_t n_why)
 {
     return guarded(why, n_why, [&] {
         auto in = open_input(path, format);
@@ -144,7 +150,8 @@ enum spin_image_result image_read(const char *path, const char *format, int64_t 
         if (!in->read_image(0, 0, 0, n, OIIO::TypeDesc::UINT8, pixels))
             fail(in->geterror());
         if (n != 3)
-            to_rgb(pixels, n_pixels, n, alpha == spec.alpha_channel ? alpha : -1, out.get());
+            to_rgb(pixels, n_pixels, n, alpha == spec.alpha_channel ? alpha : -1, background,
+                   out.get());
         *width = spec.width;
         *height = spec.height;
         *rgb = out.release();

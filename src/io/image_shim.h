@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-#define SPIN_IMAGE_SHIM_ABI 1
+#define SPIN_IMAGE_SHIM_ABI 2
 #define SPIN_IMAGE_SHIM_SYMBOL "spin_image_shim_table"
 
 enum spin_image_result {
@@ -27,9 +27,10 @@ struct spin_image_shim {
     const char *version; /* of OpenImageIO */
     enum spin_image_result (*size)(const char *path, const char *format, int *width, int *height,
                                    int *channels, char *why, size_t n_why);
-    /* Refuses more than max_pixels before reserving. */
+    /* Refuses more than max_pixels before reserving. Alpha goes over the background, 0..1. */
     enum spin_image_result (*read)(const char *path, const char *format, int64_t max_pixels,
-                                   int *width, int *height, uint8_t **rgb, char *why, size_t n_why);
+                                   const float background[3], int *width, int *height,
+                                   uint8_t **rgb, char *why, size_t n_why);
     /* The bytes of a PNG file. */
     enum spin_image_result (*encode_png)(int width, int height, const uint8_t *rgb,
                                          unsigned char **bytes, size_t *n_bytes, char *why,

@@ -83,14 +83,15 @@ static void spread(const uint8_t *rgb, size_t plane, float *out)
     }
 }
 
-spin_status spin_image_load(const char *path, int width, int height, float *out)
+spin_status spin_image_load(const char *path, int width, int height, const float background[3],
+                            float *out)
 {
     int from_width, from_height;
     uint8_t *rgb = NULL;
     double *sum = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_image_read(path, &from_width, &from_height, &rgb));
+    SPIN_TRY_OUT(spin_image_read(path, background, &from_width, &from_height, &rgb));
     if (from_width == width && from_height == height) {
         spread(rgb, (size_t)width * (size_t)height, out);
     } else {

@@ -356,7 +356,8 @@ double spin_views_extent(const struct spin_views *views)
 
 /* ---- Pixels ---------------------------------------------------------------------------------- */
 
-spin_status spin_pixels_open(const struct spin_views *views, size_t budget, struct spin_pixels *out)
+spin_status spin_pixels_open(const struct spin_views *views, size_t budget,
+                             const float background[3], struct spin_pixels *out)
 {
     void *block = NULL;
 
@@ -365,6 +366,8 @@ spin_status spin_pixels_open(const struct spin_views *views, size_t budget, stru
     out->views = views;
     out->rgb = block;
     out->budget = budget;
+    for (int c = 0; background && c < 3; c++)
+        out->background[c] = background[c];
     return SPIN_OK;
 }
 
@@ -392,7 +395,8 @@ static spin_status check_aspect(const struct spin_view *view, int width, int hei
 
 /* An image of another size, filtered and rounded to 8 bits, so that a kept image and one decoded
  * anew are the same. */
-static spin_status decode_filtered(const struct spin_view *view, uint8_t **out)
+static spin_status decode_filtered(const struct spin_view *view, const float background[3],
+                                   uint8_t **out)
 {
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
     void *rgb = NULL, *image = NULL;
@@ -400,7 +404,8 @@ static spin_status decode_filtered(const struct spin_view *view, uint8_t **out)
 
     SPIN_TRY_OUT(spin_alloc(plane, 3, &rgb));
     SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), &image));
-    SPIN_TRY_OUT(spin_image_load(view->path, view->camera.width, view->camera.height, image));
+    SPIN_TRY_OUT(
+        spin_image_load(view->path, view->camera.width, view->camera.height, background, image));
     for (size_t i = 0; i < plane; i++) {
         for (size_t c = 0; c < 3; c++)
             ((uint8_t *)rgb)[3 * i + c] = (uint8_t)lrintf(((float *)image)[c * plane + i] * 255.0f);
@@ -414,16 +419,16 @@ out:
 }
 
 /* 8-bit RGB at the camera's size. */
-static spin_status decode(const struct spin_view *view, uint8_t **out)
+static spin_status decode(const struct spin_view *view, const float background[3], uint8_t **out)
 {
     int width, height, channels;
 
     SPIN_TRY(spin_image_size(view->path, &width, &height, &channels));
     if (width != view->camera.width || height != view->camera.height) {
         SPIN_TRY(check_aspect(view, width, height));
-        return decode_filtered(view, out);
+        return decode_filtered(view, background, out);
     }
-    SPIN_TRY(spin_image_read(view->path, &width, &height, out));
+    SPIN_TRY(spin_image_read(view->path, background, &width, &height, out));
     if (width == view->camera.width && height == view->camera.height)
         return SPIN_OK;
     free(*out);
@@ -449,7 +454,7 @@ spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out)
         spread(rgb, plane, out);
         return SPIN_OK;
     }
-    SPIN_TRY(decode(v, &rgb));
+    SPIN_TRY(decode(v, pixels->background, &rgb));
     spread(rgb, plane, out);
     if (3 * plane <= pixels->budget - pixels->held) {
         pixels->rgb[view] = rgb;

@@ -34,9 +34,11 @@ struct spin_pixels {
     const struct spin_views *views;
     uint8_t **rgb; /* [views->n] */
     size_t held, budget;
+    float background[3]; /* seen through transparent pixels */
 };
+/* background NULL: black. */
 spin_status spin_pixels_open(const struct spin_views *views, size_t budget,
-                             struct spin_pixels *out);
+                             const float background[3], struct spin_pixels *out);
 void spin_pixels_close(struct spin_pixels *pixels);
 /* Planar [3][h][w] float 0..1 of one view. */
 spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out);

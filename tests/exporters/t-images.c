@@ -92,7 +92,7 @@ static int pixel_is(const char *output, const char *name, int width, int x, int 
     uint8_t *rgb = NULL;
 
     snprintf(path, sizeof path, "%s/%s", output, name);
-    if (spin_image_read(path, &w, &h, &rgb) == SPIN_OK)
+    if (spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_OK)
         good = w == width && rgb[3 * x] == r && rgb[3 * x + 1] == g && rgb[3 * x + 2] == b;
     free(rgb);
     return good;

@@ -83,6 +83,46 @@ static void compare_both(const struct context *x, const struct spin_views *views
     compare_split(x, views, true);
 }
 
+/* Mean colours of a split's images over white, as the reference reader composites them. */
+static void compare_white(const struct context *x, struct spin_views *views, bool test,
+                          double tolerance)
+{
+    static const float white[3] = {1, 1, 1};
+    const char *key = test ? "fudan_test_mean_rgb_white" : "fudan_train_mean_rgb_white";
+    struct spin_array info;
+    struct spin_pixels pixels;
+    double *want, darkest = 1;
+    float *mean, *image;
+    size_t n, k = 0;
+    const struct spin_view **list;
+
+    if (!spin_npz_has(x->npz, key) || spin_pixels_open(views, 0, white, &pixels) != SPIN_OK)
+        return;
+    list = split_views(views, test, &n);
+    want = check_load(x->npz, key, &info);
+    mean = calloc(n + 1, 3 * sizeof *mean);
+    for (; k < n; k++) {
+        size_t plane = (size_t)list[k]->camera.width * (size_t)list[k]->camera.height;
+
+        image = malloc(3 * plane * sizeof *image);
+        if (spin_pixels_get(&pixels, (size_t)(list[k] - views->view), image) != SPIN_OK)
+            break;
+        for (size_t i = 0; i < 3 * plane; i++) {
+            mean[3 * k + i / plane] += image[i] / (float)plane;
+            darkest = fmin(darkest, image[i]);
+        }
+        free(image);
+    }
+    if (ok(k == n && want && info.count == 3 * n, "%s: %s has %zu images", x->name, key, n)) {
+        check_close(mean, want, 3 * n, tolerance, 0, key);
+        ok(darkest < 0.9, "%s: and they are not white alone", x->name);
+    }
+    free(list);
+    free(want);
+    free(mean);
+    spin_pixels_close(&pixels);
+}
+
 static void test_blender(const char *folder, const char *name, const spin_json *manifest)
 {
     struct spin_npz npz;
@@ -104,6 +144,8 @@ static void test_blender(const char *folder, const char *name, const spin_json *
            "%s: is recognised and read", name)) {
         x.reader = "fudan";
         compare_both(&x, &views);
+        compare_white(&x, &views, false, manifest_tolerance(manifest, "mean_rgb", 0.006));
+        compare_white(&x, &views, true, manifest_tolerance(manifest, "mean_rgb", 0.006));
         ok(view_of(&views, "train/r_000.png") && view_of(&views, "test/r_000.png") &&
                view_of(&views, "train/r_000.png")->row == view_of(&views, "test/r_000.png")->row,
            "what was seen at one time is one frame, in both files");

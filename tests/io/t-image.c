@@ -84,18 +84,39 @@ static const char *write_bytes(const char *name, const void *bytes, size_t n)
     return path;
 }
 
-static void reads_as(const unsigned char *png, size_t n, int width, int height, const uint8_t *want,
-                     const char *what)
+static void reads_over(const unsigned char *png, size_t n, const float background[3], int width,
+                       int height, const uint8_t *want, const char *what)
 {
     int w = 0, h = 0;
     uint8_t *rgb = NULL;
-    spin_status status = spin_image_read(write_bytes("a.png", png, n), &w, &h, &rgb);
+    spin_status status = spin_image_read(write_bytes("a.png", png, n), background, &w, &h, &rgb);
 
     if (ok(status == SPIN_OK && w == width && h == height, "reads %s", what))
         check_same_bits(rgb, want, (size_t)(3 * w * h), what);
     else
         printf("#   %s\n", status ? spin_last_error() : "another size");
     free(rgb);
+}
+
+static void reads_as(const unsigned char *png, size_t n, int width, int height, const uint8_t *want,
+                     const char *what)
+{
+    reads_over(png, n, NULL, width, height, want, what);
+}
+
+/* The first pixel is 255 100 0 with alpha 128, the second has alpha 0: colour * alpha + background *
+ * (1 - alpha) in units of 255, by hand. */
+static void test_backgrounds(void)
+{
+    static const float white[3] = {1, 1, 1}, odd[3] = {0.5f, 0, 0.2f};
+    static const uint8_t over_white[] = {255, 177, 127, 255, 255, 255};
+    static const uint8_t over_odd[] = {192, 50, 25, 128, 0, 51};
+    static const uint8_t wide[] = {0, 255, 128, 0, 1, 1};
+
+    reads_over(rgba, sizeof rgba, white, 2, 1, over_white, "alpha over white");
+    reads_over(gama, sizeof gama, white, 2, 1, over_white, "alpha with gamma over white");
+    reads_over(rgba, sizeof rgba, odd, 2, 1, over_odd, "alpha over any colour");
+    reads_over(rgb16, sizeof rgb16, white, 2, 1, wide, "what has no alpha shows no background");
 }
 
 static void test_kinds(void)
@@ -128,7 +149,7 @@ static void test_size(void)
     ok(spin_image_size(path, &w, &h, &channels) == SPIN_OK && w == 2 && h == 1 && channels == 4,
        "size without decoding, whatever the file is called");
     path = write_bytes("huge.png", huge, sizeof huge);
-    ok(spin_image_read(path, &w, &h, &rgb) == SPIN_E_UNSUPPORTED && !rgb &&
+    ok(spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_E_UNSUPPORTED && !rgb &&
            strstr(spin_last_error(), "60000 x 60000") && strstr(spin_last_error(), "huge.png"),
        "refuses a huge image by its header");
 }
@@ -137,7 +158,7 @@ static void fails(const char *path, spin_status code, const char *what)
 {
     int w, h;
     uint8_t *rgb = NULL;
-    spin_status status = spin_image_read(path, &w, &h, &rgb);
+    spin_status status = spin_image_read(path, NULL, &w, &h, &rgb);
 
     if (!ok(status == code && !rgb && strstr(spin_last_error(), spin_path_name(path)), "%s", what))
         printf("#   status %d, '%s'\n", status, status ? spin_last_error() : "");
@@ -154,7 +175,7 @@ static void test_bad_files(void)
         int w, h;
         uint8_t *rgb = NULL;
 
-        if (spin_image_read(write_bytes("cut.png", rgb16, n), &w, &h, &rgb) == SPIN_OK) {
+        if (spin_image_read(write_bytes("cut.png", rgb16, n), NULL, &w, &h, &rgb) == SPIN_OK) {
             ok(0, "a PNG cut to %zu bytes is refused", n);
             free(rgb);
             return;
@@ -180,7 +201,7 @@ static void test_truncated_jpeg(void)
         int w, h;
         uint8_t *rgb = NULL;
 
-        n_read += spin_image_read(check_truncated(path, n), &w, &h, &rgb) == SPIN_OK;
+        n_read += spin_image_read(check_truncated(path, n), NULL, &w, &h, &rgb) == SPIN_OK;
         free(rgb);
     }
     fails(check_truncated(path, n_bytes - 1), SPIN_E_MALFORMED, "a JPEG one byte short");
@@ -212,7 +233,7 @@ static void test_means(void)
             snprintf(name, sizeof name, "datasets/panoptic_mini/ims/%d/%06d.jpg", cameras[cam],
                      (int)t);
             if (!check_fixture(name) ||
-                spin_image_read(check_fixture(name), &w, &h, &rgb) != SPIN_OK) {
+                spin_image_read(check_fixture(name), NULL, &w, &h, &rgb) != SPIN_OK) {
                 ok(0, "reads %s", name);
                 continue;
             }
@@ -242,7 +263,8 @@ static void test_round_trip(void)
     snprintf(path, sizeof path, "%s/out.png", folder);
     ok(spin_image_write(path, W, H, pixels) == SPIN_OK, "writes a PNG");
     ok(spin_image_write(path, W, H, pixels) == SPIN_OK, "writes it again");
-    if (ok(spin_image_read(path, &w, &h, &rgb) == SPIN_OK && w == W && h == H, "reads it back"))
+    if (ok(spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_OK && w == W && h == H,
+           "reads it back"))
         check_same_bits(rgb, pixels, sizeof pixels, "the same pixels");
     free(rgb);
     ok(spin_folder_list(folder, &names, &n) == SPIN_OK && n == 1, "leaves nothing beside it");
@@ -264,7 +286,7 @@ static void *read_often(void *self)
         int w, h;
         uint8_t *rgb = NULL;
 
-        r->n_good += spin_image_read(r->path, &w, &h, &rgb) == SPIN_OK;
+        r->n_good += spin_image_read(r->path, NULL, &w, &h, &rgb) == SPIN_OK;
         free(rgb);
     }
     return NULL;
@@ -319,6 +341,7 @@ int main(int argc, char **argv)
     }
     test_threads();
     test_kinds();
+    test_backgrounds();
     test_size();
     test_bad_files();
     test_truncated_jpeg();

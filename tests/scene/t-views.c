@@ -170,8 +170,8 @@ static void test_pixels(void)
         if (spin_views_add(&views, &v) != SPIN_OK)
             exit(1);
     }
-    ok(spin_pixels_open(&views, W * H * 3, &pixels) == SPIN_OK &&
-           spin_pixels_open(&views, 0, &tight) == SPIN_OK,
+    ok(spin_pixels_open(&views, W * H * 3, NULL, &pixels) == SPIN_OK &&
+           spin_pixels_open(&views, 0, NULL, &tight) == SPIN_OK,
        "opens");
     ok(spin_pixels_get(&pixels, 0, a) == SPIN_OK && spin_pixels_get(&tight, 0, b) == SPIN_OK,
        "decodes an image");

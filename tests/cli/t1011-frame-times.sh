@@ -1,0 +1,49 @@
+#!/bin/sh
+# K: 4dgaussian deformable3dgs datasets
+# At which times a continuous method is sampled when a data set only counts its frames.
+. tests/cli/lib.sh
+
+times_are() { # TIMES NAME
+    tr -d ' \n' <"$work/out" | grep -q -e "\"times\":\\[$1\\]"
+    ok $? "$2"
+}
+
+model=$fixtures/4dgaussian/dynerf_like/model
+if [ ! -d "$model" ]; then
+    skip "frame times" "no fixtures at $model"
+    done_testing
+fi
+
+# court-mini has six frames and no times.
+run "$bin/spin-import" "$model" --data "$clip" -o "$work/auto.spin" --json
+is "$code" 0 "4dgaussian with a data set that counts its frames"
+times_are "0,0.83333[0-9]*" "takes i/n, as its own reader does"
+out_has "i/n (--frame-times)" "and a note says so"
+run "$bin/spin-import" "$model" --data "$clip" --frame-times unit -o "$work/unit.spin" --json
+times_are "0,1" "unit: i/(n-1)"
+run "$bin/spin-import" "$model" --data "$clip" --frame-times count -o "$work/count.spin" --json
+times_are "0,0.83333[0-9]*" "count: i/n"
+run "$bin/spin-import" "$model" --data "$clip" --frame-times data -o "$work/data.spin" --json
+times_are "0,5" "data: as the data set counts them"
+
+other=
+for dir in "$fixtures"/deformable3dgs/*/model "$fixtures"/deformable3dgs/*; do
+    [ -d "$dir/deform" ] && other=$dir && break
+done
+if [ -n "$other" ]; then
+    run "$bin/spin-import" "$other" --data "$clip" -o "$work/other.spin" --json
+    times_are "0,1" "deformable3dgs: i/(n-1) by itself"
+    run "$bin/spin-import" "$other" --data "$clip" --frame-times count -o "$work/oc.spin" --json
+    times_are "0,0.83333[0-9]*" "and i/n when asked"
+else
+    skip "deformable3dgs" "no fixture at hand"
+fi
+
+run "$bin/spin-import" "$model" --frames 3 --frame-times unit -o "$work/none.spin"
+fails 2 spin-import "--frame-times without a data set"
+run "$bin/spin-import" "$clip/params.npz" --data "$clip" --frame-times unit -o "$work/none.spin"
+fails 2 spin-import "--frame-times for stored frames"
+run "$bin/spin-import" "$model" --data "$clip" --frame-times half -o "$work/none.spin"
+fails 2 spin-import "a rule that there is none of"
+nothing_at "$work/none" "nothing was written"
+done_testing
