@@ -65,7 +65,7 @@ BENCH_C  := $(wildcard tests/bench/bench-*.c)
 BENCH_BIN := $(BENCH_C:%.c=$(B)/%)
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup demo test test-bins check lint tsan fuzz fuzz-replay bench install clean format
+.PHONY: all help config setup demo test test-bins check lint valgrind tsan fuzz fuzz-replay bench install clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -157,6 +157,9 @@ check: ## test + lint under asan and ubsan: what a commit should pass
 
 tsan: ## the threaded tests under ThreadSanitizer
 	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads
+
+valgrind: all ## every command once under valgrind: no leak at exit
+	@sh tests/valgrind.sh $(B)/bin
 
 lint: ## includes, headers, lists, manual, format
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done
