@@ -100,10 +100,15 @@ $(LIB): $(LIB_O)
 	$(SAY) AR $@
 	$(Q)rm -f $@ && $(AR) rcs $@ $(LIB_O)
 
-$(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB)
+# What a plug-in may call: kept in every command and open to what it loads, and nothing else is.
+PLUGIN_SYM := src/plugin.sym
+PLUGIN_LD  := -Wl,--dynamic-list=$(PLUGIN_SYM) \
+              $(shell sed -n 's/^ *\(spin_[a-z_]*\);$$/-Wl,-u,\1/p' $(PLUGIN_SYM))
+
+$(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	@mkdir -p $(@D)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
+	$(Q)$(CC) $(LDFLAGS) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
 
 # What stands before a C++ library is an object of its own: who does not need it does not load it.
 $(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
@@ -167,13 +172,22 @@ lint: ## includes, headers, lists, manual, format
 bench: $(BENCH_BIN) ## every op, median and spread
 	@for b in $(BENCH_BIN); do $$b || exit 1; done
 
+INSTALL := $(DESTDIR)$(PREFIX)
+EXAMPLE := share/doc/spin4d/example-plugin
 install: all ## into DESTDIR/PREFIX
-	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/spin4d $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/share/man/man1 $(DESTDIR)$(PREFIX)/share/man/man5
-	install $(BINS) $(DESTDIR)$(PREFIX)/bin
-	install -m 644 $(SHIMS) $(DESTDIR)$(PREFIX)/lib/spin4d
-	install -m 644 src/spin.h $(DESTDIR)$(PREFIX)/include
-	install -m 644 man/*.1 $(DESTDIR)$(PREFIX)/share/man/man1
-	install -m 644 man/*.5 $(DESTDIR)$(PREFIX)/share/man/man5
+	install -d $(addprefix $(INSTALL)/,bin lib/spin4d lib/pkgconfig include/spin4d $(EXAMPLE))
+	install -d $(addprefix $(INSTALL)/share/man/,man1 man5 man7)
+	install $(BINS) $(INSTALL)/bin
+	install -m 644 $(SHIMS) $(INSTALL)/lib/spin4d
+	install -m 644 $(LIB) $(INSTALL)/lib
+	install -m 644 src/spin.h $(INSTALL)/include/spin4d
+	sed 's|@PREFIX@|$(PREFIX)|; s|@LIBS@|$(LDLIBS)|' src/spin4d.pc.in | \
+		sed "s|@VERSION@|$$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)|" \
+		>$(INSTALL)/lib/pkgconfig/spin4d.pc
+	install -m 644 man/*.1 $(INSTALL)/share/man/man1
+	install -m 644 man/*.5 $(INSTALL)/share/man/man5
+	install -m 644 man/*.7 $(INSTALL)/share/man/man7
+	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(INSTALL)/$(EXAMPLE)
 
 format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp')

@@ -11,6 +11,7 @@
  *   src/cmd       the commands: parse, call the library, print; nothing else
  *   importers     foreign files in: one plug-in per file, listed in importers.c
  *   exporters     standard files out: one plug-in per file, listed in exporters.c
+ *                 (others can be loaded at run time: part 4 below and spin-plugin(7))
  *
  * Conventions, written once. Quaternions are w, x, y, z. Matrices are row-major. Cameras look along
  * +z, x right, y down; w2c maps world to camera; the centre of the top-left pixel is (0.5, 0.5).
@@ -36,9 +37,18 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #ifdef __cplusplus
 extern "C" {
+#endif
+
+#if defined(__GNUC__)
+#define SPIN_PRINTF(fmt, args) __attribute__((format(printf, fmt, args)))
+#define SPIN_VISIBLE __attribute__((visibility("default")))
+#else
+#define SPIN_PRINTF(fmt, args)
+#define SPIN_VISIBLE
 #endif
 
 #define SPIN_VERSION "0.1.0"
@@ -62,6 +72,32 @@ typedef enum spin_status {
 
 /* The trail of this thread's last failure, one line, no full stop; "" when there was none. */
 const char *spin_last_error(void);
+
+/* Start a new trail with this text and return code: lower case, no full stop, what failed, where (file,
+ * array, line), why; names in 'quotes'. */
+spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
+
+/* Put "text: " in front of the trail and return code. */
+spin_status spin_more(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
+
+/* Return from this function when expr fails. */
+#define SPIN_TRY(expr)                                                                             \
+    do {                                                                                           \
+        spin_status spin_try_ = (expr);                                                            \
+        if (spin_try_ != SPIN_OK)                                                                  \
+            return spin_try_;                                                                      \
+    } while (0)
+
+/* Jump to out: with status set when expr fails. Needs a local `spin_status status`. */
+#define SPIN_TRY_OUT(expr)                                                                         \
+    do {                                                                                           \
+        status = (expr);                                                                           \
+        if (status != SPIN_OK)                                                                     \
+            goto out;                                                                              \
+    } while (0)
+
+/* "warning: ..." as one line on stderr, without stopping. */
+void spin_warn(const char *fmt, ...) SPIN_PRINTF(1, 2);
 
 /* How much the library says on stderr: -1 warnings only, 0 normal, 1 per run ... 4 per op. */
 void spin_set_verbosity(int level);
@@ -134,6 +170,8 @@ spin_status spin_views_add(struct spin_views *views, const struct spin_view *v);
 void spin_views_free(struct spin_views *views);
 
 /* ---- 4. Plug-ins ----------------------------------------------------------------------------- */
+
+/* A plug-in may call the functions of parts 1 to 4 and of part 7; src/plugin.sym lists them. */
 
 #define SPIN_PLUGIN_ABI 1
 
@@ -245,9 +283,48 @@ struct spin_exporter {
     void (*abort)(void *self);
 };
 
-/* The lists, NULL-terminated, alphabetical. */
+/* A file that appears under its name only when whole: written as path.tmp.<pid>, flushed to disk and
+ * renamed by commit. Write with spin_out_write() or with stdio on `file`; commit sees errors of both.
+ * Either commit or abandon must follow; both free it. */
+struct spin_out {
+    FILE *file;
+    char *path, *temporary;
+    uint64_t bytes; /* given to spin_out_write() */
+};
+/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"). */
+spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
+spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
+spin_status spin_out_commit(struct spin_out *out);
+void spin_out_abandon(struct spin_out *out);
+
+/* mkdir -p */
+spin_status spin_folder_make(const char *path);
+
+/* What a shared object built outside the tree defines under the name spin_plugin; spin-plugin(7) is the
+ * guide. The abi stays the first member in every version. */
+struct spin_plugin {
+    int abi;                                      /* SPIN_PLUGIN_ABI */
+    const struct spin_importer *const *importers; /* NULL-terminated; or NULL */
+    const struct spin_exporter *const *exporters; /* NULL-terminated; or NULL */
+};
+extern SPIN_VISIBLE const struct spin_plugin spin_plugin;
+
+/* Those built in, NULL-terminated, alphabetical. */
 extern const struct spin_importer *const spin_importers[];
 extern const struct spin_exporter *const spin_exporters[];
+
+/* Load what SPIN_PLUGIN_PATH names: shared objects and folders of them, with colons between. Done once,
+ * by the first of these three; nothing is loaded from anywhere else. What cannot be taken is left out
+ * with a warning, but for a plug-in that is called `chosen` (or NULL): the caller reports that one. */
+void spin_plugins_load(const char *chosen);
+/* Those built in, then those loaded, NULL-terminated. */
+const struct spin_importer *const *spin_importer_list(void);
+const struct spin_exporter *const *spin_exporter_list(void);
+
+/* The shared object that defines this importer or exporter; NULL: built in. */
+const char *spin_plugin_origin(const void *plugin);
+/* Why the plug-in of this name, or the object name.so, was left out; NULL: none was. */
+const char *spin_plugin_fault(const char *name);
 
 /* ---- 5. A clip: the *.spin bundle ------------------------------------------------------------ */
 
@@ -413,6 +490,8 @@ struct spin_export_report {
 };
 
 spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);
+
+/* ---- 7. Drawing ------------------------------------------------------------------------------ */
 
 /* Draw one view of splats that have all attribute columns. image: [3][h][w]. */
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,

@@ -10,8 +10,7 @@ int spin_log_level(void);
 
 /* One line when level <= the set level. Clears a progress line first. */
 void spin_log(int level, const char *fmt, ...) SPIN_PRINTF(2, 3);
-/* "warning: ..." unless quiet is total. */
-void spin_warn(const char *fmt, ...) SPIN_PRINTF(1, 2);
+/* spin_warn() is in spin.h: plug-ins warn too. */
 
 /* A progress line: only on a terminal, at most six times a second, with rate and time left:
  *     retraining  1234/40000  3.1%  4.12 it/s  2:36:12 left  loss 0.0312

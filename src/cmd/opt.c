@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { HELP_COLUMN = 28, HELP_WIDTH = 84, MAX_PLUGINS = 64 };
+enum { HELP_COLUMN = 28, HELP_WIDTH = 84, MAX_PLUGINS = 128 };
 
 /* ---- Signals --------------------------------------------------------------------------------- */
 
@@ -697,6 +697,10 @@ static int check_chosen(const struct parser *p)
             best_distance = d;
         }
     }
+    if (spin_plugin_fault(p->chosen)) {
+        put_line(p->command->name, spin_plugin_fault(p->chosen), "");
+        return SPIN_EXIT_FAILED;
+    }
     if (best)
         return spin_opt_misuse(p->command, "no %s is called '%s', did you mean '%s'?",
                                p->command->plugin_kind, p->chosen, best);
@@ -722,8 +726,9 @@ bool spin_opt_parse(const struct spin_opt_command *command, int argc, char **arg
 
     *words = (struct spin_opt_words){0};
     if (command->plugins) {
-        p.n_plugins = command->plugins(p.plugin, MAX_PLUGINS);
         p.chosen = scan_selector(argc, argv, command->plugin_selector);
+        spin_plugins_load(p.chosen);
+        p.n_plugins = command->plugins(p.plugin, MAX_PLUGINS);
     }
     if (asks_for_help(argc, argv)) {
         *exit_code = check_chosen(&p);

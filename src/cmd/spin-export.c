@@ -34,10 +34,11 @@ static const struct spin_opt_row rows[] = {
 
 static size_t list_exporters(struct spin_opt_plugin *out, size_t room)
 {
+    const struct spin_exporter *const *exporter = spin_exporter_list();
     size_t n = 0;
 
-    for (; n < room && spin_exporters[n]; n++)
-        out[n] = (struct spin_opt_plugin){spin_exporters[n]->name, spin_exporters[n]->options};
+    for (; n < room && exporter[n]; n++)
+        out[n] = (struct spin_opt_plugin){exporter[n]->name, exporter[n]->options};
     return n;
 }
 
@@ -58,22 +59,29 @@ static const struct spin_opt_command command = {
     .plugins = list_exporters,
 };
 
-static void list(void)
+static void list_json(void)
 {
-    if (!common.json) {
-        for (size_t i = 0; spin_exporters[i]; i++)
-            printf("%-16s %s\n", spin_exporters[i]->name, spin_exporters[i]->summary);
-        return;
-    }
     spin_print_open(NULL, '[');
-    for (size_t i = 0; spin_exporters[i]; i++) {
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
         spin_print_open(NULL, '{');
-        spin_print_string("name", spin_exporters[i]->name);
-        spin_print_string("summary", spin_exporters[i]->summary);
-        spin_print_bool("draws", spin_exporters[i]->needs_renderer);
+        spin_print_string("name", (*i)->name);
+        spin_print_string("summary", (*i)->summary);
+        spin_print_bool("draws", (*i)->needs_renderer);
+        spin_print_string("plugin", spin_plugin_origin(*i));
         spin_print_close('}');
     }
     spin_print_close(']');
+}
+
+static void list_text(void)
+{
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
+        const char *origin = spin_plugin_origin(*i);
+
+        printf("%-16s %s\n", (*i)->name, (*i)->summary);
+        if (origin)
+            printf("%-16s plug-in %s\n", "", origin);
+    }
 }
 
 static void report_json(const struct spin_export_report *r)
@@ -123,7 +131,10 @@ int main(int argc, char **argv)
     if (wants_list) {
         if (words.n)
             return spin_opt_misuse(&command, "--list takes no IN.spin");
-        list();
+        if (common.json)
+            list_json();
+        else
+            list_text();
         return spin_opt_finish(&command, SPIN_EXIT_OK);
     }
     code = check(&words);

@@ -44,10 +44,11 @@ static const struct spin_opt_row rows[] = {
 
 static size_t list_importers(struct spin_opt_plugin *out, size_t room)
 {
+    const struct spin_importer *const *importer = spin_importer_list();
     size_t n = 0;
 
-    for (; n < room && spin_importers[n]; n++)
-        out[n] = (struct spin_opt_plugin){spin_importers[n]->name, spin_importers[n]->options};
+    for (; n < room && importer[n]; n++)
+        out[n] = (struct spin_opt_plugin){importer[n]->name, importer[n]->options};
     return n;
 }
 
@@ -72,13 +73,14 @@ static const struct spin_opt_command command = {
 static void list_json(void)
 {
     spin_print_open(NULL, '[');
-    for (size_t i = 0; spin_importers[i]; i++) {
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
         spin_print_open(NULL, '{');
-        spin_print_string("name", spin_importers[i]->name);
-        spin_print_string("summary", spin_importers[i]->summary);
-        spin_print_string("upstream", spin_importers[i]->upstream);
-        spin_print_bool("tracks", spin_importers[i]->open != NULL);
-        spin_print_bool("views", spin_importers[i]->views != NULL);
+        spin_print_string("name", (*i)->name);
+        spin_print_string("summary", (*i)->summary);
+        spin_print_string("upstream", (*i)->upstream);
+        spin_print_bool("tracks", (*i)->open != NULL);
+        spin_print_bool("views", (*i)->views != NULL);
+        spin_print_string("plugin", spin_plugin_origin(*i));
         spin_print_close('}');
     }
     spin_print_close(']');
@@ -86,13 +88,16 @@ static void list_json(void)
 
 static void list_text(void)
 {
-    for (size_t i = 0; spin_importers[i]; i++) {
-        const struct spin_importer *importer = spin_importers[i];
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
+        const struct spin_importer *importer = *i;
+        const char *origin = spin_plugin_origin(importer);
 
         printf("%-16s %-6s %s\n", importer->name, importer->open ? "tracks" : "views",
                importer->summary);
         if (importer->upstream)
             printf("%-16s %-6s %s\n", "", "", importer->upstream);
+        if (origin)
+            printf("%-16s %-6s plug-in %s\n", "", "", origin);
     }
 }
 
@@ -208,10 +213,11 @@ static const struct spin_importer *find_importer(const char *name)
 {
     size_t length = name ? strcspn(name, ":") : 0;
 
-    for (size_t i = 0; name && spin_importers[i]; i++)
-        if (strlen(spin_importers[i]->name) == length &&
-            !strncmp(spin_importers[i]->name, name, length))
-            return spin_importers[i];
+    if (!name)
+        return NULL;
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
+        if (strlen((*i)->name) == length && !strncmp((*i)->name, name, length))
+            return *i;
     return NULL;
 }
 
@@ -229,7 +235,8 @@ static int check(const struct spin_opt_words *words)
         return spin_opt_misuse(&command, "say where to write with --output, or use --info");
     if (from && !from->open)
         return spin_opt_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
-    if (options.data_from && (!data_from || !data_from->views))
+    if (options.data_from &&
+        (data_from ? !data_from->views : !spin_plugin_fault(options.data_from)))
         return spin_opt_misuse(&command, "no data set is called '%s'; --list shows them",
                                options.data_from);
     if (options.n_frames && times.n)

@@ -282,6 +282,22 @@ static spin_status check_frame_times(const struct spin_import_options *o)
                      o->frame_times);
 }
 
+/* What open() promised, held to the rules: an importer may have been built elsewhere. */
+static spin_status check_track(const struct import *im)
+{
+    const struct spin_track *t = &im->track;
+    const char *name = im->importer->name;
+
+    if (!t->continuous && t->n_frames < 1)
+        return spin_fail(SPIN_E_MALFORMED, "the importer '%s' found no frames", name);
+    if (!(t->columns & SPIN_COL_MEANS))
+        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no positions", name);
+    if ((t->columns & SPIN_COL_SH) && (t->sh_degree < 0 || t->sh_degree > 3))
+        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives SH of degree %d, not 0..3",
+                         name, t->sh_degree);
+    return SPIN_OK;
+}
+
 static spin_status run_import(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -292,11 +308,13 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_values(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;
     SPIN_TRY(im->importer->open(o->input, &im->values, &im->self, &im->track));
+    SPIN_TRY(check_track(im));
     SPIN_TRY(open_data(im));
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(attach_data(im));
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
-    snprintf(meta->upstream, sizeof meta->upstream, "%s", im->importer->upstream);
+    snprintf(meta->upstream, sizeof meta->upstream, "%s",
+             im->importer->upstream ? im->importer->upstream : "");
     memcpy(meta->variant, im->track.variant, sizeof meta->variant);
     meta->columns = im->track.columns;
     if (o->positions_only)
@@ -537,15 +555,17 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
 {
     char known[256] = "";
 
-    for (size_t i = 0; spin_exporters[i]; i++) {
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
         size_t used = strlen(known);
 
-        if (strcmp(spin_exporters[i]->name, name) == 0) {
-            *out = spin_exporters[i];
+        if (strcmp((*i)->name, name) == 0) {
+            *out = *i;
             return SPIN_OK;
         }
-        snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", spin_exporters[i]->name);
+        snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", (*i)->name);
     }
+    if (spin_plugin_fault(name))
+        return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(name));
     return spin_fail(SPIN_E_USAGE, "no exporter '%s': there is %s", name, known);
 }
 

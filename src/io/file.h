@@ -1,8 +1,7 @@
-/* Files: map, list, path words, write-then-rename. */
+/* Files: map, list, path words. Writing (struct spin_out, spin_folder_make) is in spin.h, as plug-ins
+ * write files too. */
 #ifndef SPIN_IO_FILE_H
 #define SPIN_IO_FILE_H
-
-#include <stdio.h>
 
 #include "spin.h"
 
@@ -28,8 +27,6 @@ spin_status spin_path_absolute(const char *path, char **out);
 /* Path of `to` as seen from the folder `from` (both exist): relative where they share a parent other
  * than the root, else absolute. Allocated. */
 spin_status spin_path_relative(const char *from, const char *to, char **out);
-/* mkdir -p */
-spin_status spin_folder_make(const char *path);
 
 /* Entries of a folder without . and .., sorted by name (bytes); names[n] == NULL. */
 spin_status spin_folder_list(const char *path, char ***names, size_t *n);
@@ -37,19 +34,6 @@ void spin_folder_list_free(char **names);
 
 /* The last run of digits in a file's stem as a number, or -1 ("frame_10.ply" -> 10). */
 long long spin_path_number(const char *path);
-
-/* A file that appears under its name only when whole: written as path.tmp.<pid>, flushed to disk and
- * renamed by commit. Either commit or abandon must follow; both free it. */
-struct spin_out {
-    FILE *file;
-    char *path, *temporary;
-    uint64_t bytes;
-};
-/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"). */
-spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
-spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
-spin_status spin_out_commit(struct spin_out *out);
-void spin_out_abandon(struct spin_out *out);
 
 /* First bytes, entries and zip member names of path, for probing. Free with spin_peek_free(). */
 spin_status spin_peek_open(const char *path, struct spin_peek *out);

@@ -21,10 +21,10 @@ static void list_names(bool want_views, char *text, size_t n_text)
     size_t used = 0;
 
     text[0] = '\0';
-    for (size_t i = 0; spin_importers[i] && used < n_text; i++) {
-        if (is_candidate(spin_importers[i], want_views))
-            used += (size_t)snprintf(text + used, n_text - used, "%s%s", used ? ", " : "",
-                                     spin_importers[i]->name);
+    for (const struct spin_importer *const *i = spin_importer_list(); *i && used < n_text; i++) {
+        if (is_candidate(*i, want_views))
+            used +=
+                (size_t)snprintf(text + used, n_text - used, "%s%s", used ? ", " : "", (*i)->name);
     }
 }
 
@@ -32,13 +32,14 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
 {
     char names[512];
 
-    for (size_t i = 0; spin_importers[i]; i++) {
-        if (strcmp(spin_importers[i]->name, from) == 0 &&
-            is_candidate(spin_importers[i], want_views)) {
-            *out = spin_importers[i];
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
+        if (strcmp((*i)->name, from) == 0 && is_candidate(*i, want_views)) {
+            *out = *i;
             return SPIN_OK;
         }
     }
+    if (spin_plugin_fault(from))
+        return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(from));
     list_names(want_views, names, sizeof names);
     return spin_fail(SPIN_E_USAGE, "no importer of %s is called '%s'; there are %s",
                      want_views ? "data sets" : "runs", from, names);
@@ -50,8 +51,8 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
     const struct spin_importer *best = NULL, *second = NULL;
     int best_score = 0, second_score = 0;
 
-    for (size_t i = 0; spin_importers[i]; i++) {
-        const struct spin_importer *importer = spin_importers[i];
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
+        const struct spin_importer *importer = *i;
         int score;
 
         if (!is_candidate(importer, want_views) || !importer->probe)

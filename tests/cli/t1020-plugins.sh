@@ -1,0 +1,168 @@
+#!/bin/sh
+# K: plugin install
+# An installed spin4d loads importers and exporters that were built against its header alone.
+. tests/cli/lib.sh
+unset SPIN_PLUGIN_PATH
+CC=${CC:-gcc}
+prefix=$work/usr
+stage=$work/stage
+
+# This very build, installed below a DESTDIR; `make install` copies, nothing is compiled.
+run make -s CONFIG="$(basename "${SPIN_BUILD:-build/release}")" DESTDIR="$stage" PREFIX="$prefix" install
+is "$code" 0 "make install with DESTDIR and PREFIX"
+[ ! -e "$prefix" ]
+ok $? "writes below DESTDIR only"
+mv "$stage$prefix" "$prefix"
+for file in bin/spin-import lib/libspin.a lib/spin4d/spin-image.so include/spin4d/spin.h \
+    share/man/man1/spin-import.1 share/man/man5/spin-bundle.5 share/man/man7/spin-plugin.7 \
+    lib/pkgconfig/spin4d.pc share/doc/spin4d/example-plugin/Makefile; do
+    [ -s "$prefix/$file" ]
+    ok $? "installs $file"
+done
+bin=$prefix/bin
+
+SPIN_CFLAGS=-I$prefix/include/spin4d
+if command -v pkg-config >/dev/null 2>&1; then
+    SPIN_CFLAGS=$(PKG_CONFIG_PATH=$prefix/lib/pkgconfig pkg-config --cflags spin4d)
+    is "${SPIN_CFLAGS% }" "-I$prefix/include/spin4d" "pkg-config knows where spin.h is"
+    run env PKG_CONFIG_PATH="$prefix/lib/pkgconfig" pkg-config --modversion spin4d
+    is "spin-import $(cat "$work/out")" "$("$bin/spin-import" --version)" "and the version"
+fi
+
+# The example, outside the tree.
+cp -r "$prefix/share/doc/spin4d/example-plugin" "$work/example"
+run make -s -C "$work/example" CC="$CC" SPIN_CFLAGS="$SPIN_CFLAGS" CFLAGS='-O1 -Wall -Wextra -Werror'
+is "$code" 0 "the example builds against the install"
+importer=$work/example/points-csv.so
+exporter=$work/example/xyz.so
+
+cat >"$work/two.csv" <<CSV
+frame,x,y,z,red,green,blue
+3,0.5,1,-0.25,255,0,128
+3,1,2,3,0,255,0
+7,0,0,0.125,10,20,30
+CSV
+
+run "$bin/spin-import" --list
+! grep -q points-csv "$work/out"
+ok $? "without SPIN_PLUGIN_PATH nothing is loaded"
+(cd "$work/example" && cp ../two.csv . && SPIN_PLUGIN_PATH=: "$bin/spin-import" --list) >"$work/out"
+! grep -q points-csv "$work/out"
+ok $? "an empty piece of it is not the folder we are in"
+run "$bin/spin-import" --info "$work/example/two.csv"
+fails 1 spin-import "a plug-in beside the input is not loaded"
+
+export SPIN_PLUGIN_PATH="$work/example"
+run "$bin/spin-import" --list
+is "$code" 0 "a folder of plug-ins"
+is "$(wc -c <"$work/err")" 0 "loads without a word"
+out_has "^points-csv  *tracks coloured points" "--list has the importer"
+out_has "plug-in .*/example/points-csv.so" "and where it came from"
+run "$bin/spin-import" --list --json
+is_json "--list --json is JSON"
+out_has '"plugin": ".*points-csv.so"' "that says so too"
+run "$bin/spin-export" --list
+out_has "^xyz  *places as text" "spin-export --list has the exporter"
+run "$bin/spin-import" --from points-csv --help
+out_has "^ *--size LENGTH " "--help has the importer's options"
+run "$bin/spin-export" --to xyz --help
+out_has "^ *--colour " "and the exporter's"
+
+run "$bin/spin-import" "$work/two.csv" -o "$work/two.spin" --size 0.1 --json
+is "$code" 0 "imports"
+is "$(member from)" points-csv "by detection"
+is "$(member frames)" 2 "two frames"
+out_has '"max": 2$' "of up to two points"
+run "$bin/spin-export" "$work/two.spin" --to xyz -o "$work/xyz" --colour
+is "$code" 0 "exports"
+is "$(cat "$work/xyz/frame_00003.xyz")" "0.5 1 -0.25 255 0 128
+1 2 3 0 255 0" "what was imported, frame 3"
+is "$(cat "$work/xyz/frame_00007.xyz")" "0 0 0.125 10 20 30" "and frame 7"
+run "$bin/spin-export" "$work/two.spin" --to xyz -o "$work/xyz"
+fails 1 spin-export "an exporter's failure"
+err_has "use --force" "says what to do"
+run "$bin/spin-export" "$work/two.spin" --to ply -o "$work/ply"
+is "$code" 0 "a built-in exporter takes it as well"
+
+echo "frame,x,y,z,red,green,blue
+0,1,2" >"$work/short.csv"
+run "$bin/spin-import" "$work/short.csv" -o "$work/short.spin"
+fails 1 spin-import "a plug-in's failure"
+err_has "short.csv' line 2: expected frame,x,y,z" "has its own words"
+nothing_at "$work/short.spin" "nothing was written"
+run "$bin/spin-import" "$work/two.csv" -o "$work/bad.spin" --size -1
+fails 2 spin-import "a wrong value of a plug-in's option"
+run "$bin/spin-import" "$work/two.csv" -o "$work/bad.spin" --from d3dgs --size 1
+fails 2 spin-import "an option of another importer"
+
+# ---- What is broken -------------------------------------------------------------------------------
+
+# variant NAME SED: the example importer, changed, as $work/broken/NAME.so
+mkdir "$work/broken"
+variant() {
+    sed "$2" "$work/example/points-csv.c" >"$work/broken/$1.c"
+    "$CC" -std=gnu11 -fPIC -shared -w $SPIN_CFLAGS -o "$work/broken/$1.so" "$work/broken/$1.c"
+}
+# refused NAME WORDS: left out with a warning that has WORDS; an error when asked for.
+refused() {
+    export SPIN_PLUGIN_PATH="$work/broken/$1.so:$exporter"
+    run "$bin/spin-import" --list
+    is "$code" 0 "$1: the rest works"
+    is "$(grep -c '^warning: ' "$work/err"), $(wc -l <"$work/err")" "1, 1" "$1: one line of warning"
+    err_has "^warning: .*$1.so.*$2" "$1: names the file and why"
+    run "$bin/spin-import" --from "$1" "$work/two.csv" -o "$work/bad.spin"
+    fails 1 spin-import "$1, asked for"
+    err_has "$1.so.*$2" "$1, asked for: names the file and why"
+}
+
+variant future 's/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI + 1)/'
+refused future "built for version 2 of spin.h, this is 1"
+variant mixed '/const struct spin_importer points_csv/,/^};/ s/SPIN_PLUGIN_ABI/7/'
+refused mixed "an importer in it is of another version"
+variant nameless 's/^const struct spin_plugin spin_plugin/static const struct spin_plugin hidden/; s/-csv"/-x"/'
+refused nameless "defines no 'spin_plugin'"
+variant needy 's/spin_splats_reserve(/spin_splats_conjure(/'
+refused needy "undefined symbol: spin_splats_conjure"
+variant frameless 's/^    .frame = .*//'
+refused frameless "open() but no frame()"
+echo "not a shared object, however long the file may be: sixty-four bytes and more" >"$work/broken/text.so"
+refused text "invalid ELF header"
+: >"$work/broken/empty.so"
+refused empty "file too short"
+refused absent "is not there"
+
+variant clash 's/"points-csv"/"ply"/'
+export SPIN_PLUGIN_PATH="$work/broken/clash.so"
+run "$bin/spin-import" --from ply --help
+is "$code" 0 "a name that is taken: the built-in one stays"
+err_has "^warning: .*clash.so': an importer called 'ply' is there already: built in; it is left out" \
+    "and a warning says so"
+export SPIN_PLUGIN_PATH="$importer:$work/example:$importer"
+run "$bin/spin-import" --list
+is "$(grep -c '^points-csv' "$work/out"), $(wc -c <"$work/err")" "1, 0" "named three times: loaded once"
+variant again ''
+export SPIN_PLUGIN_PATH="$importer:$work/broken/again.so"
+run "$bin/spin-import" --list
+err_has "again.so': an importer called 'points-csv' is there already: .*example/points-csv.so" \
+    "two of a name: the first stays"
+export SPIN_PLUGIN_PATH="$work/nowhere/"
+run "$bin/spin-retrain" "$work/two.spin" --dry-run -o "$work/x.spin" --data "$work/xyz" --data-from panoptic
+err_has "^warning: plug-in '$work/nowhere/' of SPIN_PLUGIN_PATH is not there" "a folder that is missing"
+unset SPIN_PLUGIN_PATH
+
+# The example of spin.h, as a program of its own on the installed library.
+if command -v pkg-config >/dev/null 2>&1 && [ "$(basename "${SPIN_BUILD:-release}")" = release ]; then
+    {
+        echo '#include <spin.h>'
+        echo 'int main(void) {'
+        sed -n '/^ \* Example: print/,/^ \*\//p' "$prefix/include/spin4d/spin.h" |
+            sed -n 's/^ \*     //p' | sed 's|"ball.spin"|"'"$work/two.spin"'"|'
+        echo 'return 0; }'
+    } >"$work/use.c"
+    export PKG_CONFIG_PATH="$prefix/lib/pkgconfig"
+    run "$CC" -o "$work/use" "$work/use.c" $(pkg-config --cflags --libs spin4d)
+    is "$code" 0 "a program links the installed library"
+    run "$work/use"
+    is "$(cat "$work/out")" "2 splats" "and reads a bundle"
+fi
+done_testing
