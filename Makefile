@@ -61,8 +61,9 @@ SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
 
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
-BENCH_C  := $(wildcard tests/bench/bench-*.c)
-BENCH_BIN := $(BENCH_C:%.c=$(B)/%)
+BENCH_C  := $(wildcard tests/bench/*.c)
+BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
+BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
 .PHONY: all help config setup demo test test-bins check lint valgrind tsan fuzz fuzz-replay bench install clean format
@@ -169,8 +170,12 @@ valgrind: all ## every command once under valgrind: no leak at exit
 lint: ## includes, headers, lists, manual, format
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done
 
-bench: $(BENCH_BIN) ## every op, median and spread
-	@for b in $(BENCH_BIN); do $$b || exit 1; done
+$(BENCH): $(BENCH_O) $(LIB)
+	$(SAY) LINK $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $(BENCH_O) $(LIB) $(LDLIBS)
+
+bench: $(BENCH) ## time every stage of a step: make bench [A="--gaussians 50000 --table 21"]
+	@$(BENCH) $(A)
 
 INSTALL := $(DESTDIR)$(PREFIX)
 EXAMPLE := share/doc/spin4d/example-plugin
