@@ -23,18 +23,32 @@ static int probe(const struct spin_peek *peek)
     return found >= 3 ? 60 : 0;
 }
 
+/* What the run holds and splats do not. */
+static void note_lost(const struct d3dgs_run *run, struct spin_track *track)
+{
+    static const struct {
+        const char *key, *what;
+    } lost[] = {
+        {"mask", "array 'mask' (TC3DGS) is ignored: every Gaussian is present in every frame"},
+        {"cam_m", "the per-camera colour corrections (cam_m, cam_c) are not imported"},
+        {"seg_colors", "the flags of foreground and background (seg_colors) are not imported"},
+    };
+    size_t used = 0;
+
+    for (size_t i = 0; i < sizeof lost / sizeof *lost; i++) {
+        if (spin_npz_has(&run->npz, lost[i].key))
+            used += (size_t)snprintf(track->notes + used, sizeof track->notes - used, "%s\n",
+                                     lost[i].what);
+    }
+}
+
 static spin_status open_run(const char *path, struct d3dgs_run *run, struct spin_track *track)
 {
     SPIN_TRY(d3dgs_load(path, run));
     SPIN_TRY(d3dgs_describe(run, track));
     snprintf(track->variant, sizeof track->variant, "Dynamic 3D Gaussians, %llu Gaussians",
              (unsigned long long)run->n);
-    if (spin_npz_has(&run->npz, "mask"))
-        snprintf(track->notes, sizeof track->notes,
-                 "array 'mask' (TC3DGS) is ignored: every Gaussian is present in every frame\n");
-    else if (spin_npz_has(&run->npz, "cam_m"))
-        snprintf(track->notes, sizeof track->notes,
-                 "the per-camera colour corrections (cam_m, cam_c) are not imported\n");
+    note_lost(run, track);
     return SPIN_OK;
 }
 

@@ -356,20 +356,48 @@ struct spin_import_options {
     const char *from;             /* importer, NULL: detect */
     const char *data, *data_from; /* data set, or NULL */
     const char *pair;             /* "auto", "number" or "order"; NULL: auto */
-    const char *frame_times;      /* of the data set: "auto", "data", "unit" or "count"; NULL: auto */
-    int n_frames;                 /* continuous methods: sample this many; 0: not asked */
-    const double *times;          /* continuous methods: sample here */
+    const char *frame_times; /* of the data set: "auto", "data", "unit" or "count"; NULL: auto */
+    int n_frames;            /* continuous methods: sample this many; 0: not asked */
+    const double *times;     /* continuous methods: sample here */
     int n_times;
     struct spin_range range;
     bool positions_only, force;
+    bool full;                       /* describe: read every frame, not up to 16 of them */
+    const char *check_cameras;       /* folder for PNGs of the points over data's images, or NULL */
     const char *const *plugin_pairs; /* see struct spin_plugin_values */
 };
 
+/* Finite values of one attribute over the frames that were read; NaN when there are none. */
+struct spin_import_range {
+    char name[24];           /* "means.x", "log_scales", "sh.dc", ... */
+    double min, median, max; /* the median is that of a sample */
+    double not_finite;       /* share of NaN and infinities, 0..1 */
+};
+
+/* The points of one frame in one view of the data set. */
+struct spin_import_camera {
+    int frame, camera;       /* frame number, camera_id */
+    double in_front, inside; /* share of the points before the camera; in its image. 0..1 */
+    char file[48];           /* the PNG, in the folder that was asked for */
+};
+
+#define SPIN_IMPORT_MAX_RANGES 12
+#define SPIN_IMPORT_MAX_CAMERAS 12
+
 struct spin_import_report {
-    char from[32];
+    char from[32], upstream[160];
+    char recognised[160]; /* how the importer was chosen */
     char variant[128];
-    char notes[1024];
+    char notes[1024]; /* what was guessed, what will be lost: lines */
     int frames;
+    int frames_read; /* for bounds and ranges */
+    bool continuous; /* the method is defined from range_first to range_last */
+    double range_first, range_last;
+    unsigned still_columns;
+    struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
+    int n_ranges;
+    struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
+    int n_cameras;
     size_t splats_min, splats_max;
     double splats_mean;
     double time_first, time_last;

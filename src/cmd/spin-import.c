@@ -1,6 +1,7 @@
 /* spin-import: another method's run to a bundle. */
 #include "cmd/opt.h"
 
+#include <math.h>
 #include <string.h>
 
 static struct spin_import_options options;
@@ -38,6 +39,11 @@ static const struct spin_opt_row rows[] = {
              &options.positions_only, 0, 0),
     SPIN_OPT("info", 0, NULL, "describe the input, write nothing", SPIN_OPT_FLAG, &wants_info, 0,
              0),
+    SPIN_OPT("full", 0, NULL, "with --info: read every frame instead of 16 of them", SPIN_OPT_FLAG,
+             &options.full, 0, 0),
+    SPIN_OPT("check-cameras", 0, "DIR",
+             "draw the clip's points over the images of --data, as PNGs in DIR", SPIN_OPT_STRING,
+             &options.check_cameras, 0, 0),
     SPIN_OPT("list", 0, NULL, "list the importers", SPIN_OPT_FLAG, &wants_list, 0, 0),
     SPIN_OPT_COMMON_ROWS(common),
 };
@@ -55,6 +61,7 @@ static size_t list_importers(struct spin_opt_plugin *out, size_t room)
 static const char *const usage[] = {
     "spin-import [--from NAME] INPUT -o OUT.spin [options]",
     "spin-import --info [--from NAME] INPUT [--json]",
+    "spin-import --check-cameras DIR --data DATA INPUT [-o OUT.spin]",
     "spin-import --list [--json]",
     NULL,
 };
@@ -140,12 +147,53 @@ static void print_notes(const char *notes)
     spin_print_close(']');
 }
 
+static void print_columns(const char *key, unsigned held)
+{
+    spin_print_open(key, '[');
+    for (int i = 0; i < N_COLUMNS; i++)
+        if (held & columns[i].column)
+            spin_print_string(NULL, columns[i].name);
+    spin_print_close(']');
+}
+
+static void print_ranges(const struct spin_import_report *r)
+{
+    spin_print_open("ranges", '{');
+    for (int i = 0; i < r->n_ranges; i++) {
+        spin_print_open(r->range[i].name, '{');
+        spin_print_number("min", r->range[i].min);
+        spin_print_number("median", r->range[i].median);
+        spin_print_number("max", r->range[i].max);
+        spin_print_number("not_finite", r->range[i].not_finite);
+        spin_print_close('}');
+    }
+    spin_print_close('}');
+}
+
+static void print_cameras(const struct spin_import_report *r)
+{
+    spin_print_open("cameras", '[');
+    for (int i = 0; i < r->n_cameras; i++) {
+        spin_print_open(NULL, '{');
+        spin_print_integer("frame", r->camera[i].frame);
+        spin_print_integer("camera", r->camera[i].camera);
+        spin_print_number("in_front", r->camera[i].in_front);
+        spin_print_number("inside", r->camera[i].inside);
+        spin_print_string("file", r->camera[i].file);
+        spin_print_close('}');
+    }
+    spin_print_close(']');
+}
+
 static void report_json(const struct spin_import_report *r)
 {
     spin_print_open(NULL, '{');
     spin_print_string("from", r->from);
     spin_print_string("variant", r->variant);
+    spin_print_string("upstream", r->upstream);
+    spin_print_string("recognised", r->recognised);
     spin_print_integer("frames", r->frames);
+    spin_print_integer("frames_read", r->frames_read);
     spin_print_open("splats", '{');
     spin_print_integer("min", (long long)r->splats_min);
     spin_print_number("mean", r->splats_mean);
@@ -155,6 +203,13 @@ static void report_json(const struct spin_import_report *r)
     spin_print_number(NULL, r->time_first);
     spin_print_number(NULL, r->time_last);
     spin_print_close(']');
+    spin_print_bool("continuous", r->continuous);
+    if (r->continuous) {
+        spin_print_open("time_range", '[');
+        spin_print_number(NULL, r->range_first);
+        spin_print_number(NULL, r->range_last);
+        spin_print_close(']');
+    }
     spin_print_bool("numbered", r->numbered);
     spin_print_open("numbers", '[');
     spin_print_integer(NULL, r->number_first);
@@ -164,24 +219,73 @@ static void report_json(const struct spin_import_report *r)
         spin_print_null("sh_degree");
     else
         spin_print_integer("sh_degree", r->sh_degree);
-    spin_print_open("attributes", '[');
-    for (int i = 0; i < N_COLUMNS; i++)
-        if (r->columns & columns[i].column)
-            spin_print_string(NULL, columns[i].name);
-    spin_print_close(']');
+    print_columns("attributes", r->columns);
+    print_columns("still", r->still_columns);
     spin_print_open("bounds", '{');
     print_vector("min", r->bounds_min);
     print_vector("max", r->bounds_max);
     spin_print_close('}');
+    if (wants_info)
+        print_ranges(r);
     print_notes(r->notes);
+    if (options.check_cameras)
+        print_cameras(r);
     if (options.output)
         spin_print_string("output", options.output);
     spin_print_close('}');
 }
 
+/* What people think in, beside what is stored. */
+static void text_finished(const struct spin_import_range *x)
+{
+    if (!strcmp(x->name, "log_scales"))
+        printf("   scales %.4g, %.4g, %.4g", exp(x->min), exp(x->median), exp(x->max));
+    if (!strcmp(x->name, "logit_opacities"))
+        printf("   opacities %.4g, %.4g, %.4g", 1 / (1 + exp(-x->min)), 1 / (1 + exp(-x->median)),
+               1 / (1 + exp(-x->max)));
+}
+
+static void text_ranges(const struct spin_import_report *r)
+{
+    double worst = 0;
+
+    if (r->n_ranges == 0)
+        return;
+    printf("read        %d of %d frames%s\n", r->frames_read, r->frames,
+           r->frames_read < r->frames ? ", evenly (--full reads all)" : "");
+    printf("            %-16s %12s %12s %12s\n", "attribute", "least", "median", "largest");
+    for (int i = 0; i < r->n_ranges; i++) {
+        const struct spin_import_range *x = &r->range[i];
+
+        printf("            %-16s %12.5g %12.5g %12.5g", x->name, x->min, x->median, x->max);
+        text_finished(x);
+        if (x->not_finite > 0)
+            printf("   %.3g %% not finite", 100 * x->not_finite);
+        printf("\n");
+        worst = x->not_finite > worst ? x->not_finite : worst;
+    }
+    if (worst == 0)
+        printf("            all values are finite\n");
+}
+
+static void text_cameras(const struct spin_import_report *r)
+{
+    for (int i = 0; i < r->n_cameras; i++)
+        printf("check       frame %d, camera %d: %.1f %% of the points in front, %.1f %% inside, "
+               "%s/%s\n",
+               r->camera[i].frame, r->camera[i].camera, 100 * r->camera[i].in_front,
+               100 * r->camera[i].inside, options.check_cameras, r->camera[i].file);
+}
+
 static void report_text(const struct spin_import_report *r)
 {
     printf("from        %s%s%s\n", r->from, *r->variant ? ", " : "", r->variant);
+    if (wants_info) {
+        printf("recognised  %s\n", r->recognised);
+        printf("upstream    %s\n", r->upstream);
+        if (r->continuous)
+            printf("time        any from %.10g to %.10g\n", r->range_first, r->range_last);
+    }
     printf("frames      %d, numbers %d to %d%s, times %.10g to %.10g\n", r->frames, r->number_first,
            r->number_last, r->numbered ? "" : " (counted)", r->time_first, r->time_last);
     if (r->splats_min == r->splats_max)
@@ -195,15 +299,23 @@ static void report_text(const struct spin_import_report *r)
             printf(" %s", columns[i].name);
     if (r->sh_degree >= 0)
         printf(" (SH degree %d)", r->sh_degree);
+    if (wants_info && r->still_columns) {
+        printf("\nstill      ");
+        for (int i = 0; i < N_COLUMNS; i++)
+            if (r->still_columns & columns[i].column)
+                printf(" %s", columns[i].name);
+    }
     printf("\nbounds      [%g, %g, %g] to [%g, %g, %g]\n", (double)r->bounds_min[0],
            (double)r->bounds_min[1], (double)r->bounds_min[2], (double)r->bounds_max[0],
            (double)r->bounds_max[1], (double)r->bounds_max[2]);
+    text_ranges(r);
     for (const char *note = r->notes; *note;) {
         size_t length = strcspn(note, "\n");
 
         printf("note        %.*s\n", (int)length, note);
         note += length + (note[length] == '\n');
     }
+    text_cameras(r);
     if (options.output)
         printf("written     %s\n", options.output);
 }
@@ -231,8 +343,10 @@ static int check(const struct spin_opt_words *words)
         return spin_opt_misuse(&command, "INPUT is missing");
     if (wants_info && options.output)
         return spin_opt_misuse(&command, "--info writes nothing, but --output was given");
-    if (!wants_info && !options.output)
+    if (!wants_info && !options.output && !options.check_cameras)
         return spin_opt_misuse(&command, "say where to write with --output, or use --info");
+    if (options.full && !wants_info)
+        return spin_opt_misuse(&command, "--full goes with --info: an import reads every frame");
     if (from && !from->open)
         return spin_opt_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
     if (options.data_from &&

@@ -95,3 +95,17 @@ spin_status spin_importer_find(const char *path, const char *from, bool want_vie
     spin_peek_free(&peek);
     return status;
 }
+
+spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
+                              const char *const *pairs)
+{
+    for (size_t i = 0; pairs && pairs[i]; i += 2) {
+        const struct spin_plugin_option *o = options;
+
+        while (o && o->key && strcmp(o->key, pairs[i]) != 0)
+            o++;
+        if (!o || !o->key)
+            return spin_fail(SPIN_E_USAGE, "'%s' has no option --%s", plugin, pairs[i]);
+    }
+    return SPIN_OK;
+}

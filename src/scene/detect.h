@@ -10,4 +10,8 @@
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out);
 
+/* Every key of the pairs is an option of the plug-in: others are asked wrongly, not dropped. */
+spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
+                              const char *const *pairs);
+
 #endif

@@ -1,0 +1,505 @@
+/* spin_import(): another method's run to a bundle, or a description of it. */
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "core/clip.h"
+#include "core/describe.h"
+#include "core/overlay.h"
+#include "scene/detect.h"
+
+/* A description reads this many frames, evenly from all of them, unless asked for every one. */
+#define DESCRIBED_FRAMES 16
+/* --check-cameras draws this many views of this many frames. */
+#define CHECKED_FRAMES 3
+#define CHECKED_VIEWS 4
+_Static_assert(CHECKED_FRAMES *CHECKED_VIEWS <= SPIN_IMPORT_MAX_CAMERAS, "the report has room");
+
+struct import {
+    const struct spin_import_options *o;
+    struct spin_import_report *report;
+    const struct spin_importer *importer;
+    struct spin_plugin_values values;
+    void *self;
+    struct spin_track track;
+    struct spin_bundle_meta meta;
+    struct spin_bundle_writer writer;
+    bool writing;
+    struct spin_splats splats;
+    struct spin_views views; /* of the data set, when one is given */
+    char *data;              /* its absolute path */
+    int *rows;               /* [n_frames] row of the data set of each frame */
+    struct spin_describe describe;
+};
+
+/* ---- The data set ------------------------------------------------------------------------------ */
+
+/* Read the data set first: its frames may be where a continuous method is sampled. */
+static spin_status open_data(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+
+    if (!o->data)
+        return SPIN_OK;
+    SPIN_TRY(spin_path_absolute(o->data, &im->data));
+    return spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
+                           sizeof im->meta.data_from);
+}
+
+/* See that the data set's frames can be paired with ours, and remember where it is. */
+static spin_status attach_data(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    char *folder = NULL;
+    spin_status status;
+
+    if (!o->data)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((size_t)im->meta.n_frames, sizeof(int), (void **)&im->rows));
+    SPIN_TRY(spin_views_pair(&im->views, &im->meta, o->pair ? o->pair : "auto", im->rows));
+    if (!o->output)
+        return SPIN_OK;
+    SPIN_TRY_OUT(spin_path_folder(o->output, &folder));
+    SPIN_TRY_OUT(spin_path_relative(folder, im->data, &im->meta.data_path));
+out:
+    free(folder);
+    return status;
+}
+
+/* ---- Which frames ------------------------------------------------------------------------------ */
+
+/* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
+ * continuous method. */
+static bool rows_are_counted(const struct spin_track *t, const struct spin_frame_info *all, int n)
+{
+    for (int i = 0; i < n; i++) {
+        if (all[i].time != i)
+            return false;
+    }
+    return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
+}
+
+/* Times of the data set's frames by the rule asked for. Methods do not say at which times their frames
+ * were, and their readers of one and the same data set differ: i/(n-1) with most, i/n with some. */
+static void rule_rows(struct import *im, struct spin_frame_info *all, int n)
+{
+    const char *rule = im->o->frame_times ? im->o->frame_times : "auto";
+    struct spin_track *t = &im->track;
+    bool automatic = strcmp(rule, "auto") == 0;
+    bool half_open = automatic ? t->half_open : strcmp(rule, "count") == 0;
+    double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
+    size_t used = strlen(t->notes);
+
+    if (strcmp(rule, "data") == 0 || (automatic && !rows_are_counted(t, all, n)))
+        return;
+    for (int i = 0; i < n; i++)
+        all[i].time = t->time_first + span * i / steps;
+    snprintf(t->notes + used, sizeof t->notes - used,
+             "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
+             automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+             all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
+}
+
+/* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
+static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
+{
+    const struct spin_import_options *o = im->o;
+    const struct spin_track *t = &im->track;
+    bool rows = o->n_times <= 0 && o->n_frames <= 0 && o->data;
+    struct spin_frame_info *all;
+
+    *n = o->n_times > 0 ? o->n_times : o->n_frames > 0 ? o->n_frames : im->views.n_rows;
+    if (*n <= 0 && o->output)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' is defined at any time: say where to sample it with "
+                         "--frames, --times or --data",
+                         o->input);
+    if (*n <= 0) /* a look at both ends is enough to describe it */
+        *n = 2;
+    SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
+    all = *out;
+    for (int i = 0; i < *n && !rows; i++) {
+        double u = *n > 1 ? (double)i / (*n - 1) : 0;
+
+        all[i].number = i;
+        all[i].time =
+            o->n_times > 0 ? o->times[i] : t->time_first + u * (t->time_last - t->time_first);
+    }
+    for (size_t v = 0; v < im->views.n && rows; v++) {
+        const struct spin_view *view = &im->views.view[v];
+
+        all[view->row].number = im->views.numbered ? view->number : view->row;
+        all[view->row].time = view->time;
+    }
+    if (rows)
+        rule_rows(im, all, *n);
+    im->meta.numbered = rows && im->views.numbered;
+    return SPIN_OK;
+}
+
+/* The frames that a stored clip has. */
+static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
+{
+    const struct spin_import_options *o = im->o;
+    const struct spin_track *t = &im->track;
+
+    if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' has %d frames as they are: --frame-times is for methods defined at "
+                         "any time",
+                         o->input, t->n_frames);
+    if (o->n_frames > 0 || o->n_times > 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' has %d frames as they are: --frames and --times are "
+                         "for methods defined at any time; use --range",
+                         o->input, t->n_frames);
+    *n = t->n_frames;
+    SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
+    for (int i = 0; i < *n; i++) {
+        (*out)[i].number = t->numbers ? t->numbers[i] : i;
+        (*out)[i].time = t->times ? t->times[i] : i;
+    }
+    im->meta.numbered = t->numbers != NULL;
+    return SPIN_OK;
+}
+
+/* All frames, less those outside the range. */
+static spin_status choose_frames(struct import *im)
+{
+    struct spin_frame_info *all = NULL;
+    int *index = NULL, n_all = 0, n = 0;
+    spin_status status;
+
+    SPIN_TRY_OUT(im->track.continuous ? sample_times(im, &all, &n_all)
+                                      : stored_frames(im, &all, &n_all));
+    SPIN_TRY_OUT(spin_range_select(&im->o->range, all, n_all, &index, &n));
+    SPIN_TRY_OUT(spin_bundle_meta_reserve(&im->meta, n));
+    for (int i = 0; i < n; i++) {
+        im->meta.frame[i] = all[index[i]];
+        im->meta.source_index[i] = index[i];
+    }
+    im->meta.n_source_frames = n_all;
+out:
+    free(index);
+    free(all);
+    return status;
+}
+
+/* ---- Points over images ------------------------------------------------------------------------ */
+
+/* The kth of `most` things chosen evenly from n, both ends included. */
+static int spread(int k, int most, int n)
+{
+    return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
+}
+
+static spin_status check_view(struct import *im, int frame, size_t view)
+{
+    struct spin_import_report *report = im->report;
+    struct spin_import_camera *out = &report->camera[report->n_cameras];
+    const struct spin_view *v = &im->views.view[view];
+    struct spin_overlay_share share = {0};
+    char *path = NULL;
+    spin_status status;
+
+    out->frame = im->meta.frame[frame].number;
+    out->camera = v->camera_id;
+    snprintf(out->file, sizeof out->file, "frame%05d_cam%03d.png", out->frame, out->camera);
+    SPIN_TRY(spin_path_join(im->o->check_cameras, out->file, &path));
+    if (!im->o->force && spin_path_exists(path))
+        status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
+    else
+        status = spin_overlay_draw(v, &im->splats, path, &share);
+    free(path);
+    SPIN_TRY(status);
+    out->in_front = share.in_front;
+    out->inside = share.inside;
+    report->n_cameras++;
+    return SPIN_OK;
+}
+
+/* Where cameras and points do not belong together, few points are in the images. */
+static void judge_cameras(const struct spin_import_report *report)
+{
+    double in_front = 0, inside = 0;
+
+    for (int i = 0; i < report->n_cameras; i++) {
+        in_front += report->camera[i].in_front / report->n_cameras;
+        inside += report->camera[i].inside / report->n_cameras;
+    }
+    if (in_front < 0.5)
+        spin_warn(
+            "only %.0f %% of the points are in front of the cameras: are the axes right, and is "
+            "this the data set of that run",
+            100 * in_front);
+    else if (inside < 0.1)
+        spin_warn(
+            "only %.0f %% of the points are inside the images: are the axes right, and is this "
+            "the data set of that run",
+            100 * inside);
+}
+
+static spin_status check_cameras(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    unsigned columns = im->track.columns & (SPIN_COL_MEANS | SPIN_COL_SH | SPIN_COL_RGB);
+    int n = im->meta.n_frames < CHECKED_FRAMES ? im->meta.n_frames : CHECKED_FRAMES;
+
+    if (!o->check_cameras)
+        return SPIN_OK;
+    SPIN_TRY(spin_folder_make(o->check_cameras));
+    for (int k = 0; k < n; k++) {
+        int frame = spread(k, n, im->meta.n_frames);
+        size_t view[CHECKED_VIEWS];
+        size_t n_views = spin_overlay_choose(&im->views, im->rows[frame], CHECKED_VIEWS, view);
+
+        SPIN_TRY(im->importer->frame(im->self, im->meta.source_index[frame],
+                                     im->meta.frame[frame].time, columns, &im->splats));
+        for (size_t i = 0; i < n_views; i++)
+            SPIN_TRY(check_view(im, frame, view[i]));
+    }
+    judge_cameras(im->report);
+    return SPIN_OK;
+}
+
+/* ---- Reading ----------------------------------------------------------------------------------- */
+
+static void widen_bounds(struct spin_import_report *report, const struct spin_splats *s)
+{
+    float low[3], high[3];
+
+    memcpy(low, report->bounds_min, sizeof low);
+    memcpy(high, report->bounds_max, sizeof high);
+    for (size_t i = 0; i < s->n; i++) {
+        for (size_t c = 0; c < 3; c++) {
+            float value = s->means[3 * i + c];
+
+            low[c] = value < low[c] ? value : low[c];
+            high[c] = value > high[c] ? value : high[c];
+        }
+    }
+    memcpy(report->bounds_min, low, sizeof low);
+    memcpy(report->bounds_max, high, sizeof high);
+}
+
+/* One frame, in place i of the bundle, to where it goes. */
+static spin_status read_frame(struct import *im, int i)
+{
+    struct spin_bundle_meta *meta = &im->meta;
+    unsigned columns = im->writing ? meta->columns : im->track.columns;
+
+    SPIN_TRY(im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns,
+                                 &im->splats));
+    meta->frame[i].n = im->splats.n;
+    widen_bounds(im->report, &im->splats);
+    if (!im->writing)
+        spin_describe_frame(&im->describe, columns, &im->splats);
+    else
+        SPIN_TRY(spin_bundle_write_frame(&im->writer, i, meta->columns, meta->still_columns,
+                                         &im->splats));
+    return SPIN_OK;
+}
+
+/* Rows of every frame: as the importer knows them, else of the frames that were read. */
+static void count_splats(struct import *im, const int *read, int n_read)
+{
+    struct spin_import_report *report = im->report;
+    const struct spin_track *t = &im->track;
+    bool known = t->counts && (!t->continuous || t->n_frames == 1);
+    int n = known ? im->meta.n_frames : n_read;
+
+    report->splats_min = SIZE_MAX;
+    for (int k = 0; k < n; k++) {
+        int i = known ? k : read[k];
+        size_t count = !known          ? im->meta.frame[i].n
+                       : t->continuous ? t->counts[0]
+                                       : t->counts[im->meta.source_index[i]];
+
+        report->splats_min = count < report->splats_min ? count : report->splats_min;
+        report->splats_max = count > report->splats_max ? count : report->splats_max;
+        report->splats_mean += (double)count / n;
+    }
+}
+
+/* An import reads every frame; a description some, as a clip may be many gigabytes. */
+static spin_status read_frames(struct import *im)
+{
+    struct spin_import_report *report = im->report;
+    int n_all = im->meta.n_frames, n = n_all, *read = NULL;
+    struct spin_progress progress;
+    spin_status status = SPIN_OK;
+
+    if (!im->writing && !im->o->full && n > DESCRIBED_FRAMES)
+        n = DESCRIBED_FRAMES;
+    for (int c = 0; c < 3; c++) {
+        report->bounds_min[c] = FLT_MAX;
+        report->bounds_max[c] = -FLT_MAX;
+    }
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
+    spin_progress_begin(&progress, im->writing ? "importing" : "reading", "frames", 0, n);
+    if (!im->writing)
+        SPIN_TRY_OUT(spin_describe_open(&im->describe, n));
+    for (int k = 0; k < n; k++) {
+        if (spin_cancelled()) {
+            status = spin_fail_cancelled();
+            goto out;
+        }
+        read[k] = n < n_all ? spread(k, n, n_all) : k;
+        SPIN_TRY_OUT(read_frame(im, read[k]));
+        spin_progress_set(&progress, k + 1, "%zu splats", im->splats.n);
+    }
+    report->frames_read = n;
+    count_splats(im, read, n);
+    if (!im->writing)
+        spin_describe_ranges(&im->describe, report);
+out:
+    spin_progress_end(&progress);
+    free(read);
+    return status;
+}
+
+/* ---- From start to end ------------------------------------------------------------------------- */
+
+/* How the importer was chosen, in words. */
+static void say_why(struct import *im)
+{
+    struct spin_import_report *report = im->report;
+    struct spin_peek peek;
+
+    if (im->o->from) {
+        snprintf(report->recognised, sizeof report->recognised, "named by --from");
+    } else if (im->importer->probe && spin_peek_open(im->o->input, &peek) == SPIN_OK) {
+        snprintf(report->recognised, sizeof report->recognised,
+                 "by %s, with a certainty of %d in 100",
+                 peek.is_folder     ? "the names in the folder and what its files begin with"
+                 : *peek.tail_names ? "the names in the archive"
+                                    : "its first bytes",
+                 im->importer->probe(&peek));
+        spin_peek_free(&peek);
+    }
+}
+
+static void fill_report(struct import *im)
+{
+    struct spin_import_report *report = im->report;
+    const struct spin_bundle_meta *meta = &im->meta;
+
+    snprintf(report->from, sizeof report->from, "%s", im->importer->name);
+    snprintf(report->upstream, sizeof report->upstream, "%s",
+             im->importer->upstream ? im->importer->upstream : "");
+    memcpy(report->variant, im->track.variant, sizeof report->variant);
+    memcpy(report->notes, im->track.notes, sizeof report->notes);
+    report->frames = meta->n_frames;
+    report->continuous = im->track.continuous;
+    report->range_first = im->track.time_first;
+    report->range_last = im->track.time_last;
+    report->time_first = meta->frame[0].time;
+    report->time_last = meta->frame[meta->n_frames - 1].time;
+    report->sh_degree = im->track.columns & SPIN_COL_SH ? im->track.sh_degree : -1;
+    report->columns = im->track.columns;
+    report->still_columns = im->track.still_columns;
+    report->numbered = meta->numbered;
+    report->number_first = meta->frame[0].number;
+    report->number_last = meta->frame[meta->n_frames - 1].number;
+    say_why(im);
+}
+
+static spin_status check_frame_times(const struct spin_import_options *o)
+{
+    static const char *const rules[] = {"auto", "data", "unit", "count"};
+
+    if (!o->frame_times)
+        return SPIN_OK;
+    if (!o->data || o->n_frames > 0 || o->n_times > 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "--frame-times says how --data gives the times: it goes with a data set, "
+                         "and without --frames and --times");
+    for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
+        if (strcmp(o->frame_times, rules[i]) == 0)
+            return SPIN_OK;
+    }
+    return spin_fail(SPIN_E_USAGE, "--frame-times is '%s', expected auto, data, unit or count",
+                     o->frame_times);
+}
+
+/* What open() promised, held to the rules: an importer may have been built elsewhere. */
+static spin_status check_track(const struct import *im)
+{
+    const struct spin_track *t = &im->track;
+    const char *name = im->importer->name;
+
+    if (!t->continuous && t->n_frames < 1)
+        return spin_fail(SPIN_E_MALFORMED, "the importer '%s' found no frames", name);
+    if (!(t->columns & SPIN_COL_MEANS))
+        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no positions", name);
+    if ((t->columns & SPIN_COL_SH) && (t->sh_degree < 0 || t->sh_degree > 3))
+        return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives SH of degree %d, not 0..3",
+                         name, t->sh_degree);
+    return SPIN_OK;
+}
+
+static spin_status run_import(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    struct spin_bundle_meta *meta = &im->meta;
+
+    SPIN_TRY(check_frame_times(o));
+    if (o->check_cameras && !o->data)
+        return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
+    SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
+    SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));
+    im->values.pairs = o->plugin_pairs;
+    SPIN_TRY(im->importer->open(o->input, &im->values, &im->self, &im->track));
+    SPIN_TRY(check_track(im));
+    SPIN_TRY(open_data(im));
+    SPIN_TRY(choose_frames(im));
+    SPIN_TRY(attach_data(im));
+    SPIN_TRY(check_cameras(im));
+    snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
+    snprintf(meta->upstream, sizeof meta->upstream, "%s",
+             im->importer->upstream ? im->importer->upstream : "");
+    memcpy(meta->variant, im->track.variant, sizeof meta->variant);
+    meta->columns = im->track.columns;
+    if (o->positions_only)
+        meta->columns &= SPIN_COL_MEANS | SPIN_COL_RGB;
+    meta->still_columns = im->track.still_columns & meta->columns;
+    meta->sh_degree = meta->columns & SPIN_COL_SH ? im->track.sh_degree : -1;
+    if (o->output) {
+        SPIN_TRY(spin_bundle_writer_open(o->output, o->force, &im->writer));
+        im->writing = true;
+    }
+    SPIN_TRY(read_frames(im));
+    fill_report(im);
+    if (im->writing) {
+        im->writing = false;
+        SPIN_TRY(spin_bundle_writer_finish(&im->writer, meta, NULL));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report)
+{
+    struct import im = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_import(&im);
+    if (im.writing)
+        spin_bundle_writer_abandon(&im.writer);
+    if (im.importer && im.importer->close && im.self)
+        im.importer->close(im.self);
+    spin_bundle_meta_free(&im.meta);
+    spin_splats_free(&im.splats);
+    spin_views_free(&im.views);
+    spin_describe_close(&im.describe);
+    free(im.rows);
+    free(im.data);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_more(status, "cannot import '%s'", o->input);
+    return status;
+}
