@@ -3,6 +3,7 @@
  *     train_meta.json  test_meta.json      w, h, k [T][C][3][3], w2c [T][C][4][4], fn [T][C],
  *                                          cam_id [T][C] (may be missing)
  *     ims/<fn>                             the images
+ *     seg/<fn, as .png>                    foreground masks, values 0 and 1 (may be missing)
  *
  * Cameras are OpenCV's already. Row t of the lists is frame t of the data set, whatever number the
  * file names carry. Without test_meta.json every camera trains. */
@@ -200,6 +201,28 @@ static spin_status read_camera_id(const struct split *s, size_t row, size_t came
     return SPIN_OK;
 }
 
+/* seg/<fn> with the ending .png, when there is such a file; NULL otherwise. */
+static spin_status find_mask(const struct split *s, const char *fn, char **out)
+{
+    size_t stem = strlen(fn), n;
+    const char *dot = strrchr(spin_path_name(fn), '.');
+    char *name;
+
+    *out = NULL;
+    if (dot)
+        stem = (size_t)(dot - fn);
+    n = strlen("seg/") + stem + sizeof ".png";
+    SPIN_TRY(spin_alloc(n, 1, (void **)&name));
+    snprintf(name, n, "seg/%.*s.png", (int)stem, fn);
+    spin_status status = spin_path_join(s->folder, name, out);
+    free(name);
+    if (status == SPIN_OK && !spin_path_exists(*out)) {
+        free(*out);
+        *out = NULL;
+    }
+    return status;
+}
+
 static spin_status read_view(const struct split *s, size_t row, size_t camera,
                              struct spin_views *out)
 {
@@ -221,9 +244,11 @@ static spin_status read_view(const struct split *s, size_t row, size_t camera,
     SPIN_TRY(read_camera_id(s, row, camera, fn, &view.camera_id));
     SPIN_TRY(spin_path_join(s->folder, "ims", &ims));
     SPIN_TRY_OUT(spin_path_join(ims, fn, &view.path));
+    SPIN_TRY_OUT(find_mask(s, fn, &view.mask));
     SPIN_TRY_OUT(spin_views_add(out, &view));
 out:
     free(view.path);
+    free(view.mask);
     free(ims);
     return status;
 }

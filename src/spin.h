@@ -155,6 +155,7 @@ struct spin_view {
     int camera_id; /* the data set's own number of the camera */
     bool test;     /* held out */
     char *path;    /* image file, absolute or relative to the working directory */
+    char *mask;    /* image of the foreground, 0 elsewhere; NULL: none */
 };
 
 /* All views of a data set, sorted by row, then camera_id. */
@@ -165,7 +166,7 @@ struct spin_views {
     bool numbered; /* every view has a frame number, one per row */
 };
 
-/* Append a copy of v (path is copied). */
+/* Append a copy of v (path and mask are copied). */
 spin_status spin_views_add(struct spin_views *views, const struct spin_view *v);
 void spin_views_free(struct spin_views *views);
 
@@ -447,9 +448,16 @@ struct spin_retrain_options {
 /* The paper's defaults. */
 void spin_retrain_defaults(struct spin_retrain_options *o);
 
+/* LPIPS networks, and the place of each in arrays. */
+enum { SPIN_LPIPS_VGG, SPIN_LPIPS_ALEX, SPIN_N_LPIPS };
+
+/* Means over views; what was not measured is NaN. */
 struct spin_quality {
     bool valid;
     double psnr, ssim, psnr_channel_mean;
+    double psnr_moving, psnr_still; /* in and outside the moving regions, of views that have both */
+    double moving;                  /* share of the pixels */
+    double lpips[SPIN_N_LPIPS];
 };
 
 struct spin_retrain_report {
@@ -469,6 +477,14 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
 
 enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
 
+/* What counts as moving when an evaluation looks at moving regions apart. */
+enum spin_moving_from {
+    SPIN_MOVING_AUTO,   /* masks where every view has one, else the images */
+    SPIN_MOVING_MASKS,  /* the data set's foreground masks */
+    SPIN_MOVING_IMAGES, /* pixels that differ from the median over time of their camera */
+    SPIN_MOVING_OFF
+};
+
 struct spin_eval_options {
     const char *input, *data, *data_from, *pair;
     enum spin_split split;
@@ -478,6 +494,7 @@ struct spin_eval_options {
     double image_scale;
     bool source;        /* measure the imported attributes */
     const char *images; /* folder for renders, or NULL */
+    enum spin_moving_from moving;
     float background[3];
     const char *device;
     int n_threads;
@@ -485,20 +502,35 @@ struct spin_eval_options {
 };
 
 struct spin_eval_view {
-    int frame, camera; /* the source's frame number, camera_id */
-    double psnr, ssim, psnr_channel_mean;
+    int frame, camera;        /* the source's frame number, camera_id */
+    struct spin_quality q;    /* of this view */
+};
+
+/* Bytes of a bundle, by what they are for. */
+struct spin_bundle_bytes {
+    uint64_t file;                    /* the whole file */
+    uint64_t source;                  /* as imported, positions and attributes */
+    uint64_t positions, table, heads; /* of the network: what the paper counts */
 };
 
 struct spin_eval_report {
     struct spin_quality mean;
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
-    bool network;          /* what was measured */
-    double seconds_render; /* decode + render, per view */
+    int n_frames;
+    bool network;                   /* what was measured */
+    enum spin_moving_from moving;   /* where the moving regions came from; OFF: nowhere */
+    double seconds_decode;          /* one frame: positions and network to splats */
+    double seconds_draw;            /* one view of a decoded frame */
+    struct spin_bundle_bytes storage;
 };
 
 spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report);
 void spin_eval_report_free(struct spin_eval_report *report);
+/* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. What was measured
+ * in some views only is the mean over these. valid is false when there is no such view. */
+struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
+                                   const int *camera);
 
 struct spin_export_options {
     const char *input, *output, *to;

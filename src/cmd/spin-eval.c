@@ -2,12 +2,14 @@
 #include "cmd/opt.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static struct spin_eval_options options = {.image_scale = 1, .device = "auto"};
 static struct spin_opt_common common;
 static struct spin_opt_ints test_cameras;
 static const char *split = "test";
+static const char *moving = "auto";
 
 static const struct spin_opt_row rows[] = {
     SPIN_OPT_HEADING("What to measure"),
@@ -22,6 +24,10 @@ static const struct spin_opt_row rows[] = {
              &options.image_scale, 0.01, 1),
     SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
              SPIN_OPT_COLOUR, options.background, 0, 0),
+    SPIN_OPT("moving", 0, "auto|masks|images|off",
+             "where the moving regions are: the data set's masks, or what changes in its images "
+             "(auto)",
+             SPIN_OPT_CHOICE, &moving, 0, 0),
     SPIN_OPT("images", 0, "DIR", "write one PNG a view: ground truth | source | render",
              SPIN_OPT_STRING, &options.images, 0, 0),
     SPIN_OPT_HEADING("Data set"),
@@ -57,51 +63,108 @@ static enum spin_split split_of(const char *name)
     return !strcmp(name, "all") ? SPIN_SPLIT_ALL : SPIN_SPLIT_TEST;
 }
 
-/* The mean of the views of one frame, beginning at `first`; returns where the next frame begins. A
- * frame's views stand together. */
-static size_t frame_mean(const struct spin_eval_report *r, size_t first,
-                         struct spin_eval_view *mean)
-{
-    size_t i = first;
+/* ---- Reports --------------------------------------------------------------------------------- */
 
-    *mean = (struct spin_eval_view){.frame = r->view[first].frame};
-    for (; i < r->n_views && r->view[i].frame == mean->frame; i++) {
-        mean->psnr += r->view[i].psnr;
-        mean->ssim += r->view[i].ssim;
-        mean->psnr_channel_mean += r->view[i].psnr_channel_mean;
+static const char *const moving_names[] = {"auto", "masks", "images", "off"};
+static const char *const lpips_names[] = {"lpips_vgg", "lpips_alex"};
+
+/* Ids of the cameras, each once, in order of appearance in the first frame; n of them. */
+static int *list_cameras(const struct spin_eval_report *r, size_t *n)
+{
+    int *list = calloc(r->n_views + 1, sizeof *list);
+
+    *n = 0;
+    for (size_t i = 0; list && i < r->n_views; i++) {
+        size_t k = 0;
+
+        while (k < *n && list[k] != r->view[i].camera)
+            k++;
+        if (k == *n)
+            list[(*n)++] = r->view[i].camera;
     }
-    mean->psnr /= (double)(i - first);
-    mean->ssim /= (double)(i - first);
-    mean->psnr_channel_mean /= (double)(i - first);
+    return list;
+}
+
+/* Where the next frame's views begin. A frame's views stand together. */
+static size_t next_frame(const struct spin_eval_report *r, size_t i)
+{
+    int frame = r->view[i].frame;
+
+    while (i < r->n_views && r->view[i].frame == frame)
+        i++;
     return i;
 }
 
-static void print_measures(double psnr, double ssim, double psnr_channel_mean)
+static void print_quality(const struct spin_eval_report *r, const struct spin_quality *q)
 {
-    spin_print_number("psnr", psnr);
-    spin_print_number("ssim", ssim);
-    spin_print_number("psnr_channel_mean", psnr_channel_mean);
+    spin_print_number("psnr", q->valid ? q->psnr : NAN);
+    spin_print_number("ssim", q->valid ? q->ssim : NAN);
+    spin_print_number("psnr_channel_mean", q->valid ? q->psnr_channel_mean : NAN);
+    if (r->moving != SPIN_MOVING_OFF) {
+        spin_print_number("psnr_moving", q->psnr_moving);
+        spin_print_number("psnr_still", q->psnr_still);
+        spin_print_number("moving", q->moving);
+    }
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        if (!isnan(r->mean.lpips[i]))
+            spin_print_number(lpips_names[i], q->lpips[i]);
+}
+
+/* Bytes that the attributes which were measured need. */
+static uint64_t bytes_needed(const struct spin_eval_report *r)
+{
+    const struct spin_bundle_bytes *s = &r->storage;
+
+    return r->network ? s->positions + s->table + s->heads : s->source;
+}
+
+static void print_storage(const struct spin_eval_report *r)
+{
+    const struct spin_bundle_bytes *s = &r->storage;
+
+    spin_print_open("storage", '{');
+    spin_print_integer("file", (long long)s->file);
+    spin_print_integer("source", (long long)s->source);
+    spin_print_integer("positions", (long long)s->positions);
+    spin_print_integer("table", (long long)s->table);
+    spin_print_integer("heads", (long long)s->heads);
+    spin_print_integer("measured", (long long)bytes_needed(r));
+    spin_print_number("measured_per_frame", (double)bytes_needed(r) / r->n_frames);
+    spin_print_close('}');
 }
 
 static void report_json(const struct spin_eval_report *r)
 {
-    struct spin_eval_view mean;
+    size_t n_cameras;
+    int *camera = list_cameras(r, &n_cameras);
 
     spin_print_open(NULL, '{');
-    if (r->mean.valid) {
-        print_measures(r->mean.psnr, r->mean.ssim, r->mean.psnr_channel_mean);
-    } else {
-        print_measures(NAN, NAN, NAN);
-    }
+    print_quality(r, &r->mean);
     spin_print_string("attributes", r->network ? "retrained" : "source");
     spin_print_string("split", split);
-    spin_print_number("seconds_per_view", r->seconds_render);
+    spin_print_string("moving_from", moving_names[r->moving]);
+    spin_print_number("fps", 1 / (r->seconds_decode + r->seconds_draw));
+    spin_print_number("fps_draw", 1 / r->seconds_draw);
+    spin_print_number("seconds_decode", r->seconds_decode);
+    spin_print_number("seconds_draw", r->seconds_draw);
+    print_storage(r);
     spin_print_open("frames", '[');
-    for (size_t i = 0; i < r->n_views;) {
-        i = frame_mean(r, i, &mean);
+    for (size_t i = 0; i < r->n_views; i = next_frame(r, i)) {
+        struct spin_quality q = spin_eval_mean(r, &r->view[i].frame, NULL);
+
         spin_print_open(NULL, '{');
-        spin_print_integer("frame", mean.frame);
-        print_measures(mean.psnr, mean.ssim, mean.psnr_channel_mean);
+        spin_print_integer("frame", r->view[i].frame);
+        print_quality(r, &q);
+        spin_print_close('}');
+    }
+    spin_print_close(']');
+    spin_print_open("cameras", '[');
+    for (size_t i = 0; i < n_cameras; i++) {
+        struct spin_quality q = spin_eval_mean(r, NULL, &camera[i]);
+
+        spin_print_open(NULL, '{');
+        spin_print_integer("id", camera[i]);
+        print_quality(r, &q);
         spin_print_close('}');
     }
     spin_print_close(']');
@@ -110,31 +173,111 @@ static void report_json(const struct spin_eval_report *r)
         spin_print_open(NULL, '{');
         spin_print_integer("frame", r->view[i].frame);
         spin_print_integer("camera", r->view[i].camera);
-        print_measures(r->view[i].psnr, r->view[i].ssim, r->view[i].psnr_channel_mean);
+        print_quality(r, &r->view[i].q);
         spin_print_close('}');
     }
     spin_print_close(']');
     spin_print_close('}');
+    free(camera);
 }
 
-/* A line a frame, with -v a line a view as well. */
+/* A value in its column; a dash when it was not measured. */
+static void print_cell(double value, int width, int digits)
+{
+    if (isnan(value))
+        printf("  %*s", width, "-");
+    else
+        printf("  %*.*f", width, digits, value);
+}
+
+/* frame or camera NULL: "all". */
+static void print_row(const struct spin_eval_report *r, const int *frame, const int *camera,
+                      const struct spin_quality *q)
+{
+    const int *key[2] = {frame, camera};
+
+    for (int i = 0; i < 2; i++)
+        if (key[i])
+            printf("%s%6d", i ? "  " : "", *key[i]);
+        else
+            printf("%s%6s", i ? "  " : "", "all");
+    print_cell(q->psnr, 8, 3);
+    print_cell(q->ssim, 7, 4);
+    if (r->moving != SPIN_MOVING_OFF)
+        print_cell(q->psnr_moving, 8, 3);
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        if (!isnan(r->mean.lpips[i]))
+            print_cell(q->lpips[i], 10, 4);
+}
+
+static void print_head(const struct spin_eval_report *r)
+{
+    printf("%6s  %6s  %8s  %7s", "frame", "camera", "PSNR", "SSIM");
+    if (r->moving != SPIN_MOVING_OFF)
+        printf("  %8s", "moving");
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        if (!isnan(r->mean.lpips[i]))
+            printf("  %10s", i == SPIN_LPIPS_VGG ? "LPIPS VGG" : "LPIPS Alex");
+    printf("\n");
+}
+
+static void print_foot(const struct spin_eval_report *r)
+{
+    char needed[32], frame[32], file[32];
+
+    if (r->moving != SPIN_MOVING_OFF)
+        printf("moving   %.2f %% of the pixels, from %s: PSNR %.3f there, %.3f elsewhere\n",
+               100 * r->mean.moving,
+               r->moving == SPIN_MOVING_MASKS ? "foreground masks" : "the images",
+               r->mean.psnr_moving, r->mean.psnr_still);
+    printf("speed    %.2f pictures a second with decoding, %.2f without\n",
+           1 / (r->seconds_decode + r->seconds_draw), 1 / r->seconds_draw);
+    printf("storage  %s for these attributes, %s a frame; the file has %s\n",
+           spin_print_bytes((double)bytes_needed(r), needed),
+           spin_print_bytes((double)bytes_needed(r) / r->n_frames, frame),
+           spin_print_bytes((double)r->storage.file, file));
+}
+
+/* A line a frame and one a camera, with -v a line a view as well; with -q only the mean. */
 static void report_text(const struct spin_eval_report *r)
 {
-    struct spin_eval_view mean;
+    size_t n_cameras;
+    int *camera = list_cameras(r, &n_cameras);
 
-    printf("%6s  %6s  %8s  %7s\n", "frame", "camera", "PSNR", "SSIM");
+    print_head(r);
     for (size_t i = 0; i < r->n_views;) {
-        size_t next = frame_mean(r, i, &mean);
+        size_t next = next_frame(r, i), first = i;
+        struct spin_quality q = spin_eval_mean(r, &r->view[first].frame, NULL);
 
-        for (; common.verbose && i < next; i++)
-            printf("%6d  %6d  %8.3f  %7.4f\n", r->view[i].frame, r->view[i].camera, r->view[i].psnr,
-                   r->view[i].ssim);
+        for (; common.verbose && i < next; i++) {
+            print_row(r, &r->view[i].frame, &r->view[i].camera, &r->view[i].q);
+            printf("\n");
+        }
         i = next;
-        if (!common.quiet)
-            printf("%6d  %6s  %8.3f  %7.4f\n", mean.frame, "all", mean.psnr, mean.ssim);
+        if (!common.quiet) {
+            print_row(r, &r->view[first].frame, NULL, &q);
+            printf("\n");
+        }
     }
-    printf("%6s  %6s  %8.3f  %7.4f   %zu views, %s attributes\n", "all", "all", r->mean.psnr,
-           r->mean.ssim, r->n_views, r->network ? "retrained" : "source");
+    for (size_t i = 0; !common.quiet && i < n_cameras; i++) {
+        struct spin_quality q = spin_eval_mean(r, NULL, &camera[i]);
+
+        print_row(r, NULL, &camera[i], &q);
+        printf("\n");
+    }
+    print_row(r, NULL, NULL, &r->mean);
+    printf("   %zu views, %s attributes\n", r->n_views, r->network ? "retrained" : "source");
+    if (!common.quiet)
+        print_foot(r);
+    free(camera);
+}
+
+static enum spin_moving_from moving_of(const char *name)
+{
+    for (int i = SPIN_MOVING_AUTO; i < SPIN_MOVING_OFF; i++)
+        if (!strcmp(name, moving_names[i]))
+            return (enum spin_moving_from)i;
+    return SPIN_MOVING_OFF;
 }
 
 int main(int argc, char **argv)
@@ -149,6 +292,7 @@ int main(int argc, char **argv)
         return spin_opt_misuse(&command, "IN.spin is missing");
     options.input = words.word[0];
     options.split = split_of(split);
+    options.moving = moving_of(moving);
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;

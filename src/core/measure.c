@@ -1,12 +1,14 @@
 /* Evaluation: draw every view, compare, average. */
 #include "core/measure.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "math/loss.h"
 
 spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
                               int n)
@@ -79,26 +81,115 @@ static spin_status show(struct spin_measure *m, int frame)
     return spin_player_show(m->player, index);
 }
 
+/* PSNR in and outside the mask, of views that have enough of both to say something. */
+static void compare_moving(const struct spin_moving *moving, size_t n_moving, size_t plane,
+                           const float *image, const float *truth, struct spin_quality *q)
+{
+    enum { FEWEST_PIXELS = 16 };
+    double sum[2] = {0, 0};
+
+    if (!moving || moving->from == SPIN_MOVING_OFF)
+        return;
+    q->moving = (double)n_moving / (double)plane;
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < plane; i++) {
+            double d = (double)(image[c * plane + i] - truth[c * plane + i]);
+
+            sum[moving->mask[i]] += d * d;
+        }
+    if (n_moving >= FEWEST_PIXELS)
+        q->psnr_moving = spin_psnr(sum[1] / (3 * (double)n_moving));
+    if (plane - n_moving >= FEWEST_PIXELS)
+        q->psnr_still = spin_psnr(sum[0] / (3 * (double)(plane - n_moving)));
+}
+
+static spin_status draw_one(struct spin_measure *m, size_t i, float *image)
+{
+    const struct spin_pair *pair = &m->pairs[i];
+    double start = spin_now_s();
+
+    if (i == 0 || m->pairs[i - 1].frame != pair->frame) {
+        SPIN_TRY(show(m, pair->frame));
+        SPIN_TRY(m->player->device->op->wait(m->player->device));
+        m->seconds_decode += spin_now_s() - start;
+        m->n_decoded++;
+        start = spin_now_s();
+    }
+    SPIN_TRY(
+        spin_player_draw(m->player, &m->clip->views.view[pair->view].camera, m->background, image));
+    m->seconds_draw += spin_now_s() - start;
+    return SPIN_OK;
+}
+
 static spin_status measure_one(struct spin_measure *m, size_t i, float *image, float *truth,
                                struct spin_eval_view *out)
 {
     const struct spin_pair *pair = &m->pairs[i];
     const struct spin_view *view = &m->clip->views.view[pair->view];
     const struct spin_camera *camera = &view->camera;
-    double start = spin_now_s();
+    struct spin_quality *q = &out->q;
+    size_t n_moving = 0;
 
-    if (i == 0 || m->pairs[i - 1].frame != pair->frame)
-        SPIN_TRY(show(m, pair->frame));
-    SPIN_TRY(spin_player_draw(m->player, camera, m->background, image));
-    m->seconds += spin_now_s() - start;
+    SPIN_TRY(draw_one(m, i, image));
     SPIN_TRY(spin_pixels_get(m->pixels, pair->view, truth));
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
-    SPIN_TRY(spin_player_compare(m->player, camera->width, camera->height, image, truth, out));
+    *q = (struct spin_quality){
+        .psnr_moving = NAN, .psnr_still = NAN, .moving = NAN, .lpips = {NAN, NAN}};
+    q->valid = true;
+    SPIN_TRY(spin_player_compare(m->player, camera->width, camera->height, image, truth, q));
+    if (m->moving)
+        SPIN_TRY(spin_moving_find(m->moving, pair->view, truth, &n_moving));
+    compare_moving(m->moving, n_moving, (size_t)camera->width * (size_t)camera->height, image,
+                   truth, q);
     if (m->images)
         SPIN_TRY(save_view(m, pair, out->frame, truth, image));
     return SPIN_OK;
 }
+
+/* ---- Means -------------------------------------------------------------------------------------- */
+
+static void add_one(double value, double *sum, size_t *n)
+{
+    if (isnan(value))
+        return;
+    *sum += value;
+    ++*n;
+}
+
+void spin_quality_add(struct spin_quality_sum *s, const struct spin_quality *q)
+{
+    s->n++;
+    s->sum.psnr += q->psnr;
+    s->sum.ssim += q->ssim;
+    s->sum.psnr_channel_mean += q->psnr_channel_mean;
+    add_one(q->psnr_moving, &s->sum.psnr_moving, &s->n_moving);
+    add_one(q->psnr_still, &s->sum.psnr_still, &s->n_still);
+    add_one(q->moving, &s->sum.moving, &s->n_share);
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        add_one(q->lpips[i], &s->sum.lpips[i], &s->n_lpips[i]);
+}
+
+static double mean_of(double sum, size_t n) { return n ? sum / (double)n : NAN; }
+
+struct spin_quality spin_quality_mean(const struct spin_quality_sum *s)
+{
+    struct spin_quality mean = {
+        .valid = s->n > 0,
+        .psnr = mean_of(s->sum.psnr, s->n),
+        .ssim = mean_of(s->sum.ssim, s->n),
+        .psnr_channel_mean = mean_of(s->sum.psnr_channel_mean, s->n),
+        .psnr_moving = mean_of(s->sum.psnr_moving, s->n_moving),
+        .psnr_still = mean_of(s->sum.psnr_still, s->n_still),
+        .moving = mean_of(s->sum.moving, s->n_share),
+    };
+
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        mean.lpips[i] = mean_of(s->sum.lpips[i], s->n_lpips[i]);
+    return mean;
+}
+
+/* ---- All views ---------------------------------------------------------------------------------- */
 
 static size_t largest_picture(const struct spin_measure *m)
 {
@@ -115,13 +206,15 @@ static size_t largest_picture(const struct spin_measure *m)
 
 spin_status spin_measure_run(struct spin_measure *m, struct spin_quality *mean)
 {
+    struct spin_quality_sum sum = {0};
     struct spin_progress progress;
     spin_status status;
     void *block = NULL;
     size_t values = 3 * largest_picture(m);
 
     memset(mean, 0, sizeof *mean);
-    m->seconds = 0;
+    m->seconds_decode = m->seconds_draw = 0;
+    m->n_decoded = 0;
     spin_progress_begin(&progress, m->what, "views", 0, (long long)m->n_pairs);
     SPIN_TRY_OUT(spin_alloc(values, 2 * sizeof(float), &block));
     for (size_t i = 0; i < m->n_pairs; i++) {
@@ -134,12 +227,10 @@ spin_status spin_measure_run(struct spin_measure *m, struct spin_quality *mean)
         SPIN_TRY_OUT(measure_one(m, i, block, (float *)block + values, &one));
         if (m->view)
             m->view[i] = one;
-        mean->psnr += one.psnr / (double)m->n_pairs;
-        mean->ssim += one.ssim / (double)m->n_pairs;
-        mean->psnr_channel_mean += one.psnr_channel_mean / (double)m->n_pairs;
-        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", one.psnr);
+        spin_quality_add(&sum, &one.q);
+        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", one.q.psnr);
     }
-    mean->valid = m->n_pairs > 0;
+    *mean = spin_quality_mean(&sum);
     status = SPIN_OK;
 out:
     spin_progress_end(&progress);

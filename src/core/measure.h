@@ -1,7 +1,8 @@
-/* PSNR and SSIM of a player's pictures over views (method.md section 8). */
+/* How good a player's pictures are, over views (method.md section 8). */
 #ifndef SPIN_CORE_MEASURE_H
 #define SPIN_CORE_MEASURE_H
 
+#include "core/moving.h"
 #include "core/player.h"
 
 struct spin_measure {
@@ -12,15 +13,26 @@ struct spin_measure {
     size_t n_pairs;
     const float *background;
     const size_t *live_counts;   /* live player: splats of each frame, else NULL */
+    struct spin_moving *moving;  /* moving regions apart, or NULL */
     const char *images;          /* folder for "truth | picture" PNGs, or NULL */
     struct spin_player *source;  /* "truth | source | picture" then; or NULL */
     const char *what;            /* for the progress line */
     struct spin_eval_view *view; /* [n_pairs] out, or NULL */
-    double seconds;              /* out: decoding and drawing, all views */
+    double seconds_decode;       /* out: all frames, network or file to splats */
+    double seconds_draw;         /* out: all views */
+    int n_decoded;               /* out: frames */
 };
 
 /* Means over the views. */
 spin_status spin_measure_run(struct spin_measure *m, struct spin_quality *mean);
+
+/* Means of qualities; NaN counts as not measured. Zero it to begin. */
+struct spin_quality_sum {
+    struct spin_quality sum;
+    size_t n, n_moving, n_still, n_share, n_lpips[SPIN_N_LPIPS];
+};
+void spin_quality_add(struct spin_quality_sum *sum, const struct spin_quality *q);
+struct spin_quality spin_quality_mean(const struct spin_quality_sum *sum);
 
 /* Pictures side by side into one PNG; every picture is [3][h][w]. */
 spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,

@@ -14,6 +14,20 @@ bool spin_bundle_has_network(const struct spin_bundle *bundle)
     return spin_json_get(bundle->json, "network") != NULL;
 }
 
+spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, bool *network)
+{
+    unsigned missing = SPIN_COL_ATTRIBUTES & ~bundle->meta.columns;
+
+    *network = !source && spin_bundle_has_network(bundle);
+    if (*network || !missing)
+        return SPIN_OK;
+    if (source)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
+                         bundle->path);
+    return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
+                     bundle->path);
+}
+
 static spin_status load_array(struct spin_player *p, const char *name, size_t n, float **out)
 {
     struct spin_array a;
@@ -256,7 +270,7 @@ spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *ca
 }
 
 spin_status spin_player_compare(struct spin_player *p, int width, int height, float *image,
-                                const float *truth, struct spin_eval_view *out)
+                                const float *truth, struct spin_quality *out)
 {
     struct spin_device *d = p->device;
     size_t pixels = (size_t)width * (size_t)height;

@@ -54,8 +54,11 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
 spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
                              const float background[3], float *image);
 
-/* Compare: image is clamped to 0..1 in place (method.md section 8). */
+/* Whether to measure or export the network or the source. SPIN_E_NOT_FOUND when it is not there. */
+spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, bool *network);
+
+/* PSNR and SSIM: image is clamped to 0..1 in place (method.md section 8). */
 spin_status spin_player_compare(struct spin_player *p, int width, int height, float *image,
-                                const float *truth, struct spin_eval_view *out);
+                                const float *truth, struct spin_quality *out);
 
 #endif

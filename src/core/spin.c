@@ -1,4 +1,4 @@
-/* The calls of spin.h that wire the rooms together: open, read, export, evaluate, render. */
+/* The calls of spin.h that wire the rooms together: open, read, export, render. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "core/measure.h"
+#include "core/player.h"
 #include "scene/detect.h"
 
 void spin_set_verbosity(int level) { spin_log_set_level(level); }
@@ -92,106 +92,6 @@ spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splat
 {
     SPIN_TRY(spin_player_show_splats(&r->player, splats));
     return spin_player_draw(&r->player, camera, background, image);
-}
-
-/* ---- Which attributes ---------------------------------------------------------------------------- */
-
-static spin_status choose_network(const struct spin_bundle *bundle, bool source, bool *network)
-{
-    unsigned missing = SPIN_COL_ATTRIBUTES & ~bundle->meta.columns;
-
-    *network = !source && spin_bundle_has_network(bundle);
-    if (*network || !missing)
-        return SPIN_OK;
-    if (source)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
-                         bundle->path);
-    return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
-                     bundle->path);
-}
-
-/* ---- Evaluation ---------------------------------------------------------------------------------- */
-
-struct eval {
-    const struct spin_eval_options *o;
-    struct spin_eval_report *report;
-    struct spin_clip clip;
-    struct spin_pixels pixels;
-    struct spin_device device;
-    struct spin_player player, source;
-    struct spin_pair *pairs;
-    size_t n_pairs;
-};
-
-static spin_status run_eval(struct eval *e)
-{
-    const struct spin_eval_options *o = e->o;
-    struct spin_clip_options c = {.input = o->input,
-                                  .data = o->data,
-                                  .data_from = o->data_from,
-                                  .pair = o->pair,
-                                  .range = o->range,
-                                  .test_cameras = o->test_cameras,
-                                  .n_test_cameras = o->n_test_cameras,
-                                  .image_scale = o->image_scale,
-                                  .needs_views = true};
-    struct spin_measure m = {.player = &e->player,
-                             .clip = &e->clip,
-                             .pixels = &e->pixels,
-                             .background = o->background,
-                             .images = o->images,
-                             .what = "evaluating"};
-    void *block = NULL;
-
-    SPIN_TRY(spin_clip_open(&c, &e->clip));
-    SPIN_TRY(choose_network(&e->clip.bundle, o->source, &e->report->network));
-    SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
-    if (e->n_pairs == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
-    SPIN_TRY(spin_pixels_open(&e->clip.views, 0, o->background, &e->pixels));
-    SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
-    SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->report->network));
-    SPIN_TRY(spin_alloc(e->n_pairs, sizeof *e->report->view, &block));
-    e->report->view = block;
-    if (o->images)
-        SPIN_TRY(spin_folder_make(o->images));
-    if (o->images && e->report->network && !(SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns)) {
-        SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, false));
-        m.source = &e->source;
-    }
-    m.pairs = e->pairs;
-    m.n_pairs = e->n_pairs;
-    m.view = e->report->view;
-    SPIN_TRY(spin_measure_run(&m, &e->report->mean));
-    e->report->n_views = e->n_pairs;
-    e->report->seconds_render = m.seconds / (double)e->n_pairs;
-    return SPIN_OK;
-}
-
-spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report)
-{
-    struct eval e = {.o = o, .report = report};
-    spin_status status;
-
-    memset(report, 0, sizeof *report);
-    status = run_eval(&e);
-    spin_player_close(&e.player);
-    spin_player_close(&e.source);
-    spin_device_close(&e.device);
-    spin_pixels_close(&e.pixels);
-    spin_clip_close(&e.clip);
-    free(e.pairs);
-    if (status != SPIN_OK)
-        spin_eval_report_free(report);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
-        return spin_more(status, "cannot evaluate '%s'", o->input);
-    return status;
-}
-
-void spin_eval_report_free(struct spin_eval_report *report)
-{
-    free(report->view);
-    memset(report, 0, sizeof *report);
 }
 
 /* ---- Export ---------------------------------------------------------------------------------------- */
@@ -307,7 +207,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     c.needs_views = x->exporter->needs_renderer;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
-    SPIN_TRY(choose_network(&x->clip.bundle, o->source, &network));
+    SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &network));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, network));
     if (x->exporter->needs_renderer) {

@@ -76,7 +76,8 @@ void spin_splats_free(struct spin_splats *s)
 
 spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
 {
-    char *path = NULL;
+    char *path = NULL, *mask = NULL;
+    spin_status status;
 
     if (views->n == views->capacity) {
         size_t capacity = views->capacity ? 2 * views->capacity : 64;
@@ -85,18 +86,27 @@ spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
         views->capacity = capacity;
     }
     if (v->path)
-        SPIN_TRY(spin_strdup(v->path, &path));
+        SPIN_TRY_OUT(spin_strdup(v->path, &path));
+    if (v->mask)
+        SPIN_TRY_OUT(spin_strdup(v->mask, &mask));
     views->view[views->n] = *v;
-    views->view[views->n++].path = path;
+    views->view[views->n].path = path;
+    views->view[views->n++].mask = mask;
     if (v->row >= views->n_rows)
         views->n_rows = v->row + 1;
     return SPIN_OK;
+out:
+    free(path);
+    free(mask);
+    return status;
 }
 
 void spin_views_free(struct spin_views *views)
 {
-    for (size_t i = 0; i < views->n; i++)
+    for (size_t i = 0; i < views->n; i++) {
         free(views->view[i].path);
+        free(views->view[i].mask);
+    }
     free(views->view);
     *views = (struct spin_views){0};
 }

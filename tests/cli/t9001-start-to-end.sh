@@ -14,6 +14,20 @@ out_has '"camera": 15' "names the held-out cameras"
 out_has '"frame": 5' "names the frames by the source's numbers"
 is "$(grep -c '"camera":' "$work/out")" 12 "six frames times two cameras"
 before=$(member psnr)
+is "$(member moving_from)" images "what moves is found in the images"
+greater "$(member psnr_still)" 0 && greater "$(member psnr_moving)" 0
+ok $? "and measured apart"
+is "$(grep -c '"id":' "$work/out")" 2 "means of two cameras"
+greater "$(member fps_draw)" "$(member fps)"
+ok $? "pictures a second, with and without decoding"
+run "$bin/spin-eval" --source "$work/court.spin" -v
+is "$(grep -c '^ *[0-9]' "$work/out")" 18 "text: a line a view and a line a frame"
+is "$(grep -c '^ *all *[0-9]' "$work/out")" 2 "and a line a camera"
+out_has '^storage .* a frame' "and what it weighs"
+run "$bin/spin-eval" --source "$work/court.spin" --moving off --json
+is "$(member psnr_moving)" "" "or not at all"
+run "$bin/spin-eval" --source "$work/court.spin" --moving masks
+fails 1 spin-eval "masks that are not there"
 
 run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --device cpu --iterations 300 \
     --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \

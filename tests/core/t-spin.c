@@ -60,6 +60,14 @@ static void check_use(void)
     e.split = SPIN_SPLIT_ALL;
     ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 66, "or all 66");
     spin_eval_report_free(&er);
+    e.split = SPIN_SPLIT_TRAIN;
+    ok(spin_eval(&e, &er) == SPIN_OK && er.moving == SPIN_MOVING_MASKS && er.mean.moving > 0 &&
+           er.mean.moving < 0.5 && er.mean.psnr_moving > 5 && er.mean.psnr_still > 5,
+       "the training views have masks of what moves");
+    ok(er.storage.source > 0 && er.storage.file > er.storage.source && er.storage.table == 0 &&
+           er.seconds_decode > 0 && er.seconds_draw > 0,
+       "storage and speed");
+    spin_eval_report_free(&er);
     ok(spin_export(&x, &xr) == SPIN_OK && xr.frames == 6, "exports six frames");
     x.to = "nothing";
     ok(spin_export(&x, &xr) == SPIN_E_USAGE, "unknown exporter: %s", spin_last_error());

@@ -1,0 +1,161 @@
+/* spin_eval(): a bundle's pictures held to its data set. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "core/measure.h"
+
+struct eval {
+    const struct spin_eval_options *o;
+    struct spin_eval_report *report;
+    struct spin_clip clip;
+    struct spin_pixels pixels;
+    struct spin_moving moving;
+    struct spin_device device;
+    struct spin_player player, source;
+    bool has_source; /* source is open: what the network is compared with */
+    struct spin_pair *pairs;
+    size_t n_pairs;
+};
+
+/* ---- Opening ------------------------------------------------------------------------------------ */
+
+static spin_status open_clip(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_clip_options c = {.input = o->input,
+                                  .data = o->data,
+                                  .data_from = o->data_from,
+                                  .pair = o->pair,
+                                  .range = o->range,
+                                  .test_cameras = o->test_cameras,
+                                  .n_test_cameras = o->n_test_cameras,
+                                  .image_scale = o->image_scale,
+                                  .needs_views = true};
+
+    SPIN_TRY(spin_clip_open(&c, &e->clip));
+    SPIN_TRY(spin_player_choose(&e->clip.bundle, o->source, &e->report->network));
+    SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
+    if (e->n_pairs == 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
+    SPIN_TRY(
+        spin_pixels_open(&e->clip.views, spin_memory_available() / 4, o->background, &e->pixels));
+    return spin_moving_open(&e->clip.views, &e->pixels, o->moving, e->pairs, e->n_pairs,
+                            &e->moving);
+}
+
+static spin_status open_players(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    bool network = e->report->network;
+
+    SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
+    SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, network));
+    if (!o->images || !network || (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
+        return SPIN_OK;
+    SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, false));
+    e->has_source = true;
+    return SPIN_OK;
+}
+
+/* ---- Storage ------------------------------------------------------------------------------------ */
+
+static bool begins(const char *text, const char *with)
+{
+    return strncmp(text, with, strlen(with)) == 0;
+}
+
+static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out)
+{
+    const struct spin_zip *zip = &bundle->npz.zip;
+
+    out->file = zip->map.size;
+    for (size_t i = 0; i < zip->n; i++) {
+        const struct spin_zip_member *member = &zip->member[i];
+
+        if (begins(member->name, "source/"))
+            out->source += member->packed_size;
+        else if (begins(member->name, "network/means/"))
+            out->positions += member->packed_size;
+        else if (begins(member->name, "network/table"))
+            out->table += member->packed_size;
+        else if (begins(member->name, "network/"))
+            out->heads += member->packed_size;
+    }
+}
+
+/* ---- Measuring ---------------------------------------------------------------------------------- */
+
+static spin_status run_eval(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_eval_report *report = e->report;
+    struct spin_measure m = {.player = &e->player,
+                             .clip = &e->clip,
+                             .pixels = &e->pixels,
+                             .moving = &e->moving,
+                             .background = o->background,
+                             .images = o->images,
+                             .what = "evaluating"};
+    void *block = NULL;
+
+    SPIN_TRY(open_clip(e));
+    SPIN_TRY(open_players(e));
+    SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, &block));
+    report->view = block;
+    if (o->images)
+        SPIN_TRY(spin_folder_make(o->images));
+    m.source = e->has_source ? &e->source : NULL;
+    m.pairs = e->pairs;
+    m.n_pairs = e->n_pairs;
+    m.view = report->view;
+    SPIN_TRY(spin_measure_run(&m, &report->mean));
+    report->n_views = e->n_pairs;
+    report->n_frames = e->clip.n_frames;
+    report->moving = e->moving.from;
+    report->seconds_decode = m.seconds_decode / m.n_decoded;
+    report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
+    weigh(&e->clip.bundle, &report->storage);
+    return SPIN_OK;
+}
+
+spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report)
+{
+    struct eval e = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_eval(&e);
+    spin_player_close(&e.player);
+    spin_player_close(&e.source);
+    spin_device_close(&e.device);
+    spin_moving_close(&e.moving);
+    spin_pixels_close(&e.pixels);
+    spin_clip_close(&e.clip);
+    free(e.pairs);
+    if (status != SPIN_OK)
+        spin_eval_report_free(report);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_more(status, "cannot evaluate '%s'", o->input);
+    return status;
+}
+
+void spin_eval_report_free(struct spin_eval_report *report)
+{
+    free(report->view);
+    memset(report, 0, sizeof *report);
+}
+
+struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *frame,
+                                   const int *camera)
+{
+    struct spin_quality_sum sum = {0};
+
+    for (size_t i = 0; i < r->n_views; i++)
+        if ((!frame || r->view[i].frame == *frame) && (!camera || r->view[i].camera == *camera))
+            spin_quality_add(&sum, &r->view[i].q);
+    return spin_quality_mean(&sum);
+}

@@ -1,0 +1,39 @@
+/* Which pixels of a view show something that moves.
+ *
+ * A mean over a static background hides what fast motion does to a method, so evaluation looks at
+ * these pixels apart. They come from the data set's foreground masks, or from its images: a pixel
+ * moves when it differs from the median of its camera over time. What stands still for more than
+ * half of the clip is part of the median and counts as still, foreground or not. */
+#ifndef SPIN_CORE_MOVING_H
+#define SPIN_CORE_MOVING_H
+
+#include "core/clip.h"
+
+struct spin_moving {
+    const struct spin_views *views;
+    struct spin_pixels *pixels;
+    enum spin_moving_from from; /* MASKS, IMAGES or OFF */
+    struct spin_median *median; /* [n_medians] of the cameras met so far */
+    size_t n_medians;
+    float *image;  /* scratch of one picture */
+    uint8_t *mask; /* [h][w] 0 or 1, of the view last asked for */
+    size_t room;   /* pixels there is room for */
+};
+
+/* AUTO becomes MASKS when all of these views have one, else IMAGES when some camera stands still and
+ * has three frames or more, else OFF. Asking for what is not there is an error. */
+spin_status spin_moving_open(const struct spin_views *views, struct spin_pixels *pixels,
+                             enum spin_moving_from from, const struct spin_pair *pairs,
+                             size_t n_pairs, struct spin_moving *out);
+void spin_moving_close(struct spin_moving *m);
+
+/* Sets m->mask, at the size of the view's camera; truth is the view's picture. *n: moving pixels. A
+ * camera without a median has none. */
+spin_status spin_moving_find(struct spin_moving *m, size_t view, const float *truth, size_t *n);
+
+/* The rule itself, for tests: changed pixels of truth [3][h][w] against the median [h][w][3], less
+ * specks, grown by one. scratch [h][w]. */
+void spin_moving_rule(int width, int height, const float *truth, const uint8_t *median,
+                      uint8_t *scratch, uint8_t *mask);
+
+#endif
