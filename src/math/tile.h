@@ -24,20 +24,19 @@ SPIN_FN void spin_tile_rect(float u_px, float v_px, float radius_px, int tiles_x
     *y1 = spin_tile_of(v_px + radius_px + (SPIN_TILE_PX - 1), tiles_y);
 }
 
-/* Tiles of [low, high) whose pixels come nearer than `reach` to `at`. */
+/* Tiles of [low, high) whose pixels come nearer than `reach` to `at`. Without branches, so that loops
+ * over it become vector code. */
 SPIN_FN void spin_tile_narrow(float at, float reach, int *low, int *high)
 {
     float first = ceilf(at - reach), last = floorf(at + reach);
+    int none = !(first <= last) | (last < 0);
     int a = spin_tile_of(first, *high), b = spin_tile_of(last, *high - 1) + 1;
 
-    if (!(first <= last) || last < 0) {
-        *high = *low;
-        return;
-    }
-    *low = a > *low ? a : *low;
-    *high = b < *high ? b : *high;
-    if (*low > *high)
-        *low = *high;
+    a = a > *low ? a : *low;
+    b = b < *high ? b : *high;
+    a = none ? *low : a < b ? a : b;
+    *high = none ? *low : b;
+    *low = a;
 }
 
 /* Positive floats order like their bits. */

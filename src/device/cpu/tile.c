@@ -1,6 +1,7 @@
 /* The list of splats of every tile, front to back: one stable radix sort of the splats by depth,
  * then a counting sort of their (splat, tile) pairs into tiles in that order. Both are cut into
- * PARTS whose bounds depend only on the sizes, so the result does not depend on the threads.
+ * parts whose bounds depend only on the sizes, so the result does not depend on the threads. What
+ * the sorts need of a splat lies in small arrays: in depth order splats lie all over memory.
  *
  * Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get no pair (trim):
  * the pixels would skip it anyway. */
@@ -14,126 +15,217 @@
 #include "math/blend.h"
 #include "math/tile.h"
 
-enum { PARTS = 16, DIGIT = 11, BUCKETS = 1 << DIGIT, PASSES = 3, AHEAD = 12 };
+enum {
+    MAX_PARTS = 16,
+    PART = 4096, /* splats of a part, while there are not more than MAX_PARTS */
+    BATCH = 64,
+    PASSES = 3,
+    MAX_BUCKETS = 1 << 11 /* three digits of 11 bits hold any key */
+};
 
 struct entry {
     uint32_t key, splat;
 };
 
+/* Tiles of a splat, trimmed, half open. */
+struct rect {
+    uint16_t x0, y0, x1, y1;
+};
+
 /* Kept in SPIN_SCRATCH_TILE from tile_count to tile_fill. */
 struct sorted {
     size_t n;
-    struct entry *entry;
+    struct entry *entry; /* [n] front to back */
+    struct rect *rect;   /* [splats] */
 };
 
 struct job {
     const struct spin_cam *cam;
     size_t n;
+    int parts;
     struct spin_splat2d *splat2d;
-    const struct spin_splat2d *splat2d_in;
     struct spin_tiles *tiles;
-    uint64_t pairs[PARTS + 1]; /* of a part of the splats; then before it */
-    size_t drawn[PARTS + 1];   /* likewise */
+    uint64_t pairs[MAX_PARTS];                /* of a part of the splats; then before it */
+    size_t drawn[MAX_PARTS];                  /* likewise */
+    uint32_t low[MAX_PARTS], high[MAX_PARTS]; /* keys of a part's drawn splats */
+    uint32_t *key;                            /* [n] */
+    struct rect *rect;                        /* [n] */
     struct entry *from, *to;
     size_t n_sorted;
-    int shift;
-    uint32_t *count; /* [PARTS][buckets or tiles] */
+    uint32_t lowest;  /* key */
+    int digit, shift; /* bits of a digit, and below it */
+    uint32_t *count;  /* [parts][buckets or tiles] */
 };
 
-static size_t part_begin(size_t n, int part)
+static int parts_of(size_t n)
 {
-    return n / PARTS * (size_t)part + n % PARTS * (size_t)part / PARTS;
+    return n >= (size_t)MAX_PARTS * PART ? MAX_PARTS : (int)((n + PART - 1) / PART);
+}
+
+static size_t part_begin(const struct job *job, size_t n, int part)
+{
+    size_t parts = (size_t)job->parts;
+
+    return n / parts * (size_t)part + n % parts * (size_t)part / parts;
+}
+
+/* Splats on their way to being trimmed: arrays, so that the compiler makes vectors of the loops. */
+struct trims {
+    float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH];
+    int32_t x0[BATCH], y0[BATCH], x1[BATCH], y1[BATCH];
+};
+
+static void trims_load(struct trims *t, const struct spin_splat2d *s, size_t n)
+{
+    for (size_t i = 0; i < n; i++, s++) {
+        int drawn = s->radius_px > 0;
+
+        t->u[i] = s->u_px;
+        t->v[i] = s->v_px;
+        t->a[i] = s->conic[0];
+        t->b[i] = s->conic[1];
+        t->c[i] = s->conic[2];
+        t->opacity[i] = s->opacity;
+        t->x0[i] = drawn ? s->x0 : 0;
+        t->y0[i] = drawn ? s->y0 : 0;
+        t->x1[i] = drawn ? s->x1 : 0;
+        t->y1[i] = drawn ? s->y1 : 0;
+    }
+}
+
+static __attribute__((noinline)) void trims_narrow(struct trims *t)
+{
+    for (int i = 0; i < BATCH; i++) {
+        float a = t->a[i], b = t->b[i], c = t->c[i], reach_x, reach_y;
+        float log2_opacity = spin_blend_scale(&a, &b, &c, t->opacity[i]);
+
+        spin_blend_reach(a, b, c, log2_opacity, &reach_x, &reach_y);
+        t->a[i] = reach_x;
+        t->b[i] = reach_y;
+    }
+    for (int i = 0; i < BATCH; i++)
+        spin_tile_narrow(t->u[i], t->a[i], &t->x0[i], &t->x1[i]);
+    for (int i = 0; i < BATCH; i++)
+        spin_tile_narrow(t->v[i], t->b[i], &t->y0[i], &t->y1[i]);
 }
 
 static uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* Set trim and return the number of pairs. */
-static uint32_t trim_one(struct spin_splat2d *s)
+/* Sets trim and first_slot (counted in its part, for now), key and rect. */
+static void trims_store(struct job *job, int part, const struct trims *t, size_t first, size_t n)
 {
-    struct spin_blend_splat b;
-    int x0 = s->x0, x1 = s->x1, y0 = s->y0, y1 = s->y1;
-    float reach_x, reach_y;
+    for (size_t i = 0; i < n; i++) {
+        struct spin_splat2d *s = job->splat2d + first + i;
+        struct spin_pair_rect r;
+        uint32_t count;
 
-    memset(s->trim, 0, sizeof s->trim);
-    if (s->radius_px <= 0)
-        return 0;
-    b = spin_blend_prepare(s->u_px, s->v_px, s->conic, s->opacity, s->colour);
-    spin_blend_reach(b.a, b.b, b.c, b.log2_opacity, &reach_x, &reach_y);
-    spin_tile_narrow(s->u_px, reach_x, &x0, &x1);
-    spin_tile_narrow(s->v_px, reach_y, &y0, &y1);
-    s->trim[0] = byte_of(x0 - s->x0);
-    s->trim[1] = byte_of(y0 - s->y0);
-    s->trim[2] = byte_of(s->x1 - x1);
-    s->trim[3] = byte_of(s->y1 - y1);
-    return spin_pair_count(spin_pair_rect(s));
+        memset(s->trim, 0, sizeof s->trim);
+        if (s->radius_px > 0) {
+            s->trim[0] = byte_of(t->x0[i] - s->x0);
+            s->trim[1] = byte_of(t->y0[i] - s->y0);
+            s->trim[2] = byte_of(s->x1 - t->x1[i]);
+            s->trim[3] = byte_of(s->y1 - t->y1[i]);
+        }
+        r = spin_pair_rect(s);
+        count = spin_pair_count(r);
+        job->rect[first + i] =
+            (struct rect){(uint16_t)r.x0, (uint16_t)r.y0, (uint16_t)r.x1, (uint16_t)r.y1};
+        job->key[first + i] = spin_depth_key(s->depth);
+        s->first_slot = (uint32_t)job->pairs[part];
+        if (count == 0)
+            continue;
+        job->pairs[part] += count;
+        job->drawn[part]++;
+        if (job->key[first + i] < job->low[part])
+            job->low[part] = job->key[first + i];
+        if (job->key[first + i] > job->high[part])
+            job->high[part] = job->key[first + i];
+    }
 }
 
 static void trim_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    uint64_t pairs = 0;
-    size_t drawn = 0;
+    size_t end = part_begin(job, job->n, part + 1);
+    struct trims trims;
 
     (void)worker;
-    for (size_t i = part_begin(job->n, part); i < part_begin(job->n, part + 1); i++) {
-        uint32_t count = trim_one(job->splat2d + i);
-        job->splat2d[i].first_slot = (uint32_t)pairs; /* in its part, for now */
-        pairs += count;
-        drawn += count > 0;
+    memset(&trims, 0, sizeof trims);
+    job->pairs[part] = 0;
+    job->drawn[part] = 0;
+    job->low[part] = UINT32_MAX;
+    job->high[part] = 0;
+    for (size_t i = part_begin(job, job->n, part); i < end; i += BATCH) {
+        size_t n = end - i < BATCH ? end - i : BATCH;
+
+        trims_load(&trims, job->splat2d + i, n);
+        trims_narrow(&trims);
+        trims_store(job, part, &trims, i, n);
     }
-    job->pairs[part] = pairs;
-    job->drawn[part] = drawn;
 }
+
+static bool is_empty(struct rect r) { return r.x0 >= r.x1 || r.y0 >= r.y1; }
 
 static void list_task(void *context, int part, int worker)
 {
     struct job *job = context;
     struct entry *to = job->from + job->drawn[part];
+    uint32_t before = (uint32_t)job->pairs[part];
 
     (void)worker;
-    for (size_t i = part_begin(job->n, part); i < part_begin(job->n, part + 1); i++) {
-        struct spin_splat2d *s = job->splat2d + i;
-        s->first_slot += (uint32_t)job->pairs[part];
-        if (spin_pair_count(spin_pair_rect(s)) > 0)
-            *to++ = (struct entry){spin_depth_key(s->depth), (uint32_t)i};
+    for (size_t i = part_begin(job, job->n, part); i < part_begin(job, job->n, part + 1); i++) {
+        job->splat2d[i].first_slot += before;
+        if (!is_empty(job->rect[i]))
+            *to++ = (struct entry){job->key[i] - job->lowest, (uint32_t)i};
     }
 }
 
 static uint32_t digit_of(const struct job *job, struct entry e)
 {
-    return e.key >> job->shift & (BUCKETS - 1);
+    return e.key >> job->shift & ((1u << job->digit) - 1);
 }
 
+/* Neighbours are often equally deep: two sets of counts, so that one need not wait for the other. */
 static void digit_count_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    uint32_t *count = job->count + (size_t)part * BUCKETS;
+    size_t buckets = (size_t)1 << job->digit, end = part_begin(job, job->n_sorted, part + 1);
+    size_t i = part_begin(job, job->n_sorted, part);
+    uint32_t *count = job->count + (size_t)part * buckets, other[MAX_BUCKETS];
 
     (void)worker;
-    memset(count, 0, BUCKETS * sizeof *count);
-    for (size_t i = part_begin(job->n_sorted, part); i < part_begin(job->n_sorted, part + 1); i++)
+    memset(count, 0, buckets * sizeof *count);
+    memset(other, 0, buckets * sizeof *other);
+    for (; i + 2 <= end; i += 2) {
         count[digit_of(job, job->from[i])]++;
+        other[digit_of(job, job->from[i + 1])]++;
+    }
+    if (i < end)
+        count[digit_of(job, job->from[i])]++;
+    for (size_t k = 0; k < buckets; k++)
+        count[k] += other[k];
 }
 
 static void digit_move_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    uint32_t *place = job->count + (size_t)part * BUCKETS;
+    uint32_t *place = job->count + ((size_t)part << job->digit);
+    size_t end = part_begin(job, job->n_sorted, part + 1);
 
     (void)worker;
-    for (size_t i = part_begin(job->n_sorted, part); i < part_begin(job->n_sorted, part + 1); i++)
+    for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
 
-/* Counts [PARTS][n] to first places: bucket by bucket, within a bucket part by part. */
-static uint32_t counts_to_places(uint32_t *count, size_t n, uint32_t *start)
+/* Counts [parts][n] to first places: bucket by bucket, within a bucket part by part. */
+static uint32_t counts_to_places(const struct job *job, size_t n, uint32_t *start)
 {
-    uint32_t place = 0;
+    uint32_t place = 0, *count = job->count;
 
     for (size_t k = 0; k < n; k++) {
         if (start)
             start[k] = place;
-        for (int part = 0; part < PARTS; part++) {
+        for (int part = 0; part < job->parts; part++) {
             uint32_t here = count[(size_t)part * n + k];
             count[(size_t)part * n + k] = place;
             place += here;
@@ -142,97 +234,132 @@ static uint32_t counts_to_places(uint32_t *count, size_t n, uint32_t *start)
     return place;
 }
 
-static void sort_by_depth(struct spin_device *d, struct job *job)
+/* Digits are as short as the largest key allows. */
+static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highest)
 {
+    int bits = 1;
+
+    while (bits < 32 && highest >> bits)
+        bits++;
+    job->digit = (bits + PASSES - 1) / PASSES;
     for (int pass = 0; pass < PASSES; pass++) {
         struct entry *swap = job->from;
-        job->shift = pass * DIGIT;
-        spin_pool_run(spin_cpu_pool(d), PARTS, digit_count_task, job);
-        counts_to_places(job->count, BUCKETS, NULL);
-        spin_pool_run(spin_cpu_pool(d), PARTS, digit_move_task, job);
+        job->shift = pass * job->digit;
+        spin_pool_run(spin_cpu_pool(d), job->parts, digit_count_task, job);
+        counts_to_places(job, (size_t)1 << job->digit, NULL);
+        spin_pool_run(spin_cpu_pool(d), job->parts, digit_move_task, job);
         job->from = job->to;
         job->to = swap;
     }
 }
 
+/* What a part found, to what lies before it; returns all pairs. */
+static uint64_t sum_parts(struct job *job, uint32_t *highest)
+{
+    uint64_t pairs = 0;
+
+    job->lowest = UINT32_MAX;
+    *highest = 0;
+
+    for (int part = 0; part < job->parts; part++) {
+        size_t drawn_here = job->drawn[part];
+        uint64_t pairs_here = job->pairs[part];
+        job->drawn[part] = job->n_sorted;
+        job->pairs[part] = pairs;
+        job->n_sorted += drawn_here;
+        pairs += pairs_here;
+        job->lowest = job->low[part] < job->lowest ? job->low[part] : job->lowest;
+        *highest = job->high[part] > *highest ? job->high[part] : *highest;
+    }
+    return pairs;
+}
+
 void SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
                           struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
-    struct job job = {.cam = cam, .n = n, .splat2d = splat2d};
-    size_t drawn = 0;
-    uint64_t pairs = 0;
+    struct job job = {.cam = cam, .n = n, .parts = parts_of(n), .splat2d = splat2d};
+    uint32_t highest;
+    uint64_t pairs;
     struct sorted *sorted;
 
-    spin_pool_run(spin_cpu_pool(d), PARTS, trim_task, &job);
-    for (int part = 0; part < PARTS; part++) {
-        size_t drawn_here = job.drawn[part];
-        uint64_t pairs_here = job.pairs[part];
-        job.drawn[part] = drawn;
-        job.pairs[part] = pairs;
-        drawn += drawn_here;
-        pairs += pairs_here;
-    }
+    sorted = spin_cpu_scratch_need(
+        d, SPIN_SCRATCH_TILE, 64 + n * (2 * sizeof *job.from + sizeof *job.rect + sizeof *job.key));
+    job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
+                                      (size_t)MAX_PARTS * MAX_BUCKETS * sizeof *job.count);
+    job.from = (struct entry *)((char *)sorted + 64);
+    job.to = job.from + n;
+    job.rect = (struct rect *)(job.to + n);
+    job.key = (uint32_t *)(job.rect + n);
+    spin_pool_run(spin_cpu_pool(d), job.parts, trim_task, &job);
+    pairs = sum_parts(&job, &highest);
     if (pairs > UINT32_MAX) {
         fprintf(stderr,
                 "spin4d: cannot draw a view: %llu pairs of splats and tiles are more than 2^32\n",
                 (unsigned long long)pairs);
         exit(1);
     }
-    sorted =
-        spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, 64 + 2 * (drawn + 1) * sizeof(struct entry));
-    job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
-                                      (size_t)PARTS * BUCKETS * sizeof *job.count);
-    job.from = (struct entry *)((char *)sorted + 64);
-    job.to = job.from + drawn;
-    job.n_sorted = drawn;
-    spin_pool_run(spin_cpu_pool(d), PARTS, list_task, &job);
-    sort_by_depth(d, &job);
-    sorted->n = drawn;
+    spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
+    sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);
+    sorted->n = job.n_sorted;
     sorted->entry = job.from;
+    sorted->rect = job.rect;
     tiles->n_pairs = (uint32_t)pairs;
 }
 
-/* The rectangle of the i-th splat of a part that ends at `end`. In depth order the splats lie all
- * over memory: ask for the one a few places on. */
-static struct spin_pair_rect rect_at(const struct job *job, size_t i, size_t end)
+/* The tiles of a rectangle, row by row, in one loop: two would be guessed wrong twice a splat. */
+struct walk {
+    size_t tile, jump; /* jump: from the end of a row to the next one */
+    uint32_t left, width, left_in_row;
+};
+
+static inline struct walk walk_begin(struct rect r, size_t tiles_x)
 {
-    if (i + AHEAD < end)
-        __builtin_prefetch(&job->splat2d_in[job->from[i + AHEAD].splat].radius_px);
-    return spin_pair_rect(job->splat2d_in + job->from[i].splat);
+    uint32_t width = (uint32_t)r.x1 - r.x0;
+
+    return (struct walk){(size_t)r.y0 * tiles_x + r.x0, tiles_x - width + 1,
+                         width * ((uint32_t)r.y1 - r.y0), width, width};
+}
+
+static inline void walk_on(struct walk *w)
+{
+    bool end = --w->left_in_row == 0;
+
+    w->tile += end ? w->jump : 1;
+    w->left_in_row = end ? w->width : w->left_in_row;
+    w->left--;
 }
 
 static void tile_count_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    size_t n_tiles = (size_t)job->cam->tiles_x * (size_t)job->cam->tiles_y;
+    size_t tiles_x = (size_t)job->cam->tiles_x, n_tiles = tiles_x * (size_t)job->cam->tiles_y;
     uint32_t *count = job->count + (size_t)part * n_tiles;
-    size_t end = part_begin(job->n_sorted, part + 1);
+    size_t end = part_begin(job, job->n_sorted, part + 1);
 
     (void)worker;
     memset(count, 0, n_tiles * sizeof *count);
-    for (size_t i = part_begin(job->n_sorted, part); i < end; i++) {
-        struct spin_pair_rect r = rect_at(job, i, end);
-        for (int y = r.y0; y < r.y1; y++)
-            for (int x = r.x0; x < r.x1; x++)
-                count[(size_t)y * (size_t)job->cam->tiles_x + (size_t)x]++;
+    for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
+        struct walk w = walk_begin(job->rect[job->from[i].splat], tiles_x);
+
+        for (; w.left > 0; walk_on(&w))
+            count[w.tile]++;
     }
 }
 
 static void tile_move_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    size_t n_tiles = (size_t)job->cam->tiles_x * (size_t)job->cam->tiles_y;
-    uint32_t *place = job->count + (size_t)part * n_tiles;
-    size_t end = part_begin(job->n_sorted, part + 1);
+    size_t tiles_x = (size_t)job->cam->tiles_x, n_tiles = tiles_x * (size_t)job->cam->tiles_y;
+    uint32_t *place = job->count + (size_t)part * n_tiles, *pairs = job->tiles->pairs;
+    size_t end = part_begin(job, job->n_sorted, part + 1);
 
     (void)worker;
-    for (size_t i = part_begin(job->n_sorted, part); i < end; i++) {
+    for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
         uint32_t splat = job->from[i].splat;
-        struct spin_pair_rect r = rect_at(job, i, end);
-        for (int y = r.y0; y < r.y1; y++)
-            for (int x = r.x0; x < r.x1; x++)
-                job->tiles->pairs[place[(size_t)y * (size_t)job->cam->tiles_x + (size_t)x]++] =
-                    splat;
+        struct walk w = walk_begin(job->rect[splat], tiles_x);
+
+        for (; w.left > 0; walk_on(&w))
+            pairs[place[w.tile]++] = splat;
     }
 }
 
@@ -241,13 +368,15 @@ void SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size
 {
     const struct sorted *sorted = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, sizeof *sorted);
     size_t n_tiles = (size_t)cam->tiles_x * (size_t)cam->tiles_y;
-    struct job job = {.cam = cam, .n = n, .splat2d_in = splat2d, .tiles = tiles};
+    struct job job = {.cam = cam, .n = n, .parts = parts_of(n), .tiles = tiles};
 
+    (void)splat2d;
     job.n_sorted = sorted->n;
     job.from = sorted->entry;
-    job.count =
-        spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS, PARTS * n_tiles * sizeof *job.count);
-    spin_pool_run(spin_cpu_pool(d), PARTS, tile_count_task, &job);
-    tiles->start[n_tiles] = counts_to_places(job.count, n_tiles, tiles->start);
-    spin_pool_run(spin_cpu_pool(d), PARTS, tile_move_task, &job);
+    job.rect = sorted->rect;
+    job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
+                                      (size_t)MAX_PARTS * n_tiles * sizeof *job.count);
+    spin_pool_run(spin_cpu_pool(d), job.parts, tile_count_task, &job);
+    tiles->start[n_tiles] = counts_to_places(&job, n_tiles, tiles->start);
+    spin_pool_run(spin_cpu_pool(d), job.parts, tile_move_task, &job);
 }
