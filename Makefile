@@ -66,7 +66,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup demo test test-bins check lint valgrind tsan fuzz fuzz-replay bench install clean format
+.PHONY: all help config setup demo test test-bins check lint test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -166,6 +166,10 @@ tsan: ## the threaded tests under ThreadSanitizer
 
 valgrind: all ## every command once under valgrind: no leak at exit
 	@sh tests/valgrind.sh $(B)/bin
+
+test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  BUNDLE=own.spin
+	@$(MAKE) --no-print-directory -j$(JOBS) all
+	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
 lint: ## includes, headers, lists, manual, format
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done

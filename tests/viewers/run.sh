@@ -1,0 +1,126 @@
+#!/bin/sh
+# run.sh BIN_DIR [short]: export samples in every format and open them in real viewers.
+#
+# Samples: a short retraining of the bundled clip; the bundled Dynamic 3D Gaussians run; where the large
+# fixtures are at hand (SPIN_FIXTURES, else ../shared/fixtures), a 4DGaussians and a Realtime-4DGS run;
+# and the bundle named in BUNDLE, with the camera in CAMERA (options of bench.mjs). With `short` the first
+# only, in small pictures.
+#
+# What is missing (Node, Chromium, the packages and no network to fetch them) skips everything, by name.
+bin=$(cd "${1:-build/release/bin}" && pwd) || exit 1
+short=${2:-}
+root=$(cd "$(dirname "$0")/../.." && pwd)
+here=$root/tests/viewers
+out=$root/build/viewers
+large=${SPIN_FIXTURES:-$root/../shared/fixtures}
+bundle=${BUNDLE:+$(readlink -f "$BUNDLE")}
+failed=0
+
+skip() {
+    echo "viewers: skipped: $*"
+    exit 0
+}
+fail() {
+    echo "viewers: $*" >&2
+    failed=1
+}
+
+# ---- What it needs ---------------------------------------------------------------------------------
+
+command -v node >/dev/null 2>&1 || skip "no Node (Debian: nodejs npm)"
+[ "$(node -p 'process.versions.node.split(".")[0]')" -ge 20 ] ||
+    skip "Node $(node --version) is older than 20"
+CHROMIUM=${CHROMIUM:-$(command -v chromium || command -v chromium-browser)}
+[ -x "$CHROMIUM" ] || skip "no Chromium (Debian: chromium)"
+export CHROMIUM
+
+if [ ! -d "$here/node_modules/playwright-core" ]; then
+    command -v npm >/dev/null 2>&1 || skip "no npm (Debian: npm)"
+    echo "viewers: fetching the viewers' packages (400 MB, once)"
+    (cd "$here" && timeout 120 npm ci --ignore-scripts --no-audit --no-fund \
+        --fetch-retries=1 --fetch-timeout=20000 >"$root/build/viewers-npm.log" 2>&1) || {
+        rm -rf "$here/node_modules"
+        skip "npm ci failed, no network? (build/viewers-npm.log)"
+    }
+fi
+
+# ---- Samples ---------------------------------------------------------------------------------------
+
+# export_all SAMPLE: SAMPLE.spin in every format, in folders of SAMPLE/.
+export_all() {
+    rm -rf "$1"
+    mkdir -p "$1"
+    for format in ply compressed-ply spz splat gltf; do
+        "$bin/spin-export" -q "$1.spin" --to $format -o "$1/$format" ||
+            { fail "$1.spin does not export to $format"; return 1; }
+    done
+    "$bin/spin-export" -q "$1.spin" --to gltf -o "$1/clip.glb" ||
+        { fail "$1.spin does not export to one GLB"; return 1; }
+}
+
+# show SAMPLE [OPTION...]: everything that was exported, in every viewer that opens it.
+show() {
+    sample=$1
+    shift
+    echo
+    echo "== $sample"
+    export_all "$sample" || return
+    # shellcheck disable=SC2086
+    node "$here/bench.mjs" --expect-motion $size --out "$sample-shots" "$@" "$sample/ply" \
+        "$sample/compressed-ply" "$sample/spz" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
+        fail "$sample: a viewer disagrees"
+}
+
+# import SAMPLE OPTION...: into SAMPLE.spin
+import() {
+    sample=$1
+    shift
+    rm -f "$sample.spin"
+    "$bin/spin-import" -q "$@" -o "$sample.spin" || { fail "$sample does not import"; return 1; }
+}
+
+mkdir -p "$out" && cd "$out" || exit 1
+size='--max-frames 3'
+[ -n "$short" ] && size='--max-frames 2 --size 256'
+
+matrix=$(node "$here/bench.mjs" --matrix)
+[ "$(sed -n '/^<!-- matrix -->$/,/^$/p' "$root/docs/viewers.md" | grep '^|')" = "$matrix" ] ||
+    fail "docs/viewers.md: the table is not what 'node tests/viewers/bench.mjs --matrix' prints"
+
+if [ -z "$short" ]; then
+    echo "== the bench itself"
+    node "$here/bench.mjs" --out selftest selftest || fail "the bench's own samples fail"
+fi
+
+clip=$root/fixtures/court-mini
+import mini-source --from d3dgs "$clip" --data "$clip" &&
+    rm -f mini.spin &&
+    "$bin/spin-retrain" -q mini-source.spin -o mini.spin --device cpu --iterations 300 --levels 8 \
+        --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 --sh-degree 1 \
+        --head-lr-factor 4 --scale-bias auto &&
+    show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41
+
+if [ -z "$short" ]; then
+    import d3dgs --from d3dgs "$root/fixtures/d3dgs/trained" && show d3dgs
+    if [ -d "$large/4dgaussian/dynerf_like" ]; then
+        import 4dgaussian --from 4dgaussian "$large/4dgaussian/dynerf_like/model" --frames 4 &&
+            show 4dgaussian
+    else
+        echo "viewers: skipped: no 4DGaussians run in $large"
+    fi
+    if [ -d "$large/realtime4dgs/rot4d_sht" ]; then
+        import realtime4dgs --from realtime4dgs "$large/realtime4dgs/rot4d_sht" --frames 4 &&
+            show realtime4dgs
+    else
+        echo "viewers: skipped: no Realtime-4DGS run in $large"
+    fi
+fi
+if [ -n "$bundle" ]; then
+    name=$(basename "$bundle" .spin)
+    ln -sf "$bundle" "$name.spin"
+    # shellcheck disable=SC2086
+    show "$name" ${CAMERA:-}
+fi
+
+[ $failed = 0 ] && echo "viewers: all agree (pictures in build/viewers/*-shots)"
+exit $failed
