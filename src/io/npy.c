@@ -12,6 +12,9 @@
 #include "base/err.h"
 #include "base/mem.h"
 
+/* No header of a numeric array is longer; numpy too stops at 10000. */
+#define MAX_HEAD (12 + 10000)
+
 /* ---- The header's dictionary --------------------------------------------------------------- */
 
 struct text {
@@ -229,32 +232,39 @@ static spin_status check_size(const char *what, struct spin_array *a, size_t n_p
     return SPIN_OK;
 }
 
-spin_status spin_npy_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
-                           struct spin_array *out)
+/* The same, of which only the first n_readable bytes are at hand. */
+static spin_status parse_head(const char *what, const unsigned char *bytes, size_t n_readable,
+                              size_t n_bytes, struct spin_array *out)
 {
     struct text t = {.what = what};
     size_t prefix, n_header;
 
     memset(out, 0, sizeof *out);
-    if (n_bytes < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
+    if (n_readable < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
         return spin_fail(SPIN_E_MALFORMED, "array '%s' does not begin as .npy data does", what);
     if (bytes[6] < 1 || bytes[6] > 3)
         return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has .npy version %d, not 1 to 3", what,
                          bytes[6]);
     prefix = bytes[6] == 1 ? 10 : 12;
-    if (n_bytes < prefix)
+    if (n_readable < prefix)
         return fail_header(&t);
     n_header = bytes[8] | (size_t)bytes[9] << 8;
     if (prefix == 12)
         n_header |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
-    if (n_header > n_bytes - prefix)
+    if (n_header > n_readable - prefix)
         return spin_fail(SPIN_E_MALFORMED, "array '%s' is cut short: a header of %zu bytes in %zu",
-                         what, n_header, n_bytes);
+                         what, n_header, n_readable);
     t.p = bytes + prefix;
     t.end = t.p + n_header;
     SPIN_TRY(read_dictionary(&t, out));
     out->data = bytes + prefix + n_header;
     return check_size(what, out, n_bytes - prefix - n_header);
+}
+
+spin_status spin_npy_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
+                           struct spin_array *out)
+{
+    return parse_head(what, bytes, n_bytes, n_bytes, out);
 }
 
 void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text)
@@ -499,23 +509,47 @@ static spin_status own(struct spin_npz *npz, void *block)
     return SPIN_OK;
 }
 
+/* What the header says, held against the size that the archive says, before the data is unpacked.
+ * out->data is NULL. */
+static spin_status read_head(const struct spin_npz *npz, const char *key,
+                             const struct spin_zip_member *member, struct spin_array *out)
+{
+    unsigned char head[MAX_HEAD];
+    size_t n = 0, n_head;
+
+    SPIN_TRY(spin_zip_head(&npz->zip, member, head, sizeof head, &n));
+    SPIN_TRY(parse_head(key, head, n < member->size ? n : (size_t)member->size,
+                        (size_t)member->size, out));
+    n_head = (size_t)(out->data - head);
+    out->data = NULL;
+    if (n_head + out->n_bytes != member->size)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu bytes more than its header says",
+                         key, (size_t)member->size - n_head - out->n_bytes);
+    return SPIN_OK;
+}
+
+static spin_status read_data(struct spin_npz *npz, const char *key,
+                             const struct spin_zip_member *member, bool check_crc,
+                             struct spin_array *out)
+{
+    const unsigned char *bytes = NULL;
+    void *owned = NULL;
+
+    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, spin_memory_available(), &bytes, &owned));
+    SPIN_TRY(own(npz, owned));
+    return spin_npy_parse(key, bytes, (size_t)member->size, out);
+}
+
 spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc,
                            struct spin_array *out)
 {
     const struct spin_zip_member *member = find_array(npz, key);
-    const unsigned char *bytes = NULL;
-    void *owned = NULL;
 
     memset(out, 0, sizeof *out);
     if (!member)
         return spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
-    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, spin_memory_available(), &bytes, &owned));
-    SPIN_TRY(own(npz, owned));
-    SPIN_TRY(spin_npy_parse(key, bytes, (size_t)member->size, out));
-    if (out->data + out->n_bytes != bytes + member->size)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu bytes more than its header says",
-                         key, (size_t)(bytes + member->size - out->data) - out->n_bytes);
-    return SPIN_OK;
+    SPIN_TRY(read_head(npz, key, member, out));
+    return read_data(npz, key, member, check_crc, out);
 }
 
 /* "[*, 3]": a shape where -1 stands for anything. */
@@ -531,21 +565,32 @@ static void pattern_text(int n_dims, const int64_t *shape, char *text, size_t n_
         snprintf(text + n, n_text - n, "]");
 }
 
+static spin_status check_shape(const char *key, const struct spin_array *a, int n_dims,
+                               const int64_t *shape)
+{
+    char got[192], want[192];
+    bool same = a->n_dims == n_dims;
+
+    for (int i = 0; same && i < n_dims; i++)
+        same = shape[i] < 0 || a->shape[i] == (uint64_t)shape[i];
+    if (same)
+        return SPIN_OK;
+    spin_array_shape_text(a->n_dims, a->shape, got, sizeof got);
+    pattern_text(n_dims, shape, want, sizeof want);
+    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, got, want);
+}
+
 spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
                               const int64_t *shape, struct spin_array *out)
 {
-    char got[192], want[192];
-    bool same;
+    const struct spin_zip_member *member = find_array(npz, key);
 
-    SPIN_TRY(spin_npz_array(npz, key, check_crc, out));
-    same = out->n_dims == n_dims;
-    for (int i = 0; same && i < n_dims; i++)
-        same = shape[i] < 0 || out->shape[i] == (uint64_t)shape[i];
-    if (same)
-        return SPIN_OK;
-    spin_array_shape_text(out->n_dims, out->shape, got, sizeof got);
-    pattern_text(n_dims, shape, want, sizeof want);
-    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, got, want);
+    memset(out, 0, sizeof *out);
+    if (!member)
+        return spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
+    SPIN_TRY(read_head(npz, key, member, out));
+    SPIN_TRY(check_shape(key, out, n_dims, shape));
+    return read_data(npz, key, member, check_crc, out);
 }
 
 /* ---- Writing ------------------------------------------------------------------------------- */

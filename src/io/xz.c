@@ -10,6 +10,10 @@
 #include "base/mem.h"
 #include "io/file.h"
 
+/* Networks, codebooks and indices pack to a half or so. What packs to less than a 32nd, beyond some
+ * megabytes, is a bomb: xz can make 7000 bytes out of one. */
+#define RATIO 32
+#define RATIO_SLACK ((size_t)8 << 20)
 #define FIRST_PIECE ((size_t)1 << 20)
 /* Level 9 needs 65 MiB for its dictionary. */
 #define DECODER_MEMORY ((uint64_t)256 << 20)
@@ -89,6 +93,8 @@ spin_status spin_xz_load(const char *path, size_t limit, unsigned char **out, si
     *out = NULL;
     *n = 0;
     SPIN_TRY(spin_map_open(path, &map));
+    if (limit > RATIO_SLACK && map.size < (limit - RATIO_SLACK) / RATIO)
+        limit = RATIO_SLACK + RATIO * map.size;
     code = lzma_stream_decoder(&stream, DECODER_MEMORY, LZMA_CONCATENATED);
     stream.next_in = map.data;
     stream.avail_in = map.size;

@@ -369,6 +369,25 @@ static bool inflate_exactly(const unsigned char *packed, uint64_t n, unsigned ch
     return result == Z_STREAM_END && n == 0 && size == 0;
 }
 
+/* Raw deflate of the first bytes: how many came out, at most n. */
+static size_t inflate_head(const unsigned char *packed, uint64_t n_packed, void *out, size_t n)
+{
+    const uint64_t piece = 1u << 30;
+    z_stream z = {0};
+    size_t n_out;
+
+    if (inflateInit2(&z, -MAX_WBITS) != Z_OK)
+        return 0;
+    z.next_in = (Bytef *)(uintptr_t)packed;
+    z.avail_in = (uInt)(n_packed < piece ? n_packed : piece);
+    z.next_out = out;
+    z.avail_out = (uInt)(n < piece ? n : piece);
+    inflate(&z, Z_SYNC_FLUSH); /* damage is found when the whole is read */
+    n_out = (size_t)z.total_out;
+    inflateEnd(&z);
+    return n_out;
+}
+
 static spin_status read_deflated(const struct spin_zip *zip, const struct spin_zip_member *m,
                                  const unsigned char *packed, uint64_t limit, void **owned)
 {
@@ -396,6 +415,31 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
     return SPIN_OK;
 }
 
+static spin_status fail_method(const struct spin_zip *zip, const struct spin_zip_member *member)
+{
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "cannot read '%s': member '%s' is packed with method %d, not 0 or 8",
+                     zip->path, member->name, member->method);
+}
+
+spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,
+                          void *out, size_t n, size_t *n_out)
+{
+    const unsigned char *packed = NULL;
+
+    *n_out = 0;
+    SPIN_TRY(find_data(zip, member, &packed));
+    if (member->method == METHOD_STORED) {
+        *n_out = member->size < n ? (size_t)member->size : n;
+        memcpy(out, packed, *n_out);
+    } else if (member->method == METHOD_DEFLATE) {
+        *n_out = inflate_head(packed, member->packed_size, out, n);
+    } else {
+        return fail_method(zip, member);
+    }
+    return SPIN_OK;
+}
+
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -410,9 +454,7 @@ spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_memb
         SPIN_TRY(read_deflated(zip, member, packed, limit, owned));
         *data = *owned;
     } else {
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot read '%s': member '%s' is packed with method %d, not 0 or 8",
-                         zip->path, member->name, member->method);
+        return fail_method(zip, member);
     }
     if (check_crc && crc32_z(0, *data, (z_size_t)member->size) != member->crc) {
         free(*owned);

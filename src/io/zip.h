@@ -36,6 +36,10 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned);
 
+/* At most the first n bytes of a member, n_out of them, without unpacking the rest. */
+spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,
+                          void *out, size_t n, size_t *n_out);
+
 /* Writing: members stored, data 64-byte aligned, zip64 when needed, no dates (1980-01-01), so equal
  * content gives equal bytes. */
 struct spin_zip_writer {

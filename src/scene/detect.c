@@ -6,6 +6,7 @@
 
 #include "base/err.h"
 #include "io/file.h"
+#include "io/torch.h"
 
 /* Two probes this close are a tie: the numbers are guesses. */
 #define TIE 10
@@ -45,6 +46,41 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
                      want_views ? "data sets" : "runs", from, names);
 }
 
+/* A file that no importer knows may tell itself what is wrong with it: it is empty, a web page or a
+ * checkpoint of which a part is missing or is not data. */
+static bool may_tell(const struct spin_peek *peek)
+{
+    static const char *const heads[] = {"version https://git-lfs", "<!doctype", "<!DOCTYPE",
+                                        "<html"};
+    const unsigned char *head = peek->head;
+
+    if (peek->is_folder)
+        return false;
+    for (size_t i = 0; i < sizeof heads / sizeof *heads; i++) {
+        if (peek->n_head >= strlen(heads[i]) && memcmp(head, heads[i], strlen(heads[i])) == 0)
+            return true;
+    }
+    if (peek->n_head >= 4 && memcmp(head, "PK\3\4", 4) == 0)
+        return !*peek->tail_names || strstr(peek->tail_names, "data.pkl");
+    return peek->n_head == 0 || (peek->n_head >= 2 && head[0] == 0x80 && head[1] <= 5);
+}
+
+static spin_status fail_unknown(const struct spin_peek *peek)
+{
+    struct spin_torch torch;
+
+    if (!may_tell(peek))
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
+                         peek->path);
+    SPIN_TRY(spin_torch_open(peek->path, &torch));
+    spin_torch_close(&torch);
+    return spin_fail(SPIN_E_NOT_RECOGNISED,
+                     "cannot recognise '%s': a PyTorch checkpoint of no method that an importer "
+                     "knows (see spin-import --list)",
+                     peek->path);
+}
+
 static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
                                  const struct spin_importer **out)
 {
@@ -69,9 +105,7 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
         }
     }
     if (!best)
-        return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "cannot recognise '%s': no importer knows it (see spin-import --list)",
-                         peek->path);
+        return fail_unknown(peek);
     if (second && best_score - second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
