@@ -13,6 +13,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "importers/cfg_args.h"
+#include "importers/finite.h"
 #include "io/ply.h"
 
 static inline void canonical_note(struct spin_track *track, const char *fmt, ...) SPIN_PRINTF(2, 3);
@@ -338,10 +339,9 @@ static inline spin_status canonical_check(const char *path, double time, unsigne
     };
 
     for (size_t c = 0; c < sizeof all / sizeof *all; c++) {
-        size_t bad = 0;
+        size_t bad =
+            columns & all[c].column ? finite_missing(all[c].values, s->n * all[c].width) : 0;
 
-        for (size_t i = 0; (columns & all[c].column) && i < s->n * all[c].width; i++)
-            bad += !isfinite(all[c].values[i]);
         if (bad > 0)
             return spin_fail(SPIN_E_MALFORMED,
                              "'%s': %zu values of the %s at time %g are not finite", path, bad,

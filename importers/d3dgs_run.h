@@ -13,6 +13,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "importers/finite.h"
 #include "io/npy.h"
 
 #define D3DGS_SH_C0 0.28209479177387814
@@ -192,11 +193,12 @@ static inline spin_status d3dgs_column(const struct d3dgs_run *run, int key, int
     const struct spin_array *a = &run->array[key];
     uint64_t count = run->n * d3dgs_keys[key].width;
     uint64_t first = a->n_dims == 3 ? (uint64_t)frame * count : 0;
-    uint64_t bad = 0;
+    uint64_t bad;
 
     spin_array_to_f32(a, first, count, out);
-    for (uint64_t i = 0; i < count; i++)
-        bad += !isfinite(out[i]);
+    if (a->n_dims == 3)
+        spin_npz_forget(&run->npz, a, first, count);
+    bad = finite_missing(out, (size_t)count);
     if (bad > 0)
         return spin_fail(SPIN_E_MALFORMED,
                          "cannot read '%s': array '%s' has %llu values in frame %d that are not "
@@ -213,8 +215,10 @@ static inline void d3dgs_normalise(float *quats, size_t n)
                            (double)q[3] * q[3]);
 
         if (norm > 0) {
+            double inverse = 1 / norm;
+
             for (int i = 0; i < 4; i++)
-                q[i] = (float)(q[i] / norm);
+                q[i] = (float)(q[i] * inverse);
         } else {
             q[0] = 1;
             q[1] = q[2] = q[3] = 0;

@@ -11,6 +11,7 @@
 #include "core/clip.h"
 #include "core/describe.h"
 #include "core/overlay.h"
+#include "core/relay.h"
 #include "scene/detect.h"
 
 /* A description reads this many frames, evenly from all of them, unless asked for every one. */
@@ -35,6 +36,7 @@ struct import {
     char *data;              /* its absolute path */
     int *rows;               /* [n_frames] row of the data set of each frame */
     struct spin_describe describe;
+    struct spin_relay relay; /* to the thread that writes */
 };
 
 /* ---- The data set ------------------------------------------------------------------------------ */
@@ -287,21 +289,41 @@ static void widen_bounds(struct spin_import_report *report, const struct spin_sp
     memcpy(report->bounds_max, high, sizeof high);
 }
 
-/* One frame, in place i of the bundle, to where it goes. */
-static spin_status read_frame(struct import *im, int i)
+/* One frame, in place i of the bundle. */
+static spin_status read_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
     struct spin_bundle_meta *meta = &im->meta;
-    unsigned columns = im->writing ? meta->columns : im->track.columns;
 
-    SPIN_TRY(im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns,
-                                 &im->splats));
-    meta->frame[i].n = im->splats.n;
-    widen_bounds(im->report, &im->splats);
-    if (!im->writing)
-        spin_describe_frame(&im->describe, columns, &im->splats);
-    else
-        SPIN_TRY(spin_bundle_write_frame(&im->writer, i, meta->columns, meta->still_columns,
-                                         &im->splats));
+    SPIN_TRY(
+        im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns, out));
+    meta->frame[i].n = out->n;
+    widen_bounds(im->report, out);
+    return SPIN_OK;
+}
+
+/* In the writing thread. */
+static spin_status write_frame(void *context, int i, const struct spin_splats *splats)
+{
+    struct import *im = context;
+
+    return spin_bundle_write_frame(&im->writer, i, im->meta.columns, im->meta.still_columns,
+                                   splats);
+}
+
+static spin_status relay_frame(struct import *im, int i)
+{
+    struct spin_splats *slot;
+
+    SPIN_TRY(spin_relay_slot(&im->relay, &slot));
+    SPIN_TRY(read_frame(im, i, im->meta.columns, slot));
+    spin_relay_send(&im->relay, i);
+    return SPIN_OK;
+}
+
+static spin_status describe_frame(struct import *im, int i)
+{
+    SPIN_TRY(read_frame(im, i, im->track.columns, &im->splats));
+    spin_describe_frame(&im->describe, im->track.columns, &im->splats);
     return SPIN_OK;
 }
 
@@ -342,7 +364,9 @@ static spin_status read_frames(struct import *im)
     }
     SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
     spin_progress_begin(&progress, im->writing ? "importing" : "reading", "frames", 0, n);
-    if (!im->writing)
+    if (im->writing)
+        SPIN_TRY_OUT(spin_relay_open(&im->relay, write_frame, im));
+    else
         SPIN_TRY_OUT(spin_describe_open(&im->describe, n));
     for (int k = 0; k < n; k++) {
         if (spin_cancelled()) {
@@ -350,14 +374,17 @@ static spin_status read_frames(struct import *im)
             goto out;
         }
         read[k] = n < n_all ? spread(k, n, n_all) : k;
-        SPIN_TRY_OUT(read_frame(im, read[k]));
-        spin_progress_set(&progress, k + 1, "%zu splats", im->splats.n);
+        SPIN_TRY_OUT(im->writing ? relay_frame(im, read[k]) : describe_frame(im, read[k]));
+        spin_progress_set(&progress, k + 1, "%zu splats", im->meta.frame[read[k]].n);
     }
+    if (im->writing)
+        SPIN_TRY_OUT(spin_relay_finish(&im->relay));
     report->frames_read = n;
     count_splats(im, read, n);
     if (!im->writing)
         spin_describe_ranges(&im->describe, report);
 out:
+    spin_relay_close(&im->relay);
     spin_progress_end(&progress);
     free(read);
     return status;

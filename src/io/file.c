@@ -88,6 +88,19 @@ void spin_map_close(struct spin_map *map)
     map->size = 0;
 }
 
+void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n)
+{
+    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), base = (uintptr_t)map->data;
+    uintptr_t first = (uintptr_t)bytes, end = first + n;
+
+    if (map->size == 0 || first < base || end > base + map->size)
+        return;
+    first -= (first - base) % page; /* a map begins with a page */
+    end -= (end - base) % page;     /* whose last page the next bytes share */
+    if (end > first)
+        (void)madvise((void *)first, end - first, MADV_DONTNEED);
+}
+
 /* ---- Path words ---------------------------------------------------------------------------- */
 
 bool spin_path_exists(const char *path)

@@ -13,6 +13,10 @@ struct spin_map {
 /* Errors name the path. A folder, a fifo or a missing file is an error. */
 spin_status spin_map_open(const char *path, struct spin_map *out);
 void spin_map_close(struct spin_map *map);
+/* These bytes will not be needed soon: their pages leave the process (they stay in the system's cache,
+ * and come back by themselves). So memory stays bounded by what is in use, not by the file. What does
+ * not lie in the map is left alone. */
+void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 
 bool spin_path_exists(const char *path);
 bool spin_path_is_folder(const char *path);

@@ -456,6 +456,15 @@ const float *spin_array_f32(const struct spin_array *a)
     return (const float *)(const void *)a->data;
 }
 
+void spin_npz_forget(const struct spin_npz *npz, const struct spin_array *a, uint64_t first,
+                     uint64_t count)
+{
+    size_t item = (size_t)a->item_size;
+
+    if (!a->fortran || a->n_dims < 2)
+        spin_map_forget(&npz->zip.map, a->data + first * item, (size_t)count * item);
+}
+
 /* ---- Archives ------------------------------------------------------------------------------ */
 
 spin_status spin_npz_open(const char *path, struct spin_npz *out)
@@ -646,10 +655,7 @@ spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const ch
     SPIN_TRY(header_bytes(name, descr, n_dims, shape, head, &n_head));
     SPIN_TRY(spin_alloc(n_member, 1, &member));
     snprintf(member, n_member, "%s.npy", name);
-    SPIN_TRY_OUT(spin_zip_member_begin(w, member, n_head + a.n_bytes));
-    SPIN_TRY_OUT(spin_zip_member_write(w, head, n_head));
-    SPIN_TRY_OUT(spin_zip_member_write(w, data, a.n_bytes));
-    SPIN_TRY_OUT(spin_zip_member_end(w));
+    SPIN_TRY_OUT(spin_zip_member_whole(w, member, head, n_head, data, a.n_bytes));
 out:
     free(member);
     return status;

@@ -44,6 +44,11 @@ spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_
 void spin_array_to_f32(const struct spin_array *a, uint64_t first, uint64_t count, float *out);
 void spin_array_to_f64(const struct spin_array *a, uint64_t first, uint64_t count, double *out);
 void spin_array_to_i64(const struct spin_array *a, uint64_t first, uint64_t count, int64_t *out);
+/* These values will not be needed soon (see spin_map_forget): for arrays read a frame at a time. Only
+ * C-order arrays that lie in the file as they are have anything to forget. */
+void spin_npz_forget(const struct spin_npz *npz, const struct spin_array *a, uint64_t first,
+                     uint64_t count);
+
 /* The values in place, when they are little-endian C-order float32 at a 4-byte aligned address; else
  * NULL. */
 const float *spin_array_f32(const struct spin_array *a);

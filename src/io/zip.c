@@ -11,6 +11,7 @@
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <zlib.h>
 
 #include "base/err.h"
@@ -548,7 +549,9 @@ static size_t padding(uint64_t used)
     return pad == 0 || pad >= 6 ? pad : pad + ALIGN;
 }
 
-spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size)
+/* The local header. crc: 0 when it is not known yet. */
+static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
+                                uint32_t crc)
 {
     struct bytes b = {.n = 0}, extra = {.n = 0};
     size_t n_name = strlen(name), pad;
@@ -564,6 +567,7 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
         put(&extra, size, 8);
         put(&extra, size, 8);
     }
+    w->written[w->n - 1].crc = crc;
     pad = padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n);
     if (pad > 0) {
         put(&extra, EXTRA_ALIGN, 2);
@@ -575,12 +579,32 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
     put(&b, SIG_LOCAL, 4);
     put_common(&b, &w->written[w->n - 1], zip64);
     put(&b, extra.n, 2);
-    w->crc = 0;
-    w->member_size = 0;
-    w->in_member = true;
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     SPIN_TRY(spin_out_write(&w->out, name, n_name));
     return spin_out_write(&w->out, extra.data, extra.n);
+}
+
+spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size)
+{
+    w->crc = 0;
+    w->member_size = 0;
+    SPIN_TRY(begin_member(w, name, size, 0));
+    w->in_member = true;
+    return SPIN_OK;
+}
+
+spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
+                                  size_t n_head, const void *data, size_t n_data)
+{
+    uint32_t crc = 0;
+
+    if (n_head > 0)
+        crc = (uint32_t)crc32_z(crc, head, n_head);
+    if (n_data > 0)
+        crc = (uint32_t)crc32_z(crc, data, n_data);
+    SPIN_TRY(begin_member(w, name, (uint64_t)n_head + n_data, crc));
+    SPIN_TRY(spin_out_write(&w->out, head, n_head));
+    return spin_out_write(&w->out, data, n_data);
 }
 
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes)
@@ -594,7 +618,8 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* The CRC is known only now: go back and put it into the local header. */
+/* The CRC is known only now: put it into the local header. Not by seeking, as stdio then reads and
+ * writes again what lies around it. */
 spin_status spin_zip_member_end(struct spin_zip_writer *w)
 {
     struct spin_zip_written *entry = &w->written[w->n - 1];
@@ -606,8 +631,8 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
                          w->out.path, entry->name);
     entry->crc = w->crc;
     put(&b, entry->crc, 4);
-    if (fseeko(w->out.file, (off_t)(entry->header_offset + 14), SEEK_SET) != 0 ||
-        fwrite(b.data, 1, b.n, w->out.file) != b.n || fseeko(w->out.file, 0, SEEK_END) != 0)
+    if (fflush(w->out.file) != 0 || pwrite(fileno(w->out.file), b.data, b.n,
+                                           (off_t)(entry->header_offset + 14)) != (ssize_t)b.n)
         return spin_fail(SPIN_E_IO, "cannot write '%s': the disk refused", w->out.path);
     return SPIN_OK;
 }

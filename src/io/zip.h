@@ -55,6 +55,9 @@ spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_w
 spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);
+/* The same at once, of two pieces that are there already: nothing is written twice. */
+spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
+                                  size_t n_head, const void *data, size_t n_data);
 spin_status spin_zip_writer_commit(struct spin_zip_writer *w);
 void spin_zip_writer_abandon(struct spin_zip_writer *w);
 
