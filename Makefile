@@ -58,6 +58,12 @@ COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
 SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
+# Only LPIPS needs oneDNN; a build without it does all else.
+DNNL     ?= $(shell printf '\043if __has_include(<oneapi/dnnl/dnnl.hpp>)\nfound\n\043endif\n' | \
+            $(CXX) $(CPPFLAGS) -E -P -x c++ - 2>/dev/null)
+ifneq ($(filter found 1,$(DNNL)),)
+SHIMS    += $(B)/lib/spin-conv.so
+endif
 
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
@@ -121,6 +127,11 @@ $(B)/lib/spin-gltf.so: src/io/gltf_tiny.cpp src/io/gltf_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -shared -o $@ $< -ltinygltf
+
+$(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -fopenmp -shared -o $@ $< -ldnnl
 
 # The grid's vertex positions are defined with one rounding per operation: no contraction there.
 $(B)/src/device/cpu/grid.%.o: CONTRACT := -ffp-contract=off

@@ -43,6 +43,13 @@ report() {
         printf '%-12s %s\n' "$tool:" "$found"
     done
     lacking=" $(missing_headers) "
+    if printf '#include <oneapi/dnnl/dnnl_version.h>\n' | "$CXX" -E -x c++ - >/dev/null 2>&1; then
+        found=$(version_of oneapi/dnnl/dnnl_version.h \
+            'DNNL_VERSION_MAJOR.DNNL_VERSION_MINOR.DNNL_VERSION_PATCH')
+    else
+        found='not found: package libdnnl-dev, if LPIPS is to be measured; all else does without'
+    fi
+    printf '%-12s %s\n' oneDNN: "$found"
     while read -r name package header macro; do
         case $lacking in
         *" $package "*) found="not found: package $package" ;;

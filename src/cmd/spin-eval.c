@@ -28,6 +28,12 @@ static const struct spin_opt_row rows[] = {
              "where the moving regions are: the data set's masks, or what changes in its images "
              "(auto)",
              SPIN_OPT_CHOICE, &moving, 0, 0),
+    SPIN_OPT("lpips", 0, "DIR", "measure LPIPS with the weights in this folder, see the manual",
+             SPIN_OPT_STRING, &options.lpips, 0, 0),
+    SPIN_OPT("lpips-backbone", 0, "FILE", "the network of LPIPS, as torchvision publishes it",
+             SPIN_OPT_STRING, &options.lpips_backbone, 0, 0),
+    SPIN_OPT("lpips-lin", 0, "FILE", "its linear heads, as the lpips package has them",
+             SPIN_OPT_STRING, &options.lpips_lin, 0, 0),
     SPIN_OPT("images", 0, "DIR", "write one PNG a view: ground truth | source | render",
              SPIN_OPT_STRING, &options.images, 0, 0),
     SPIN_OPT_HEADING("Data set"),
@@ -50,7 +56,7 @@ static const char *const usage[] = {
 
 static const struct spin_opt_command command = {
     .name = "spin-eval",
-    .summary = "PSNR and SSIM of a bundle against its data set",
+    .summary = "PSNR, SSIM and LPIPS of a bundle against its data set",
     .usage = usage,
     .rows = rows,
     .common = &common,

@@ -14,6 +14,7 @@ struct eval {
     struct spin_clip clip;
     struct spin_pixels pixels;
     struct spin_moving moving;
+    struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
     bool has_source; /* source is open: what the network is compared with */
@@ -61,6 +62,27 @@ static spin_status open_players(struct eval *e)
     return SPIN_OK;
 }
 
+/* Before anything is drawn: weights that cannot be read are said at once. */
+static spin_status open_lpips(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_lpips *one = NULL;
+    int network;
+
+    if (o->lpips)
+        SPIN_TRY(spin_lpips_find(o->lpips, o->n_threads, e->lpips));
+    if (!o->lpips_backbone && !o->lpips_lin)
+        return SPIN_OK;
+    if (!o->lpips_backbone || !o->lpips_lin)
+        return spin_fail(SPIN_E_USAGE,
+                         "LPIPS needs both files of a network: --lpips-backbone and --lpips-lin");
+    SPIN_TRY(spin_lpips_open(o->lpips_backbone, o->lpips_lin, o->n_threads, &one));
+    network = spin_lpips_network(one);
+    spin_lpips_close(e->lpips[network]);
+    e->lpips[network] = one;
+    return SPIN_OK;
+}
+
 /* ---- Storage ------------------------------------------------------------------------------------ */
 
 static bool begins(const char *text, const char *with)
@@ -102,6 +124,7 @@ static spin_status run_eval(struct eval *e)
                              .what = "evaluating"};
     void *block = NULL;
 
+    SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
     SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, &block));
@@ -112,6 +135,7 @@ static spin_status run_eval(struct eval *e)
     m.pairs = e->pairs;
     m.n_pairs = e->n_pairs;
     m.view = report->view;
+    memcpy(m.lpips, e->lpips, sizeof m.lpips);
     SPIN_TRY(spin_measure_run(&m, &report->mean));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;
@@ -133,6 +157,8 @@ spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report
     spin_player_close(&e.source);
     spin_device_close(&e.device);
     spin_moving_close(&e.moving);
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        spin_lpips_close(e.lpips[i]);
     spin_pixels_close(&e.pixels);
     spin_clip_close(&e.clip);
     free(e.pairs);

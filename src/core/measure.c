@@ -142,6 +142,10 @@ static spin_status measure_one(struct spin_measure *m, size_t i, float *image, f
         SPIN_TRY(spin_moving_find(m->moving, pair->view, truth, &n_moving));
     compare_moving(m->moving, n_moving, (size_t)camera->width * (size_t)camera->height, image,
                    truth, q);
+    for (int k = 0; k < SPIN_N_LPIPS; k++)
+        if (m->lpips[k])
+            SPIN_TRY(spin_lpips_compare(m->lpips[k], camera->width, camera->height, image, truth,
+                                        &q->lpips[k], NULL));
     if (m->images)
         SPIN_TRY(save_view(m, pair, out->frame, truth, image));
     return SPIN_OK;

@@ -2,6 +2,7 @@
 #ifndef SPIN_CORE_MEASURE_H
 #define SPIN_CORE_MEASURE_H
 
+#include "core/lpips.h"
 #include "core/moving.h"
 #include "core/player.h"
 
@@ -12,15 +13,16 @@ struct spin_measure {
     const struct spin_pair *pairs; /* sorted by frame */
     size_t n_pairs;
     const float *background;
-    const size_t *live_counts;   /* live player: splats of each frame, else NULL */
-    struct spin_moving *moving;  /* moving regions apart, or NULL */
-    const char *images;          /* folder for "truth | picture" PNGs, or NULL */
-    struct spin_player *source;  /* "truth | source | picture" then; or NULL */
-    const char *what;            /* for the progress line */
-    struct spin_eval_view *view; /* [n_pairs] out, or NULL */
-    double seconds_decode;       /* out: all frames, network or file to splats */
-    double seconds_draw;         /* out: all views */
-    int n_decoded;               /* out: frames */
+    const size_t *live_counts;              /* live player: splats of each frame, else NULL */
+    struct spin_moving *moving;             /* moving regions apart, or NULL */
+    struct spin_lpips *lpips[SPIN_N_LPIPS]; /* or NULL */
+    const char *images;                     /* folder for "truth | picture" PNGs, or NULL */
+    struct spin_player *source;             /* "truth | source | picture" then; or NULL */
+    const char *what;                       /* for the progress line */
+    struct spin_eval_view *view;            /* [n_pairs] out, or NULL */
+    double seconds_decode;                  /* out: all frames, network or file to splats */
+    double seconds_draw;                    /* out: all views */
+    int n_decoded;                          /* out: frames */
 };
 
 /* Means over the views. */
