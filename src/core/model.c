@@ -332,13 +332,17 @@ void spin_decode_close(struct spin_decode *w, const struct spin_model *model)
     memset(w, 0, sizeof *w);
 }
 
-void spin_decode_forward(struct spin_decode *w, const struct spin_model *model, const float *table,
+void spin_decode_forward(struct spin_decode *w, const struct spin_model *model, float *table,
                          const float *heads, size_t n, const float *pos_w, float t)
 {
     struct spin_device *d = w->device;
 
     SPIN_TIMED(d, SPIN_OP_CONTRACT, d->op->contract(d, &model->norm, n, pos_w, t, w->x_u));
-    SPIN_TIMED(d, SPIN_OP_GRID, d->op->grid(d, &model->grid, table, n, w->x_u, w->z));
+    if (w->lazy)
+        SPIN_TIMED(d, SPIN_OP_GRID,
+                   d->op->grid_lazy(d, &model->grid, w->lazy, table, w->m, w->v, n, w->x_u, w->z));
+    else
+        SPIN_TIMED(d, SPIN_OP_GRID, d->op->grid(d, &model->grid, table, n, w->x_u, w->z));
     SPIN_TIMED(d, SPIN_OP_MLP, d->op->mlp(d, &model->heads, heads, n, w->z, w->raw));
     SPIN_TIMED(d, SPIN_OP_ATTR, d->op->attr(d, n, w->raw, w->attr));
 }

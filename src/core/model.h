@@ -46,16 +46,18 @@ struct spin_decode {
     float *d_z;     /* [n_rows][n_in] */
     float *d_x_u;   /* [n_rows][4] */
     uint32_t *rows; /* [n_rows] */
+
+    const struct spin_lazy *lazy; /* NULL, or the table is lazy and these are its moments */
+    float *m, *v;
 };
 size_t spin_decode_bytes(const struct spin_model *model, size_t capacity, bool training);
 spin_status spin_decode_open(struct spin_decode *decode, struct spin_device *device,
                              const struct spin_model *model, size_t capacity, bool training);
 void spin_decode_close(struct spin_decode *decode, const struct spin_model *model);
 
-/* attr = network(pos_w, t) */
-void spin_decode_forward(struct spin_decode *decode, const struct spin_model *model,
-                         const float *table, const float *heads, size_t n, const float *pos_w,
-                         float t);
+/* attr = network(pos_w, t). Of a lazy table, the lines that are needed are brought up to date. */
+void spin_decode_forward(struct spin_decode *decode, const struct spin_model *model, float *table,
+                         const float *heads, size_t n, const float *pos_w, float t);
 /* From d_attr and the d_pos_w gathered so far: d_table +=, d_heads +=, d_pos_w +=. Splats without any
  * gradient are skipped, which changes nothing: theirs is exactly zero. */
 void spin_decode_backward(struct spin_decode *decode, const struct spin_model *model,

@@ -68,8 +68,9 @@ static spin_status write_network(struct spin_retraining *r, struct spin_bundle_w
 
     for (int f = 0; f < r->clip.n_frames; f++)
         SPIN_TRY(write_means(r, w, f));
-    SPIN_TRY(
-        spin_retrain_write_array(r, &w->zip, "network/table", 2, table, t->table.p, t->table.n));
+    SPIN_TRY(spin_retrain_write_array(r, &w->zip, "network/table", 2, table,
+                                      spin_trainer_take_table(t), t->table.n));
+    spin_trainer_put_back(t);
     return spin_retrain_write_array(r, &w->zip, "network/heads", 1, heads, t->heads.p, t->heads.n);
 }
 
@@ -219,6 +220,8 @@ static spin_status prepare(struct spin_retraining *r)
     rates->warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40;
     r->trainer.lambda_dssim = (float)o->lambda_dssim;
     memcpy(r->trainer.background, o->background, sizeof r->trainer.background);
+    if (spin_retrain_is_lazy(r))
+        SPIN_TRY(spin_trainer_be_lazy(&r->trainer));
     if (o->resume && spin_path_exists(r->part))
         return spin_retrain_load(r);
     return spin_retrain_begin(r);

@@ -52,6 +52,8 @@ int spin_retrain_camera(const struct spin_retraining *r, int id);
 spin_status spin_retrain_plan(struct spin_retraining *r);
 /* Seconds that it will take, roughly. */
 double spin_retrain_guess(const struct spin_retraining *r);
+/* Whether the table is lazy: a step's splats need less than half of it. */
+bool spin_retrain_is_lazy(const struct spin_retraining *r);
 
 /* ---- retrain_state.c ---- */
 

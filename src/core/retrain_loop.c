@@ -121,8 +121,9 @@ spin_status spin_retrain_measure(struct spin_retraining *r, bool network, struct
         for (int f = 0; f < r->clip.n_frames; f++)
             ((float **)block)[f] = r->trainer.frame[f].pos;
         m.live_counts = r->counts;
-        status = spin_player_open_live(&player, &r->device, &r->model, r->trainer.table.p,
-                                       r->trainer.heads.p, block);
+        status =
+            spin_player_open_live(&player, &r->device, &r->model,
+                                  spin_trainer_take_table(&r->trainer), r->trainer.heads.p, block);
     } else {
         status = spin_player_open(&player, &r->device, &r->clip.bundle, false);
     }
@@ -130,6 +131,8 @@ spin_status spin_retrain_measure(struct spin_retraining *r, bool network, struct
         status = spin_measure_run(&m, out);
         spin_player_close(&player);
     }
+    if (network)
+        spin_trainer_put_back(&r->trainer);
     free(block);
     return status;
 }
@@ -189,8 +192,8 @@ static spin_status preview(struct spin_retraining *r)
     SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof(float *), &block));
     for (int f = 0; f < r->clip.n_frames; f++)
         ((float **)block)[f] = r->trainer.frame[f].pos;
-    status = spin_player_open_live(&live, &r->device, &r->model, r->trainer.table.p,
-                                   r->trainer.heads.p, block);
+    status = spin_player_open_live(&live, &r->device, &r->model,
+                                   spin_trainer_take_table(&r->trainer), r->trainer.heads.p, block);
     if (status == SPIN_OK && with_source)
         status = spin_player_open(&source, &r->device, &r->clip.bundle, false);
     if (status == SPIN_OK)
@@ -202,6 +205,7 @@ static spin_status preview(struct spin_retraining *r)
     spin_player_close(&live);
     if (with_source)
         spin_player_close(&source);
+    spin_trainer_put_back(&r->trainer);
     free(block);
     return status;
 }

@@ -221,6 +221,16 @@ out:
     return status;
 }
 
+static int decodings(const struct spin_retrain_options *o)
+{
+    return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
+}
+
+bool spin_retrain_is_lazy(const struct spin_retraining *r)
+{
+    return spin_lazy_pays(&r->model, decodings(r->o) * r->clip.n_mean, r->o->iterations);
+}
+
 /* Log of the median distance to the three nearest points, in the clip's middle frame with points. */
 static spin_status plan_scale_bias(struct spin_retraining *r)
 {
@@ -273,7 +283,8 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
         spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels) +
         spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with its host copies */
         3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
-        (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) + pixels_cache + program_bytes;
+        (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) + pixels_cache + program_bytes +
+        (spin_retrain_is_lazy(r) ? spin_lazy_bytes(&r->model, o->iterations) : 0);
     r->report->bytes_available = spin_memory_available();
     return SPIN_OK;
 }
@@ -285,14 +296,13 @@ double spin_retrain_guess(const struct spin_retraining *r)
     const struct spin_retrain_options *o = r->o;
     double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9;
     double threads = o->n_threads;
-    int decodings = (o->batch + o->views_per_frame - 1) / o->views_per_frame;
     struct spin_pool *pool = NULL;
 
     if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
         threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
     return o->iterations *
-           (r->clip.n_mean * (decodings * network + o->batch * raster) +
+           (r->clip.n_mean * (decodings(o) * network + o->batch * raster) +
             o->batch * (double)r->max_pixels * pixel + (double)r->model.n_table * adam) /
            (threads > 1 ? threads : 1);
 }

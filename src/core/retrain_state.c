@@ -151,7 +151,7 @@ static spin_status list_pieces(struct spin_retraining *r, struct piece **out, si
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(9 + 3 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(10 + 3 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < 3; i++) {
         float *at[3] = {param[i]->p, param[i]->m, param[i]->v};
@@ -162,6 +162,8 @@ static spin_status list_pieces(struct spin_retraining *r, struct piece **out, si
             piece[k].n = param[i]->n;
         }
     }
+    if (t->lazy.lazy.last)
+        piece[k++] = (struct piece){"table/last", t->lazy.lazy.last, t->lazy.n_lines};
     for (int f = 0; f < t->n_frames; f++) {
         float *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
@@ -252,6 +254,15 @@ spin_status spin_retrain_save(struct spin_retraining *r)
     return SPIN_OK;
 }
 
+/* They index tables of that length. */
+static spin_status check_last(const float *last, size_t n, int64_t iteration)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!(last[i] >= 0 && last[i] <= (float)iteration))
+            return spin_fail(SPIN_E_MALFORMED, "array 'table/last': row %zu is no step done", i);
+    return SPIN_OK;
+}
+
 static spin_status load_pieces(struct spin_retraining *r, struct spin_npz *npz)
 {
     struct piece *piece = NULL;
@@ -267,6 +278,8 @@ static spin_status load_pieces(struct spin_retraining *r, struct spin_npz *npz)
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
         spin_array_to_f32(&a, 0, piece[i].n, block);
+        if (piece[i].at == r->trainer.lazy.lazy.last)
+            SPIN_TRY_OUT(check_last(block, piece[i].n, r->trainer.iteration));
         r->device.op->up(&r->device, piece[i].at, block, piece[i].n * sizeof(float));
     }
 out:

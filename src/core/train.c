@@ -15,21 +15,27 @@ static spin_status reserve(struct spin_device *d, size_t floats, float **out)
     return d->op->reserve(d, floats * sizeof(float), (void **)out);
 }
 
-static spin_status open_param(struct spin_device *d, size_t n, struct spin_param *param)
+/* The first float lies `pad` floats into its block. */
+static spin_status open_param(struct spin_device *d, size_t n, size_t pad, struct spin_param *param)
 {
+    float **at[4] = {&param->p, &param->g, &param->m, &param->v};
+
     param->n = n;
-    SPIN_TRY(reserve(d, n, &param->p));
-    SPIN_TRY(reserve(d, n, &param->g));
-    SPIN_TRY(reserve(d, n, &param->m));
-    return reserve(d, n, &param->v);
+    param->pad = pad;
+    for (int i = 0; i < 4; i++) {
+        SPIN_TRY(reserve(d, n + pad, at[i]));
+        *at[i] += pad;
+    }
+    return SPIN_OK;
 }
 
 static void close_param(struct spin_device *d, struct spin_param *param)
 {
-    d->op->release(d, param->p, param->n * sizeof(float));
-    d->op->release(d, param->g, param->n * sizeof(float));
-    d->op->release(d, param->m, param->n * sizeof(float));
-    d->op->release(d, param->v, param->n * sizeof(float));
+    float *at[4] = {param->p, param->g, param->m, param->v};
+
+    for (int i = 0; i < 4; i++)
+        if (at[i])
+            d->op->release(d, at[i] - param->pad, (param->n + param->pad) * sizeof(float));
 }
 
 size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
@@ -60,9 +66,9 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *t->frame, &block));
     t->frame = block;
     t->n_frames = n_frames;
-    SPIN_TRY_OUT(open_param(device, model->n_table, &t->table));
-    SPIN_TRY_OUT(open_param(device, model->n_heads, &t->heads));
-    SPIN_TRY_OUT(open_param(device, 6 * (size_t)n_tints, &t->tint));
+    SPIN_TRY_OUT(open_param(device, model->n_table, spin_lazy_pad(model), &t->table));
+    SPIN_TRY_OUT(open_param(device, model->n_heads, 0, &t->heads));
+    SPIN_TRY_OUT(open_param(device, 6 * (size_t)n_tints, 0, &t->tint));
     if (n_tints > 0)
         SPIN_TRY_OUT(reserve(device, 3 * max_pixels, &t->tinted));
     for (int f = 0; f < n_frames; f++) {
@@ -83,12 +89,22 @@ out:
     return status;
 }
 
+spin_status spin_trainer_be_lazy(struct spin_trainer *t)
+{
+    SPIN_TRY(spin_lazy_open(&t->lazy, t->device, &t->model, t->rates.iterations));
+    t->decode.lazy = &t->lazy.lazy;
+    t->decode.m = t->table.m;
+    t->decode.v = t->table.v;
+    return SPIN_OK;
+}
+
 void spin_trainer_close(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
 
     if (!d)
         return;
+    spin_lazy_close(&t->lazy, d);
     close_param(d, &t->table);
     close_param(d, &t->heads);
     close_param(d, &t->tint);
@@ -173,11 +189,58 @@ static spin_status draw_item(struct spin_trainer *t, const struct spin_train_ite
     return SPIN_OK;
 }
 
+static double rate_at(const struct spin_trainer *t, double lr0, int64_t iteration)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
+}
+
+/* After a resume the numbers of the steps before it are made again. */
+static void catch_up(struct spin_trainer *t, int64_t done)
+{
+    while (t->lazy.lazy.last && t->lazy.lazy.done < done)
+        spin_lazy_did(&t->lazy, rate_at(t, t->rates.table, t->lazy.lazy.done + 1));
+}
+
+static void step_table(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    struct spin_param *p = &t->table;
+    double lr = rate_at(t, t->rates.table, t->iteration);
+
+    if (!t->lazy.lazy.last) {
+        SPIN_TIMED(d, SPIN_OP_ADAM, d->op->adam(d, p->n, p->p, p->g, p->m, p->v, lr, t->iteration));
+        return;
+    }
+    SPIN_TIMED(
+        d, SPIN_OP_ADAM,
+        d->op->adam_lazy(d, &t->model.grid, &t->lazy.lazy, p->n, p->p, p->g, p->m, p->v, lr));
+    spin_lazy_did(&t->lazy, lr);
+}
+
+float *spin_trainer_take_table(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    struct spin_param *p = &t->table;
+
+    if (!t->lazy.lazy.last)
+        return p->p;
+    catch_up(t, t->iteration);
+    d->op->settle(d, &t->model.grid, &t->lazy.lazy, p->n, p->p, p->m, p->v, p->g);
+    return p->g;
+}
+
+void spin_trainer_put_back(struct spin_trainer *t)
+{
+    if (t->lazy.lazy.last)
+        t->device->op->zero(t->device, t->table.g, t->table.n * sizeof(float));
+}
+
 static void step_param(struct spin_trainer *t, struct spin_param *param, size_t first, size_t last,
                        double lr0)
 {
-    const struct spin_train_rates *r = &t->rates;
-    double lr = spin_lr(lr0, r->end, t->iteration, r->warmup, r->iterations);
+    double lr = rate_at(t, lr0, t->iteration);
 
     SPIN_TIMED(t->device, SPIN_OP_ADAM,
                t->device->op->adam(t->device, last - first, param->p + first, param->g + first,
@@ -231,11 +294,12 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_it
     const size_t *offset = t->model.heads.offset;
 
     values->loss = values->l1 = values->ssim = 0;
+    catch_up(t, t->iteration);
     t->iteration++;
     for (int i = 0; i < n; i++)
         if (!seen_before(items, i))
             SPIN_TRY(do_frame(t, items, n, i, values));
-    step_param(t, &t->table, 0, t->table.n, t->rates.table);
+    step_table(t);
     for (int k = 0; k < SPIN_HEADS; k++)
         step_param(t, &t->heads, offset[k], offset[k + 1], t->rates.head[k]);
     if (t->tint.n) {

@@ -3,13 +3,14 @@
 #ifndef SPIN_CORE_TRAIN_H
 #define SPIN_CORE_TRAIN_H
 
+#include "core/lazy.h"
 #include "core/model.h"
 #include "core/raster.h"
 
 /* Parameters with their gradient and Adam's moments, on the device. */
 struct spin_param {
     float *p, *g, *m, *v; /* [n] */
-    size_t n;
+    size_t n, pad;        /* pad: floats reserved before each */
 };
 
 /* Positions of one frame. Their moments and step counter stand still while the frame is not in the
@@ -35,6 +36,7 @@ struct spin_trainer {
     int n_frames;
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
+    struct spin_lazy_table lazy; /* of the table, when that pays */
     float lambda_dssim, background[3];
     int64_t iteration; /* steps done */
     struct spin_decode decode;
@@ -62,6 +64,8 @@ struct spin_train_values {
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
                               const struct spin_model *model, int n_frames, const size_t *counts,
                               size_t max_pixels, size_t max_tiles, int n_tints);
+/* Leave lines of the table alone until they are needed. Before the first step; rates are set. */
+spin_status spin_trainer_be_lazy(struct spin_trainer *t);
 void spin_trainer_close(struct spin_trainer *t);
 /* Bytes that open will reserve, and about as much as the ops' scratch comes to. */
 size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
@@ -71,5 +75,10 @@ size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const si
  * one decoding. Fails only when the rasteriser's lists cannot grow, or the device failed. */
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_item *items, int n,
                               struct spin_train_values *values);
+
+/* The table as it is now: the parameters, or for a lazy one a copy in the place of the gradient,
+ * until spin_trainer_put_back(). No step may come between. */
+float *spin_trainer_take_table(struct spin_trainer *t);
+void spin_trainer_put_back(struct spin_trainer *t);
 
 #endif

@@ -34,6 +34,28 @@ struct spin_grid {
     uint8_t hashed[SPIN_MAX_LEVELS];      /* product of res exceeds the level's rows */
 };
 
+/* Adam for a table of which a step touches little. A line of 16 floats that no step needs is left
+ * alone and stands at an older step; once it is needed, the steps that it missed are made up for
+ * at once (spin_adam_skip). Lines begin with the first hashed level: the smaller ones before it
+ * are touched everywhere and take every step. */
+enum { SPIN_LINE = 16 };
+struct spin_lazy {
+    float *last;        /* [lines] step a line stands at; done + 1 once the present step needs it */
+    int64_t done;       /* steps that are over */
+    const float *drift; /* host [done + 1][2], by the step a line stands at: spin_adam_skip's drift
+                         * and tiny, up to step done */
+    const float *fade;  /* host [done + 1][2], by the steps missed: .9^t, .999^t */
+};
+/* Level where lines begin; n_levels: there are none. */
+static inline int spin_lazy_level(const struct spin_grid *grid)
+{
+    int level = 0;
+
+    while (level < grid->n_levels && !grid->hashed[level])
+        level++;
+    return level;
+}
+
 /* Encoder input: ((p - centre) * inv_radius), contracted, to the unit cube; time goes last. */
 struct spin_norm {
     float centre[3], inv_radius;
@@ -183,6 +205,20 @@ struct spin_device_ops {
     /* One Adam step, math/adam.h: p -= ...; m, v updated; g is left zeroed. step counts from 1. */
     void (*adam)(struct spin_device *d, size_t n, float *p, float *g, float *m, float *v, double lr,
                  int64_t step);
+
+    /* The same for a lazy table of n floats. grid_lazy is grid, after it has brought the lines that
+     * these points need to step done and marked them; adam_lazy takes step done + 1 with the
+     * marked lines and with all levels before them; settle: out [n] = p as it would be after step
+     * done if no line had been left alone. */
+    void (*grid_lazy)(struct spin_device *d, const struct spin_grid *grid,
+                      const struct spin_lazy *lazy, float *p, float *m, float *v, size_t n,
+                      const float *x_u, float *z);
+    void (*adam_lazy)(struct spin_device *d, const struct spin_grid *grid,
+                      const struct spin_lazy *lazy, size_t n, float *p, float *g, float *m,
+                      float *v, double lr);
+    void (*settle)(struct spin_device *d, const struct spin_grid *grid,
+                   const struct spin_lazy *lazy, size_t n, const float *p, const float *m,
+                   const float *v, float *out);
 };
 
 struct spin_device {

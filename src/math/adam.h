@@ -33,6 +33,24 @@ SPIN_FN void spin_adam_one(struct spin_adam_step s, float g, float *p, float *m,
     *v = v_new;
 }
 
+/* Steps without a gradient, all at once. A parameter that stands at step j has, t of them later,
+ * m .9^t and v .999^t, so the steps i = j+1..k took from it, with r_i = sqrt(1-.999^i),
+ *
+ *     m / sqrt(v) * sum of lr_i r_i/(1-.9^i) (.9/sqrt(.999))^(i-j)    where sqrt(v) counts, and
+ *     m / 1e-15   * sum of lr_i    /(1-.9^i)  .9^(i-j)                where the 1e-15 does:
+ *
+ * numbers of j and k alone. `drift` is the first sum and `tiny` 1e-15 times the first by the
+ * second, so that both ends are exact and what lies between them is smooth. `fade_m` and `fade_v`
+ * are .9^t and .999^t. Equal to the single steps but for rounding, and for gradients of 1e-16 to
+ * 1e-14. */
+SPIN_FN void spin_adam_skip(float drift, float tiny, float fade_m, float fade_v, float *p, float *m,
+                            float *v)
+{
+    *p -= drift * *m / (sqrtf(*v) + tiny);
+    *m *= fade_m;
+    *v *= fade_v;
+}
+
 /* Iteration i = 1..n: linear warm-up over the first `warmup`, then half a cosine down to lr_end. */
 SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int64_t n)
 {

@@ -71,6 +71,14 @@ static void run_grid(struct bench_scene *s)
     s->device.op->grid(&s->device, &s->trainer.model.grid, s->trainer.table.p, s->n, w->x_u, w->z);
 }
 
+static void run_grid_lazy(struct bench_scene *s)
+{
+    struct spin_trainer *t = &s->trainer;
+
+    s->device.op->grid_lazy(&s->device, &t->model.grid, &s->lazy.lazy, t->table.p, t->table.m,
+                            t->table.v, s->n, t->decode.x_u, t->decode.z);
+}
+
 static void run_mlp(struct bench_scene *s)
 {
     struct spin_decode *w = &s->trainer.decode;
@@ -158,6 +166,16 @@ static void run_grid_back(struct bench_scene *s)
                             w->x_u, w->d_z, s->trainer.table.g, w->d_x_u);
 }
 
+static void run_adam_lazy(struct bench_scene *s)
+{
+    struct spin_trainer *t = &s->trainer;
+    struct spin_param *p = &t->table;
+
+    s->device.op->adam_lazy(&s->device, &t->model.grid, &s->lazy.lazy, p->n, p->p, p->g, p->m, p->v,
+                            1e-7);
+    spin_lazy_did(&s->lazy, 1e-7);
+}
+
 static void run_adam(struct bench_scene *s)
 {
     struct spin_param *p = &s->trainer.table;
@@ -225,106 +243,31 @@ static struct work work_none(const struct bench_scene *s)
     return (struct work){0};
 }
 
+/* clang-format off */
 static const struct stage stages[] = {
-    {"contract", "contraction", run_contract, work_none, PER_SPLAT, BY_NOTHING, false, {0}, 0},
-    {"grid", "encode forward", run_grid, work_grid, PER_SPLAT, BY_LOOKUPS, true, {7, 35, 131}, 1.5},
-    {"mlp", "heads forward", run_mlp, work_mlp, PER_SPLAT, BY_FMA, false, {5.5, 27, 109}, 1.3},
-    {"attr", "attributes", run_attr, work_none, PER_SPLAT, BY_NOTHING, false, {0}, 0},
-    {"project",
-     "project + SH",
-     run_project,
-     work_none,
-     PER_SPLAT,
-     BY_NOTHING,
-     false,
-     {1, 4, 17},
-     1.5},
-    {"lists",
-     "sort + tile lists",
-     run_lists,
-     work_none,
-     PER_SPLAT,
-     BY_NOTHING,
-     false,
-     {0.6, 1.6, 7.5},
-     1.5},
-    {"blend",
-     "raster forward",
-     run_blend,
-     work_none,
-     PER_PAIR,
-     BY_NOTHING,
-     false,
-     {8, 14, 26},
-     1.5},
-    {"loss",
-     "L1 + SSIM, both ways",
-     run_loss,
-     work_none,
-     PER_PIXEL,
-     BY_NOTHING,
-     false,
-     {6.4, 6.4, 6.4},
-     1.5},
-    {"blend_back",
-     "raster backward",
-     run_blend_back,
-     work_none,
-     PER_PAIR,
-     BY_NOTHING,
-     false,
-     {12, 20, 38},
-     1.5},
-    {"project_back",
-     "project + SH backward",
-     run_project_back,
-     work_none,
-     PER_SPLAT,
-     BY_NOTHING,
-     false,
-     {1.4, 6.5, 24},
-     1.5},
-    {"attr_back",
-     "attributes backward",
-     run_attr_back,
-     work_none,
-     PER_SPLAT,
-     BY_NOTHING,
-     false,
-     {0},
-     0},
-    {"mlp_back",
-     "heads backward",
-     run_mlp_back,
-     work_mlp_back,
-     PER_SPLAT,
-     BY_FMA,
-     false,
-     {15.5, 76, 303},
-     1.3},
-    {"grid_back",
-     "encode backward",
-     run_grid_back,
-     work_grid_back,
-     PER_SPLAT,
-     BY_LOOKUPS,
-     true,
-     {22, 114, 404},
-     1.5},
-    {"adam",
-     "Adam, all parameters",
-     run_adam,
-     work_adam,
-     PER_PARAMETER,
-     BY_UPDATE,
-     true,
-     {108, 108, 108},
-     1.5},
+    {"contract", "contraction", run_contract, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
+    {"grid", "encode forward", run_grid, work_grid, PER_SPLAT, BY_LOOKUPS, 1, {7, 35, 131}, 1.5},
+    {"grid_lazy", "  of a lazy table", run_grid_lazy, work_grid, PER_SPLAT, BY_LOOKUPS, 0, {0}, 0},
+    {"mlp", "heads forward", run_mlp, work_mlp, PER_SPLAT, BY_FMA, 0, {5.5, 27, 109}, 1.3},
+    {"attr", "attributes", run_attr, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
+    {"project", "project + SH", run_project, work_none, PER_SPLAT, BY_NOTHING, 0, {1, 4, 17}, 1.5},
+    {"lists", "sort + tile lists", run_lists, work_none, PER_SPLAT, BY_NOTHING, 0, {.6, 1.6, 7.5}, 1.5},
+    {"blend", "raster forward", run_blend, work_none, PER_PAIR, BY_NOTHING, 0, {8, 14, 26}, 1.5},
+    {"loss", "L1 + SSIM, both ways", run_loss, work_none, PER_PIXEL, BY_NOTHING, 0, {6.4, 6.4, 6.4}, 1.5},
+    {"blend_back", "raster backward", run_blend_back, work_none, PER_PAIR, BY_NOTHING, 0, {12, 20, 38}, 1.5},
+    {"project_back", "project + SH backward", run_project_back, work_none, PER_SPLAT, BY_NOTHING, 0, {1.4, 6.5, 24}, 1.5},
+    {"attr_back", "attributes backward", run_attr_back, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
+    {"mlp_back", "heads backward", run_mlp_back, work_mlp_back, PER_SPLAT, BY_FMA, 0, {15.5, 76, 303}, 1.3},
+    {"grid_back", "encode backward", run_grid_back, work_grid_back, PER_SPLAT, BY_LOOKUPS, 1, {22, 114, 404}, 1.5},
+    {"adam_lazy", "Adam, needed lines", run_adam_lazy, work_none, PER_SPLAT, BY_NOTHING, 1, {25, 57, 68}, 1.5},
+    {"adam", "Adam, all parameters", run_adam, work_adam, PER_PARAMETER, BY_UPDATE, 1, {108, 108, 108}, 1.5},
 };
-enum { N_STAGES = sizeof stages / sizeof stages[0] };
-
-static const struct stage whole_step = {
-    "step", "whole step", run_step, work_none, PER_SPLAT, BY_NOTHING, true, {187, 412, 1174}, 1.5};
+static const struct stage steps[] = {
+    {"step", "whole step", run_step, work_none, PER_SPLAT, BY_NOTHING, 1, {187, 412, 1174}, 1.5},
+    {"step_lazy", "whole step, lazy table", run_step, work_none, PER_SPLAT, BY_NOTHING, 1, {104, 361, 1134}, 1.5},
+};
+/* clang-format on */
+enum { N_STAGES = sizeof stages / sizeof stages[0], N_STEPS = sizeof steps / sizeof steps[0] };
 
 /* The same step by stock PyTorch on the CPU and a known trainer's rasteriser, docs/benchmarks.md. */
 static const double peers_ms[N_SIZES] = {1910, 3810, 19470};
@@ -411,7 +354,7 @@ static struct row row_of(const struct stage *stage, struct timing *t, int rounds
     row.share = share_of(stage, &work, seconds, s, c);
     if (at >= 0 && n_threads == 1 && stage->allowed > 0 && (!stage->uses_table || log2_rows == 21))
         row.ratio = row.cpu_ms / stage->reference_ms[at];
-    if (at >= 0 && n_threads == 1 && stage == &whole_step && log2_rows == 21)
+    if (at >= 0 && n_threads == 1 && stage->run == run_step && log2_rows == 21)
         row.peers = peers_ms[at] / row.cpu_ms;
     return row;
 }
@@ -555,7 +498,7 @@ static void report(const struct options *o, const struct row *row, spin_json *in
 static spin_status measure(const struct options *o, struct bench_scene *s, int n_threads,
                            int log2_rows, const struct bench_ceilings *c, spin_json *runs)
 {
-    static struct timing timing[N_STAGES + 1];
+    static struct timing timing[N_STAGES + N_STEPS];
     spin_json *rows = runs ? spin_json_array() : NULL;
     double pairs;
 
@@ -566,13 +509,19 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
         for (int i = 0; i < N_STAGES; i++)
             time_stage(&stages[i], s, &timing[i], round);
     }
-    if (wanted(o, &whole_step))
+    for (int i = 0; i < N_STEPS; i++) {
+        if (!wanted(o, &steps[i]))
+            continue;
+        s->trainer.iteration = 0;
+        if (i == 1)
+            SPIN_TRY(spin_trainer_be_lazy(&s->trainer));
         for (int round = 0; round < o->rounds; round++)
-            time_stage(&whole_step, s, &timing[N_STAGES], round);
+            time_stage(&steps[i], s, &timing[N_STAGES + i], round);
+    }
     if (!runs)
         print_head(s, log2_rows, pairs);
-    for (int i = 0; i <= N_STAGES; i++) {
-        const struct stage *stage = i < N_STAGES ? &stages[i] : &whole_step;
+    for (int i = 0; i < N_STAGES + N_STEPS; i++) {
+        const struct stage *stage = i < N_STAGES ? &stages[i] : &steps[i - N_STAGES];
         struct row row;
 
         if (!wanted(o, stage))
@@ -630,7 +579,7 @@ static void help(void)
            "  --mode NAME           one stage:");
     for (int i = 0; i < N_STAGES; i++)
         printf(" %s", stages[i].name);
-    printf(" step\n"
+    printf(" step step_lazy\n"
            "  --rounds 7            up to %d; the least and the median are shown\n"
            "  --points FILE.spin    the points of a bundle's frame instead of the made-up ones\n"
            "  --frame 0             which\n"
@@ -658,7 +607,7 @@ static int read_list(const char *text, int list[MAX_LIST])
 
 static bool known_mode(const char *mode)
 {
-    bool known = strcmp(mode, whole_step.name) == 0;
+    bool known = strcmp(mode, steps[0].name) == 0 || strcmp(mode, steps[1].name) == 0;
 
     for (int i = 0; i < N_STAGES; i++)
         known |= strcmp(mode, stages[i].name) == 0;

@@ -22,6 +22,7 @@ double bench_lookups(const struct bench_ceilings *c, size_t bytes);
 struct bench_scene {
     struct spin_device device;
     struct spin_trainer trainer;
+    struct spin_lazy_table lazy; /* of the trainer's table, for the stages */
     struct spin_camera camera;
     struct spin_cam cam;
     size_t n;

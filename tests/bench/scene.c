@@ -132,8 +132,8 @@ static void set_rates(struct spin_train_rates *r)
     r->head[SPIN_HEAD_OPACITY] = 8e-4;
     r->position = 1e-5;
     r->end = 1e-7;
-    r->warmup = 100000; /* small steps: the scene stays what it is */
-    r->iterations = 200000;
+    r->warmup = 1000; /* small steps: the scene stays what it is */
+    r->iterations = 2000;
 }
 
 static spin_status open_trainer(struct bench_scene *s, int log2_rows)
@@ -148,6 +148,7 @@ static spin_status open_trainer(struct bench_scene *s, int log2_rows)
     s->trainer.frame[0].time = 0.37;
     s->trainer.lambda_dssim = 0.2f;
     set_rates(&s->trainer.rates);
+    SPIN_TRY(spin_lazy_open(&s->lazy, &s->device, &model, s->trainer.rates.iterations));
     return put_network(s);
 }
 
@@ -195,6 +196,7 @@ void bench_scene_close(struct bench_scene *s)
 {
     if (!s->open)
         return;
+    spin_lazy_close(&s->lazy, &s->device);
     spin_trainer_close(&s->trainer);
     spin_device_close(&s->device);
     free(s->truth);

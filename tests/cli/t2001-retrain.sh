@@ -91,6 +91,13 @@ stopped TERM 143
 # A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
 stopped INT 130
 
+# A table far larger than the splats need is stepped line by line when a line is needed.
+small='--device cpu --levels 4 --hash-log2 15 --finest-resolution 512 --hidden 16'
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force --eval-every 33
+is "$code" 0 "retrains with a large table"
+stopped KILL 137
+small='--device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
+
 run "$bin/spin-retrain" "$in" -o "$work/cuda.spin" $small --iterations 1 --device cuda
 [ "$code" = 0 ] || [ "$code" = 1 ]
 ok $? "--device cuda works or says that it cannot"

@@ -121,4 +121,7 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .tint_back = SPIN_CPU(tint_back),
     .active = SPIN_CPU(active),
     .adam = SPIN_CPU(adam),
+    .grid_lazy = SPIN_CPU(grid_lazy),
+    .adam_lazy = SPIN_CPU(adam_lazy),
+    .settle = SPIN_CPU(settle),
 };

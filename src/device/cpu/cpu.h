@@ -47,6 +47,9 @@ void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_norm *norm
                              float *d_pos_w);
 void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const float *table,
                     size_t n, const float *x_u, float *z);
+void SPIN_CPU(grid_lazy)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy *lazy, float *p, float *m, float *v, size_t n,
+                         const float *x_u, float *z);
 void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, const float *table,
                          size_t n_rows, const uint32_t *rows, const float *x_u, const float *d_z,
                          float *d_table, float *d_x_u);
@@ -65,6 +68,12 @@ size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, co
 /* adam.c */
 void SPIN_CPU(adam)(struct spin_device *d, size_t n, float *p, float *g, float *m, float *v,
                     double lr, int64_t step);
+void SPIN_CPU(adam_lazy)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy *lazy, size_t n, float *p, float *g, float *m,
+                         float *v, double lr);
+void SPIN_CPU(settle)(struct spin_device *d, const struct spin_grid *grid,
+                      const struct spin_lazy *lazy, size_t n, const float *p, const float *m,
+                      const float *v, float *out);
 /* project.c */
 void SPIN_CPU(project)(struct spin_device *d, const struct spin_cam *cam, size_t n,
                        const float *pos_w, const float *attr, int sh_degree,

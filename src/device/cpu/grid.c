@@ -12,6 +12,8 @@
 
 #include <string.h>
 
+#include "device/cpu/denormals.h"
+#include "math/adam.h"
 #include "math/contract.h"
 #include "math/grid.h"
 
@@ -251,6 +253,8 @@ struct grid_job {
     float *z, *d_table;
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
+    const struct spin_lazy *lazy;
+    float *p, *m, *v; /* of a lazy table */
 };
 
 /* One group of `lanes` features of every row of `width` floats. */
@@ -270,40 +274,46 @@ static inline __attribute__((always_inline)) void gather(const float *table,
     }
 }
 
+/* z of one level and the m points of a block, whose corners are set. */
+static void gather_level(const struct grid_job *job, int level, const struct level *at,
+                         const struct corners *c, const struct points *p, size_t first, int m)
+{
+    size_t width = (size_t)job->grid->n_features, z_width = (size_t)job->grid->n_levels * width;
+    const float *table = job->table + at->first_row * width;
+    float *z = job->z + first * z_width + (size_t)level * width;
+
+    switch (job->grid->n_features) {
+    case 1:
+        gather(table, c, p, m, 1, 1, z, z_width);
+        break;
+    case 2:
+        gather(table, c, p, m, 2, 2, z, z_width);
+        break;
+    case 4:
+        gather(table, c, p, m, 4, 4, z, z_width);
+        break;
+    default:
+        gather(table, c, p, m, 8, 4, z, z_width);
+        gather(table + 4, c, p, m, 8, 4, z + 4, z_width);
+    }
+}
+
 static void grid_task(void *context, int task, int worker)
 {
     const struct grid_job *job = context;
-    const struct spin_grid *grid = job->grid;
-    size_t first = (size_t)task * BLOCK, width = (size_t)grid->n_features;
-    size_t z_width = (size_t)grid->n_levels * width;
+    size_t first = (size_t)task * BLOCK;
     int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
     struct points p;
     struct corners c;
 
     (void)worker;
     points_set(&p, job->x_u, NULL, first, m);
-    for (int level = 0; level < grid->n_levels; level++) {
+    for (int level = 0; level < job->grid->n_levels; level++) {
         struct level at;
-        const float *table;
-        float *z = job->z + first * z_width + (size_t)level * width;
 
-        level_set(&at, grid, level);
+        level_set(&at, job->grid, level);
         corners_set(&c, &p, &at);
-        table = job->table + at.first_row * width;
-        switch (grid->n_features) {
-        case 1:
-            gather(table, &c, &p, m, 1, 1, z, z_width);
-            break;
-        case 2:
-            gather(table, &c, &p, m, 2, 2, z, z_width);
-            break;
-        case 4:
-            gather(table, &c, &p, m, 4, 4, z, z_width);
-            break;
-        default:
-            gather(table, &c, &p, m, 8, 4, z, z_width);
-            gather(table + 4, &c, &p, m, 8, 4, z + 4, z_width);
-        }
+        gather_level(job, level, &at, &c, &p, first, m);
     }
 }
 
@@ -313,6 +323,80 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
     struct grid_job job = {.grid = grid, .table = table, .n = n, .x_u = x_u, .z = z};
 
     spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, BLOCK), grid_task, &job);
+}
+
+/* ---- forward, bringing lines of the table to the present step -------------------------------- */
+
+/* Makes up for the steps that a line has missed. */
+static void bring(const struct grid_job *job, float from, size_t at)
+{
+    const struct spin_lazy *lazy = job->lazy;
+    size_t step = (size_t)from, missed = (size_t)lazy->done - step;
+    float drift = lazy->drift[2 * step], tiny = lazy->drift[2 * step + 1];
+    float fade_m = lazy->fade[2 * missed], fade_v = lazy->fade[2 * missed + 1];
+    float *restrict p = job->p + at, *restrict m = job->m + at, *restrict v = job->v + at;
+
+    for (size_t i = 0; i < SPIN_LINE; i++)
+        spin_adam_skip(drift, tiny, fade_m, fade_v, &p[i], &m[i], &v[i]);
+}
+
+/* Lines that the corners of a block need. `line` is the first one of the level. */
+static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
+                 size_t begin, size_t line)
+{
+    float mark = (float)(job->lazy->done + 1), done = (float)job->lazy->done;
+    uint32_t width = (uint32_t)job->grid->n_features;
+
+    for (int b = 0; b < m; b++) {
+        if (!p->inside[b])
+            continue;
+        for (int k = 0; k < CORNERS; k++) {
+            size_t at = line + (size_t)c->row[k][b] * width / SPIN_LINE;
+            float last = job->lazy->last[at];
+
+            if (last == mark)
+                continue;
+            if (last != done)
+                bring(job, last, begin + at * SPIN_LINE);
+            job->lazy->last[at] = mark;
+        }
+    }
+}
+
+/* A level belongs to one task, so no line is brought twice. */
+static void grid_lazy_task(void *context, int task, int worker)
+{
+    const struct grid_job *job = context;
+    const struct spin_grid *grid = job->grid;
+    int level = grid->n_levels - 1 - task, lazy_level = spin_lazy_level(grid);
+    size_t width = (size_t)grid->n_features, begin = grid->offset[lazy_level] * width;
+    unsigned before = spin_denormals_off();
+    struct level at;
+    struct points p;
+    struct corners c;
+
+    (void)worker;
+    level_set(&at, grid, level);
+    for (size_t first = 0; first < job->n; first += BLOCK) {
+        int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+
+        points_set(&p, job->x_u, NULL, first, m);
+        corners_set(&c, &p, &at);
+        if (level >= lazy_level)
+            need(job, &c, &p, m, begin, (at.first_row * width - begin) / SPIN_LINE);
+        gather_level(job, level, &at, &c, &p, first, m);
+    }
+    spin_denormals_back(before);
+}
+
+void SPIN_CPU(grid_lazy)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy *lazy, float *p, float *m, float *v, size_t n,
+                         const float *x_u, float *z)
+{
+    struct grid_job job = {
+        .grid = grid, .table = p, .n = n, .x_u = x_u, .z = z, .lazy = lazy, .p = p, .m = m, .v = v};
+
+    spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_lazy_task, &job);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
