@@ -52,7 +52,7 @@ FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 ROOMS    := src/base src/io src/scene src/core importers exporters
 LIB_C    := $(wildcard $(addsuffix /*.c,$(ROOMS))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)
-LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
+LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
 CMD_O    := $(B)/src/cmd/opt.o
 COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
@@ -116,6 +116,20 @@ $(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	@mkdir -p $(@D)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(LDFLAGS) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
+
+# The page of the html exporter as C strings, one for each of its files.
+PAGE := head:head.html css:page.css body:body.html vertex:shader.vert fragment:shader.frag \
+        worker:worker.js script:page.js
+$(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) Makefile
+	@mkdir -p $(@D)
+	$(SAY) PAGE $@
+	$(Q){ echo '#include "exporters/html/page.h"'; for p in $(PAGE); do \
+	    echo "const char spin_html_$${p%%:*}[] ="; \
+	    sed -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/' exporters/html/$${p#*:}; \
+	    echo '    ;'; done; } >$@
+$(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
+	$(SAY) CC $@
+	$(Q)$(CC) $(CPPFLAGS) $(CFLAGS) -c -o $@ $<
 
 # What stands before a C++ library is an object of its own: who does not need it does not load it.
 $(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h

@@ -3,6 +3,7 @@
 
 extern const struct spin_exporter spin_exporter_compressed_ply;
 extern const struct spin_exporter spin_exporter_gltf;
+extern const struct spin_exporter spin_exporter_html;
 extern const struct spin_exporter spin_exporter_images;
 extern const struct spin_exporter spin_exporter_ply;
 extern const struct spin_exporter spin_exporter_splat;
@@ -11,6 +12,7 @@ extern const struct spin_exporter spin_exporter_spz;
 const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_compressed_ply,
     &spin_exporter_gltf,
+    &spin_exporter_html,
     &spin_exporter_images,
     &spin_exporter_ply,
     &spin_exporter_splat,

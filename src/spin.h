@@ -260,6 +260,11 @@ struct spin_export_job {
     struct spin_renderer *renderer; /* set when the exporter has needs_renderer */
     const float *background;        /* [3] */
     int n_threads;                  /* 0: all */
+    /* The same frame as it was imported, when the bundle holds that beside the network whose splats
+     * come; NULL: there is nothing to compare with. */
+    spin_status (*source_frame)(void *source_of, int frame, struct spin_splats *out);
+    void *source_of;
+    int source_sh_degree;
 };
 
 struct spin_frame_info {

@@ -163,6 +163,14 @@ static spin_status write_frames(struct export *x)
     return status;
 }
 
+static spin_status source_frame(void *source_of, int frame, struct spin_splats *out)
+{
+    struct export *x = source_of;
+
+    return spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame],
+                             SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+}
+
 static spin_status begin_export(struct export *x, bool network)
 {
     const struct spin_export_options *o = x->o;
@@ -180,9 +188,13 @@ static spin_status begin_export(struct export *x, bool network)
         .renderer = x->renderer,
         .background = o->background,
         .n_threads = o->n_threads,
+        .source_of = x,
+        .source_sh_degree = x->clip.bundle.meta.sh_degree,
     };
     spin_status status;
 
+    if (network && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
+        job.source_frame = source_frame;
     SPIN_TRY(x->exporter->begin(&job, &x->self));
     status = write_frames(x);
     if (status != SPIN_OK) {

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: gltf glb splat compressed-ply spz
+# K: html gltf glb splat compressed-ply spz
 # spin-export: the other formats of splats, a file or a folder, and what they say about their error.
 . tests/cli/lib.sh
 
@@ -39,5 +39,12 @@ fails 1 spin-export "a clip: does not overwrite"
 SPIN_GLTF_SHIM=/no/such run "$bin/spin-export" "$in" --to gltf -o "$work/never.glb"
 fails 1 spin-export "without tinygltf"
 nothing_at "$work/never.glb" "without tinygltf: nothing was written"
+
+run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
+is "$code" 0 "exports a page"
+err_has "at most .* MB" "html: says how large it will be at most"
+is "$(head -c 15 "$work/clip.html")" "<!doctype html>" "it is a page"
+run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
+fails 1 spin-export "a page: does not overwrite"
 
 done_testing

@@ -277,7 +277,8 @@ async function run(job, report, server, chrome) {
     for (const v of opt.viewers.split(',')) {
         if (!opens(v, job.kind)) { log(`  ${v}: skipped, opens no ${KINDS[job.kind].ends}`); continue; }
         if (job.only && !job.only.includes(v)) { log(`  ${v}: skipped, known not to play this (README)`); continue; }
-        const r = await show(chrome.context, server.base, v, { kind: job.kind, urls: job.files.map(server.url), cam: view, times: job.times });
+        const good = (i, png) => !refs[i] || agreement(decodePng(png), refs[i])[0] >= Number(opt['min-psnr']);
+        const r = await show(chrome.context, server.base, v, { kind: job.kind, urls: job.files.map(server.url), cam: view, times: job.times }, good);
         const row = { viewer: v, ms: r.ms, info: r.info, drawn: [], psnr: [], problems: r.problems };
         entry.viewers.push(row);
         const shots = r.frames.map(decodePng);

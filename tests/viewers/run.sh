@@ -3,8 +3,8 @@
 #
 # Samples: a short retraining of the bundled clip; the bundled Dynamic 3D Gaussians run; where the large
 # fixtures are at hand (SPIN_FIXTURES, else ../shared/fixtures), a 4DGaussians and a Realtime-4DGS run;
-# and the bundle named in BUNDLE, with the camera in CAMERA (options of bench.mjs). With `short` the first
-# only, in small pictures.
+# and the bundle named in BUNDLE, with the camera in CAMERA (options of bench.mjs) and the frames in RANGE
+# (A:B:STEP). With `short` the first only, in small pictures.
 #
 # What is missing (Node, Chromium, the packages and no network to fetch them) skips everything, by name.
 bin=$(cd "${1:-build/release/bin}" && pwd) || exit 1
@@ -48,14 +48,30 @@ fi
 
 # export_all SAMPLE: SAMPLE.spin in every format, in folders of SAMPLE/.
 export_all() {
+    range=
+    [ -n "${RANGE:-}" ] && [ "$1.spin" = "$(basename "$bundle")" ] && range="--range $RANGE"
     rm -rf "$1"
     mkdir -p "$1"
     for format in ply compressed-ply spz splat gltf; do
-        "$bin/spin-export" -q "$1.spin" --to $format -o "$1/$format" ||
+        # shellcheck disable=SC2086
+        "$bin/spin-export" -q $range "$1.spin" --to $format -o "$1/$format" ||
             { fail "$1.spin does not export to $format"; return 1; }
     done
-    "$bin/spin-export" -q "$1.spin" --to gltf -o "$1/clip.glb" ||
+    # shellcheck disable=SC2086
+    "$bin/spin-export" -q $range "$1.spin" --to gltf -o "$1/clip.glb" ||
         { fail "$1.spin does not export to one GLB"; return 1; }
+}
+
+# use_page SAMPLE: the clip as one page, opened from the disk and used by clicks. Its first picture is held
+# to the PLY of the same frame, at the SH degree that a page has unless told otherwise.
+use_page() {
+    # shellcheck disable=SC2086
+    "$bin/spin-export" -q $range "$1.spin" --to html -o "$1/page.html" &&
+        "$bin/spin-export" -q $range "$1.spin" --to ply --sh 1 -o "$1/truth" ||
+        { fail "$1.spin does not export to html"; return 1; }
+    echo "page.html"
+    node "$here/page.mjs" --out "$1-shots" --truth "$1/truth" "$1/page.html" ||
+        fail "$1: the page does not do what it should"
 }
 
 # show SAMPLE [OPTION...]: everything that was exported, in every viewer that opens it.
@@ -69,6 +85,7 @@ show() {
     node "$here/bench.mjs" --expect-motion $size --out "$sample-shots" "$@" "$sample/ply" \
         "$sample/compressed-ply" "$sample/spz" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
         fail "$sample: a viewer disagrees"
+    use_page "$sample"
 }
 
 # import SAMPLE OPTION...: into SAMPLE.spin

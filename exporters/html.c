@@ -1,0 +1,473 @@
+/* One page that plays the clip: splats, player and all in a single .html file that needs no server
+ * and no network. Where the bundle has both the imported and the retrained attributes the page
+ * switches between them.
+ *
+ * The player is exporters/html/, our own in WebGL 2; html_pack.h says how a frame is written. Blocks
+ * come one after the other as frames do, what the page must know of the whole clip comes at the end,
+ * so that one frame is in memory at a time. */
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "exporters/html/page.h"
+#include "exporters/html_pack.h"
+#include "exporters/html_view.h"
+#include "exporters/order.h"
+
+#define DEFAULT_FPS 30
+#define NEAR_W 0.2 /* where the training cut splats off */
+
+static const struct spin_plugin_option options[] = {
+    {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: as it is", "1"},
+    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
+    {"max-splats", "N", "of each frame only the N most visible splats", NULL},
+    {"every", "N", "write every Nth frame; the clip lasts as long", "1"},
+    {"fps", "F", "frames a second; otherwise the bundle's, else 30", NULL},
+    {"only", "after|before", "leave the other version out, where there are two", NULL},
+    {0},
+};
+
+/* One of at most two ways the clip looks. */
+struct version {
+    const char *name, *label;
+    int sh_degree; /* written */
+    int n_sh;      /* bytes a splat above degree 0 */
+    struct spin_html_frame now, key;
+    int key_frame;          /* of `key`, or -1 */
+    size_t *n_rows;         /* [frames of the job] written */
+    int *key_of;            /* [frames of the job] */
+    unsigned char *visible; /* [n_visible] 1: one of --max-splats, as the first frame has it */
+    size_t n_visible;
+};
+
+struct export
+{
+    const struct spin_export_job *job;
+    struct spin_out out;
+    struct spin_rows rows;
+    struct spin_order order;
+    struct spin_gzip *gzip;
+    struct spin_html_space space;
+    struct spin_html_view view;
+    struct version version[2];
+    int n_versions;
+    struct spin_splats source;
+    uint8_t *packed;
+    size_t room;
+    size_t max_splats; /* 0: all */
+    int every;
+    double fps;
+    int *number; /* [frames written] */
+    int n_written;
+};
+
+/* ---- Which splats ------------------------------------------------------------------------------ */
+
+/* Falling exp(sum of log scales) * opacity: the float's bits in order, turned over. */
+static uint64_t size_key(const struct spin_splats *s, size_t i)
+{
+    const float *scale = s->log_scales + 3 * i;
+    float size = scale[0] + scale[1] + scale[2] +
+                 logf(fmaxf(spin_sigmoid(spin_rows_logit(s->logit_opacities[i])), 1e-30f));
+    uint32_t bits = spin_bits_of_float(size);
+
+    return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
+}
+
+/* Mark the most visible of the kept rows. While the clip has the same splats in every frame the first
+ * frame decides for all, so that none comes and goes. */
+static spin_status rank(struct export *x, struct version *v, const struct spin_splats *s, size_t n)
+{
+    if (v->visible && v->n_visible == s->n)
+        return SPIN_OK;
+    SPIN_TRY(spin_grow(s->n, 1, (void **)&v->visible));
+    v->n_visible = s->n;
+    memset(v->visible, 0, s->n);
+    SPIN_TRY(spin_order_fill(&x->order, &x->rows, s->n, n));
+    for (size_t i = 0; i < x->order.n; i++)
+        x->order.item[i].key = size_key(s, x->order.item[i].row);
+    spin_order_sort(&x->order);
+    for (size_t i = 0; i < x->order.n && i < x->max_splats; i++)
+        v->visible[x->order.item[i].row] = 1;
+    return SPIN_OK;
+}
+
+static spin_status choose(struct export *x, struct version *v, const struct spin_splats *s,
+                          int number, size_t *n)
+{
+    SPIN_TRY(spin_rows_choose(&x->rows, s, number, n));
+    if (x->max_splats == 0)
+        return SPIN_OK;
+    SPIN_TRY(rank(x, v, s, *n));
+    *n = 0;
+    for (size_t i = 0; i < s->n; i++) {
+        x->rows.keep[i] &= v->visible[i];
+        *n += x->rows.keep[i];
+    }
+    return SPIN_OK;
+}
+
+/* ---- A block ------------------------------------------------------------------------------------- */
+
+static spin_status write_text(struct export *x, const char *text)
+{
+    return spin_out_write(&x->out, text, strlen(text));
+}
+
+static spin_status take_rows(struct export *x, struct version *v, const struct spin_splats *s,
+                             size_t n)
+{
+    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree), row = 0;
+    float none[45] = {0};
+
+    SPIN_TRY(spin_html_reserve(&v->now, n, v->n_sh));
+    for (size_t i = 0; i < s->n; i++) {
+        const float *sh = s->sh + i * width + 3;
+        struct spin_quant_row is;
+
+        if (!x->rows.keep[i])
+            continue;
+        if (s->sh_degree < v->sh_degree) {
+            memcpy(none, sh, (width - 3) * sizeof *sh);
+            sh = none;
+        }
+        spin_quant_take(s, i, &is);
+        spin_html_take(&x->space, &is, sh, v->n_sh, &v->now, row++);
+    }
+    return SPIN_OK;
+}
+
+/* Gzip into memory, base64 into the page. */
+static spin_status write_packed(struct export *x, size_t n)
+{
+    char *bytes = NULL;
+    size_t n_bytes = 0;
+    struct spin_out memory = {.path = x->out.path, .file = open_memstream(&bytes, &n_bytes)};
+    spin_status status;
+
+    if (!memory.file)
+        return spin_fail(SPIN_E_MEMORY, "cannot pack a frame of '%s': not enough memory",
+                         x->job->output);
+    status = spin_gzip_begin(x->gzip, &memory);
+    if (status == SPIN_OK)
+        status = spin_gzip_write(x->gzip, x->packed, n);
+    if (status == SPIN_OK)
+        status = spin_gzip_end(x->gzip);
+    if (fclose(memory.file) != 0 && status == SPIN_OK)
+        status = spin_fail(SPIN_E_MEMORY, "cannot pack a frame of '%s': not enough memory",
+                           x->job->output);
+    if (status == SPIN_OK)
+        status = spin_html_base64(&x->out, (unsigned char *)bytes, n_bytes);
+    free(bytes);
+    return status;
+}
+
+static spin_status write_block(struct export *x, int which, const struct spin_splats *s, int number)
+{
+    struct version *v = &x->version[which];
+    const struct spin_html_frame *key = NULL;
+    int frame = x->n_written;
+    char tag[64];
+    size_t n, size;
+
+    SPIN_TRY(choose(x, v, s, number, &n));
+    SPIN_TRY(take_rows(x, v, s, n));
+    if (v->key_frame >= 0 && v->key.n == n)
+        key = &v->key;
+    size = spin_html_packed_size(n, v->n_sh);
+    if (size > x->room) {
+        SPIN_TRY(spin_grow(size, 1, (void **)&x->packed));
+        x->room = size;
+    }
+    spin_html_pack(&v->now, key, v->n_sh, x->packed);
+    snprintf(tag, sizeof tag, "<script type=\"text/plain\" id=\"v%df%d\">", which, frame);
+    SPIN_TRY(write_text(x, tag));
+    SPIN_TRY(write_packed(x, size));
+    SPIN_TRY(write_text(x, "</script>\n"));
+    v->n_rows[frame] = n;
+    v->key_of[frame] = key ? v->key_frame : frame;
+    if (!key) {
+        struct spin_html_frame spare = v->key;
+
+        v->key = v->now;
+        v->now = spare;
+        v->key_frame = frame;
+    }
+    return SPIN_OK;
+}
+
+/* ---- What the page must know ------------------------------------------------------------------------ */
+
+static void write_numbers(FILE *out, const char *name, const int *value, int n)
+{
+    fprintf(out, "\"%s\":[", name);
+    for (int i = 0; i < n; i++)
+        fprintf(out, "%s%d", i ? "," : "", value[i]);
+    fprintf(out, "]");
+}
+
+static void write_vector(FILE *out, const char *name, const double v[3])
+{
+    fprintf(out, "\"%s\":[%.9g,%.9g,%.9g],", name, v[0], v[1], v[2]);
+}
+
+static void write_version(FILE *out, const struct version *v, int n)
+{
+    fprintf(out, "{\"name\":\"%s\",\"label\":\"%s\",\"degree\":%d,\"sh\":%d,\"splats\":[", v->name,
+            v->label, v->sh_degree, v->n_sh);
+    for (int i = 0; i < n; i++)
+        fprintf(out, "%s%zu", i ? "," : "", v->n_rows[i]);
+    fprintf(out, "],");
+    write_numbers(out, "key", v->key_of, n);
+    fprintf(out, "}");
+}
+
+/* The method's name comes from the bundle: letters, digits and a few marks only. */
+static void write_source(FILE *out, const char *name)
+{
+    fprintf(out, "\"source\":\"");
+    for (; name && *name; name++)
+        fputc(isalnum((unsigned char)*name) || strchr(" ._-", *name) ? *name : '_', out);
+    fprintf(out, "\",");
+}
+
+static spin_status write_clip(struct export *x)
+{
+    static const float black[3] = {0};
+    const float *background = x->job->background ? x->job->background : black;
+    FILE *out = x->out.file;
+
+    SPIN_TRY(write_text(x, "<script type=\"application/json\" id=\"clip\">{"));
+    write_source(out, x->job->source);
+    fprintf(out, "\"fps\":%.9g,\"size\":%.9g,\"fovy\":%.9g,\"aspect\":%.9g,", x->fps, x->space.size,
+            x->view.fovy_deg, x->view.aspect);
+    fprintf(out, "\"near\":%.9g,\"background\":[%.9g,%.9g,%.9g],", NEAR_W, (double)background[0],
+            (double)background[1], (double)background[2]);
+    write_vector(out, "centre", x->space.centre);
+    write_vector(out, "eye", x->view.eye);
+    write_vector(out, "target", x->view.target);
+    write_vector(out, "up", x->view.up);
+    write_numbers(out, "numbers", x->number, x->n_written);
+    fprintf(out, ",\"versions\":[");
+    for (int i = 0; i < x->n_versions; i++) {
+        fprintf(out, "%s", i ? "," : "");
+        write_version(out, &x->version[i], x->n_written);
+    }
+    fprintf(out, "]}</script>\n");
+    return SPIN_OK;
+}
+
+static spin_status write_script(struct export *x, const char *how, const char *text)
+{
+    SPIN_TRY(write_text(x, "<script"));
+    SPIN_TRY(write_text(x, how));
+    SPIN_TRY(write_text(x, ">\n"));
+    SPIN_TRY(write_text(x, text));
+    return write_text(x, "</script>\n");
+}
+
+/* ---- The plug-in ------------------------------------------------------------------------------------ */
+
+static void finish(struct export *x)
+{
+    for (int i = 0; i < 2; i++) {
+        spin_html_free(&x->version[i].now);
+        spin_html_free(&x->version[i].key);
+        free(x->version[i].n_rows);
+        free(x->version[i].key_of);
+        free(x->version[i].visible);
+    }
+    spin_rows_free(&x->rows);
+    spin_order_free(&x->order);
+    spin_gzip_free(x->gzip);
+    spin_splats_free(&x->source);
+    free(x->packed);
+    free(x->number);
+    free(x);
+}
+
+static spin_status parse_count(const char *key, const char *text, long least, long *out)
+{
+    char *end;
+
+    *out = strtol(text, &end, 10);
+    if (end == text || *end || *out < least || *out > 1000000000)
+        return spin_fail(SPIN_E_USAGE, "--%s '%s': expected a whole number from %ld", key, text,
+                         least);
+    return SPIN_OK;
+}
+
+static spin_status parse_options(struct export *x)
+{
+    const struct spin_plugin_values *v = x->job->values;
+    const char *fps = spin_plugin_value(v, "fps", NULL);
+    long n = 0;
+    char *end;
+
+    SPIN_TRY(spin_rows_parse_min_opacity(spin_plugin_value(v, "min-opacity", "0"), &x->rows));
+    if (spin_plugin_value(v, "max-splats", NULL))
+        SPIN_TRY(parse_count("max-splats", spin_plugin_value(v, "max-splats", NULL), 1, &n));
+    x->max_splats = (size_t)n;
+    SPIN_TRY(parse_count("every", spin_plugin_value(v, "every", "1"), 1, &n));
+    x->every = (int)n;
+    x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
+    if (fps) {
+        x->fps = strtod(fps, &end);
+        if (end == fps || *end || !(x->fps > 0 && x->fps <= 1000))
+            return spin_fail(SPIN_E_USAGE, "--fps '%s': expected a number above 0, at most 1000",
+                             fps);
+    }
+    x->fps /= x->every;
+    return SPIN_OK;
+}
+
+static spin_status add_version(struct export *x, const char *name, const char *label, int degree)
+{
+    struct version *v = &x->version[x->n_versions++];
+    const char *sh = spin_plugin_value(x->job->values, "sh", "1");
+    size_t n = (size_t)x->job->n_frames;
+
+    v->name = name;
+    v->label = label;
+    v->key_frame = -1;
+    SPIN_TRY(spin_rows_parse_sh(sh, degree, &v->sh_degree));
+    if (v->sh_degree > degree)
+        v->sh_degree = degree < 0 ? 0 : degree;
+    v->n_sh = 3 * (spin_sh_count(v->sh_degree) - 1);
+    SPIN_TRY(spin_alloc(n, sizeof *v->n_rows, (void **)&v->n_rows));
+    return spin_alloc(n, sizeof *v->key_of, (void **)&v->key_of);
+}
+
+static spin_status add_versions(struct export *x)
+{
+    const struct spin_export_job *job = x->job;
+    const char *only = spin_plugin_value(job->values, "only", NULL);
+    bool before = only && strcmp(only, "before") == 0;
+
+    if (only && !before && strcmp(only, "after") != 0)
+        return spin_fail(SPIN_E_USAGE, "--only '%s': expected after or before", only);
+    if (!job->source_frame)
+        return add_version(x, "clip", "As it is", job->sh_degree);
+    if (!before)
+        SPIN_TRY(add_version(x, "after", "After", job->sh_degree));
+    if (!only || before)
+        SPIN_TRY(add_version(x, "before", "Before", job->source_sh_degree));
+    return SPIN_OK;
+}
+
+static spin_status html_begin(const struct spin_export_job *job, void **self)
+{
+    struct export *x = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
+    x->job = job;
+    SPIN_TRY_OUT(parse_options(x));
+    SPIN_TRY_OUT(add_versions(x));
+    SPIN_TRY_OUT(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
+    SPIN_TRY_OUT(spin_gzip_create(6, job->n_threads, &x->gzip));
+    SPIN_TRY_OUT(spin_out_open(job->output, job->force, &x->out));
+    status = write_text(x, spin_html_head);
+    if (status == SPIN_OK)
+        status = write_text(x, spin_html_css);
+    if (status == SPIN_OK)
+        status = write_text(x, spin_html_body);
+    if (status != SPIN_OK) {
+        spin_out_abandon(&x->out);
+        goto out;
+    }
+    *self = x;
+    return SPIN_OK;
+out:
+    finish(x);
+    return status;
+}
+
+/* What the page will weigh at most, from the first frame: gzip only makes it less. */
+static void say_size(const struct export *x, size_t n_splats)
+{
+    size_t n = x->max_splats && x->max_splats < n_splats ? x->max_splats : n_splats, frame = 0;
+    int n_frames = (x->job->n_frames + x->every - 1) / x->every;
+
+    for (int i = 0; i < x->n_versions; i++)
+        frame += spin_html_packed_size(n, x->version[i].n_sh);
+    spin_log(0, "html: %d frames of about %zu splats, %d version%s: at most %.2f MB", n_frames, n,
+             x->n_versions, x->n_versions > 1 ? "s" : "", (double)frame * n_frames * 4 / 3 / 1e6);
+}
+
+/* Where the scene lies and whence it is looked at, from the first frame and the data set. */
+static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
+{
+    int row = x->job->row_of_frame ? x->job->row_of_frame[frame] : -1;
+
+    SPIN_TRY(spin_html_middle(s, x->space.centre, &x->space.size));
+    spin_html_look(x->job->views, row, x->space.centre, x->space.size, &x->view);
+    say_size(x, s->n);
+    return SPIN_OK;
+}
+
+static spin_status html_frame(void *self, int frame, const struct spin_frame_info *info,
+                              const struct spin_splats *splats)
+{
+    struct export *x = self;
+
+    if (frame % x->every != 0)
+        return SPIN_OK;
+    if (x->n_written == 0)
+        SPIN_TRY(set_space(x, splats, frame));
+    for (int i = 0; i < x->n_versions; i++) {
+        const struct spin_splats *s = splats;
+
+        if (strcmp(x->version[i].name, "before") == 0) {
+            SPIN_TRY(x->job->source_frame(x->job->source_of, frame, &x->source));
+            s = &x->source;
+        }
+        SPIN_TRY(write_block(x, i, s, info->number));
+    }
+    x->number[x->n_written++] = info->number;
+    return SPIN_OK;
+}
+
+static spin_status html_end(void *self)
+{
+    struct export *x = self;
+    spin_status status;
+
+    SPIN_TRY_OUT(write_clip(x));
+    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
+    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
+    SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
+    SPIN_TRY_OUT(write_script(x, "", spin_html_script));
+    SPIN_TRY_OUT(write_text(x, "</body>\n</html>\n"));
+    status = spin_out_commit(&x->out);
+    finish(x);
+    return status;
+out:
+    spin_out_abandon(&x->out);
+    finish(x);
+    return status;
+}
+
+static void html_abort(void *self)
+{
+    struct export *x = self;
+
+    spin_out_abandon(&x->out);
+    finish(x);
+}
+
+extern const struct spin_exporter spin_exporter_html;
+const struct spin_exporter spin_exporter_html = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "html",
+    .summary = "one page that plays the clip in a browser, before and after, with no server",
+    .options = options,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .begin = html_begin,
+    .frame = html_frame,
+    .end = html_end,
+    .abort = html_abort,
+};

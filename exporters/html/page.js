@@ -1,0 +1,281 @@
+// The page: asks the worker for frames and orders, draws them, and listens to whoever looks.
+'use strict';
+
+(() => {
+const $ = (id) => document.getElementById(id);
+const clip = JSON.parse($('clip').textContent), canvas = $('view'), root = document.documentElement;
+const say = (text) => { $('message').textContent = text; };
+const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, powerPreference: 'high-performance' });
+if (!gl) return say('This page needs WebGL 2, which this browser does not offer.');
+if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
+
+// ---- Vectors and the camera, in the page's units: (world - centre) / size ------------------------
+
+const add = (a, b, k = 1) => a.map((v, i) => v + k * b[i]);
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const unit = (a) => a.map((v) => v / Math.hypot(...a));
+const inside = (p) => p.map((v, i) => (v - clip.centre[i]) / clip.size);
+
+const up = unit(clip.up);
+const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), front = cross(side, up);
+const orbit = {};
+
+function home() {
+    const target = inside(clip.target), from = add(inside(clip.eye), target, -1);
+    orbit.target = target;
+    orbit.distance = Math.hypot(...from);
+    orbit.height = Math.asin(dot(from, up) / orbit.distance);
+    orbit.angle = Math.atan2(dot(from, side), dot(from, front));
+}
+
+function camera() {
+    const { angle, height, distance, target } = orbit, flat = Math.cos(height);
+    const out = add(add(front.map((v) => v * flat * Math.cos(angle)), side, flat * Math.sin(angle)), up, Math.sin(height));
+    const forward = out.map((v) => -v), right = unit(cross(forward, up));
+    const w = canvas.width, h = canvas.height, tan = Math.tan(clip.fovy * Math.PI / 360);
+    // all of the first camera's picture is in view, whatever the window's shape
+    const focal = Math.min(h / 2 / tan, w / 2 / (tan * clip.aspect));
+    return { eye: add(target, out, distance), right, down: cross(forward, right), forward, focal };
+}
+
+// ---- WebGL -----------------------------------------------------------------------------------------
+
+function shader(type, text) {
+    const s = gl.createShader(type);
+    gl.shaderSource(s, text.trim());
+    gl.compileShader(s);
+    if (!gl.getShaderParameter(s, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(s) ?? 'no context');
+    return s;
+}
+
+const program = gl.createProgram();
+gl.attachShader(program, shader(gl.VERTEX_SHADER, $('vertex').textContent));
+gl.attachShader(program, shader(gl.FRAGMENT_SHADER, $('fragment').textContent));
+gl.linkProgram(program);
+if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+gl.useProgram(program);
+const where = (name) => gl.getUniformLocation(program, name);
+const at = Object.fromEntries(['splats', 'harmonics', 'turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words'].map((n) => [n, where(n)]));
+const order = gl.createBuffer();
+gl.bindBuffer(gl.ARRAY_BUFFER, order);
+gl.enableVertexAttribArray(0);
+gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
+gl.vertexAttribDivisor(0, 1);
+gl.enable(gl.BLEND);
+gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+gl.uniform1i(at.splats, 0);
+gl.uniform1i(at.harmonics, 1);
+
+// Words into a texture 2048 wide, made anew when it has to grow; the last row is filled up.
+function texture(slot, format, layout, perTexel) {
+    let made = null, rows = 0;
+    return (words) => {
+        const line = 2048 * perTexel, need = Math.max(1, Math.ceil(words.length / line));
+        gl.activeTexture(gl.TEXTURE0 + slot);
+        if (need > rows) {
+            gl.deleteTexture(made);
+            made = gl.createTexture();
+            rows = need;
+            gl.bindTexture(gl.TEXTURE_2D, made);
+            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+            gl.texStorage2D(gl.TEXTURE_2D, 1, format, 2048, rows);
+        }
+        const full = Math.floor(words.length / line), rest = words.length - full * line;
+        const put = (y, h, data) => gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, y, 2048, h, layout, gl.UNSIGNED_INT, data);
+        if (full) put(0, full, words.subarray(0, full * line));
+        if (rest) {
+            const last = new Uint32Array(line);
+            last.set(words.subarray(full * line));
+            put(full, 1, last);
+        }
+    };
+}
+const putSplats = texture(0, gl.RGBA32UI, gl.RGBA_INTEGER, 4), putHarmonics = texture(1, gl.R32UI, gl.RED_INTEGER, 1);
+const shown = { version: -1, frame: -1, count: 0, words: 0 };
+
+function draw() {
+    const w = canvas.width, h = canvas.height, c = camera();
+    gl.viewport(0, 0, w, h);
+    gl.clearColor(...clip.background, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    if (shown.version < 0) return;
+    gl.uniformMatrix3fv(at.turn, false, [...c.right, ...c.down, ...c.forward]);
+    gl.uniform3fv(at.eye, c.eye);
+    gl.uniform2f(at.focal, c.focal, c.focal);
+    gl.uniform2f(at.half_size, w / 2, h / 2);
+    gl.uniform1f(at.near, clip.near / clip.size);
+    gl.uniform1i(at.degree, clip.versions[shown.version].degree);
+    gl.uniform1i(at.words, shown.words);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, shown.count);
+}
+
+// ---- What is wanted and what is shown ----------------------------------------------------------------
+
+const state = { version: 0, frame: 0, playing: false, speed: 1, clock: 0, last: 0, asked: '', waiting: 0, id: 0, dirty: true };
+const blocks = clip.versions.map((v, i) => v.splats.map((_, f) => {
+    const element = $(`v${i}f${f}`), text = element.textContent;
+    element.remove();
+    return text;
+}));
+const source = new Blob([$('worker').textContent], { type: 'text/javascript' });
+const worker = new Worker(URL.createObjectURL(source));
+worker.onerror = (e) => say(`The page failed: ${e.message}`);
+worker.postMessage({ clip, blocks });
+blocks.length = 0;
+
+worker.onmessage = ({ data }) => {
+    state.waiting = 0;
+    if (data.error) return say(`The clip cannot be read: ${data.error}`);
+    if (data.texels) {
+        putSplats(data.texels);
+        if (data.words) putHarmonics(data.sh);
+        Object.assign(shown, { version: data.version, frame: data.frame, words: data.words });
+    }
+    if (data.version !== shown.version || data.frame !== shown.frame) return;
+    gl.bindBuffer(gl.ARRAY_BUFFER, order);
+    gl.bufferData(gl.ARRAY_BUFFER, data.order, gl.DYNAMIC_DRAW);
+    shown.count = data.order.length;
+    state.dirty = true;
+    say('');
+};
+
+// Ask for the wanted frame, and for a new order when the camera has turned or moved.
+function ask(c) {
+    const key = [state.version, state.frame, ...c.forward.map((v) => v.toFixed(3)), ...c.eye.map((v) => v.toFixed(3))].join(' ');
+    if (state.waiting || key === state.asked) return;
+    state.asked = key;
+    state.waiting = ++state.id;
+    const n = clip.numbers.length, same = shown.version === state.version && shown.frame === state.frame;
+    worker.postMessage({ version: state.version, frame: state.frame, data: !same, id: state.id, eye: c.eye, forward: c.forward, near: clip.near / clip.size, next: n > 1 ? (state.frame + 1) % n : undefined });
+}
+
+function tick(now) {
+    const n = clip.numbers.length;
+    if (state.playing) {
+        state.clock = (state.clock + (now - state.last) / 1000 * state.speed * clip.fps) % n;
+        if (Math.floor(state.clock) !== state.frame) go(Math.floor(state.clock), false);
+    }
+    state.last = now;
+    const ratio = Math.min(window.devicePixelRatio || 1, 2), w = Math.round(canvas.clientWidth * ratio), h = Math.round(canvas.clientHeight * ratio);
+    if (w && h && (canvas.width !== w || canvas.height !== h)) {
+        canvas.width = w;
+        canvas.height = h;
+        state.dirty = true;
+    }
+    ask(camera());
+    if (state.dirty) {
+        state.dirty = false;
+        draw();
+        root.dataset.shown = shown.version < 0 ? '' : `${clip.versions[shown.version].name} ${clip.numbers[shown.frame]}`;
+        root.dataset.draws = Number(root.dataset.draws || 0) + 1;
+    }
+    requestAnimationFrame(tick);
+}
+
+// ---- Buttons, keys, fingers ------------------------------------------------------------------------
+
+function label() {
+    const n = clip.numbers.length;
+    $('label').textContent = `${clip.numbers[state.frame]} (${state.frame + 1}/${n})`;
+    $('scrub').value = state.frame;
+    $('play').textContent = state.playing ? 'Pause' : 'Play';
+    $('version').textContent = clip.versions[state.version].label;
+}
+
+function go(frame, byHand = true) {
+    const n = clip.numbers.length;
+    state.frame = (frame + n) % n;
+    if (byHand) state.clock = state.frame;
+    label();
+}
+
+function play(on) {
+    state.playing = on && clip.numbers.length > 1;
+    label();
+}
+
+function swap() {
+    state.version = (state.version + 1) % clip.versions.length;
+    label();
+}
+
+function reset() {
+    home();
+    state.dirty = true;
+}
+
+function turnBy(dx, dy) {
+    orbit.angle -= dx * 0.006;
+    orbit.height = Math.max(-1.55, Math.min(1.55, orbit.height + dy * 0.006));
+    state.dirty = true;
+}
+
+function moveBy(dx, dy) {
+    const c = camera(), k = orbit.distance / c.focal * Math.min(window.devicePixelRatio || 1, 2);
+    orbit.target = add(add(orbit.target, c.right, -dx * k), c.down, -dy * k);
+    state.dirty = true;
+}
+
+function zoomBy(factor) {
+    orbit.distance = Math.max(1e-3, Math.min(100, orbit.distance * factor));
+    state.dirty = true;
+}
+
+$('play').onclick = () => play(!state.playing);
+$('version').onclick = swap;
+$('home').onclick = reset;
+$('scrub').oninput = (e) => {
+    const frame = Number(e.target.value); // before play() puts the old one there
+    play(false);
+    go(frame);
+};
+$('speed').onchange = (e) => { state.speed = Number(e.target.value); };
+canvas.ondblclick = reset;
+canvas.oncontextmenu = (e) => e.preventDefault();
+canvas.addEventListener('wheel', (e) => { e.preventDefault(); zoomBy(Math.exp(e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
+
+const fingers = new Map();
+canvas.onpointerdown = (e) => { canvas.setPointerCapture(e.pointerId); fingers.set(e.pointerId, [e.clientX, e.clientY]); };
+canvas.onpointerup = canvas.onpointercancel = (e) => fingers.delete(e.pointerId);
+canvas.onpointermove = (e) => {
+    const before = fingers.get(e.pointerId), now = [e.clientX, e.clientY];
+    if (!before) return;
+    const dx = now[0] - before[0], dy = now[1] - before[1];
+    if (fingers.size === 1) (e.buttons & 2 || e.shiftKey ? moveBy : turnBy)(dx, dy);
+    else {
+        const other = [...fingers].find(([id]) => id !== e.pointerId)[1];
+        const apart = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
+        zoomBy(Math.max(apart(before), 1) / Math.max(apart(now), 1));
+        moveBy(dx / 2, dy / 2);
+    }
+    fingers.set(e.pointerId, now);
+};
+
+window.addEventListener('keydown', (e) => {
+    if (e.ctrlKey || e.metaKey || e.altKey) return;
+    const typed = e.target.tagName === 'BUTTON' || e.target.tagName === 'SELECT';
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
+    if (e.key === ' ' && !typed) play(!state.playing);
+    else if (step && e.target.id !== 'scrub' && !typed) { play(false); go(state.frame + step); }
+    else if (e.key === 'b' || e.key === 'B') swap();
+    else if (e.key === 'r' || e.key === 'R') reset();
+    else if (e.key === 'h' || e.key === 'H') root.classList.toggle('bare');
+    else return;
+    e.preventDefault();
+});
+
+canvas.addEventListener('webglcontextlost', () => say('The graphics card lost the picture: reload the page.'));
+$('scrub').max = clip.numbers.length - 1;
+$('version').hidden = clip.versions.length < 2;
+home();
+label();
+requestAnimationFrame(tick);
+
+// For whoever scripts the page: the camera as it is, in the world's units.
+window.spin4d = {
+    clip,
+    camera: () => { const c = camera(), out = (p) => p.map((v, i) => v * clip.size + clip.centre[i]); return { ...c, eye: out(c.eye), target: out(orbit.target), up, width: canvas.width, height: canvas.height, fovy: 360 / Math.PI * Math.atan(canvas.height / 2 / c.focal) }; }
+};
+})();

@@ -1,0 +1,126 @@
+#!/usr/bin/env node
+// Opens an exported page from the disk in Chromium and uses it as a person would: plays, scrubs, switches
+// before and after, turns, zooms. Every step must change the picture; nothing may be logged as an error
+// and nothing may be asked of a network. With --truth the first picture is held to the PLYs of the clip.
+import fs from 'node:fs';
+import path from 'node:path';
+import { pathToFileURL } from 'node:url';
+import { parseArgs } from 'node:util';
+import { launch } from './lib/chrome.mjs';
+import { decodePng, drawnShare, encodePng, psnr } from './lib/png.mjs';
+import { render, MODELS } from './lib/reference.mjs';
+import { readPly } from './lib/splat.mjs';
+
+const HELP = `usage: node page.mjs [options] PAGE.html
+  --out DIR         screenshots go here (bench-out)
+  --truth DIR       the clip as PLY frames, of the version that the page shows first
+  --min-psnr DB     least agreement with the truth (28)
+  --size W,H        of the window (640,400)
+Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
+
+let opt, args;
+try {
+    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, help: { type: 'boolean', short: 'h' } } }));
+    if (opt.help) { console.log(HELP); process.exit(0); }
+    if (args.length !== 1) throw new Error('name one page');
+} catch (e) {
+    console.error(`page: ${e.message}\n${HELP}`);
+    process.exit(2);
+}
+
+const [width, height] = opt.size.split(',').map(Number), LONG = 60000;
+const stem = path.join(opt.out, path.basename(args[0], '.html'));
+fs.mkdirSync(opt.out, { recursive: true });
+let failed = 0, passed = 0;
+function ok(good, what) {
+    if (good) passed++;
+    else failed++;
+    console.log(`  ${good ? 'ok  ' : 'FAIL'} ${what}`);
+    return good;
+}
+
+const chrome = await launch(), tab = await chrome.context.newPage(), problems = [];
+tab.on('console', (m) => { if (['error', 'warning'].includes(m.type())) problems.push(`console: ${m.text()}`); });
+tab.on('pageerror', (e) => problems.push(`exception: ${e.message}`));
+tab.on('request', (r) => { if (!/^(file|blob|data):/.test(r.url())) problems.push(`asked a network for ${r.url()}`); });
+
+const shown = () => tab.evaluate(() => document.documentElement.dataset.shown);
+const draws = () => tab.evaluate(() => Number(document.documentElement.dataset.draws || 0));
+const until = (test, arg) => tab.waitForFunction(test, arg, { timeout: LONG });
+// A picture of the canvas alone, once it has been drawn for what was asked last.
+async function picture(name) {
+    await tab.waitForTimeout(400);
+    const shot = decodePng(await tab.locator('#view').screenshot({ style: '#bar, #message { display: none }' }));
+    fs.writeFileSync(`${stem}-${name}.png`, encodePng(shot));
+    return shot;
+}
+const differ = (a, b) => psnr(a, b) < 45;
+
+// The page's own camera, for the reference.
+function held(shot, cam) {
+    const files = fs.readdirSync(opt.truth).filter((f) => f.endsWith('.ply')).sort(), s = readPly(path.join(opt.truth, files[0]));
+    const view = { eye: cam.eye, target: cam.target, up: cam.up, fovy: cam.fovy, width: cam.width, height: cam.height, bg: [0, 0, 0] };
+    const [dB, model] = Object.keys(MODELS).map((m) => [psnr(shot, render(s, view, m)), m]).sort((a, b) => b[0] - a[0])[0];
+    ok(dB >= Number(opt['min-psnr']), `the picture is that of ${files[0]}: ${dB.toFixed(1)} dB (${model})`);
+}
+
+try {
+    await tab.setViewportSize({ width, height });
+    await tab.goto(pathToFileURL(path.resolve(args[0])).href, { timeout: LONG });
+    await until(() => document.documentElement.dataset.shown);
+    const { numbers, versions } = await tab.evaluate(() => ({ numbers: window.spin4d.clip.numbers, versions: window.spin4d.clip.versions.map((v) => v.name) }));
+    const first = await picture('first'), drawn = 100 * drawnShare(first, [0, 0, 0]);
+    ok(drawn > 0.5, `opens from the disk: ${numbers.length} frames, ${versions.join(' and ')}, ${drawn.toFixed(1)} % drawn`);
+    if (opt.truth) held(first, await tab.evaluate(() => window.spin4d.camera()));
+    await tab.screenshot({ path: `${stem}-page.png` });
+
+    if (numbers.length > 1) {
+        const before = await shown(), t0 = Date.now();
+        await tab.click('#play');
+        await until((was) => document.documentElement.dataset.shown !== was, before);
+        ok(await tab.textContent('#play') === 'Pause', `plays: another frame after ${Date.now() - t0} ms`);
+        await tab.click('#play');
+        ok(await tab.textContent('#play') === 'Play', 'pauses');
+        const box = await tab.locator('#scrub').boundingBox();
+        await tab.mouse.click(box.x + box.width - 3, box.y + box.height / 2);
+        const last = String(numbers.at(-1));
+        await until((n) => document.documentElement.dataset.shown.endsWith(` ${n}`), last);
+        ok(differ(first, await picture('last')), `scrubs to the last frame, ${last}`);
+        await tab.focus('#scrub');
+        await tab.keyboard.press('Home');
+        await until((n) => document.documentElement.dataset.shown.endsWith(` ${n}`), String(numbers[0]));
+        ok(!differ(first, await picture('again')), 'and back: the first picture again');
+        await tab.selectOption('#speed', '0.5');
+    }
+    if (versions.length > 1) {
+        await tab.click('#version');
+        await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[1]);
+        ok(differ(first, await picture(versions[1])), `switches to ${versions[1]}`);
+        await tab.click('#version');
+        await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[0]);
+        ok(!differ(first, await picture(versions[0])), `and back to ${versions[0]}`);
+    }
+    let n = await draws();
+    await tab.mouse.move(width / 2, height / 3);
+    await tab.mouse.down();
+    await tab.mouse.move(width / 2 + 90, height / 3 + 20, { steps: 4 });
+    await tab.mouse.up();
+    await until((was) => Number(document.documentElement.dataset.draws) > was, n);
+    const turned = await picture('turned');
+    ok(differ(first, turned), 'turns by dragging');
+    n = await draws();
+    await tab.mouse.wheel(0, 300);
+    await until((was) => Number(document.documentElement.dataset.draws) > was, n);
+    ok(differ(turned, await picture('zoomed')), 'zooms by the wheel');
+    await tab.click('#home');
+    await tab.waitForTimeout(500);
+    ok(!differ(first, await picture('home')), 'comes back to the first view');
+} catch (e) {
+    ok(false, e.message.split('\n')[0]);
+} finally {
+    await chrome.close();
+}
+[...new Set(problems)].forEach((p) => ok(false, p));
+ok(problems.length === 0, 'no error, no warning, no request');
+console.log(`${passed} passed, ${failed} failed`);
+process.exit(failed ? 1 : 0);
