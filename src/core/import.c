@@ -289,6 +289,35 @@ static void widen_bounds(struct spin_import_report *report, const struct spin_sp
     memcpy(report->bounds_max, high, sizeof high);
 }
 
+/* What frame() promised: the columns that were asked for, with room for n rows. */
+static spin_status check_frame(const struct import *im, int i, unsigned wanted,
+                               const struct spin_splats *s)
+{
+    const struct {
+        unsigned column;
+        const float *rows;
+        const char *name;
+    } columns[] = {
+        {SPIN_COL_MEANS, s->means, "means"},
+        {SPIN_COL_QUATS, s->quats, "quats"},
+        {SPIN_COL_LOG_SCALES, s->log_scales, "log_scales"},
+        {SPIN_COL_LOGIT_OPACITIES, s->logit_opacities, "logit_opacities"},
+        {SPIN_COL_SH, s->sh, "sh"},
+        {SPIN_COL_RGB, s->rgb, "rgb"},
+    };
+
+    for (size_t c = 0; c < sizeof columns / sizeof *columns; c++) {
+        if ((wanted & columns[c].column) && (!columns[c].rows || s->n > s->capacity))
+            return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no %s of frame %d",
+                             im->importer->name, columns[c].name, i);
+    }
+    if ((wanted & SPIN_COL_SH) && s->sh_degree != im->track.sh_degree)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "the importer '%s' gives SH of degree %d in frame %d, %d before",
+                         im->importer->name, s->sh_degree, i, im->track.sh_degree);
+    return SPIN_OK;
+}
+
 /* One frame, in place i of the bundle. */
 static spin_status read_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
@@ -296,6 +325,7 @@ static spin_status read_frame(struct import *im, int i, unsigned columns, struct
 
     SPIN_TRY(
         im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns, out));
+    SPIN_TRY(check_frame(im, i, columns, out));
     meta->frame[i].n = out->n;
     widen_bounds(im->report, out);
     return SPIN_OK;

@@ -116,7 +116,8 @@ refused() {
 }
 
 variant future 's/SPIN_PLUGIN_ABI/(SPIN_PLUGIN_ABI + 1)/'
-refused future "built for version 2 of spin.h, this is 1"
+abi=$(sed -n 's/^#define SPIN_PLUGIN_ABI //p' src/spin.h)
+refused future "built for version $((abi + 1)) of spin.h, this is $abi"
 variant mixed '/const struct spin_importer points_csv/,/^};/ s/SPIN_PLUGIN_ABI/7/'
 refused mixed "an importer in it is of another version"
 variant nameless 's/^const struct spin_plugin spin_plugin/static const struct spin_plugin hidden/; s/-csv"/-x"/'
@@ -130,6 +131,19 @@ refused text "invalid ELF header"
 : >"$work/broken/empty.so"
 refused empty "file too short"
 refused absent "is not there"
+
+# breaks NAME SED WORDS: loaded, but it does not keep what the header asks for.
+breaks() {
+    variant "$1" "$2"
+    SPIN_PLUGIN_PATH=$work/broken/$1.so run "$bin/spin-import" "$work/two.csv" -o "$work/bad.spin"
+    fails 1 spin-import "$1"
+    err_has "the importer 'points-csv' $3" "$1: says so"
+    nothing_at "$work/bad.spin" "$1: nothing was written"
+}
+breaks frames 's/n_frames = run->n_frames;/n_frames = 0;/' "found no frames"
+breaks degree 's/sh_degree = 0;/sh_degree = 4;/' "gives SH of degree 4"
+breaks change 's/sh_degree = 0;/sh_degree = 1;/' "gives SH of degree 0 in frame 0, 1 before"
+breaks hollow 's/SPIN_TRY(spin_splats_reserve(.*/out->n = 3; return SPIN_OK;/' "gives no means of frame 0"
 
 variant clash 's/"points-csv"/"ply"/'
 export SPIN_PLUGIN_PATH="$work/broken/clash.so"
