@@ -50,7 +50,7 @@ FLAGS.v3   := -march=x86-64-v3
 FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 
 ROOMS    := src/base src/io src/scene src/core importers exporters
-LIB_C    := $(wildcard $(addsuffix /*.c,$(ROOMS))) src/device/device.c
+LIB_C    := $(filter-out src/io/video_ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
 CMD_O    := $(B)/src/cmd/opt.o
@@ -65,6 +65,13 @@ ifneq ($(filter found 1,$(DNNL)),)
 SHIMS    += $(B)/lib/spin-conv.so
 endif
 
+# Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
+VIDEO    ?= $(shell printf '\#include <libavformat/avformat.h>\n\#include <libswscale/swscale.h>\n' | $(CC) -E -x c - >/dev/null 2>&1 && echo yes || echo no)
+ifeq ($(VIDEO),yes)
+SHIMS    += $(B)/lib/spin-video.so
+TOOLS    := $(B)/tests/tools/make-video
+endif
+
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
 BENCH_C  := $(wildcard tests/bench/*.c)
@@ -72,7 +79,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup demo test test-bins check lint test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
+.PHONY: all help config setup setup-video demo test test-bins check lint test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -88,6 +95,9 @@ config: ## what was found, and if not, why
 setup: ## install what is missing (Debian/Ubuntu), or print the line to type
 	@sh tests/setup.sh
 
+setup-video: ## install FFmpeg's libraries, so that videos open as they are
+	@sh tests/setup.sh --video
+
 demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
 	@sh tests/setup.sh
 	@$(MAKE) --no-print-directory -j$(JOBS) all
@@ -98,7 +108,7 @@ test: ## all tests; K=word selects
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 
-test-bins: $(TEST_BIN) fuzz-bins
+test-bins: $(TEST_BIN) $(TOOLS) fuzz-bins
 
 bin:
 	@ln -sfn $(B)/bin bin
@@ -147,6 +157,17 @@ $(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
 	$(SAY) SHIM $@
 	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -fopenmp -shared -o $@ $< -ldnnl
 
+FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
+$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -shared -o $@ $< $(FFMPEG)
+
+$(B)/tests/tools/make-video: tests/tools/make-video.c
+	@mkdir -p $(@D)
+	$(SAY) LINK $@
+	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -o $@ $< $(FFMPEG)
+
 # The grid's vertex positions are defined with one rounding per operation: no contraction there.
 $(B)/src/device/cpu/grid.%.o: CONTRACT := -ffp-contract=off
 
@@ -175,9 +196,9 @@ $(B)/tests/fuzz/fuzz-%: $(B)/tests/fuzz/fuzz-%.o $(B)/tests/fuzz/replay.o $(LIB)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(LDLIBS)
 
-SECONDS ?= 60
-fuzz: ## one libFuzzer target: make fuzz F=npy [SECONDS=60]
-	@sh tests/fuzz/fuzz.sh "$(F)" "$(SECONDS)"
+T ?= 60
+fuzz: ## one libFuzzer target: make fuzz F=npy [T=60], T in seconds
+	@sh tests/fuzz/fuzz.sh "$(F)" "$(T)"
 
 fuzz-replay: fuzz-bins ## run every saved find without a fuzzer
 	@K=fuzz sh tests/run.sh $(B) fuzz

@@ -4,7 +4,7 @@
  *     cam00/images/0000.png ...       as 4DGaussians extracts them (or cam00/0000.png)
  *     images/cam00_0000.png ...       as n3v2blender extracts them
  *     frames/0000/images/cam00.png    as StreamRF extracts them
- *     cam00.mp4 ...                   the videos: only their names are looked at
+ *     cam00.mp4 ...                   the videos themselves, when no frames were extracted
  *
  * Rows of poses_bounds belong to the cameras that exist, sorted by number, not to the number in the
  * name. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back] with the centre, and a column
@@ -20,6 +20,7 @@
 #include "base/mem.h"
 #include "importers/views_check.h"
 #include "io/npy.h"
+#include "io/video.h"
 
 enum { COLUMNS = 17 };
 
@@ -210,7 +211,36 @@ static spin_status add_video(struct set *set, int camera)
     return SPIN_OK;
 }
 
-/* The first of the three layouts that has images. */
+/* Every frame of every video as an image "cam00.mp4#<frame>", decoded when it is asked for. */
+static spin_status add_video_frames(struct set *set, char **names)
+{
+    spin_status status = spin_video_start();
+
+    if (status != SPIN_OK)
+        return spin_more(status,
+                         "there are %zu videos and no frames cam<NN>/images/<number>.png extracted "
+                         "from them",
+                         set->n_video);
+    for (size_t i = 0; names[i]; i++) {
+        char *file = NULL, name[300];
+        int width, height, camera = camera_number(names[i]);
+        int64_t n = 0;
+
+        if (camera < 0 || !spin_video_is_name(names[i]))
+            continue;
+        SPIN_TRY(spin_path_join(set->folder, names[i], &file));
+        status = spin_video_info(file, &width, &height, &n);
+        free(file);
+        SPIN_TRY(status);
+        for (int64_t f = 0; f < n; f++) {
+            snprintf(name, sizeof name, "%s#%lld", names[i], (long long)f);
+            SPIN_TRY(add_image(set, set->folder, name, camera, (int)f));
+        }
+    }
+    return SPIN_OK;
+}
+
+/* The first of the three layouts that has images; else the videos. */
 static spin_status find_images(struct set *set, char **names)
 {
     char *folder = NULL;
@@ -237,10 +267,7 @@ static spin_status find_images(struct set *set, char **names)
         SPIN_TRY(status);
     }
     if (set->n == 0 && set->n_video > 0)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "there are %zu videos but no frames, and videos are not decoded here: "
-                         "extract their frames to cam<NN>/images/<number>.png first",
-                         set->n_video);
+        SPIN_TRY(add_video_frames(set, names));
     if (set->n == 0)
         return spin_fail(SPIN_E_NOT_FOUND, "there are no images cam<NN>/images/<number>.png, "
                                            "images/cam<NN>_<number>.png or "
@@ -487,7 +514,7 @@ static const struct spin_plugin_option options[] = {
 const struct spin_importer spin_importer_views_dynerf = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "dynerf",
-    .summary = "views: Neural 3D Video, Meet Room: poses_bounds.npy and extracted frames",
+    .summary = "views: Neural 3D Video, Meet Room: poses_bounds.npy and extracted frames or videos",
     .upstream = "hustvl/4DGaussians scene/neural_3D_dataset_NDC.py",
     .options = options,
     .probe = probe,

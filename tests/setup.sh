@@ -1,10 +1,17 @@
 #!/bin/sh
 # setup.sh: install what the build needs and this machine lacks (Debian, Ubuntu), or print the line to
-# type. setup.sh --report [CC [CXX]]: say what is there.
+# type. setup.sh --report [CC [CXX]]: say what is there. setup.sh --video: with what videos need, which no
+# build does.
 CC=${2:-${CC:-gcc}}
 CXX=${3:-${CXX:-g++}}
 
 have() { command -v "$1" >/dev/null 2>&1; }
+
+video=
+if [ "${1:-}" = --video ]; then
+    video='libavformat-dev libavcodec-dev libswscale-dev'
+    shift
+fi
 
 # One run of the preprocessor tells which headers are missing.
 missing_headers() {
@@ -12,8 +19,11 @@ missing_headers() {
         '#if !__has_include(<lzma.h>)' liblzma-dev '#endif' \
         '#if !__has_include(<jansson.h>)' libjansson-dev '#endif' \
         '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' \
-        '#if !__has_include(<tiny_gltf.h>)' libtinygltf-dev '#endif' |
-        "$CXX" -E -P -x c++ - 2>/dev/null | tr -s '\n' ' '
+        '#if !__has_include(<tiny_gltf.h>)' libtinygltf-dev '#endif' \
+        ${video:+"#if !__has_include(<libavformat/avformat.h>)" "libavformat-dev" "#endif"} \
+        ${video:+"#if !__has_include(<libavcodec/avcodec.h>)" "libavcodec-dev" "#endif"} \
+        ${video:+"#if !__has_include(<libswscale/swscale.h>)" "libswscale-dev" "#endif"} |
+        $CXX -E -P -x c++ - 2>/dev/null | tr -s '\n' ' '
 }
 
 missing_packages() {
@@ -22,12 +32,13 @@ missing_packages() {
     elif have "$CXX"; then
         echo "build-essential $(missing_headers)"
     else
-        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev
+        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev \
+            "$video"
     fi
 }
 
 version_of() { # header macro: its value, as text
-    printf '#include <%s>\nspin4d %s\n' "$1" "$2" | "$CXX" -E -P -x c++ - 2>/dev/null |
+    printf '#include <%s>\nspin4d %s\n' "$1" "$2" | $CXX -E -P -x c++ - 2>/dev/null |
         sed -n 's/^ *spin4d *//p' | tr -d '" '
 }
 
@@ -63,6 +74,9 @@ jansson libjansson-dev jansson.h JANSSON_VERSION
 OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
 tinygltf libtinygltf-dev tiny_gltf.h found
 LIST
+    ffmpeg=$(printf '#include <libavutil/avutil.h>\n#include <libavformat/avformat.h>\n%s\n' \
+        '#include <libswscale/swscale.h>' | $CC -E -P -x c - >/dev/null 2>&1 && echo found)
+    printf '%-12s %s\n' FFmpeg: "${ffmpeg:-not found; only needed to open videos: make setup-video}"
 }
 
 if [ "${1:-}" = --report ]; then

@@ -13,6 +13,7 @@
 #include "io/file.h"
 #include "io/image_shim.h"
 #include "io/shim.h"
+#include "io/video.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
 static pthread_once_t once = PTHREAD_ONCE_INIT;
@@ -116,6 +117,20 @@ static bool jpeg_ends(const struct spin_map *map)
     return false;
 }
 
+/* ---- Frames of videos ------------------------------------------------------------------------ */
+
+/* "cam00.mp4#12", unless a file of that very name is there: the video's name, allocated, else NULL. */
+static spin_status find_video(const char *path, char **file, int64_t *frame)
+{
+    size_t n;
+
+    *file = NULL;
+    if (!spin_video_path(path, &n, frame) || spin_path_exists(path))
+        return SPIN_OK;
+    *file = strndup(path, n);
+    return *file ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", n + 1);
+}
+
 /* ---- Calls ----------------------------------------------------------------------------------- */
 
 /* OpenImageIO's words may have several lines and end in a full stop. */
@@ -163,10 +178,19 @@ static spin_status inspect(const char *path, bool whole, const char **format)
 
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels)
 {
-    char why[256] = "";
+    char why[256] = "", *file;
     const char *format;
     enum spin_image_result result;
+    int64_t frame;
 
+    SPIN_TRY(find_video(path, &file, &frame));
+    if (file) {
+        spin_status status = spin_video_info(file, width, height, &frame);
+
+        free(file);
+        *channels = 3;
+        return status;
+    }
     SPIN_TRY(spin_image_start());
     SPIN_TRY(inspect(path, false, &format));
     result = shim->size(path, format, width, height, channels, why, sizeof why);
@@ -177,11 +201,19 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
                             uint8_t **rgb)
 {
     static const float black[3];
-    char why[256] = "";
+    char why[256] = "", *file;
     const char *format;
     enum spin_image_result result;
+    int64_t frame;
 
     *rgb = NULL;
+    SPIN_TRY(find_video(path, &file, &frame));
+    if (file) {
+        spin_status status = spin_video_read(file, frame, NULL, width, height, rgb);
+
+        free(file);
+        return status;
+    }
     SPIN_TRY(spin_image_start());
     SPIN_TRY(inspect(path, true, &format));
     result = shim->read(path, format, MAX_PIXELS, background ? background : black, width, height,

@@ -6,6 +6,8 @@
 
 #include "spin.h"
 
+/* Wherever a path is taken, it may also name a frame of a video, as io/video.h has it. */
+
 /* Load the shim now. Errors say what to install. */
 spin_status spin_image_start(void);
 

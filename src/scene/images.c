@@ -10,6 +10,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/image.h"
+#include "scene/views.h"
 
 /* Source pixels under output pixel o, and the weight of pixel i among them. */
 struct box {
@@ -83,23 +84,31 @@ static void spread(const uint8_t *rgb, size_t plane, float *out)
     }
 }
 
+spin_status spin_image_fit(const uint8_t *rgb, int from_width, int from_height, int width,
+                           int height, float *out)
+{
+    double *sum = NULL;
+
+    if (from_width == width && from_height == height) {
+        spread(rgb, (size_t)width * (size_t)height, out);
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
+    filter(rgb, from_width, from_height, width, height, sum, out);
+    free(sum);
+    return SPIN_OK;
+}
+
 spin_status spin_image_load(const char *path, int width, int height, const float background[3],
                             float *out)
 {
     int from_width, from_height;
     uint8_t *rgb = NULL;
-    double *sum = NULL;
     spin_status status;
 
     SPIN_TRY_OUT(spin_image_read(path, background, &from_width, &from_height, &rgb));
-    if (from_width == width && from_height == height) {
-        spread(rgb, (size_t)width * (size_t)height, out);
-    } else {
-        SPIN_TRY_OUT(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
-        filter(rgb, from_width, from_height, width, height, sum, out);
-    }
+    status = spin_image_fit(rgb, from_width, from_height, width, height, out);
 out:
-    free(sum);
     free(rgb);
     return status;
 }

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "io/image.h"
+#include "io/video.h"
 #include "scene/detect.h"
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -393,47 +394,129 @@ static spin_status check_aspect(const struct spin_view *view, int width, int hei
         view->path, width, height, view->camera.width, view->camera.height);
 }
 
-/* An image of another size, filtered and rounded to 8 bits, so that a kept image and one decoded
- * anew are the same. */
-static spin_status decode_filtered(const struct spin_view *view, const float background[3],
-                                   uint8_t **out)
+/* Decoded pixels at the camera's size, still 8-bit, so that a kept image and one decoded anew are the
+ * same. Takes *rgb and gives another block where the sizes differ. */
+static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)
 {
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
-    void *rgb = NULL, *image = NULL;
+    void *fitted = NULL, *image = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(plane, 3, &rgb));
+    if (width == view->camera.width && height == view->camera.height)
+        return SPIN_OK;
+    SPIN_TRY_OUT(check_aspect(view, width, height));
+    SPIN_TRY_OUT(spin_alloc(plane, 3, &fitted));
     SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), &image));
     SPIN_TRY_OUT(
-        spin_image_load(view->path, view->camera.width, view->camera.height, background, image));
+        spin_image_fit(*rgb, width, height, view->camera.width, view->camera.height, image));
     for (size_t i = 0; i < plane; i++) {
         for (size_t c = 0; c < 3; c++)
-            ((uint8_t *)rgb)[3 * i + c] = (uint8_t)lrintf(((float *)image)[c * plane + i] * 255.0f);
+            ((uint8_t *)fitted)[3 * i + c] =
+                (uint8_t)lrintf(((float *)image)[c * plane + i] * 255.0f);
     }
-    *out = rgb;
-    rgb = NULL;
 out:
-    free(rgb);
+    free(*rgb);
+    *rgb = status == SPIN_OK ? fitted : NULL;
+    if (status != SPIN_OK)
+        free(fitted);
     free(image);
     return status;
 }
 
-/* 8-bit RGB at the camera's size. */
-static spin_status decode(const struct spin_view *view, const float background[3], uint8_t **out)
+static size_t bytes_of(const struct spin_view *view)
 {
-    int width, height, channels;
+    return 3 * (size_t)view->camera.width * (size_t)view->camera.height;
+}
 
-    SPIN_TRY(spin_image_size(view->path, &width, &height, &channels));
-    if (width != view->camera.width || height != view->camera.height) {
-        SPIN_TRY(check_aspect(view, width, height));
-        return decode_filtered(view, background, out);
+static bool has_room(const struct spin_pixels *pixels, size_t view)
+{
+    return bytes_of(&pixels->views->view[view]) <= pixels->budget - pixels->held;
+}
+
+static void keep(struct spin_pixels *pixels, size_t view, uint8_t *rgb)
+{
+    pixels->rgb[view] = rgb;
+    pixels->held += bytes_of(&pixels->views->view[view]);
+}
+
+/* ---- Frames of videos, on the way to one ------------------------------------------------------ */
+
+struct passing {
+    struct spin_pixels *pixels;
+    const struct spin_view *view; /* that is asked for */
+    size_t n_file;                /* of its path */
+    int64_t frame;
+};
+
+/* The view that shows another frame of the same video: its row is as far away as the frame. */
+static bool find_passed(const struct passing *p, int64_t frame, size_t *out)
+{
+    const struct spin_views *views = p->pixels->views;
+    int64_t row = p->view->row + frame - p->frame;
+    size_t n;
+
+    if (row < 0 || row >= views->n_rows)
+        return false;
+    for (size_t i = (size_t)(first_of_row(views, (int)row) - views->view);
+         i < views->n && views->view[i].row == row; i++) {
+        const char *path = views->view[i].path;
+        int64_t other;
+
+        if (strncmp(path, p->view->path, p->n_file) == 0 && spin_video_path(path, &n, &other) &&
+            n == p->n_file && other == frame) {
+            *out = i;
+            return true;
+        }
     }
-    SPIN_TRY(spin_image_read(view->path, background, &width, &height, out));
-    if (width == view->camera.width && height == view->camera.height)
-        return SPIN_OK;
-    free(*out);
-    *out = NULL;
-    return spin_fail(SPIN_E_IO, "image '%s' changed while it was being read", view->path);
+    return false;
+}
+
+static bool wants_passed(void *context, int64_t frame)
+{
+    const struct passing *p = context;
+    size_t view;
+
+    return find_passed(p, frame, &view) && !p->pixels->rgb[view] && has_room(p->pixels, view);
+}
+
+/* What cannot be kept is decoded again when its turn comes, and fails then if it must. */
+static void take_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
+{
+    const struct passing *p = context;
+    size_t view, n = 3 * (size_t)width * (size_t)height;
+    void *copy = NULL;
+
+    if (!find_passed(p, frame, &view) || spin_alloc(n, 1, &copy) != SPIN_OK)
+        return;
+    memcpy(copy, rgb, n);
+    if (fit(&p->pixels->views->view[view], width, height, (uint8_t **)&copy) == SPIN_OK)
+        keep(p->pixels, view, copy);
+}
+
+static spin_status read_passing(struct spin_pixels *pixels, const struct spin_view *view,
+                                int *width, int *height, uint8_t **rgb)
+{
+    struct passing p = {.pixels = pixels, .view = view};
+    struct spin_video_passer passer = {&p, wants_passed, take_passed};
+    char *file = NULL;
+    spin_status status;
+
+    if (!spin_video_path(view->path, &p.n_file, &p.frame) || spin_path_exists(view->path))
+        return spin_image_read(view->path, pixels->background, width, height, rgb);
+    SPIN_TRY(spin_strdup(view->path, &file));
+    file[p.n_file] = '\0';
+    status = spin_video_read(file, p.frame, &passer, width, height, rgb);
+    free(file);
+    return status;
+}
+
+/* 8-bit RGB at the camera's size. */
+static spin_status decode(struct spin_pixels *pixels, const struct spin_view *view, uint8_t **out)
+{
+    int width, height;
+
+    SPIN_TRY(read_passing(pixels, view, &width, &height, out));
+    return fit(view, width, height, out);
 }
 
 static void spread(const uint8_t *rgb, size_t plane, float *out)
@@ -454,13 +537,11 @@ spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out)
         spread(rgb, plane, out);
         return SPIN_OK;
     }
-    SPIN_TRY(decode(v, pixels->background, &rgb));
+    SPIN_TRY(decode(pixels, v, &rgb));
     spread(rgb, plane, out);
-    if (3 * plane <= pixels->budget - pixels->held) {
-        pixels->rgb[view] = rgb;
-        pixels->held += 3 * plane;
-    } else {
+    if (has_room(pixels, view))
+        keep(pixels, view, rgb);
+    else
         free(rgb);
-    }
     return SPIN_OK;
 }

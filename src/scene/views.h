@@ -40,7 +40,12 @@ struct spin_pixels {
 spin_status spin_pixels_open(const struct spin_views *views, size_t budget,
                              const float background[3], struct spin_pixels *out);
 void spin_pixels_close(struct spin_pixels *pixels);
-/* Planar [3][h][w] float 0..1 of one view. */
+/* Interleaved 8-bit RGB, box-filtered where the sizes differ, to planar [3][height][width] 0..1. */
+spin_status spin_image_fit(const uint8_t *rgb, int from_width, int from_height, int width,
+                           int height, float *out);
+
+/* Planar [3][h][w] float 0..1 of one view. Where images are frames of a video, those that are decoded on
+ * the way are kept as well, while there is room. */
 spin_status spin_pixels_get(struct spin_pixels *pixels, size_t view, float *out);
 
 #endif

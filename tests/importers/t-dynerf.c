@@ -1,6 +1,7 @@
 /* dynerf: poses_bounds.npy with frames in three layouts against the true cameras and what
  * 4DGaussians' reader yields, and arrays that lie.
  * K: dynerf import views */
+#include "io/video.h"
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
@@ -108,7 +109,7 @@ static void test_set(const char *folder, const char *name, const spin_json *mani
 
 /* ---- Files made here ------------------------------------------------------------------------- */
 
-enum { N_COLUMNS = 17 };
+enum { N_COLUMNS = 17, VIDEO_W = 64, VIDEO_H = 48 };
 
 /* Looks along +z from (camera, 0, 0): LLFF columns [down, right, back]. */
 static void plain_row(double row[N_COLUMNS], int camera)
@@ -292,7 +293,9 @@ static void test_videos(void)
     set_refused(folder, NULL, "no images", "neither frames nor videos");
     make_text(folder, "cam00.mp4", "x");
     make_text(folder, "cam_1.mp4", "x");
-    set_refused(folder, NULL, "extract their frames", "videos without frames");
+    set_refused(folder, NULL,
+                spin_video_start() == SPIN_OK ? "cannot read video" : "libavformat-dev",
+                "videos that are none, or a build that cannot read them");
     make_folder(folder, "cam00/images");
     set_refused(folder, NULL, "interrupted", "an empty folder of images");
     make_image(folder, "cam00/images/0000.png", 8, 6);
@@ -308,6 +311,78 @@ static void test_videos(void)
     set_refused(folder, NULL, "no frame number", "an image without a number");
 }
 
+/* Every view's pixels, asked for in an order that jumps, beside those of the image that its path names
+ * (tests/io/t-video.c holds those to what was encoded). The worst difference. */
+static double read_all_views(struct spin_pixels *pixels, const struct spin_views *views)
+{
+    const size_t plane = VIDEO_W * VIDEO_H;
+    float *image = malloc(3 * plane * sizeof *image);
+    double worst = 0;
+
+    for (size_t i = 0; i < views->n; i++) {
+        size_t at = i * 7 % views->n;
+        uint8_t *rgb = NULL;
+        int width, height;
+
+        if (spin_pixels_get(pixels, at, image) != SPIN_OK ||
+            spin_image_read(views->view[at].path, NULL, &width, &height, &rgb) != SPIN_OK) {
+            printf("# %s\n", spin_last_error());
+            worst = INFINITY;
+        }
+        for (size_t k = 0; rgb && k < 3 * plane; k++)
+            worst = fmax(worst, fabs(image[k] - rgb[3 * (k % plane) + k / plane] / 255.0));
+        free(rgb);
+    }
+    free(image);
+    return worst;
+}
+
+static void test_from_videos(void)
+{
+    const char *folder = make_set(3, 0, 0), *build = getenv("SPIN_BUILD");
+    struct spin_pixels pixels, none;
+    struct spin_views views;
+    char command[9000];
+    int failed = spin_video_start() != SPIN_OK;
+
+    for (int c = 0; c < 2 && !failed; c++) {
+        snprintf(command, sizeof command,
+                 "'%s/tests/tools/make-video' '%s/cam%02d.mp4' 12 %d %d %d",
+                 build ? build : "build/release", folder, c, VIDEO_W, VIDEO_H, c);
+        failed = system(command) != 0;
+    }
+    if (failed) {
+        skip("views straight from videos", "no FFmpeg, or it cannot encode");
+        return;
+    }
+    if (!set_opens(folder, NULL, &views, "two videos and no frames"))
+        return;
+    ok(views.n == 24 && views.n_rows == 12 && views.numbered && views.view[23].number == 11,
+       "have twelve frames of two cameras");
+    ok(view_of(&views, "cam01.mp4#11") && views.view[0].camera.width == VIDEO_W &&
+           views.view[0].camera.fx == 10.0 * VIDEO_W / 8,
+       "whose paths name them, in cameras of the videos' size");
+    ok(spin_pixels_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK &&
+           spin_pixels_open(&views, 0, NULL, &none) == SPIN_OK,
+       "opens their pixels");
+    ok(read_all_views(&none, &views) < 1e-6 && none.held == 0,
+       "frames are right when none is kept");
+    ok(read_all_views(&pixels, &views) < 1e-6, "and when all are");
+    spin_pixels_close(&pixels);
+    if (spin_pixels_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK) {
+        float *image = malloc(3 * VIDEO_W * VIDEO_H * sizeof *image);
+
+        ok(spin_pixels_get(&none, 0, image) == SPIN_OK && /* the decoder is at the first frame */
+               spin_pixels_get(&pixels, 2 * 6, image) == SPIN_OK &&
+               pixels.held == 6 * 3 * VIDEO_W * VIDEO_H,
+           "what is decoded on the way is kept");
+        free(image);
+        spin_pixels_close(&pixels);
+    }
+    spin_pixels_close(&none);
+    spin_views_free(&views);
+}
+
 TAP_MAIN
 {
     spin_log_set_level(-2);
@@ -316,5 +391,6 @@ TAP_MAIN
     test_lies();
     test_gaps();
     test_videos();
+    test_from_videos();
     each_set("dynerf", test_set);
 }

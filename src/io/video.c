@@ -1,0 +1,342 @@
+/* Which videos are known, which decoders are open, and how to get at a frame. */
+#include "io/video.h"
+
+#include <ctype.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/file.h"
+#include "io/shim.h"
+#include "io/video_shim.h"
+
+#define MAX_PIXELS ((int64_t)64 << 20)
+/* A decoder holds about six frames of its own, of 1.5 bytes a pixel: 50 MB at the size of Neural 3D
+ * Video. All its 21 cameras may be open at once, as frames are often read camera by camera. */
+#define DECODER_BYTES 9
+#define OPEN_BYTES ((size_t)1200 << 20)
+
+struct video {
+    char *file;
+    struct stat was; /* when it was indexed */
+    struct spin_video_index index;
+    struct spin_video_stream *stream; /* NULL: closed */
+    int64_t at;                       /* frame that the stream gave last; -1: none */
+    unsigned long used;
+};
+
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of all that follows */
+static const struct spin_video_shim *shim;
+static char failure[512];
+static struct video **video; /* [n_videos], each a block of its own: streams point at indices */
+static size_t n_videos;
+static unsigned long clock_now;
+
+/* ---- Names ----------------------------------------------------------------------------------- */
+
+static bool is_video(const char *name, size_t n)
+{
+    static const char *const endings[] = {".mp4", ".mov", ".m4v", ".mkv", ".webm"};
+
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
+        size_t n_ending = strlen(endings[i]);
+
+        if (n > n_ending && strncasecmp(name + n - n_ending, endings[i], n_ending) == 0)
+            return true;
+    }
+    return false;
+}
+
+bool spin_video_is_name(const char *name) { return name[0] != '.' && is_video(name, strlen(name)); }
+
+bool spin_video_path(const char *path, size_t *n_file, int64_t *frame)
+{
+    const char *mark = strrchr(path, '#');
+    int64_t value = 0;
+
+    if (!mark || !mark[1] || !is_video(path, (size_t)(mark - path)))
+        return false;
+    for (const char *p = mark + 1; *p; p++) {
+        if (!isdigit((unsigned char)*p) || p - mark > 9)
+            return false;
+        value = 10 * value + (*p - '0');
+    }
+    *n_file = (size_t)(mark - path);
+    *frame = value;
+    return true;
+}
+
+/* ---- Loading --------------------------------------------------------------------------------- */
+
+static void free_video(struct video *v)
+{
+    if (!v)
+        return;
+    if (v->stream)
+        shim->close(v->stream);
+    free(v->index.entry);
+    free(v->file);
+    free(v);
+}
+
+static void close_all(void)
+{
+    for (size_t i = 0; i < n_videos; i++)
+        free_video(video[i]);
+    free(video);
+    video = NULL;
+    n_videos = 0;
+}
+
+static void start(void)
+{
+    static const struct spin_shim where = {.file = "spin-video.so",
+                                           .override = "SPIN_VIDEO_SHIM",
+                                           .symbol = SPIN_VIDEO_SHIM_SYMBOL,
+                                           .abi = SPIN_VIDEO_SHIM_ABI};
+
+    shim = spin_shim_load(&where, failure, sizeof failure);
+    if (shim)
+        atexit(close_all);
+}
+
+spin_status spin_video_start(void)
+{
+    pthread_once(&once, start);
+    if (shim)
+        return SPIN_OK;
+    return spin_fail(
+        SPIN_E_UNSUPPORTED,
+        "videos cannot be read: the FFmpeg shim 'spin-video.so' is missing or does not "
+        "load%s%s (Debian: install libavformat-dev, libavcodec-dev and libswscale-dev, "
+        "then make)",
+        *failure ? ": " : "", failure);
+}
+
+static spin_status fail_video(enum spin_video_result result, const char *file, const char *why)
+{
+    spin_status code = result == SPIN_VIDEO_TOO_LARGE   ? SPIN_E_UNSUPPORTED
+                       : result == SPIN_VIDEO_NO_MEMORY ? SPIN_E_MEMORY
+                                                        : SPIN_E_MALFORMED;
+
+    return spin_fail(code, "cannot read video '%s': %s", file, why);
+}
+
+/* ---- Known videos ---------------------------------------------------------------------------- */
+
+static spin_status add_video(const char *file, struct video **out)
+{
+    struct video *new = NULL;
+    char why[256] = "";
+    void *block = video;
+    enum spin_video_result result;
+    struct spin_map map;
+    spin_status status;
+
+    SPIN_TRY(spin_map_open(file, &map)); /* says what is wrong with the file itself */
+    spin_map_close(&map);
+    SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, &block));
+    video = block;
+    SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
+    new->at = -1;
+    (void)stat(file, &new->was);
+    SPIN_TRY_OUT(spin_strdup(file, &new->file));
+    result = shim->index(file, MAX_PIXELS, &new->index, why, sizeof why);
+    if (result != SPIN_VIDEO_OK) {
+        status = fail_video(result, file, why);
+        goto out;
+    }
+    *out = video[n_videos++] = new;
+    return SPIN_OK;
+out:
+    free_video(new);
+    return status;
+}
+
+static bool is_unchanged(const struct video *v)
+{
+    struct stat now;
+
+    return stat(v->file, &now) == 0 && now.st_dev == v->was.st_dev && now.st_ino == v->was.st_ino &&
+           now.st_size == v->was.st_size && now.st_mtim.tv_sec == v->was.st_mtim.tv_sec &&
+           now.st_mtim.tv_nsec == v->was.st_mtim.tv_nsec;
+}
+
+static spin_status find_video(const char *file, struct video **out)
+{
+    SPIN_TRY(spin_video_start());
+    for (size_t i = 0; i < n_videos; i++) {
+        if (strcmp(video[i]->file, file) != 0)
+            continue;
+        if (is_unchanged(video[i])) {
+            *out = video[i];
+            return SPIN_OK;
+        }
+        free_video(video[i]);
+        video[i] = video[--n_videos];
+        break;
+    }
+    return add_video(file, out);
+}
+
+static void close_stream(struct video *v)
+{
+    shim->close(v->stream);
+    v->stream = NULL;
+    v->at = -1;
+}
+
+static size_t cost_of(const struct video *v)
+{
+    return (size_t)v->index.width * (size_t)v->index.height * DECODER_BYTES;
+}
+
+/* Close the decoders that were longest out of use, until there is room for another. */
+static void make_room(size_t bytes)
+{
+    for (;;) {
+        struct video *oldest = NULL;
+        size_t held = bytes;
+
+        for (size_t i = 0; i < n_videos; i++) {
+            if (!video[i]->stream)
+                continue;
+            held += cost_of(video[i]);
+            if (!oldest || video[i]->used < oldest->used)
+                oldest = video[i];
+        }
+        if (!oldest || held <= OPEN_BYTES)
+            return;
+        close_stream(oldest);
+    }
+}
+
+static spin_status open_stream(struct video *v)
+{
+    char why[256] = "";
+    enum spin_video_result result;
+
+    v->used = ++clock_now;
+    if (v->stream)
+        return SPIN_OK;
+    make_room(cost_of(v));
+    result = shim->open(v->file, &v->index, &v->stream, why, sizeof why);
+    v->at = -1;
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file, why);
+}
+
+spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames)
+{
+    struct video *v;
+    spin_status status;
+
+    pthread_mutex_lock(&mutex);
+    status = find_video(file, &v);
+    if (status == SPIN_OK) {
+        *width = v->index.width;
+        *height = v->index.height;
+        *n_frames = v->index.n;
+    }
+    pthread_mutex_unlock(&mutex);
+    return status;
+}
+
+/* ---- Decoding -------------------------------------------------------------------------------- */
+
+static int64_t key_before(const struct video *v, int64_t frame)
+{
+    while (frame > 0 && !v->index.entry[frame].key)
+        frame--;
+    return frame;
+}
+
+static spin_status convert(struct video *v, uint8_t *rgb)
+{
+    char why[256] = "";
+    enum spin_video_result result = shim->rgb(v->stream, rgb, why, sizeof why);
+
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file, why);
+}
+
+/* From where the stream is, or from the key frame before, to the frame; rgb is filled with it, and
+ * before that with those on the way that are wanted. */
+static spin_status go_to(struct video *v, int64_t frame, const struct spin_video_passer *passer,
+                         uint8_t *rgb)
+{
+    int64_t key = key_before(v, frame);
+    char why[256] = "";
+    enum spin_video_result result = SPIN_VIDEO_OK;
+
+    if (v->at == frame) /* it is still there */
+        return convert(v, rgb);
+    if (v->at < key || v->at > frame) {
+        v->at = -1;
+        result = shim->seek(v->stream, key, why, sizeof why);
+    }
+    while (result == SPIN_VIDEO_OK) {
+        int64_t now;
+
+        result = shim->next(v->stream, &now, why, sizeof why);
+        if (result != SPIN_VIDEO_OK)
+            break;
+        if (now < key) /* shown before the key frame but coded after it: may lack what it needs */
+            continue;
+        v->at = now;
+        if (now == frame)
+            return convert(v, rgb);
+        if (now > frame)
+            return spin_fail(SPIN_E_MALFORMED, "cannot read video '%s': frame %lld is not decoded",
+                             v->file, (long long)frame);
+        if (passer && passer->wants(passer->context, now)) {
+            SPIN_TRY(convert(v, rgb));
+            passer->take(passer->context, now, v->index.width, v->index.height, rgb);
+        }
+    }
+    v->at = -1;
+    return fail_video(result, v->file, why);
+}
+
+static spin_status read_frame(const char *file, int64_t frame,
+                              const struct spin_video_passer *passer, int *width, int *height,
+                              uint8_t **rgb)
+{
+    struct video *v;
+    spin_status status;
+    size_t pixels;
+
+    SPIN_TRY(find_video(file, &v));
+    if (frame < 0 || frame >= v->index.n)
+        return spin_fail(SPIN_E_NOT_FOUND, "video '%s' has no frame %lld, only 0 to %lld", file,
+                         (long long)frame, (long long)v->index.n - 1);
+    SPIN_TRY(open_stream(v));
+    pixels = (size_t)v->index.width * (size_t)v->index.height;
+    SPIN_TRY(spin_alloc(pixels, 3, (void **)rgb));
+    status = go_to(v, frame, passer, *rgb);
+    if (status != SPIN_OK) {
+        free(*rgb);
+        *rgb = NULL;
+        close_stream(v);
+        return status;
+    }
+    *width = v->index.width;
+    *height = v->index.height;
+    return SPIN_OK;
+}
+
+spin_status spin_video_read(const char *file, int64_t frame, const struct spin_video_passer *passer,
+                            int *width, int *height, uint8_t **rgb)
+{
+    spin_status status;
+
+    *rgb = NULL;
+    pthread_mutex_lock(&mutex);
+    status = read_frame(file, frame, passer, width, height, rgb);
+    pthread_mutex_unlock(&mutex);
+    return status;
+}

@@ -1,0 +1,57 @@
+/* What video.c and the shared object behind it agree on: one table of functions, found by name. */
+#ifndef SPIN_IO_VIDEO_SHIM_H
+#define SPIN_IO_VIDEO_SHIM_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define SPIN_VIDEO_SHIM_ABI 1
+#define SPIN_VIDEO_SHIM_SYMBOL "spin_video_shim_table"
+
+enum spin_video_result {
+    SPIN_VIDEO_OK,
+    SPIN_VIDEO_END,        /* no more frames */
+    SPIN_VIDEO_UNREADABLE, /* no such format, damaged, cut short */
+    SPIN_VIDEO_TOO_LARGE,
+    SPIN_VIDEO_NO_MEMORY
+};
+
+/* A frame in the order of showing. */
+struct spin_video_entry {
+    int64_t pts, dts; /* in the stream's unit */
+    int key;          /* decoding can begin here */
+};
+
+struct spin_video_index {
+    int width, height;
+    int64_t n;
+    struct spin_video_entry *entry; /* [n], sorted by pts; malloc'ed */
+};
+
+struct spin_video_stream;
+
+/* Every call fills why (n_why bytes) when it fails. */
+struct spin_video_shim {
+    int abi;
+    const char *version; /* of libavcodec */
+    /* List the frames, reading packets only. Refuses more than max_pixels a frame. */
+    enum spin_video_result (*index)(const char *path, int64_t max_pixels,
+                                    struct spin_video_index *out, char *why, size_t n_why);
+    enum spin_video_result (*open)(const char *path, const struct spin_video_index *index,
+                                   struct spin_video_stream **out, char *why, size_t n_why);
+    /* Go to a key frame: next() then gives it, perhaps after some shown before it, which may be
+     * damaged. */
+    enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key, char *why,
+                                   size_t n_why);
+    /* Decode one more frame; its number. */
+    enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame, char *why,
+                                   size_t n_why);
+    /* The frame that next() gave as interleaved 8-bit RGB [height][width][3]. */
+    enum spin_video_result (*rgb)(struct spin_video_stream *stream, uint8_t *out, char *why,
+                                  size_t n_why);
+    void (*close)(struct spin_video_stream *stream);
+};
+
+extern const struct spin_video_shim spin_video_shim_table;
+
+#endif
