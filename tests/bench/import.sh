@@ -8,8 +8,8 @@
 #     cp, sync   the run copied and on the disk
 #     import     the run to a bundle, which is on the disk before it has its name
 #
-# and prints medians, rates and the import's peak memory; then opens a checkpoint of 500 MB of which
-# most are optimiser moments. SPIN_BIN says where the commands are. Needs python3 and GNU time.
+# and prints medians, rates and the import's peak memory; then opens a checkpoint of 450 MB of which two
+# thirds are optimiser moments, and the same without them. SPIN_BIN says where the commands are. Needs python3 and GNU time.
 bin=${SPIN_BIN:-build/release/bin}
 folder=${1:-}
 frames=${2:-150}
@@ -71,14 +71,20 @@ row() {
                      label, m, bytes / 1e6 / (m > 0 ? m : 0.01), c, peak / 1024 }'
 }
 
+# Take away what the last step wrote, and let the disk come to rest.
+clear() {
+    rm -f "$folder/copy" "$folder/out.spin"
+    sync -f "$folder"
+}
+
 rm -f "$folder"/*.times
 for _ in 1 2 3 4 5; do
-    rm -f "$folder/copy" "$folder/out.spin"
+    clear
     seconds cat cat "$run"
     seconds cp cp "$run" "$folder/copy"
-    rm -f "$folder/copy"
+    clear
     seconds sync sh -c "cp '$run' '$folder/copy' && sync '$folder/copy'"
-    rm -f "$folder/copy"
+    clear
     seconds import "$bin/spin-import" -q "$run" -o "$folder/out.spin"
 done
 echo "$frames frames of $splats splats, $bytes bytes; medians of 5"
@@ -86,21 +92,27 @@ row cat cat
 row cp cp
 row sync "cp, sync"
 row import import
-rm -f "$folder/out.spin"
+clear
 
 # A checkpoint as Realtime-4DGS saves it, with two moments for every number: twice as many bytes that
-# nobody wants. Opening is compared with reading the file.
+# nobody wants. One frame out of it should take as long as out of the same one without them.
 checkpoint=$folder/chkpnt30000.pth
+plain=$folder/plain.pth
 [ -f "$checkpoint" ] || python3 tests/bench/make-checkpoint.py "$checkpoint" 230000 || exit 1
+[ -f "$plain" ] || python3 tests/bench/make-checkpoint.py "$plain" 230000 plain || exit 1
 bytes=$(stat -c %s "$checkpoint")
-cat "$checkpoint" >/dev/null
+cat "$checkpoint" "$plain" >/dev/null
+one_frame() { # NAME CHECKPOINT
+    seconds "$1" "$bin/spin-import" -q --from realtime4dgs "$2" --frames 1 --force \
+        -o "$folder/out.spin"
+}
 for _ in 1 2 3 4 5; do
     seconds readall cat "$checkpoint"
-    seconds info "$bin/spin-import" --info --from realtime4dgs "$checkpoint"
-    seconds one "$bin/spin-import" -q --from realtime4dgs "$checkpoint" --frames 1 --force -o "$folder/out.spin"
+    one_frame with "$checkpoint"
+    one_frame without "$plain"
 done
-echo "checkpoint of $bytes bytes; medians of 5"
+echo "one frame of a checkpoint of $bytes bytes, $(stat -c %s "$plain") without moments; medians of 5"
 row readall cat
-row info "--info"
-row one "one frame"
+row with moments
+row without "without"
 rm -f "$folder/out.spin" "$folder"/*.times "$folder/time"

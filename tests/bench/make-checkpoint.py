@@ -1,4 +1,4 @@
-"""make-checkpoint.py OUT SPLATS: a Realtime-4DGS checkpoint as PyTorch saves it, with the optimiser's two
+"""make-checkpoint.py OUT SPLATS [plain]: a Realtime-4DGS checkpoint as PyTorch saves it, with the optimiser's two
 moments for every parameter, of random numbers and without PyTorch. 230,000 splats are 450 MB, a third of
 which a reader needs."""
 import array
@@ -93,7 +93,7 @@ times = [parameter(0, 10, n, 1), parameter(-2, 1, n, 1), parameter(-1, 1, n, 4)]
 state = {
     i: {'step': 30000, 'exp_avg': Tensor(p.shape, pool(-1, 1), False),
         'exp_avg_sq': Tensor(p.shape, pool(0, 1), False)}
-    for i, p in enumerate(parameters + times)
+    for i, p in enumerate([] if sys.argv[3:] else parameters + times)
 }
 model = (3, *parameters, *statistics, {'state': state, 'param_groups': []}, 5.0, *times, True, None, 2)
 
