@@ -336,7 +336,7 @@ const char *spin_plugin_fault(const char *name);
 
 struct spin_scene;
 
-enum spin_from { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_NETWORK };
+enum spin_from { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_NETWORK, SPIN_FROM_REFINED };
 
 spin_status spin_scene_open(const char *path, struct spin_scene **out);
 void spin_scene_close(struct spin_scene *scene);
@@ -344,7 +344,8 @@ int spin_scene_n_frames(const struct spin_scene *scene);
 const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame);
 bool spin_scene_has_network(const struct spin_scene *scene);
 unsigned spin_scene_columns(const struct spin_scene *scene); /* of the source */
-/* Fill the columns of a frame: from the network when there is one (BEST), else from the source.
+/* Fill the columns of a frame. BEST: from the network when there is one, else from refined splats that
+ * have all attributes, else from the source. A frame may have another number of splats in each.
  * SPIN_E_NOT_FOUND when the columns are not there (positions only: run spin-retrain). */
 spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from from,
                             unsigned columns, struct spin_splats *out);
@@ -417,6 +418,10 @@ struct spin_import_report {
 /* Import a foreign run to a bundle, or only describe it. */
 spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report);
 
+/* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. */
+enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT };
+enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
+
 enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO };
 
 struct spin_retrain_options {
@@ -426,12 +431,17 @@ struct spin_retrain_options {
     double image_scale;      /* 1: as stored */
     const int *test_cameras; /* NULL: the data set's own split */
     int n_test_cameras;
-    int iterations, batch;           /* 40000, 3 */
-    int levels, features, hash_log2; /* 16, 4, 21 */
-    int hidden, sh_degree;           /* 64, 3 */
-    int base_resolution[4];          /* 8 8 8 8 */
-    int finest_resolution[4];        /* 2048 2048 2048 0; 0: max(16, frames) */
-    double lambda_dssim;             /* 0.2 */
+    enum spin_method method;
+    int refine; /* iterations of every frame before the network, or instead */
+    enum spin_refine_start refine_start; /* from coloured points, or from the source's attributes */
+    bool no_densify;                     /* refining keeps the number of points, but for pruning */
+    int max_points;                      /* of a frame while it is refined; 0: no limit */
+    int iterations, batch;               /* 40000, 3 */
+    int levels, features, hash_log2;     /* 16, 4, 21 */
+    int hidden, sh_degree;               /* 64, 3 */
+    int base_resolution[4];              /* 8 8 8 8 */
+    int finest_resolution[4];            /* 2048 2048 2048 0; 0: max(16, frames) */
+    double lambda_dssim;                 /* 0.2 */
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */
@@ -471,8 +481,9 @@ struct spin_retrain_report {
     int frames;
     double splats_mean;
     char device[64];
-    struct spin_quality before, test;
-    double outside_ball; /* share of points outside the unit ball at the encoder */
+    struct spin_quality before, refined, test;
+    double refine_seconds; /* part of seconds */
+    double outside_ball;   /* share of points outside the unit ball at the encoder */
     size_t bytes_needed, bytes_available;
     double seconds_estimated; /* dry run */
     double loss_last;
@@ -517,6 +528,7 @@ struct spin_eval_view {
 struct spin_bundle_bytes {
     uint64_t file;                    /* the whole file */
     uint64_t source;                  /* as imported, positions and attributes */
+    uint64_t refined;                 /* frames refined on their own */
     uint64_t positions, table, heads; /* of the network: what the paper counts */
 };
 
@@ -525,7 +537,7 @@ struct spin_eval_report {
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
     int n_frames;
-    bool network;                   /* what was measured */
+    bool network, refined;          /* what was measured; neither: the source */
     enum spin_moving_from moving;   /* where the moving regions came from; OFF: nowhere */
     double seconds_decode;          /* one frame: positions and network to splats */
     double seconds_draw;            /* one view of a decoded frame */

@@ -121,7 +121,9 @@ static uint64_t bytes_needed(const struct spin_eval_report *r)
 {
     const struct spin_bundle_bytes *s = &r->storage;
 
-    return r->network ? s->positions + s->table + s->heads : s->source;
+    if (r->network)
+        return s->positions + s->table + s->heads;
+    return r->refined ? s->refined : s->source;
 }
 
 static void print_storage(const struct spin_eval_report *r)
@@ -131,12 +133,18 @@ static void print_storage(const struct spin_eval_report *r)
     spin_print_open("storage", '{');
     spin_print_integer("file", (long long)s->file);
     spin_print_integer("source", (long long)s->source);
+    spin_print_integer("refined", (long long)s->refined);
     spin_print_integer("positions", (long long)s->positions);
     spin_print_integer("table", (long long)s->table);
     spin_print_integer("heads", (long long)s->heads);
     spin_print_integer("measured", (long long)bytes_needed(r));
     spin_print_number("measured_per_frame", (double)bytes_needed(r) / r->n_frames);
     spin_print_close('}');
+}
+
+static const char *attributes(const struct spin_eval_report *r)
+{
+    return r->network ? "retrained" : r->refined ? "explicit" : "source";
 }
 
 static void report_json(const struct spin_eval_report *r)
@@ -146,7 +154,7 @@ static void report_json(const struct spin_eval_report *r)
 
     spin_print_open(NULL, '{');
     print_quality(r, &r->mean);
-    spin_print_string("attributes", r->network ? "retrained" : "source");
+    spin_print_string("attributes", attributes(r));
     spin_print_string("split", split);
     spin_print_string("moving_from", moving_names[r->moving]);
     spin_print_number("fps", 1 / (r->seconds_decode + r->seconds_draw));
@@ -272,7 +280,7 @@ static void report_text(const struct spin_eval_report *r)
         printf("\n");
     }
     print_row(r, NULL, NULL, &r->mean);
-    printf("   %zu views, %s attributes\n", r->n_views, r->network ? "retrained" : "source");
+    printf("   %zu views, %s attributes\n", r->n_views, attributes(r));
     if (!common.quiet)
         print_foot(r);
     free(camera);

@@ -8,7 +8,7 @@
 static struct spin_retrain_options options;
 static struct spin_opt_common common;
 static struct spin_opt_ints test_cameras;
-static int refine;
+static const char *method = "network", *refine_start = "points", *densify = "on";
 
 /* ---- Values that only this command has ------------------------------------------------------- */
 
@@ -143,8 +143,6 @@ static const struct spin_opt_row rows[] = {
              &options.lambda_dssim, 0, 1),
     SPIN_OPT("seed", 0, "N", "of the first values and the order of the images (0)", SPIN_OPT_UINT64,
              &options.seed, 0, 0),
-    SPIN_OPT("refine", 0, "N", "frame-wise refinement before the network (0, see the manual)",
-             SPIN_OPT_INT, &refine, 0, MANY),
     SPIN_OPT("warmup", 0, "N", "steps in which the rates rise (iterations / 40)", SPIN_OPT_INT,
              &options.warmup, 0, MANY),
     SPIN_OPT("lr-table", 0, "R", "rate of the hash table (8e-3)", SPIN_OPT_DOUBLE,
@@ -165,6 +163,20 @@ static const struct spin_opt_row rows[] = {
              SPIN_OPT_FLAG, &options.camera_colour, 0, 0),
     SPIN_OPT("lr-camera", 0, "R", "rate of these gains and offsets (1e-3)", SPIN_OPT_DOUBLE,
              &options.lr_camera, 0, 1),
+    SPIN_OPT_HEADING("Frame by frame"),
+    SPIN_OPT("method", 0, "network|explicit",
+             "explicit: every frame on its own, as 3DGS, and no network (network)", SPIN_OPT_CHOICE,
+             &method, 0, 0),
+    SPIN_OPT("refine", 0, "N",
+             "iterations of every frame before the network (0), or instead of it (2000)",
+             SPIN_OPT_INT, &options.refine, 0, MANY),
+    SPIN_OPT("refine-start", 0, "points|source",
+             "from coloured points, or from the source's attributes (points)", SPIN_OPT_CHOICE,
+             &refine_start, 0, 0),
+    SPIN_OPT("densify", 0, "on|off", "let frames that are refined gain points (on)",
+             SPIN_OPT_CHOICE, &densify, 0, 0),
+    SPIN_OPT("max-points", 0, "N", "of a frame that is refined; 0: no limit (0)", SPIN_OPT_INT,
+             &options.max_points, 0, MANY),
     SPIN_OPT_HEADING("Network"),
     SPIN_OPT("levels", 0, "N", "levels of the hash grid (16)", SPIN_OPT_INT, &options.levels, 1,
              32),
@@ -225,7 +237,9 @@ static void print_quality(const char *key, const struct spin_quality *q)
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
+    spin_print_string("method", method);
     spin_print_integer("iterations", r->iterations);
+    spin_print_integer("refine", options.refine);
     spin_print_integer("frames", r->frames);
     spin_print_number("splats_mean", r->splats_mean);
     spin_print_string("device", r->device);
@@ -239,6 +253,10 @@ static void report_json(const struct spin_retrain_report *r)
         spin_print_number("seconds", r->seconds);
         spin_print_number("seconds_per_iteration", r->seconds_per_iteration);
         spin_print_number("loss", r->loss_last);
+        if (options.refine > 0) {
+            spin_print_number("refine_seconds", r->refine_seconds);
+            print_quality("refined", &r->refined);
+        }
         print_quality("test", &r->test);
         print_quality("before", &r->before);
         spin_print_string("output", options.output);
@@ -276,6 +294,8 @@ static void report_text(const struct spin_retrain_report *r)
            r->seconds_per_iteration, r->device, r->frames, r->splats_mean);
     printf("%-10s  %8s  %7s\n", "test views", "PSNR", "SSIM");
     print_row("before", &r->before);
+    if (options.refine > 0 && options.method == SPIN_METHOD_NETWORK)
+        print_row("refined", &r->refined);
     print_row("after", &r->test);
 }
 
@@ -287,8 +307,6 @@ static int check(const struct spin_opt_words *words)
         return spin_opt_misuse(&command, "IN.spin is missing");
     if (!options.output && !options.dry_run)
         return spin_opt_misuse(&command, "say where to write with --output");
-    if (refine)
-        return spin_opt_misuse(&command, "refinement is not in this version: --refine must be 0");
     if (options.views_per_frame > options.batch)
         return spin_opt_misuse(&command, "--views-per-frame %d is more than --batch %d",
                                options.views_per_frame, options.batch);
@@ -308,6 +326,13 @@ int main(int argc, char **argv)
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = words.word[0];
+    if (!strcmp(method, "explicit"))
+        options.method = SPIN_METHOD_EXPLICIT;
+    if (options.method == SPIN_METHOD_EXPLICIT && options.refine == 0)
+        options.refine = 2000;
+    if (!strcmp(refine_start, "source"))
+        options.refine_start = SPIN_REFINE_FROM_SOURCE;
+    options.no_densify = !strcmp(densify, "off");
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;

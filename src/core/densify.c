@@ -111,6 +111,21 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     return SPIN_OK;
 }
 
+spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out)
+{
+    SPIN_TRY(spin_splats_reserve(out, cloud->n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    for (size_t i = 0; i < cloud->n; i++) {
+        const struct spin_refine_row *p = &cloud->point[i].p;
+
+        memcpy(out->means + 3 * i, p->pos_w, sizeof p->pos_w);
+        memcpy(out->sh + 3 * i, p->dc, sizeof p->dc);
+        memcpy(out->log_scales + 3 * i, p->log_scale, sizeof p->log_scale);
+        out->logit_opacities[i] = p->logit_opacity;
+        spin_rotation_of(p->rotation, out->quats + 4 * i);
+    }
+    return SPIN_OK;
+}
+
 /* ---- Choosing -------------------------------------------------------------------------------- */
 
 void spin_densify_defaults(struct spin_densify_options *o)

@@ -40,6 +40,9 @@ spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const
 spin_status spin_refine_init_from_splats(const struct spin_splats *splats,
                                          struct spin_refine_cloud *out);
 
+/* All attribute columns of the cloud, SH degree 0. */
+spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out);
+
 struct spin_densify_options {
     double extent;             /* of the scene: spin_views_extent(); no default */
     double gradient_threshold; /* of the mean gradient; 2e-4 */

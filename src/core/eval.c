@@ -17,7 +17,8 @@ struct eval {
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
-    bool has_source; /* source is open: what the network is compared with */
+    bool has_source; /* source is open: what is measured is compared with it */
+    enum spin_from from;
     struct spin_pair *pairs;
     size_t n_pairs;
 };
@@ -38,7 +39,9 @@ static spin_status open_clip(struct eval *e)
                                   .needs_views = true};
 
     SPIN_TRY(spin_clip_open(&c, &e->clip));
-    SPIN_TRY(spin_player_choose(&e->clip.bundle, o->source, &e->report->network));
+    SPIN_TRY(spin_player_choose(&e->clip.bundle, o->source, &e->from));
+    e->report->network = e->from == SPIN_FROM_NETWORK;
+    e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0)
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
@@ -51,13 +54,13 @@ static spin_status open_clip(struct eval *e)
 static spin_status open_players(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
-    bool network = e->report->network;
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
-    SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, network));
-    if (!o->images || !network || (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
+    SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
+    if (!o->images || e->from == SPIN_FROM_SOURCE ||
+        (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
         return SPIN_OK;
-    SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, false));
+    SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, SPIN_FROM_SOURCE));
     e->has_source = true;
     return SPIN_OK;
 }
@@ -100,6 +103,8 @@ static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *ou
 
         if (begins(member->name, "source/"))
             out->source += member->packed_size;
+        else if (begins(member->name, "refined/"))
+            out->refined += member->packed_size;
         else if (begins(member->name, "network/means/"))
             out->positions += member->packed_size;
         else if (begins(member->name, "network/table"))

@@ -14,18 +14,21 @@ bool spin_bundle_has_network(const struct spin_bundle *bundle)
     return spin_json_get(bundle->json, "network") != NULL;
 }
 
-spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, bool *network)
+spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, enum spin_from *out)
 {
-    unsigned missing = SPIN_COL_ATTRIBUTES & ~bundle->meta.columns;
-
-    *network = !source && spin_bundle_has_network(bundle);
-    if (*network || !missing)
-        return SPIN_OK;
-    if (source)
+    if (!source && spin_bundle_has_network(bundle))
+        *out = SPIN_FROM_NETWORK;
+    else if (!source && !(SPIN_COL_ATTRIBUTES & ~bundle->refined.columns))
+        *out = SPIN_FROM_REFINED;
+    else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
+        *out = SPIN_FROM_SOURCE;
+    else if (source)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
                          bundle->path);
-    return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
-                     bundle->path);
+    else
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
+                         bundle->path);
+    return SPIN_OK;
 }
 
 static spin_status load_array(struct spin_player *p, const char *name, size_t n, float **out)
@@ -53,16 +56,16 @@ static spin_status load_array(struct spin_player *p, const char *name, size_t n,
 }
 
 spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
-                             struct spin_bundle *bundle, bool network)
+                             struct spin_bundle *bundle, enum spin_from from)
 {
     spin_status status;
 
     memset(p, 0, sizeof *p);
     p->device = device;
     p->bundle = bundle;
-    p->network = network;
+    p->from = from;
     p->now_frame = -1;
-    if (!network)
+    if (from != SPIN_FROM_NETWORK)
         return SPIN_OK;
     p->owns_network = true;
     SPIN_TRY_OUT(spin_model_from_json(spin_json_get(bundle->json, "network"), &p->model));
@@ -80,13 +83,24 @@ spin_status spin_player_open_live(struct spin_player *p, struct spin_device *dev
 {
     memset(p, 0, sizeof *p);
     p->device = device;
-    p->network = true;
+    p->from = SPIN_FROM_NETWORK;
     p->model = *model;
     p->table = table;
     p->heads = heads;
     p->live_pos = live_pos;
     p->now_frame = -1;
     return SPIN_OK;
+}
+
+void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
+                             spin_player_read_fn read, void *context)
+{
+    memset(p, 0, sizeof *p);
+    p->device = device;
+    p->from = SPIN_FROM_REFINED;
+    p->read = read;
+    p->context = context;
+    p->now_frame = -1;
 }
 
 static void release_frame(struct spin_player *p)
@@ -142,7 +156,7 @@ static spin_status need(struct spin_player *p, size_t n)
     SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void **)&p->pos));
     SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), &block));
     p->staging = block;
-    if (p->network)
+    if (p->from == SPIN_FROM_NETWORK)
         return spin_decode_open(&p->decode, d, &p->model, capacity, false);
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void **)&p->attr);
 }
@@ -162,7 +176,7 @@ static spin_status read_means(struct spin_player *p, int index, struct spin_spla
     char name[64];
     struct spin_array a;
     int64_t shape[2] = {-1, 3};
-    size_t n = p->bundle->meta.frame[index].n;
+    size_t n = spin_bundle_count(p->bundle, index, SPIN_FROM_NETWORK);
 
     shape[0] = (int64_t)n;
     snprintf(name, sizeof name, "network/means/%05d", index);
@@ -172,15 +186,23 @@ static spin_status read_means(struct spin_player *p, int index, struct spin_spla
     return SPIN_OK;
 }
 
+/* Columns as they are stored. */
+static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
+                               struct spin_splats *out)
+{
+    if (p->from == SPIN_FROM_REFINED)
+        return spin_bundle_refined_frame(p->bundle, index, columns, out);
+    return spin_bundle_frame(p->bundle, index, columns, out);
+}
+
 spin_status spin_player_show(struct spin_player *p, int index)
 {
-    size_t n = p->bundle->meta.frame[index].n;
+    size_t n = spin_bundle_count(p->bundle, index, p->from);
 
     if (p->now_frame == index)
         return SPIN_OK;
-    if (!p->network) {
-        SPIN_TRY(
-            spin_bundle_frame(p->bundle, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
+    if (p->from != SPIN_FROM_NETWORK) {
+        SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
         SPIN_TRY(spin_player_show_splats(p, &p->splats));
     } else {
         SPIN_TRY(need(p, n));
@@ -194,6 +216,10 @@ spin_status spin_player_show(struct spin_player *p, int index)
 
 spin_status spin_player_show_live(struct spin_player *p, int index, size_t n, double time)
 {
+    if (p->read) {
+        SPIN_TRY(p->read(p->context, index, &p->splats));
+        return spin_player_show_splats(p, &p->splats);
+    }
     SPIN_TRY(need(p, n));
     decode(p, p->live_pos[index], n, time);
     p->now_frame = index;
@@ -220,8 +246,8 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
     size_t bytes;
     float *raw, *attr;
 
-    if (!p->network)
-        return spin_bundle_frame(p->bundle, index, columns, out);
+    if (p->from != SPIN_FROM_NETWORK)
+        return read_stored(p, index, columns, out);
     SPIN_TRY(spin_player_show(p, index));
     SPIN_TRY(p->device->op->wait(p->device));
     SPIN_TRY(spin_splats_reserve(out, p->now_n, columns, p->model.sh_degree));

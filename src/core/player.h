@@ -7,14 +7,19 @@
 #include "core/model.h"
 #include "core/raster.h"
 
+/* All attribute columns of frame `index` of the clip. */
+typedef spin_status (*spin_player_read_fn)(void *context, int index, struct spin_splats *out);
+
 struct spin_player {
     struct spin_device *device;
     struct spin_bundle *bundle; /* NULL: only spin_player_show_splats() */
-    bool network;               /* decode, instead of the source's columns */
+    enum spin_from from;        /* which of the bundle's splats; SPIN_FROM_NETWORK: decode */
     struct spin_model model;
     float *table, *heads; /* device */
     bool owns_network;
-    float *const *live_pos; /* [frames of the clip] positions on the device, or NULL */
+    float *const *live_pos;   /* [frames of the clip] positions on the device, or NULL */
+    spin_player_read_fn read; /* live: where splats come from when not from a network, or NULL */
+    void *context;
     struct spin_decode decode;
     struct spin_raster raster;
     float *pos, *attr;    /* device: what is shown when not live or not decoded */
@@ -30,23 +35,26 @@ struct spin_player {
 /* What spin_player_open() needs to know about the network of a bundle. */
 bool spin_bundle_has_network(const struct spin_bundle *bundle);
 
-/* From an open bundle: the network's attributes, or the source's. */
+/* From an open bundle; from is not SPIN_FROM_BEST. */
 spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
-                             struct spin_bundle *bundle, bool network);
+                             struct spin_bundle *bundle, enum spin_from from);
 /* From a network in training; table, heads, live_pos stay the caller's. */
 spin_status spin_player_open_live(struct spin_player *p, struct spin_device *device,
                                   const struct spin_model *model, float *table, float *heads,
                                   float *const *live_pos);
+/* From splats that are neither in a bundle nor a network's. */
+void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
+                             spin_player_read_fn read, void *context);
 void spin_player_close(struct spin_player *p);
 
-/* Make frame `index` of the bundle the one that is shown. In a live player: frame `index` of the
- * clip, with n splats and this time. */
+/* Make frame `index` of the bundle the one that is shown. In a live player or a reader: frame `index`
+ * of the clip, with n splats and this time. */
 spin_status spin_player_show(struct spin_player *p, int index);
 spin_status spin_player_show_live(struct spin_player *p, int index, size_t n, double time);
 /* Show these splats (all attribute columns). */
 spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *splats);
 
-/* Columns of a frame, in the source's order. */
+/* Columns of a frame, in the source's order, or that of the refined splats. */
 spin_status spin_player_splats(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out);
 
@@ -54,8 +62,9 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
 spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
                              const float background[3], float *image);
 
-/* Whether to measure or export the network or the source. SPIN_E_NOT_FOUND when it is not there. */
-spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, bool *network);
+/* What is best in a bundle and whole: the network's splats, the refined ones, the source's; or just the
+ * source's. SPIN_E_NOT_FOUND when it has positions only. */
+spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, enum spin_from *out);
 
 /* PSNR and SSIM: image is clamped to 0..1 in place (method.md section 8). */
 spin_status spin_player_compare(struct spin_player *p, int width, int height, float *image,

@@ -114,35 +114,66 @@ static spin_status cameras_to_json(struct spin_retraining *r, spin_json **out)
     return SPIN_OK;
 }
 
+static spin_status write_splats(struct spin_retraining *r, struct spin_bundle_writer *w,
+                                const struct spin_bundle_meta *meta)
+{
+    for (int f = 0; f < r->clip.n_frames; f++) {
+        SPIN_TRY(spin_bundle_frame(&r->clip.bundle, spin_retrain_index(r, f), meta->columns,
+                                   &r->splats));
+        SPIN_TRY(spin_bundle_write_frame(w, f, meta->columns, meta->still_columns, &r->splats));
+    }
+    if (r->refined)
+        SPIN_TRY(spin_retrain_write_refined(r, w));
+    return r->o->method == SPIN_METHOD_NETWORK ? write_network(r, w) : SPIN_OK;
+}
+
+/* What the method adds to meta.json. */
+static spin_status describe(struct spin_retraining *r, spin_json *extra)
+{
+    spin_json *refined = NULL, *network, *cameras = NULL;
+
+    if (r->refined) {
+        refined = spin_retrain_refined_to_json(r);
+        set_quality(refined, "test", &r->report->refined);
+        spin_json_set(extra, "refined", refined);
+    }
+    if (r->o->method == SPIN_METHOD_NETWORK) {
+        SPIN_TRY(cameras_to_json(r, &cameras));
+        network = spin_retrain_to_json(r);
+        spin_json_set(network, "cameras", cameras);
+        spin_json_set_string(network, "fingerprint", r->fingerprint);
+        set_quality(network, "before", &r->report->before);
+        set_quality(network, "test", &r->report->test);
+        spin_json_set(extra, "network", network);
+    } else {
+        set_quality(refined, "before", &r->report->before);
+        spin_json_set_string(refined, "fingerprint", r->fingerprint);
+    }
+    return SPIN_OK;
+}
+
 /* Nothing in the output tells when or how fast it was made, so equal runs give equal files. */
 static spin_status write_output(struct spin_retraining *r)
 {
     struct spin_bundle_writer w;
     struct spin_bundle_meta meta;
-    spin_json *extra, *network, *cameras = NULL;
+    spin_json *extra = spin_json_object();
     spin_status status;
 
     memset(&meta, 0, sizeof meta);
-    SPIN_TRY(spin_bundle_writer_open(r->o->output, r->o->force || r->o->resume, &w));
-    SPIN_TRY_OUT(fill_meta(r, &meta));
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        SPIN_TRY_OUT(
-            spin_bundle_frame(&r->clip.bundle, spin_retrain_index(r, f), meta.columns, &r->splats));
-        SPIN_TRY_OUT(spin_bundle_write_frame(&w, f, meta.columns, meta.still_columns, &r->splats));
+    status = spin_bundle_writer_open(r->o->output, r->o->force || r->o->resume, &w);
+    if (status != SPIN_OK) {
+        spin_json_free(extra);
+        return status;
     }
-    SPIN_TRY_OUT(write_network(r, &w));
-    SPIN_TRY_OUT(cameras_to_json(r, &cameras));
-    extra = spin_json_object();
-    network = spin_retrain_to_json(r);
-    spin_json_set(network, "cameras", cameras);
-    spin_json_set_string(network, "fingerprint", r->fingerprint);
-    set_quality(network, "before", &r->report->before);
-    set_quality(network, "test", &r->report->test);
-    spin_json_set(extra, "network", network);
+    SPIN_TRY_OUT(fill_meta(r, &meta));
+    SPIN_TRY_OUT(write_splats(r, &w, &meta));
+    SPIN_TRY_OUT(describe(r, extra));
     status = spin_bundle_writer_finish(&w, &meta, extra);
     spin_bundle_meta_free(&meta);
     return status;
 out:
+    spin_json_free(extra);
     spin_bundle_meta_free(&meta);
     spin_bundle_writer_abandon(&w);
     return status;
@@ -154,12 +185,12 @@ out:
 static bool already_done(struct spin_retraining *r)
 {
     struct spin_bundle bundle;
-    const char *text;
+    const char *method = r->o->method == SPIN_METHOD_NETWORK ? "network" : "refined", *text;
     bool same;
 
     if (spin_bundle_open(r->o->output, &bundle) != SPIN_OK)
         return false;
-    text = spin_json_string(spin_json_get(spin_json_get(bundle.json, "network"), "fingerprint"));
+    text = spin_json_string(spin_json_get(spin_json_get(bundle.json, method), "fingerprint"));
     same = text && strcmp(text, r->fingerprint) == 0;
     spin_bundle_close(&bundle);
     return same;
@@ -168,22 +199,34 @@ static bool already_done(struct spin_retraining *r)
 static spin_status check_output(struct spin_retraining *r, bool *done)
 {
     const struct spin_retrain_options *o = r->o;
-    bool part = spin_path_exists(r->part);
+    bool part = spin_path_exists(r->part), parts = spin_path_exists(r->parts);
 
     *done = false;
     if (spin_path_exists(o->output) && !o->force) {
         if (o->resume && !part && already_done(r)) {
+            spin_shelf_clear(r->parts);
             *done = true;
             return SPIN_OK;
         }
-        if (!o->resume || !part)
+        if (!o->resume || !(part || parts))
             return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", o->output);
     }
-    if (part && !o->resume && !o->force)
+    if ((part || parts) && !o->resume && !o->force)
         return spin_fail(SPIN_E_IO,
                          "an unfinished run is in '%s': use --resume to go on, or "
                          "--force to start anew",
-                         r->part);
+                         part ? r->part : r->parts);
+    return SPIN_OK;
+}
+
+static spin_status check_memory(const struct spin_retraining *r)
+{
+    if (r->report->bytes_needed > r->report->bytes_available)
+        return spin_fail(SPIN_E_MEMORY,
+                         "needs about %.1f GB of memory and %.1f GB are free: lower "
+                         "--hash-log2 or --scale, or take a --range of the frames",
+                         (double)r->report->bytes_needed / 1e9,
+                         (double)r->report->bytes_available / 1e9);
     return SPIN_OK;
 }
 
@@ -191,16 +234,8 @@ static spin_status prepare(struct spin_retraining *r)
 {
     const struct spin_retrain_options *o = r->o;
     struct spin_train_rates *rates = &r->trainer.rates;
-    size_t budget = r->report->bytes_available / 3;
     void *block = NULL;
 
-    if (r->report->bytes_needed > r->report->bytes_available)
-        return spin_fail(SPIN_E_MEMORY,
-                         "needs about %.1f GB of memory and %.1f GB are free: lower "
-                         "--hash-log2 or --scale, or take a --range of the frames",
-                         (double)r->report->bytes_needed / 1e9,
-                         (double)r->report->bytes_available / 1e9);
-    SPIN_TRY(spin_pixels_open(&r->clip.views, budget, o->background, &r->pixels));
     SPIN_TRY(spin_alloc((size_t)o->batch * 3 * r->max_pixels, sizeof(float), &block));
     r->truth = block;
     SPIN_TRY(spin_retrain_sort(r));
@@ -241,19 +276,74 @@ static void say_plan(const struct spin_retraining *r)
 {
     spin_log(0, "%d frames, %.0f splats a frame, %zu training and %zu test views, %s",
              r->clip.n_frames, r->clip.n_mean, r->n_train, r->n_test, r->device.description);
+    if (r->o->method == SPIN_METHOD_EXPLICIT)
+        return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
              (double)r->model.n_table / 1e6, 100 * r->report->outside_ball);
     if (r->report->outside_ball > 0.9)
         spin_warn("nearly all points lie outside the unit ball: consider --scene-normalise auto");
 }
 
-static spin_status work(struct spin_retraining *r)
+/* The frame-wise stage, and the plan anew: the network starts from what it leaves. */
+static spin_status refine(struct spin_retraining *r)
+{
+    if (!r->refined)
+        return SPIN_OK;
+    SPIN_TRY(spin_retrain_refine(r));
+    SPIN_TRY(spin_retrain_plan(r));
+    r->report->splats_mean = r->clip.n_mean;
+    return check_memory(r);
+}
+
+static spin_status look_at_source(struct spin_retraining *r)
+{
+    struct spin_quality *q = &r->report->before;
+
+    if (!spin_retrain_has_source(r))
+        return SPIN_OK;
+    SPIN_TRY(spin_retrain_measure_source(r, q));
+    if (q->valid)
+        spin_log(0, "before: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
+    return SPIN_OK;
+}
+
+static spin_status train_network(struct spin_retraining *r)
+{
+    double refined_s = r->report->refine_seconds;
+
+    SPIN_TRY(prepare(r));
+    say_plan(r);
+    SPIN_TRY(look_at_source(r));
+    memset(r->device.seconds, 0, sizeof r->device.seconds);
+    r->saved_s = spin_now_s();
+    r->worked_s = r->saved_s - refined_s;
+    SPIN_TRY(spin_retrain_loop(r));
+    r->report->seconds = r->worked_before_s + spin_now_s() - r->worked_s;
+    r->report->seconds_per_iteration = (r->report->seconds - refined_s) / r->o->iterations;
+    return spin_retrain_look(r);
+}
+
+static spin_status keep_frames(struct spin_retraining *r)
+{
+    struct spin_retrain_report *report = r->report;
+
+    say_plan(r);
+    SPIN_TRY(look_at_source(r));
+    report->test = report->refined;
+    report->iterations = r->o->refine;
+    report->seconds = report->refine_seconds;
+    report->seconds_per_iteration = report->seconds / r->clip.n_frames / r->o->refine;
+    return SPIN_OK;
+}
+
+static spin_status plan(struct spin_retraining *r)
 {
     const struct spin_retrain_options *o = r->o;
-    bool done = false;
 
     SPIN_TRY(spin_retrain_check(o));
     SPIN_TRY(spin_retrain_open_clip(r));
+    if (o->refine > 0)
+        SPIN_TRY(spin_retrain_refine_plan(r));
     SPIN_TRY(spin_retrain_plan(r));
     r->report->frames = r->clip.n_frames;
     r->report->splats_mean = r->clip.n_mean;
@@ -261,31 +351,31 @@ static spin_status work(struct spin_retraining *r)
     r->report->seconds_estimated = spin_retrain_guess(r);
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));
     memcpy(r->report->device, r->device.description, sizeof r->report->device);
-    if (o->dry_run)
+    return SPIN_OK;
+}
+
+static spin_status work(struct spin_retraining *r)
+{
+    bool done = false;
+
+    SPIN_TRY(plan(r));
+    if (r->o->dry_run)
         return SPIN_OK;
     SPIN_TRY(spin_retrain_fingerprint(r));
     SPIN_TRY(check_output(r, &done));
     if (done) {
-        spin_log(0, "'%s' is already finished", o->output);
+        spin_log(0, "'%s' is already finished", r->o->output);
         return SPIN_OK;
     }
-    SPIN_TRY(prepare(r));
+    SPIN_TRY(check_memory(r));
+    SPIN_TRY(spin_pixels_open(&r->clip.views, r->report->bytes_available / 3, r->o->background,
+                              &r->pixels));
     SPIN_TRY(open_log(r));
-    say_plan(r);
-    if (spin_retrain_has_source(r)) {
-        SPIN_TRY(spin_retrain_measure(r, false, &r->report->before));
-        if (r->report->before.valid)
-            spin_log(0, "before: test PSNR %.3f dB, SSIM %.4f", r->report->before.psnr,
-                     r->report->before.ssim);
-    }
-    memset(r->device.seconds, 0, sizeof r->device.seconds);
-    r->worked_s = r->saved_s = spin_now_s();
-    SPIN_TRY(spin_retrain_loop(r));
-    r->report->seconds = r->worked_before_s + spin_now_s() - r->worked_s;
-    r->report->seconds_per_iteration = r->report->seconds / o->iterations;
-    SPIN_TRY(spin_retrain_look(r));
+    SPIN_TRY(refine(r));
+    SPIN_TRY(r->o->method == SPIN_METHOD_NETWORK ? train_network(r) : keep_frames(r));
     SPIN_TRY(write_output(r));
     remove(r->part);
+    spin_shelf_clear(r->parts);
     return SPIN_OK;
 }
 
@@ -304,11 +394,31 @@ static void close_all(struct spin_retraining *r)
     free(r->train);
     free(r->test);
     free(r->sequence);
+    free(r->refined);
     free(r->part);
+    free(r->parts);
     free(r->fingerprint);
     spin_splats_free(&r->splats);
+    spin_splats_free(&r->shelved);
     spin_pixels_close(&r->pixels);
     spin_clip_close(&r->clip);
+}
+
+/* Where the unfinished run lies. */
+static spin_status name_parts(struct spin_retraining *r)
+{
+    const char *output = r->o->output ? r->o->output : "";
+    size_t n = strlen(output) + sizeof ".parts";
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(n, 1, &block));
+    r->part = block;
+    snprintf(r->part, n, "%s.part", output);
+    block = NULL;
+    SPIN_TRY(spin_alloc(n, 1, &block));
+    r->parts = block;
+    snprintf(r->parts, n, "%s.parts", output);
+    return SPIN_OK;
 }
 
 spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retrain_report *report)
@@ -320,10 +430,9 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
     memset(report, 0, sizeof *report);
     r.o = o;
     r.report = report;
-    r.part = o->output ? malloc(strlen(o->output) + 6) : NULL;
-    if (r.part)
-        sprintf(r.part, "%s.part", o->output);
-    status = work(&r);
+    status = name_parts(&r);
+    if (status == SPIN_OK)
+        status = work(&r);
     close_all(&r);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED && o->input)
         return spin_more(status, "cannot retrain '%s'", o->input);

@@ -1,13 +1,21 @@
-/* One retraining under way, in four files: retrain.c from start to end and the output,
- * retrain_plan.c options to shapes, memory and time, retrain_state.c save and resume, retrain_loop.c
- * the iterations. Nothing outside of them needs this. */
+/* One retraining under way, in five files: retrain.c from start to end and the output,
+ * retrain_plan.c options to shapes, memory and time, retrain_state.c save and resume,
+ * retrain_refine.c the frame-wise stage, retrain_loop.c the iterations of the network. Nothing outside of them needs this. */
 #ifndef SPIN_CORE_RETRAIN_H
 #define SPIN_CORE_RETRAIN_H
 
 #include <stdio.h>
 
-#include "core/clip.h"
+#include "core/measure.h"
+#include "core/shelf.h"
 #include "core/train.h"
+
+/* A frame of the frame-wise stage. */
+struct spin_refined {
+    char key[SPIN_SHELF_KEY]; /* what it is made from and how */
+    bool from_input;          /* the input has it; else it is on the shelf */
+    size_t n;                 /* splats */
+};
 
 struct spin_retraining {
     const struct spin_retrain_options *o;
@@ -17,7 +25,7 @@ struct spin_retraining {
     struct spin_device device;
     struct spin_model model;
     struct spin_trainer trainer;
-    size_t *counts;            /* [frames] splats */
+    size_t *counts;            /* [frames] splats; of the refined frames once there are some */
     uint32_t **order;          /* [frames][n] the source's row at each place of ours */
     struct spin_splats splats; /* scratch of one frame */
     int *camera;               /* [n_cameras] ids of the training cameras, ascending */
@@ -29,8 +37,12 @@ struct spin_retraining {
     float *truth;       /* [batch][3][max pixels] host */
     size_t max_pixels, max_tiles;
     double extent, scale_bias;
-    char *part;        /* path of the unfinished state */
-    char *fingerprint; /* what must be equal for a resume */
+    struct spin_refined *refined; /* [frames], or NULL: frames are not refined */
+    bool is_refined;              /* that stage is over */
+    struct spin_splats shelved;   /* scratch of one refined frame */
+    char *part;                   /* path of the unfinished state */
+    char *parts;                  /* folder of the frames refined so far */
+    char *fingerprint;            /* what must be equal for a resume */
     FILE *log;
     double worked_s, saved_s;
     double worked_before_s;
@@ -71,14 +83,37 @@ spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_
                                      const char *name, int n_dims, const uint64_t *shape,
                                      const float *at, size_t n);
 
+/* ---- retrain_refine.c ---- */
+
+/* What every frame will be made from; nothing is done yet. */
+spin_status spin_retrain_refine_plan(struct spin_retraining *r);
+/* Settings that decide the result. */
+spin_json *spin_retrain_refine_settings(const struct spin_retraining *r);
+/* Memory of one frame under way, should its points double. */
+size_t spin_retrain_refine_bytes(const struct spin_retraining *r);
+/* Refine all frames that are not there yet, and look at them. */
+spin_status spin_retrain_refine(struct spin_retraining *r);
+/* Columns of a refined frame. */
+spin_status spin_retrain_refined(struct spin_retraining *r, int frame, unsigned columns,
+                                 struct spin_splats *out);
+spin_status spin_retrain_write_refined(struct spin_retraining *r, struct spin_bundle_writer *w);
+/* The "refined" object of meta.json. */
+spin_json *spin_retrain_refined_to_json(const struct spin_retraining *r);
+
 /* ---- retrain_loop.c ---- */
 
 /* All iterations that are left. */
 spin_status spin_retrain_loop(struct spin_retraining *r);
 /* The bundle has all attributes of its source. */
 bool spin_retrain_has_source(const struct spin_retraining *r);
-/* Quality on the test views: of the network as it stands, or of the source. */
-spin_status spin_retrain_measure(struct spin_retraining *r, bool network, struct spin_quality *out);
+/* Quality on the test views: of what a player shows. live_counts as in measure.h. */
+spin_status spin_retrain_measure(struct spin_retraining *r, struct spin_player *player,
+                                 const size_t *live_counts, const char *what,
+                                 struct spin_quality *out);
+spin_status spin_retrain_measure_source(struct spin_retraining *r, struct spin_quality *out);
+/* Pictures for --preview: of what a live player or a reader shows, with this at the end of their names. */
+spin_status spin_retrain_preview(struct spin_retraining *r, struct spin_player *shown,
+                                 const char *label);
 /* Measure the network, say so, draw the previews. */
 spin_status spin_retrain_look(struct spin_retraining *r);
 

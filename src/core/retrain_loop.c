@@ -100,40 +100,31 @@ static spin_status plan_batch(struct spin_retraining *r, int64_t i, struct spin_
 
 /* ---- Looking at it ------------------------------------------------------------------------------ */
 
-spin_status spin_retrain_measure(struct spin_retraining *r, bool network, struct spin_quality *out)
+spin_status spin_retrain_measure(struct spin_retraining *r, struct spin_player *player,
+                                 const size_t *live_counts, const char *what,
+                                 struct spin_quality *out)
 {
-    struct spin_player player;
-    struct spin_measure m = {.player = &player,
+    struct spin_measure m = {.player = player,
                              .clip = &r->clip,
                              .pixels = &r->pixels,
                              .pairs = r->test,
                              .n_pairs = r->n_test,
                              .background = r->o->background,
-                             .what = network ? "evaluating" : "evaluating the source"};
-    void *block = NULL;
-    spin_status status;
+                             .live_counts = live_counts,
+                             .what = what};
 
     memset(out, 0, sizeof *out);
-    if (r->n_test == 0)
-        return SPIN_OK;
-    if (network) {
-        SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof(float *), &block));
-        for (int f = 0; f < r->clip.n_frames; f++)
-            ((float **)block)[f] = r->trainer.frame[f].pos;
-        m.live_counts = r->counts;
-        status =
-            spin_player_open_live(&player, &r->device, &r->model,
-                                  spin_trainer_take_table(&r->trainer), r->trainer.heads.p, block);
-    } else {
-        status = spin_player_open(&player, &r->device, &r->clip.bundle, false);
-    }
-    if (status == SPIN_OK) {
-        status = spin_measure_run(&m, out);
-        spin_player_close(&player);
-    }
-    if (network)
-        spin_trainer_put_back(&r->trainer);
-    free(block);
+    return r->n_test > 0 ? spin_measure_run(&m, out) : SPIN_OK;
+}
+
+spin_status spin_retrain_measure_source(struct spin_retraining *r, struct spin_quality *out)
+{
+    struct spin_player player;
+    spin_status status;
+
+    SPIN_TRY(spin_player_open(&player, &r->device, &r->clip.bundle, SPIN_FROM_SOURCE));
+    status = spin_retrain_measure(r, &player, NULL, "evaluating the source", out);
+    spin_player_close(&player);
     return status;
 }
 
@@ -143,8 +134,9 @@ bool spin_retrain_has_source(const struct spin_retraining *r)
 }
 
 /* Truth | before | after of the clip's middle frame, one PNG a test camera. */
-static spin_status preview_view(struct spin_retraining *r, struct spin_player *live,
-                                struct spin_player *source, const struct spin_pair *pair)
+static spin_status preview_view(struct spin_retraining *r, struct spin_player *shown,
+                                struct spin_player *source, const struct spin_pair *pair,
+                                const char *label)
 {
     const struct spin_view *view = &r->clip.views.view[pair->view];
     size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
@@ -165,11 +157,10 @@ static spin_status preview_view(struct spin_retraining *r, struct spin_player *l
         SPIN_TRY_OUT(spin_player_draw(source, &view->camera, r->o->background, values + pixels));
         picture[n++] = values + pixels;
     }
-    SPIN_TRY_OUT(spin_player_draw(live, &view->camera, r->o->background, values + 2 * pixels));
+    SPIN_TRY_OUT(spin_player_draw(shown, &view->camera, r->o->background, values + 2 * pixels));
     picture[n++] = values + 2 * pixels;
-    snprintf(name, sizeof name, "frame_%05d_cam_%02d_iteration_%07lld.png",
-             spin_retrain_info(r, pair->frame)->number, view->camera_id,
-             (long long)r->trainer.iteration);
+    snprintf(name, sizeof name, "frame_%05d_cam_%02d_%s.png",
+             spin_retrain_info(r, pair->frame)->number, view->camera_id, label);
     SPIN_TRY_OUT(spin_path_join(r->o->preview, name, &path));
     SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
 out:
@@ -178,33 +169,49 @@ out:
     return status;
 }
 
-static spin_status preview(struct spin_retraining *r)
+spin_status spin_retrain_preview(struct spin_retraining *r, struct spin_player *shown,
+                                 const char *label)
 {
-    struct spin_player live, source;
+    struct spin_player source = {0};
     bool with_source = spin_retrain_has_source(r);
     int middle = r->clip.n_frames / 2;
-    void *block = NULL;
-    spin_status status;
+    spin_status status = SPIN_OK;
 
     if (!r->o->preview || r->n_test == 0)
         return SPIN_OK;
     SPIN_TRY(spin_folder_make(r->o->preview));
+    if (with_source)
+        SPIN_TRY(spin_player_open(&source, &r->device, &r->clip.bundle, SPIN_FROM_SOURCE));
+    SPIN_TRY_OUT(spin_player_show_live(shown, middle, r->counts[middle],
+                                       spin_retrain_info(r, middle)->time));
+    for (size_t i = 0; i < r->n_test; i++)
+        if (r->test[i].frame == middle)
+            SPIN_TRY_OUT(preview_view(r, shown, with_source ? &source : NULL, &r->test[i], label));
+out:
+    spin_player_close(&source);
+    return status;
+}
+
+/* Measure and draw the network as it stands. */
+static spin_status show_network(struct spin_retraining *r, struct spin_quality *q)
+{
+    struct spin_player live;
+    char label[40];
+    void *block = NULL;
+    spin_status status;
+
     SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof(float *), &block));
     for (int f = 0; f < r->clip.n_frames; f++)
         ((float **)block)[f] = r->trainer.frame[f].pos;
-    status = spin_player_open_live(&live, &r->device, &r->model,
-                                   spin_trainer_take_table(&r->trainer), r->trainer.heads.p, block);
-    if (status == SPIN_OK && with_source)
-        status = spin_player_open(&source, &r->device, &r->clip.bundle, false);
+    SPIN_TRY_OUT(spin_player_open_live(&live, &r->device, &r->model,
+                                       spin_trainer_take_table(&r->trainer), r->trainer.heads.p,
+                                       block));
+    snprintf(label, sizeof label, "iteration_%07lld", (long long)r->trainer.iteration);
+    status = spin_retrain_measure(r, &live, r->counts, "evaluating", q);
     if (status == SPIN_OK)
-        status = spin_player_show_live(&live, middle, r->counts[middle],
-                                       spin_retrain_info(r, middle)->time);
-    for (size_t i = 0; status == SPIN_OK && i < r->n_test; i++)
-        if (r->test[i].frame == middle)
-            status = preview_view(r, &live, with_source ? &source : NULL, &r->test[i]);
+        status = spin_retrain_preview(r, &live, label);
     spin_player_close(&live);
-    if (with_source)
-        spin_player_close(&source);
+out:
     spin_trainer_put_back(&r->trainer);
     free(block);
     return status;
@@ -214,7 +221,7 @@ spin_status spin_retrain_look(struct spin_retraining *r)
 {
     struct spin_quality q;
 
-    SPIN_TRY(spin_retrain_measure(r, true, &q));
+    SPIN_TRY(show_network(r, &q));
     if (q.valid)
         spin_log(0, "iteration %lld: test PSNR %.3f dB, SSIM %.4f", (long long)r->trainer.iteration,
                  q.psnr, q.ssim);
@@ -227,7 +234,7 @@ spin_status spin_retrain_look(struct spin_retraining *r)
         fflush(r->log);
     }
     r->report->test = q;
-    return preview(r);
+    return SPIN_OK;
 }
 
 static const char *const op_names[] = SPIN_OP_NAMES;

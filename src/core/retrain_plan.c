@@ -53,6 +53,11 @@ spin_status spin_retrain_check(const struct spin_retrain_options *o)
         return spin_fail(SPIN_E_USAGE, "lambda-dssim %g is not in 0 to 1", o->lambda_dssim);
     if (!(o->image_scale > 0 && o->image_scale <= 1))
         return spin_fail(SPIN_E_USAGE, "image scale %g is not in (0, 1]", o->image_scale);
+    if (o->refine < 0 || o->max_points < 0)
+        return spin_fail(SPIN_E_USAGE, "refinement has no negative iterations or points");
+    if (o->method == SPIN_METHOD_EXPLICIT && o->refine < 1)
+        return spin_fail(SPIN_E_USAGE, "the explicit method needs iterations for every frame: say "
+                                       "how many with --refine");
     return SPIN_OK;
 }
 
@@ -67,14 +72,18 @@ const struct spin_frame_info *spin_retrain_info(const struct spin_retraining *r,
 
 spin_status spin_retrain_means(struct spin_retraining *r, int frame)
 {
-    SPIN_TRY(spin_bundle_frame(&r->clip.bundle, spin_retrain_index(r, frame), SPIN_COL_MEANS,
-                               &r->splats));
+    int index = spin_retrain_index(r, frame);
+
+    if (r->is_refined)
+        SPIN_TRY(spin_retrain_refined(r, frame, SPIN_COL_MEANS, &r->splats));
+    else
+        SPIN_TRY(spin_bundle_frame(&r->clip.bundle, index, SPIN_COL_MEANS, &r->splats));
     for (size_t i = 0; i < r->splats.n * 3; i++)
         if (!isfinite(r->splats.means[i]))
             return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': array 'source/means/%05d' has a value that is "
+                             "'%s': array '%s/means/%05d' has a value that is "
                              "not finite in row %zu",
-                             r->o->input, spin_retrain_index(r, frame), i / 3);
+                             r->o->input, r->is_refined ? "refined" : "source", index, i / 3);
     return SPIN_OK;
 }
 
@@ -262,7 +271,7 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
 {
     const struct spin_retrain_options *o = r->o;
     int finest[4];
-    size_t pixels_cache = 0;
+    size_t pixels_cache = 0, needed;
 
     memcpy(finest, o->finest_resolution, sizeof finest);
     if (finest[3] == 0)
@@ -279,14 +288,26 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
 
         pixels_cache += 3 * (size_t)c->width * (size_t)c->height;
     }
-    r->report->bytes_needed =
-        spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels) +
-        spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with its host copies */
-        3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
-        (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) + pixels_cache + program_bytes +
-        (spin_retrain_is_lazy(r) ? spin_lazy_bytes(&r->model, o->iterations) : 0);
+    needed = spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels) +
+             spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with host copies */
+             3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
+             (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) +
+             (spin_retrain_is_lazy(r) ? spin_lazy_bytes(&r->model, o->iterations) : 0);
+    if (r->refined && (o->method == SPIN_METHOD_EXPLICIT || needed < spin_retrain_refine_bytes(r)))
+        needed = spin_retrain_refine_bytes(r);
+    r->report->bytes_needed = needed + pixels_cache + program_bytes;
     r->report->bytes_available = spin_memory_available();
     return SPIN_OK;
+}
+
+/* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser and
+ * loss per pixel. Points that densification adds are not foreseen. */
+static double guess_refining(const struct spin_retraining *r)
+{
+    double splat = 0.6e-6, pixel = 0.25e-6;
+
+    return (double)r->clip.n_frames * r->o->refine *
+           (r->clip.n_mean * splat + (double)r->max_pixels * pixel);
 }
 
 /* Seconds of the whole run, from what the ops take on one thread of a present server core: network
@@ -296,13 +317,15 @@ double spin_retrain_guess(const struct spin_retraining *r)
     const struct spin_retrain_options *o = r->o;
     double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9;
     double threads = o->n_threads;
+    double iteration = r->clip.n_mean * (decodings(o) * network + o->batch * raster) +
+                       o->batch * (double)r->max_pixels * pixel + (double)r->model.n_table * adam;
+    double seconds = r->refined ? guess_refining(r) : 0;
     struct spin_pool *pool = NULL;
 
     if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
         threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
-    return o->iterations *
-           (r->clip.n_mean * (decodings(o) * network + o->batch * raster) +
-            o->batch * (double)r->max_pixels * pixel + (double)r->model.n_table * adam) /
-           (threads > 1 ? threads : 1);
+    if (o->method == SPIN_METHOD_NETWORK)
+        seconds += o->iterations * iteration;
+    return seconds / (threads > 1 ? threads : 1);
 }

@@ -57,6 +57,8 @@ static spin_json *options_to_json(const struct spin_retraining *r)
     spin_json_set_number(j, "spatial_extent", r->extent);
     spin_json_set(j, "background", back);
     spin_json_set(j, "test_cameras", test);
+    if (r->refined)
+        spin_json_set(j, "refine", spin_retrain_refine_settings(r));
     return j;
 }
 
@@ -69,10 +71,13 @@ spin_json *spin_retrain_to_json(const struct spin_retraining *r)
     return j;
 }
 
-/* The network's plan and options, the frames, and the CRCs of the input's arrays. */
+/* The network's plan and options, the frames, and the CRCs of the input's arrays. It is made before
+ * frames are refined, and then has what they will be made from. */
 spin_status spin_retrain_fingerprint(struct spin_retraining *r)
 {
-    spin_json *j = spin_retrain_to_json(r), *frames = spin_json_array();
+    bool network = r->o->method == SPIN_METHOD_NETWORK;
+    spin_json *j = network ? spin_retrain_to_json(r) : spin_json_object();
+    spin_json *frames = spin_json_array();
     const struct spin_zip *zip = &r->clip.bundle.npz.zip;
     double sum = 0;
 
@@ -81,6 +86,8 @@ spin_status spin_retrain_fingerprint(struct spin_retraining *r)
     for (int f = 0; f < r->clip.n_frames; f++) {
         spin_json_push_number(frames, spin_retrain_info(r, f)->number);
         spin_json_push_number(frames, (double)r->counts[f]);
+        if (r->refined)
+            spin_json_push_string(frames, r->refined[f].key);
     }
     spin_json_set(j, "frames", frames);
     set_string(j, "input", "%.0f", sum);

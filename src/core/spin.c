@@ -65,8 +65,16 @@ unsigned spin_scene_columns(const struct spin_scene *scene) { return scene->bund
 spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from from,
                             unsigned columns, struct spin_splats *out)
 {
-    if (from == SPIN_FROM_SOURCE || (from == SPIN_FROM_BEST && !scene->has_network))
+    const struct spin_bundle *bundle = &scene->bundle;
+
+    if (from == SPIN_FROM_BEST)
+        from = scene->has_network                               ? SPIN_FROM_NETWORK
+               : SPIN_COL_ATTRIBUTES & ~bundle->refined.columns ? SPIN_FROM_SOURCE
+                                                                : SPIN_FROM_REFINED;
+    if (from == SPIN_FROM_SOURCE)
         return spin_bundle_frame(&scene->bundle, frame, columns, out);
+    if (from == SPIN_FROM_REFINED)
+        return spin_bundle_refined_frame(&scene->bundle, frame, columns, out);
     if (!scene->has_network)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no network: run spin-retrain",
                          scene->bundle.path);
@@ -75,7 +83,8 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from 
         scene->device_open = true;
     }
     if (!scene->player_open) {
-        SPIN_TRY(spin_player_open(&scene->player, &scene->device, &scene->bundle, true));
+        SPIN_TRY(
+            spin_player_open(&scene->player, &scene->device, &scene->bundle, SPIN_FROM_NETWORK));
         scene->player_open = true;
     }
     return spin_player_splats(&scene->player, frame, columns, out);
@@ -106,6 +115,7 @@ struct export
     struct spin_player player;
     struct spin_renderer *renderer;
     struct spin_splats splats;
+    enum spin_from from;
     void *self;
 };
 
@@ -147,14 +157,16 @@ static spin_status write_frames(struct export *x)
     spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
     for (int f = 0; f < x->clip.n_frames; f++) {
         int index = x->clip.frame[f];
+        struct spin_frame_info info = x->clip.bundle.meta.frame[index];
 
         if (spin_cancelled()) {
             status = spin_fail_cancelled();
             break;
         }
         status = spin_player_splats(&x->player, index, columns, &x->splats);
+        info.n = x->splats.n;
         if (status == SPIN_OK)
-            status = x->exporter->frame(x->self, f, &x->clip.bundle.meta.frame[index], &x->splats);
+            status = x->exporter->frame(x->self, f, &info, &x->splats);
         if (status != SPIN_OK)
             break;
         spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
@@ -171,7 +183,24 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
                              SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
 }
 
-static spin_status begin_export(struct export *x, bool network)
+static int sh_degree_of(const struct export *x)
+{
+    if (x->from == SPIN_FROM_NETWORK)
+        return x->player.model.sh_degree;
+    return x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.sh_degree
+                                        : x->clip.bundle.meta.sh_degree;
+}
+
+static double mean_count(const struct export *x)
+{
+    double sum = 0;
+
+    for (int f = 0; f < x->clip.n_frames; f++)
+        sum += (double)spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
+    return sum / x->clip.n_frames;
+}
+
+static spin_status begin_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
     struct spin_plugin_values values = {.pairs = o->plugin_pairs};
@@ -181,7 +210,7 @@ static spin_status begin_export(struct export *x, bool network)
         .n_frames = x->clip.n_frames,
         .fps = clip_fps(&x->clip),
         .source = x->clip.bundle.meta.from,
-        .sh_degree = network ? x->player.model.sh_degree : x->clip.bundle.meta.sh_degree,
+        .sh_degree = sh_degree_of(x),
         .values = &values,
         .views = x->clip.has_views ? &x->clip.views : NULL,
         .row_of_frame = x->clip.row,
@@ -193,7 +222,7 @@ static spin_status begin_export(struct export *x, bool network)
     };
     spin_status status;
 
-    if (network && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
+    if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
     SPIN_TRY(x->exporter->begin(&job, &x->self));
     status = write_frames(x);
@@ -212,24 +241,23 @@ static spin_status run_export(struct export *x)
                                   .data_from = o->data_from,
                                   .pair = o->pair,
                                   .range = o->range};
-    bool network;
     void *block = NULL;
 
     SPIN_TRY(find_exporter(o->to, &x->exporter));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     c.needs_views = x->exporter->needs_renderer;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
-    SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &network));
+    SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
-    SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, network));
+    SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));
     if (x->exporter->needs_renderer) {
         SPIN_TRY(spin_alloc(1, sizeof *x->renderer, &block));
         x->renderer = block;
-        SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, false));
+        SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }
     x->report->frames = x->clip.n_frames;
-    x->report->splats_mean = x->clip.n_mean;
-    return begin_export(x, network);
+    x->report->splats_mean = mean_count(x);
+    return begin_export(x);
 }
 
 spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report)

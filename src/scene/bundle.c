@@ -83,12 +83,12 @@ static int column_shape(int i, size_t n, int sh_degree, uint64_t shape[3])
 }
 
 /* "source/means/00012", or "source/means" for a still column. */
-static void member_key(int i, bool still, int frame, char key[64])
+static void member_key(const char *group, int i, bool still, int frame, char key[64])
 {
     if (still)
-        snprintf(key, 64, "source/%s", columns_table[i].name);
+        snprintf(key, 64, "%s/%s", group, columns_table[i].name);
     else
-        snprintf(key, 64, "source/%s/%05d", columns_table[i].name, frame);
+        snprintf(key, 64, "%s/%s/%05d", group, columns_table[i].name, frame);
 }
 
 /* ---- Meta ------------------------------------------------------------------------------------ */
@@ -168,6 +168,21 @@ static spin_status read_columns(const spin_json *root, const char *key, unsigned
     return SPIN_OK;
 }
 
+/* The columns that splats have, means at least, and the degree of their colours. */
+static spin_status read_splat_columns(const spin_json *object, unsigned *columns, int *sh_degree)
+{
+    int64_t degree;
+
+    SPIN_TRY(read_columns(object, "columns", columns));
+    if (!(*columns & SPIN_COL_MEANS))
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: 'columns' lacks 'means'");
+    SPIN_TRY(read_integer(object, "sh_degree", -1, 3, &degree));
+    if ((*columns & SPIN_COL_SH) && degree < 0)
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: column 'sh' with an 'sh_degree' of -1");
+    *sh_degree = (int)degree;
+    return SPIN_OK;
+}
+
 static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const spin_json *entry)
 {
     struct spin_frame_info *f = &meta->frame[i];
@@ -221,7 +236,7 @@ static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *roo
 static spin_status read_meta(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const char *format = spin_json_string(spin_json_get(root, "format"));
-    int64_t version, sh_degree;
+    int64_t version;
 
     if (!format || strcmp(format, FORMAT) != 0)
         return fail_key("format", "'" FORMAT "'");
@@ -234,17 +249,11 @@ static spin_status read_meta(struct spin_bundle_meta *meta, const spin_json *roo
     read_text(root, "variant", meta->variant, sizeof meta->variant);
     if (!spin_json_bool(spin_json_get(root, "numbered"), &meta->numbered))
         return fail_key("numbered", "true or false");
-    SPIN_TRY(read_columns(root, "columns", &meta->columns));
+    SPIN_TRY(read_splat_columns(root, &meta->columns, &meta->sh_degree));
     SPIN_TRY(read_columns(root, "still_columns", &meta->still_columns));
-    if (!(meta->columns & SPIN_COL_MEANS))
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: 'columns' lacks 'means'");
     if (meta->still_columns & ~meta->columns)
         return spin_fail(SPIN_E_MALFORMED,
                          "meta.json: 'still_columns' names columns that 'columns' does not");
-    SPIN_TRY(read_integer(root, "sh_degree", -1, 3, &sh_degree));
-    meta->sh_degree = (int)sh_degree;
-    if ((meta->columns & SPIN_COL_SH) && sh_degree < 0)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: column 'sh' with an 'sh_degree' of -1");
     SPIN_TRY(read_data(meta, root));
     return read_frames(meta, root);
 }
@@ -276,23 +285,41 @@ static spin_status find_array(struct spin_bundle *b, const char *key, bool check
     return SPIN_OK;
 }
 
-static spin_status find_column(struct spin_bundle *b, int i, int frame, bool check_crc,
-                               struct spin_array *out)
+/* Where columns of a frame are found: the source's, or the refined ones. */
+struct group {
+    const char *name;
+    unsigned columns, still_columns;
+    int sh_degree;
+};
+
+static struct group source_of(const struct spin_bundle *b)
 {
-    bool still = (b->meta.still_columns & columns_table[i].column) != 0;
+    return (struct group){"source", b->meta.columns, b->meta.still_columns, b->meta.sh_degree};
+}
+
+static struct group refined_of(const struct spin_bundle *b)
+{
+    return (struct group){"refined", b->refined.columns, 0, b->refined.sh_degree};
+}
+
+static spin_status find_column(struct spin_bundle *b, const struct group *group, int i, int frame,
+                               size_t n, bool check_crc, struct spin_array *out)
+{
+    bool still = (group->still_columns & columns_table[i].column) != 0;
     uint64_t shape[3];
     int64_t wanted[3];
     char key[64];
-    int n_dims = column_shape(i, b->meta.frame[frame].n, b->meta.sh_degree, shape);
+    int n_dims = column_shape(i, n, group->sh_degree, shape);
 
     for (int d = 0; d < n_dims; d++)
         wanted[d] = (int64_t)shape[d];
-    member_key(i, still, frame, key);
+    member_key(group->name, i, still, frame, key);
     return find_array(b, key, check_crc, n_dims, wanted, out);
 }
 
 static spin_status check_source(struct spin_bundle *b)
 {
+    struct group source = source_of(b);
     struct spin_array array;
 
     for (int i = 0; i < N_COLUMNS; i++) {
@@ -303,13 +330,43 @@ static spin_status check_source(struct spin_bundle *b)
             continue;
         for (int f = 0; f < b->meta.n_frames; f++) {
             if (f == 0 || !still)
-                SPIN_TRY(find_column(b, i, f, false, &array));
+                SPIN_TRY(find_column(b, &source, i, f, b->meta.frame[f].n, false, &array));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
                 return spin_fail(SPIN_E_MALFORMED,
                                  "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
                                  "'%s' is the same in both",
                                  f, b->meta.frame[f].n, b->meta.frame[0].n, columns_table[i].name);
         }
+    }
+    return SPIN_OK;
+}
+
+static spin_status check_refined(struct spin_bundle *b)
+{
+    const spin_json *refined = spin_json_get(b->json, "refined"), *list;
+    struct group group;
+    struct spin_array array;
+    void *block = NULL;
+
+    if (!refined)
+        return SPIN_OK;
+    if (!spin_json_is_object(refined))
+        return fail_key("refined", "an object");
+    SPIN_TRY(read_splat_columns(refined, &b->refined.columns, &b->refined.sh_degree));
+    list = spin_json_get(refined, "frames");
+    if (!list || spin_json_length(list) != (size_t)b->meta.n_frames)
+        return fail_key("frames", "a list as long as the clip's");
+    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->refined.n, &block));
+    b->refined.n = block;
+    group = refined_of(b);
+    for (int f = 0; f < b->meta.n_frames; f++) {
+        int64_t n;
+
+        SPIN_TRY(read_integer(spin_json_at(list, (size_t)f), "n", 0, UINT32_MAX, &n));
+        b->refined.n[f] = (size_t)n;
+        for (int i = 0; i < N_COLUMNS; i++)
+            if (group.columns & columns_table[i].column)
+                SPIN_TRY(find_column(b, &group, i, f, (size_t)n, false, &array));
     }
     return SPIN_OK;
 }
@@ -331,7 +388,7 @@ static spin_status check_network(struct spin_bundle *b)
     SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
     SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
     for (int f = 0; f < b->meta.n_frames; f++) {
-        shape[0] = (int64_t)b->meta.frame[f].n;
+        shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_NETWORK);
         shape[1] = 3;
         snprintf(key, sizeof key, "network/means/%05d", f);
         SPIN_TRY(find_array(b, key, false, 2, shape, &array));
@@ -364,6 +421,11 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     SPIN_TRY_OUT(spin_npz_open(path, &out->npz));
     SPIN_TRY_OUT(load_meta(out));
     SPIN_TRY_OUT(check_source(out));
+    status = check_refined(out);
+    if (status != SPIN_OK) {
+        status = spin_more(status, "refined");
+        goto out;
+    }
     SPIN_TRY_OUT(check_network(out));
     return SPIN_OK;
 out:
@@ -378,6 +440,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_npz_close(&bundle->npz);
     spin_json_free(bundle->json);
     spin_bundle_meta_free(&bundle->meta);
+    free(bundle->refined.n);
     free(bundle->path);
     memset(bundle, 0, sizeof *bundle);
 }
@@ -422,18 +485,18 @@ static spin_status fail_no_column(const struct spin_bundle *b, unsigned columns)
     return SPIN_OK;
 }
 
-spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
-                              struct spin_splats *out)
+static spin_status check_index(const struct spin_bundle *bundle, int frame)
 {
-    size_t n;
-
     if (frame < 0 || frame >= bundle->meta.n_frames)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d, only 0 to %d", bundle->path,
                          frame, bundle->meta.n_frames - 1);
-    SPIN_TRY(fail_no_column(bundle, columns));
-    n = bundle->meta.frame[frame].n;
-    SPIN_TRY(spin_splats_reserve(out, n, columns,
-                                 bundle->meta.sh_degree < 0 ? 0 : bundle->meta.sh_degree));
+    return SPIN_OK;
+}
+
+static spin_status read_group(struct spin_bundle *bundle, const struct group *group, int frame,
+                              size_t n, unsigned columns, struct spin_splats *out)
+{
+    SPIN_TRY(spin_splats_reserve(out, n, columns, group->sh_degree < 0 ? 0 : group->sh_degree));
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
         struct spin_array array;
@@ -441,7 +504,7 @@ spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned co
 
         if (!(columns & column))
             continue;
-        status = find_column(bundle, i, frame, true, &array);
+        status = find_column(bundle, group, i, frame, n, true, &array);
         if (status != SPIN_OK)
             return strstr(spin_last_error(), bundle->path)
                        ? status
@@ -452,6 +515,54 @@ spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned co
     return SPIN_OK;
 }
 
+spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
+                              struct spin_splats *out)
+{
+    struct group source = source_of(bundle);
+
+    SPIN_TRY(check_index(bundle, frame));
+    SPIN_TRY(fail_no_column(bundle, columns));
+    return read_group(bundle, &source, frame, bundle->meta.frame[frame].n, columns, out);
+}
+
+spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
+                                      struct spin_splats *out)
+{
+    struct group refined = refined_of(bundle);
+
+    SPIN_TRY(check_index(bundle, frame));
+    if (columns & ~refined.columns)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no refined splats with these columns",
+                         bundle->path);
+    return read_group(bundle, &refined, frame, bundle->refined.n[frame], columns, out);
+}
+
+size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_from from)
+{
+    if (from != SPIN_FROM_SOURCE && bundle->refined.columns)
+        return bundle->refined.n[frame];
+    return bundle->meta.frame[frame].n;
+}
+
+uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsigned columns)
+{
+    uint32_t sum = 0;
+
+    for (int i = 0; i < N_COLUMNS; i++) {
+        unsigned column = columns_table[i].column;
+        const struct spin_zip_member *m;
+        char key[64];
+
+        if (!(columns & bundle->meta.columns & column))
+            continue;
+        member_key("source", i, (bundle->meta.still_columns & column) != 0, frame, key);
+        m = find_member(bundle, key);
+        sum =
+            (sum ^ (m ? m->crc : 0)) * 0x01000193u + column; /* as FNV-1a does, a word at a time */
+    }
+    return sum;
+}
+
 /* ---- Writing --------------------------------------------------------------------------------- */
 
 spin_status spin_bundle_writer_open(const char *path, bool force, struct spin_bundle_writer *w)
@@ -460,8 +571,9 @@ spin_status spin_bundle_writer_open(const char *path, bool force, struct spin_bu
     return spin_zip_writer_open(path, force, &w->zip);
 }
 
-spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
-                                    unsigned still_columns, const struct spin_splats *splats)
+static spin_status write_group(struct spin_bundle_writer *w, const char *group, int index,
+                               unsigned columns, unsigned still_columns,
+                               const struct spin_splats *splats)
 {
     struct spin_splats view = *splats;
 
@@ -477,13 +589,25 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
             continue;
         n_dims = column_shape(i, splats->n, splats->sh_degree, shape);
         data = *spin_column_of(&view, column);
-        member_key(i, still, index, key);
+        member_key(group, i, still, index, key);
         SPIN_TRY(
             spin_npz_write(&w->zip, key, "<f4", n_dims, shape, data ? (const void *)data : ""));
         if (still)
             w->still_written |= column;
     }
     return SPIN_OK;
+}
+
+spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
+                                    unsigned still_columns, const struct spin_splats *splats)
+{
+    return write_group(w, "source", index, columns, still_columns, splats);
+}
+
+spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
+                                      const struct spin_splats *splats)
+{
+    return write_group(w, "refined", index, columns, 0, splats);
 }
 
 static spin_status copy_member(struct spin_bundle_writer *w, const struct spin_zip *zip,
@@ -516,7 +640,7 @@ spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct s
     return SPIN_OK;
 }
 
-static spin_json *column_names(unsigned columns)
+spin_json *spin_column_names(unsigned columns)
 {
     spin_json *list = spin_json_array();
 
@@ -556,8 +680,8 @@ static spin_json *meta_json(const struct spin_bundle_meta *meta, spin_json *extr
     spin_json_set_string(root, "variant", meta->variant);
     spin_json_set_integer(root, "source_frames", meta->n_source_frames);
     spin_json_set_bool(root, "numbered", meta->numbered);
-    spin_json_set(root, "columns", column_names(meta->columns));
-    spin_json_set(root, "still_columns", column_names(meta->still_columns));
+    spin_json_set(root, "columns", spin_column_names(meta->columns));
+    spin_json_set(root, "still_columns", spin_column_names(meta->still_columns));
     spin_json_set_integer(root, "sh_degree", meta->sh_degree);
     if (meta->data_path) {
         spin_json *data = spin_json_object();

@@ -3,6 +3,7 @@
  *   meta.json
  *   source/<column>/<index, 5 digits>.npy    one frame of a column, or
  *   source/<column>.npy                      a column that is the same in every frame
+ *   refined/<column>/<index>.npy             one frame of splats refined on their own
  *   network/means/<index>.npy                positions after retraining
  *   network/table.npy  network/heads.npy ... what core/model keeps
  *
@@ -33,12 +34,21 @@ struct spin_bundle_meta {
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);
 
+/* Frames that were refined on their own: splats in a number and an order of their own. A network in
+ * the same bundle was trained on them. */
+struct spin_bundle_refined {
+    unsigned columns; /* 0: there are none */
+    int sh_degree;    /* -1: none */
+    size_t *n;        /* [n_frames] */
+};
+
 /* An open bundle. */
 struct spin_bundle {
     char *path;
     struct spin_npz npz;
     spin_json *json; /* meta.json, whole */
     struct spin_bundle_meta meta;
+    struct spin_bundle_refined refined;
 };
 /* Every member's header is checked against meta.json before this returns. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
@@ -48,6 +58,14 @@ spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);
 /* The source's columns of one frame. */
 spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                               struct spin_splats *out);
+/* Columns of a refined frame. SPIN_E_NOT_FOUND when they are not there. */
+spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
+                                      struct spin_splats *out);
+/* Splats of a frame: the source's; or else the refined ones where there are some, which are also the
+ * network's. */
+size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_from from);
+/* A number that follows from the values of these columns of a source frame, without reading them. */
+uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsigned columns);
 
 /* Writing. Frames in order, then spin_bundle_writer_finish() writes meta.json and commits. */
 struct spin_bundle_writer {
@@ -58,6 +76,9 @@ spin_status spin_bundle_writer_open(const char *path, bool force, struct spin_bu
 /* Columns in `columns` of frame `index`; those in still_columns are written at index 0 only. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
                                     unsigned still_columns, const struct spin_splats *splats);
+/* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
+spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
+                                      const struct spin_splats *splats);
 /* Copy every member below "source/" of an open bundle as it is. */
 spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct spin_bundle *from);
 /* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must be
@@ -66,6 +87,8 @@ spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra);
 void spin_bundle_writer_abandon(struct spin_bundle_writer *w);
 
+/* The names of these columns, as meta.json lists them. */
+spin_json *spin_column_names(unsigned columns);
 /* "means" for SPIN_COL_MEANS, ... and floats per row (sh: with this degree). */
 const char *spin_column_name(enum spin_column column);
 size_t spin_column_width(enum spin_column column, int sh_degree);

@@ -45,7 +45,9 @@ misuse "not '1,2'" spin-retrain a -o b --base-resolution 1,2
 misuse "not 'big'" spin-retrain a -o b --scale-bias big
 misuse "not '0,0,0,-1'" spin-retrain a -o b --scene-normalise 0,0,0,-1
 misuse "not '1,2,3'" spin-retrain a -o b --background 1,2,3
-misuse "refinement is not in this version" spin-retrain a -o b --refine 500
+misuse "not '-1'" spin-retrain a -o b --refine -1
+misuse "not 'both'" spin-retrain a -o b --method both
+misuse "not 'nowhere'" spin-retrain a -o b --refine-start nowhere
 misuse "more than --batch" spin-retrain a -o b --batch 2 --views-per-frame 3
 
 misuse "IN.spin is missing" spin-eval

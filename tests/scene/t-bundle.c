@@ -161,6 +161,88 @@ static void test_copy(void)
     compare_clip(path, all_columns, false, "copy");
 }
 
+/* Frame f has f + 1 refined splats of two columns. */
+static const char *write_refined(const char *frames, bool network)
+{
+    static const float zeros[12];
+    const uint64_t table[2] = {3, 4}, heads[1] = {5}, means[2] = {2, 3};
+    const char *path = new_path();
+    struct spin_bundle_writer w;
+    struct spin_bundle_meta meta;
+    struct spin_splats s = {0};
+    spin_json *extra = NULL;
+
+    fill_meta(&meta, SPIN_COL_MEANS, 0);
+    if (spin_bundle_writer_open(path, false, &w) != SPIN_OK)
+        exit(1);
+    for (int f = 0; f < FRAMES; f++) {
+        fill(&s, f, SPIN_COL_MEANS, false);
+        meta.frame[f].n = s.n;
+        if (spin_bundle_write_frame(&w, f, SPIN_COL_MEANS, 0, &s) != SPIN_OK)
+            exit(1);
+        fill(&s, f, SPIN_COL_MEANS | SPIN_COL_RGB, false);
+        s.n = (size_t)f + 1;
+        if (spin_bundle_write_refined(&w, f, SPIN_COL_MEANS | SPIN_COL_RGB, &s) != SPIN_OK)
+            exit(1);
+    }
+    for (int f = 0; network && f < FRAMES; f++) {
+        char name[40];
+
+        snprintf(name, sizeof name, "network/means/%05d", f);
+        spin_npz_write(&w.zip, name, "<f4", 2, means, zeros);
+    }
+    if (network) {
+        spin_npz_write(&w.zip, "network/table", "<f4", 2, table, zeros);
+        spin_npz_write(&w.zip, "network/heads", "<f4", 1, heads, zeros);
+    }
+    if (spin_json_parse("extra", frames, strlen(frames), &extra) != SPIN_OK ||
+        spin_bundle_writer_finish(&w, &meta, extra) != SPIN_OK)
+        exit(1);
+    spin_bundle_meta_free(&meta);
+    spin_splats_free(&s);
+    return path;
+}
+
+#define REFINED                                                                                    \
+    "\"refined\":{\"columns\":[\"means\",\"rgb\"],\"sh_degree\":-1,"                               \
+    "\"frames\":[{\"n\":1},{\"n\":2},{\"n\":3}]}"
+
+static void test_refined(void)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_RGB;
+    struct spin_splats got = {0}, want = {0};
+    struct spin_bundle b;
+
+    if (!ok(spin_bundle_open(write_refined("{" REFINED "}", false), &b) == SPIN_OK,
+            "refined frames: opens")) {
+        printf("#   %s\n", spin_last_error());
+        return;
+    }
+    for (int f = 0; f < FRAMES; f++) {
+        fill(&want, f, columns, false);
+        ok(spin_bundle_count(&b, f, SPIN_FROM_SOURCE) == want.n &&
+               spin_bundle_count(&b, f, SPIN_FROM_REFINED) == (size_t)f + 1 &&
+               spin_bundle_count(&b, f, SPIN_FROM_NETWORK) == (size_t)f + 1,
+           "refined frame %d has a count of its own, which a network's is too", f);
+        if (ok(spin_bundle_refined_frame(&b, f, columns, &got) == SPIN_OK && got.n == (size_t)f + 1,
+               "refined frame %d", f))
+            ok(memcmp(got.means, want.means, got.n * 3 * sizeof(float)) == 0 &&
+                   memcmp(got.rgb, want.rgb, got.n * 3 * sizeof(float)) == 0,
+               "comes back bit for bit");
+    }
+    ok(spin_bundle_frame(&b, 1, SPIN_COL_MEANS, &got) == SPIN_OK && got.n == N + 1,
+       "beside the source's");
+    ok(spin_bundle_refined_frame(&b, 1, SPIN_COL_SH, &got) == SPIN_E_NOT_FOUND &&
+           spin_bundle_refined_frame(&b, FRAMES, columns, &got) == SPIN_E_NOT_FOUND,
+       "columns and frames that it has not are not found");
+    ok(spin_bundle_checksum(&b, 0, columns) == spin_bundle_checksum(&b, 0, SPIN_COL_MEANS) &&
+           spin_bundle_checksum(&b, 0, columns) != spin_bundle_checksum(&b, 1, columns),
+       "a checksum is of the source's own columns, and frames differ");
+    spin_bundle_close(&b);
+    spin_splats_free(&got);
+    spin_splats_free(&want);
+}
+
 static void with_relative_data(struct spin_bundle_meta *meta)
 {
     meta->data_path = strdup("some/../data");
@@ -280,8 +362,24 @@ static void test_lies(void)
         {HEAD COLUMNS "\"network\":{\"features\":-4}," TAIL(GOOD), "features",
          "a network of -4 features"},
         {HEAD COLUMNS "\"network\":3," TAIL(GOOD), "network", "a network that is a number"},
+        {HEAD COLUMNS "\"refined\":[]," TAIL(GOOD), "refined", "refined frames in a list"},
+        {HEAD COLUMNS "\"refined\":{\"n\":1}," TAIL(GOOD), "columns",
+         "refined frames without columns"},
+        {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[]}," TAIL(GOOD), "as long as",
+         "a refined frame too few"},
+        {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[7]}," TAIL(GOOD), "'n'",
+         "a refined frame that is a number"},
+        {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[{\"n\":-2}]}," TAIL(GOOD), "'n'",
+         "refined frames of a negative count"},
+        {HEAD COLUMNS "\"refined\":{" COLUMNS "\"frames\":[{\"n\":2}]}," TAIL(GOOD),
+         "refined/means/00000", "refined frames that are not there"},
+        {HEAD COLUMNS
+         "\"refined\":{\"columns\":[\"rgb\"],\"sh_degree\":-1,\"frames\":[]}," TAIL(GOOD),
+         "means", "refined frames without positions"},
     };
 
+    refuses(write_refined("{" REFINED ",\"network\":{\"features\":4}}", true),
+            "network/means/00000", "a network with another count than the refined frames");
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         refuses(write_meta(cases[i].text, "<f4", 2), cases[i].word, cases[i].what);
     refuses(write_meta(HEAD COLUMNS TAIL(GOOD), "<f8", 2), "float32", "positions in float64");
@@ -371,6 +469,7 @@ TAP_MAIN
     spin_log_set_level(-1);
     test_round_trip();
     test_copy();
+    test_refined();
     test_data_path();
     test_extra();
     test_overwrite();

@@ -1,0 +1,23 @@
+/* Finished frames of a run that is not finished: one small bundle each, in a folder beside the output.
+ * A frame is put there whole or not at all, under a key that says what it was made from, so whoever
+ * goes on after a kill finds every frame that was done and nothing else. */
+#ifndef SPIN_CORE_SHELF_H
+#define SPIN_CORE_SHELF_H
+
+#include "spin.h"
+
+enum { SPIN_SHELF_KEY = 40 }; /* bytes a key may have, with its end */
+
+/* Write frame `index`: all attribute columns. Makes the folder. */
+spin_status spin_shelf_put(const char *folder, int index, const char *key,
+                           const struct spin_splats *splats);
+/* Whether there is frame `index`, made from what `key` says; its number of splats. One made from
+ * something else is an error: SPIN_E_USAGE. */
+spin_status spin_shelf_find(const char *folder, int index, const char *key, bool *found, size_t *n);
+/* Columns of frame `index`. */
+spin_status spin_shelf_get(const char *folder, int index, unsigned columns,
+                           struct spin_splats *out);
+/* Remove its frames, and the folder when nothing else is in it. */
+void spin_shelf_clear(const char *folder);
+
+#endif

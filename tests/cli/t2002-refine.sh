@@ -1,0 +1,123 @@
+#!/bin/sh
+# K: retrain refine threads
+# spin-retrain frame by frame: --refine before the network, --method explicit instead of it; threads,
+# a kill and --resume, what is kept and taken again, counts of splats that change.
+. tests/cli/lib.sh
+
+few='--device cpu --range 0:3 --scale 0.25 --refine 140'
+one='--device cpu --range 1:2 --scale 0.25 --refine 140'
+net='--levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16 --iterations 30 --scale-bias auto'
+in=$work/in.spin
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in"
+is "$code" 0 "imports the clip"
+
+# The splats of frame 1 of a bundle, as PLY says it. BUNDLE
+splats_of() {
+    rm -rf "$work/ply"
+    "$bin/spin-export" "$1" --to ply -o "$work/ply" -q --force >/dev/null 2>"$work/err"
+    sed -n 's/^element vertex //p' "$work/ply/frame_00001.ply" | head -n 1
+}
+same() { # FILE FILE NAME
+    cmp -s "$1" "$2"
+    ok $? "$3"
+}
+
+# Explicit frames.
+run "$bin/spin-retrain" "$in" --dry-run $few --method explicit --json
+is "$code" 0 "--dry-run of the explicit method"
+is_json "which is one document"
+run "$bin/spin-retrain" "$in" -o "$work/one.spin" $few --method explicit --threads 1 --json \
+    --log "$work/log.jsonl" --preview "$work/preview"
+is "$code" 0 "refines three frames on one thread"
+is_json "--json at the end is one document"
+is "$(member method)" explicit "which names the method"
+out_has '"refined": {' "and has the quality of the refined frames"
+is "$(grep -c '"refine": [0-9]*, "frame": 1,' "$work/log.jsonl")" 140 "--log has every iteration"
+grep -q '"clones": ' "$work/log.jsonl"
+ok $? "and what densification did"
+ls "$work/preview"/*refined.png >/dev/null 2>&1
+ok $? "--preview has pictures"
+nothing_at "$work/one.spin." "nothing unfinished is left"
+for n in 2 3; do
+    run "$bin/spin-retrain" "$in" -o "$work/$n.spin" $few --method explicit --threads $n
+    same "$work/one.spin" "$work/$n.spin" "$n threads give the same bytes as one"
+done
+run "$bin/spin-eval" "$work/one.spin" --scale 0.25 --json
+is "$(member attributes)" explicit "spin-eval takes the explicit splats"
+after=$(member psnr)
+run "$bin/spin-eval" "$work/one.spin" --scale 0.25 --source --json
+is "$(member attributes)" source "and the source's with --source"
+greater "$after" "$(member psnr)"
+ok $? "the explicit ones are better"
+n_source=$(splats_of "$in")
+n_explicit=$(splats_of "$work/one.spin")
+[ -n "$n_explicit" ] && [ "$n_explicit" != "$n_source" ]
+ok $? "the export has the new number of splats"
+run "$bin/spin-retrain" "$in" -o "$work/still.spin" $one --method explicit --densify off \
+    --max-points 5
+greater "$((n_source + 1))" "$(splats_of "$work/still.spin")"
+ok $? "--densify off adds none"
+run "$bin/spin-retrain" "$in" -o "$work/capped.spin" $one --method explicit \
+    --max-points "$((n_source + 7))" --refine-start source
+greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
+ok $? "--max-points is kept, and frames start from the source's attributes"
+
+# Refined frames, then the network.
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $few $net
+is "$code" 0 "refines, then trains the network"
+is "$(splats_of "$work/whole.spin")" "$n_explicit" "which has the refined frames' number of splats"
+run "$bin/spin-eval" "$work/whole.spin" --scale 0.25 --json
+is "$(member attributes)" retrained "spin-eval takes the network"
+run "$bin/spin-retrain" "$work/whole.spin" -o "$work/again.spin" $few $net
+err_has "refining 0 of 3 frames" "what a bundle keeps is not refined again"
+splats_of "$work/whole.spin" >/dev/null
+mv "$work/ply" "$work/ply.whole"
+splats_of "$work/again.spin" >/dev/null
+diff -r "$work/ply" "$work/ply.whole" >/dev/null
+ok $? "and gives the same network"
+run "$bin/spin-retrain" "$work/whole.spin" -o "$work/new.spin" $one $net --seed 3
+err_has "refining 1 of 1 frames" "with another seed it is refined anew"
+run "$bin/spin-retrain" "$work/whole.spin" -o "$work/plain.spin" --device cpu --range 1:2 --scale 0.25 $net
+is "$(splats_of "$work/plain.spin")" "$n_source" "without --refine the source's points are taken"
+
+# Kill a run once its first frame is done, look at what it says, go on, kill it in the network, go on.
+stopped=$work/stopped.spin
+kill_when() { # FILE ARGUMENTS...
+    file=$1
+    shift
+    "$bin/spin-retrain" "$in" -o "$stopped" $few $net --threads 1 --save-every 3 "$@" \
+        >"$work/out" 2>"$work/err" &
+    pid=$!
+    tries=0
+    while [ ! -e "$file" ] && kill -0 $pid 2>/dev/null && [ $tries -lt 1200 ]; do
+        sleep 0.02
+        tries=$((tries + 1))
+    done
+    kill -KILL $pid 2>/dev/null
+    wait $pid 2>/dev/null
+}
+kill_when "$stopped.parts/00000.spin"
+if [ -e "$stopped" ] || [ -e "$stopped.parts/00002.spin" ]; then
+    skip "stopped while refining" "it was over before it could be stopped"
+else
+    run "$bin/spin-retrain" "$in" -o "$stopped" $few $net
+    fails 1 spin-retrain "unfinished frames without --resume"
+    run "$bin/spin-retrain" "$in" -o "$stopped" $few $net --resume --seed 5
+    is "$code" 2 "does not resume with another seed"
+    err_has "another input or with other options" "and says why"
+fi
+kill_when "$stopped.part" --resume
+run "$bin/spin-retrain" "$in" -o "$stopped" $few $net --save-every 3 --resume
+is "$code" 0 "resumes after two kills"
+same "$work/whole.spin" "$stopped" "the bytes of a run never stopped"
+nothing_at "$stopped." "no unfinished state is left"
+run "$bin/spin-retrain" "$in" -o "$stopped" $few $net --save-every 3 --resume
+err_has "already finished" "--resume of what is finished does nothing"
+
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/bare.spin" --positions-only
+run "$bin/spin-retrain" "$work/bare.spin" -o "$work/x.spin" $few --refine-start source
+fails 1 spin-retrain "no attributes to start from"
+run "$bin/spin-retrain" "$work/bare.spin" -o "$work/x.spin" $one --method explicit
+is "$code" 0 "points without colours are refined from grey"
+
+done_testing
