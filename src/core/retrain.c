@@ -376,6 +376,8 @@ static spin_status work(struct spin_retraining *r)
     SPIN_TRY(write_output(r));
     remove(r->part);
     spin_shelf_clear(r->parts);
+    spin_out_sweep(r->part);
+    spin_out_sweep(r->o->output);
     return SPIN_OK;
 }
 

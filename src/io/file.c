@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -438,6 +439,38 @@ void spin_out_abandon(struct spin_out *out)
     free(out->path);
     free(out->temporary);
     memset(out, 0, sizeof *out);
+}
+
+/* "name.tmp.4711" of a process that is no more. */
+static bool is_leftover(const char *entry, const char *name)
+{
+    size_t n = strlen(name);
+    char *end;
+    long pid;
+
+    if (strncmp(entry, name, n) != 0 || strncmp(entry + n, ".tmp.", 5) != 0)
+        return false;
+    pid = strtol(entry + n + 5, &end, 10);
+    return pid > 0 && *end == '\0' && kill((pid_t)pid, 0) != 0 && errno == ESRCH;
+}
+
+void spin_out_sweep(const char *path)
+{
+    char *folder = NULL, *entry = NULL, **names = NULL;
+    size_t n = 0;
+
+    if (spin_path_folder(path, &folder) != SPIN_OK ||
+        spin_folder_list(folder, &names, &n) != SPIN_OK)
+        n = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (is_leftover(names[i], spin_path_name(path)) &&
+            spin_path_join(folder, names[i], &entry) == SPIN_OK)
+            unlink(entry);
+        free(entry);
+        entry = NULL;
+    }
+    spin_folder_list_free(names);
+    free(folder);
 }
 
 /* ---- Peek ---------------------------------------------------------------------------------- */

@@ -39,6 +39,9 @@ void spin_folder_list_free(char **names);
 /* The last run of digits in a file's stem as a number, or -1 ("frame_10.ply" -> 10). */
 long long spin_path_number(const char *path);
 
+/* Remove what writers of `path` that were killed have left beside it. */
+void spin_out_sweep(const char *path);
+
 /* First bytes, entries and zip member names of path, for probing. Free with spin_peek_free(). */
 spin_status spin_peek_open(const char *path, struct spin_peek *out);
 void spin_peek_free(struct spin_peek *peek);

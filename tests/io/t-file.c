@@ -193,6 +193,15 @@ static void outputs(void)
     spin_map_close(&map);
     ok(n_entries(in_root("out")) == 1, "and no temporary file");
     spin_out_abandon(&out);
+    for (int i = 0; i < 3; i++) { /* process 1 lives; no system has so many */
+        static const char *const left[3] = {"out/f.tmp.999999999", "out/f.tmp.1",
+                                            "out/g.tmp.999999999"};
+
+        fclose(fopen(in_root(left[i]), "w"));
+    }
+    spin_out_sweep(in_root("out/f"));
+    ok(n_entries(in_root("out")) == 3 && !spin_path_exists(in_root("out/f.tmp.999999999")),
+       "what a killed writer left is swept, and nothing else");
     error_is(spin_out_open(in_root("none/f"), false, &out), SPIN_E_NOT_FOUND, "none/f",
              "no folder to write into");
     error_is(spin_out_open(in_root("out"), true, &out), SPIN_E_IO, "it is a folder",
