@@ -202,6 +202,8 @@ static void outputs(void)
     spin_out_sweep(in_root("out/f"));
     ok(n_entries(in_root("out")) == 3 && !spin_path_exists(in_root("out/f.tmp.999999999")),
        "what a killed writer left is swept, and nothing else");
+    unlink(in_root("out/f.tmp.1"));
+    unlink(in_root("out/g.tmp.999999999"));
     error_is(spin_out_open(in_root("none/f"), false, &out), SPIN_E_NOT_FOUND, "none/f",
              "no folder to write into");
     error_is(spin_out_open(in_root("out"), true, &out), SPIN_E_IO, "it is a folder",
