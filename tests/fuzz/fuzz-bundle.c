@@ -17,6 +17,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n)
         if (spin_bundle_frame(&bundle, f, bundle.meta.columns, &splats) == SPIN_OK &&
             splats.n != bundle.meta.frame[f].n)
             abort();
+        if (bundle.refined.columns &&
+            spin_bundle_refined_frame(&bundle, f, bundle.refined.columns, &splats) == SPIN_OK &&
+            splats.n != bundle.refined.n[f])
+            abort();
     }
     (void)spin_bundle_data_path(&bundle, &data_path);
     free(data_path);

@@ -396,8 +396,11 @@ static bool read_everything(const char *path)
 
     if (spin_bundle_open(path, &b) != SPIN_OK)
         return false;
-    for (int f = 0; f < b.meta.n_frames; f++)
+    for (int f = 0; f < b.meta.n_frames; f++) {
         (void)spin_bundle_frame(&b, f, b.meta.columns, &s);
+        if (b.refined.columns)
+            (void)spin_bundle_refined_frame(&b, f, b.refined.columns, &s);
+    }
     spin_bundle_close(&b);
     spin_splats_free(&s);
     return true;
