@@ -50,7 +50,7 @@ FLAGS.v3   := -march=x86-64-v3
 FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 
 ROOMS    := src/base src/io src/scene src/core importers exporters
-LIB_C    := $(filter-out src/io/video_ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
+LIB_C    := $(filter-out src/io/video%ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
 CMD_O    := $(B)/src/cmd/opt.o
@@ -158,10 +158,11 @@ $(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
 	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -fopenmp -shared -o $@ $< -ldnnl
 
 FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
-$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h
+$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_encode_ffmpeg.c \
+    src/io/video_encode_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
-	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -shared -o $@ $< $(FFMPEG)
+	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -shared -o $@ $(filter %.c,$^) $(FFMPEG)
 
 $(B)/tests/tools/make-video: tests/tools/make-video.c
 	@mkdir -p $(@D)

@@ -8,6 +8,7 @@ extern const struct spin_exporter spin_exporter_images;
 extern const struct spin_exporter spin_exporter_ply;
 extern const struct spin_exporter spin_exporter_splat;
 extern const struct spin_exporter spin_exporter_spz;
+extern const struct spin_exporter spin_exporter_video;
 
 const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_compressed_ply,
@@ -17,5 +18,6 @@ const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_ply,
     &spin_exporter_splat,
     &spin_exporter_spz,
+    &spin_exporter_video,
     NULL,
 };

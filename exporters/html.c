@@ -14,7 +14,7 @@
 #include "base/mem.h"
 #include "exporters/html/page.h"
 #include "exporters/html_pack.h"
-#include "exporters/html_view.h"
+#include "exporters/look.h"
 #include "exporters/order.h"
 
 #define DEFAULT_FPS 30
@@ -51,7 +51,7 @@ struct export
     struct spin_order order;
     struct spin_gzip *gzip;
     struct spin_html_space space;
-    struct spin_html_view view;
+    struct spin_look view;
     struct version version[2];
     int n_versions;
     struct spin_splats source;
@@ -403,8 +403,8 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
 {
     int row = x->job->row_of_frame ? x->job->row_of_frame[frame] : -1;
 
-    SPIN_TRY(spin_html_middle(s, x->space.centre, &x->space.size));
-    spin_html_look(x->job->views, row, x->space.centre, x->space.size, &x->view);
+    SPIN_TRY(spin_look_middle(s, x->space.centre, &x->space.size));
+    spin_look_first(x->job->views, row, x->space.centre, x->space.size, &x->view);
     say_size(x, s->n);
     return SPIN_OK;
 }

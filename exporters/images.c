@@ -1,5 +1,6 @@
-/* Renders of every frame from the data set's cameras as PNG, OUT/<camera>/<frame>.png: for looking,
- * and for measuring with other programs. With --compare the data set's image stands to the left. */
+/* Renders of every frame as PNG, for looking and for measuring with other programs: from the data set's
+ * cameras, OUT/<camera>/<frame>.png, or from one that moves, OUT/orbit/<number>.png; several versions
+ * side by side on demand. */
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -7,11 +8,15 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "exporters/drawing.h"
 #include "io/folder.h"
 
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
-    {"compare", NULL, "put the data set's image left of each render", NULL},
+    SPIN_DRAWING_OPTION_PATH,
+    SPIN_DRAWING_OPTION_PANELS,
+    {"compare", NULL, "the same as --panels truth,after", NULL},
+    SPIN_DRAWING_OPTION_REPEAT,
     {0},
 };
 
@@ -22,11 +27,8 @@ struct export
     struct spin_out_folder folder;
     const struct spin_export_job *job;
     enum which which;
-    bool compare;
     int n_unseen; /* frames without any view */
-    float *image; /* [3][h][w] of a render, then [3][h][2 w] of a pair */
-    float *pair;
-    size_t n_pixels; /* there is room for */
+    struct spin_drawing drawing;
 };
 
 static spin_status parse_which(const char *text, enum which *out)
@@ -56,56 +58,27 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-static spin_status reserve_pixels(struct export *x, size_t n)
+static spin_status write_view(struct export *x, int frame, const struct spin_splats *splats,
+                              const struct spin_camera *camera, const char *truth, const char *path)
 {
-    if (n <= x->n_pixels)
-        return SPIN_OK;
-    x->n_pixels = 0;
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float), (void **)&x->image));
-    if (x->compare)
-        SPIN_TRY(spin_grow(n, 6 * sizeof(float), (void **)&x->pair));
-    x->n_pixels = n;
-    return SPIN_OK;
+    SPIN_TRY(spin_drawing_draw(&x->drawing, frame, splats, camera, truth));
+    return spin_image_save(path, x->drawing.n_panels * camera->width, camera->height,
+                           x->drawing.wide);
 }
 
-/* Copy a [3][h][w] image into column `left` of a [3][h][2 w] one. */
-static void place(const float *image, size_t width, size_t height, size_t left, float *pair)
-{
-    for (size_t row = 0; row < 3 * height; row++)
-        memcpy(pair + row * 2 * width + left, image + row * width, width * sizeof *image);
-}
-
-static spin_status write_view(struct export *x, const struct spin_view *view,
-                              const struct spin_splats *splats, const char *path)
-{
-    int width = view->camera.width, height = view->camera.height;
-    size_t w = (size_t)width, h = (size_t)height;
-
-    SPIN_TRY(reserve_pixels(x, w * h));
-    if (x->compare) {
-        SPIN_TRY(spin_image_load(view->path, width, height, x->job->background, x->image));
-        place(x->image, w, h, 0, x->pair);
-    }
-    SPIN_TRY(spin_render(x->job->renderer, splats, &view->camera, x->job->background, x->image));
-    if (!x->compare)
-        return spin_image_save(path, width, height, x->image);
-    place(x->image, w, h, w, x->pair);
-    return spin_image_save(path, 2 * width, height, x->pair);
-}
-
-/* Render one view into its place, making the camera's folder first. */
-static spin_status export_view(struct export *x, const struct spin_view *view, int number,
-                               const struct spin_splats *splats)
+/* Render a picture into its place in a folder of this name, making the folder first. */
+static spin_status export_picture(struct export *x, const char *in, int number, int frame,
+                                  const struct spin_splats *splats,
+                                  const struct spin_camera *camera, const char *truth)
 {
     char name[32], *folder = NULL, *path = NULL;
     spin_status status;
 
-    snprintf(name, sizeof name, "%d", view->camera_id);
-    SPIN_TRY_OUT(spin_path_join(x->folder.path, name, &folder));
+    SPIN_TRY_OUT(spin_path_join(x->folder.path, in, &folder));
     SPIN_TRY_OUT(spin_folder_make(folder));
     snprintf(name, sizeof name, "%05d.png", number);
     SPIN_TRY_OUT(spin_path_join(folder, name, &path));
-    status = write_view(x, view, splats, path);
+    status = write_view(x, frame, splats, camera, truth, path);
 out:
     if (status != SPIN_OK && folder)
         (void)rmdir(folder); /* only when nothing is in it */
@@ -116,8 +89,7 @@ out:
 
 static void finish(struct export *x)
 {
-    free(x->image);
-    free(x->pair);
+    spin_drawing_free(&x->drawing);
     free(x);
 }
 
@@ -131,9 +103,11 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
                          "rendering images needs the cameras of a data set; give --data DIR");
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    x->compare = spin_plugin_value(job->values, "compare", NULL) != NULL;
+    SPIN_TRY_OUT(spin_drawing_begin(&x->drawing, job,
+                                    spin_plugin_value(job->values, "compare", NULL) ? "truth,after"
+                                                                                    : "after"));
     SPIN_TRY_OUT(parse_which(spin_plugin_value(job->values, "views", "test"), &x->which));
-    if (!any_chosen(x)) {
+    if (x->drawing.path == SPIN_PATH_CAMERA && !any_chosen(x)) {
         status = spin_fail(SPIN_E_NOT_FOUND, "the data set has no %s views; try --views all",
                            x->which == TEST ? "test" : "train");
         goto out;
@@ -146,6 +120,23 @@ out:
     return status;
 }
 
+/* The pictures of a moving camera are numbered by themselves. */
+static spin_status export_moving(struct export *x, int frame, const struct spin_splats *splats)
+{
+    struct spin_drawing *d = &x->drawing;
+
+    for (int j = 0; j < d->repeat; j++) {
+        struct spin_camera camera;
+
+        if (spin_cancelled())
+            return spin_fail_cancelled();
+        SPIN_TRY(spin_drawing_camera(d, frame, j, splats, &camera));
+        SPIN_TRY(export_picture(x, d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral",
+                                frame * d->repeat + j, frame, splats, &camera, NULL));
+    }
+    return SPIN_OK;
+}
+
 static spin_status images_frame(void *self, int frame, const struct spin_frame_info *info,
                                 const struct spin_splats *splats)
 {
@@ -153,7 +144,10 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     const struct spin_views *views = x->job->views;
     int row = x->job->row_of_frame ? x->job->row_of_frame[frame] : frame;
     bool seen = false;
+    char name[32];
 
+    if (x->drawing.path != SPIN_PATH_CAMERA)
+        return export_moving(x, frame, splats);
     for (size_t i = 0; i < views->n; i++) {
         const struct spin_view *view = &views->view[i];
 
@@ -162,7 +156,8 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
         seen = true;
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(export_view(x, view, info->number, splats));
+        snprintf(name, sizeof name, "%d", view->camera_id);
+        SPIN_TRY(export_picture(x, name, info->number, frame, splats, &view->camera, view->path));
     }
     x->n_unseen += !seen;
     return SPIN_OK;
@@ -192,7 +187,7 @@ extern const struct spin_exporter spin_exporter_images;
 const struct spin_exporter spin_exporter_images = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "images",
-    .summary = "PNG renders from the data set's cameras",
+    .summary = "PNG renders from the data set's cameras or around the scene",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .needs_renderer = true,

@@ -41,7 +41,7 @@ foreign() {
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
     src/io/gltf_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
     src/io/conv_dnnl.cpp) echo '^(oneapi/dnnl/dnnl\.hpp|omp\.h|[a-z_]+)$' ;;
-    src/io/video_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
+    src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
     src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;
     src/device/cuda/*) echo '^(cuda.*|cub/.*|cooperative_groups.*)$' ;;
     src/base/mem.c) echo '^sanitizer/asan_interface\.h$' ;;

@@ -1,7 +1,7 @@
-/* Where a page first looks at the scene: the middle and the reach of its splats, and the first view of
+/* Where the scene is first looked at: the middle and the reach of its splats, and the first view of
  * the data set when there is one. */
-#ifndef SPIN_EXPORTERS_HTML_VIEW_H
-#define SPIN_EXPORTERS_HTML_VIEW_H
+#ifndef SPIN_EXPORTERS_LOOK_H
+#define SPIN_EXPORTERS_LOOK_H
 
 #include <math.h>
 #include <stdlib.h>
@@ -9,12 +9,12 @@
 #include "base/err.h"
 #include "base/mem.h"
 
-struct spin_html_view {
+struct spin_look {
     double eye[3], target[3], up[3]; /* world */
     double fovy_deg, aspect;
 };
 
-static inline int spin_html_by_value(const void *a, const void *b)
+static inline int spin_look_by_value(const void *a, const void *b)
 {
     float x = *(const float *)a, y = *(const float *)b;
 
@@ -22,7 +22,7 @@ static inline int spin_html_by_value(const void *a, const void *b)
 }
 
 /* The median place, and half of the extent that holds 90 % of the splats along the longest axis. */
-static inline spin_status spin_html_middle(const struct spin_splats *s, double middle[3],
+static inline spin_status spin_look_middle(const struct spin_splats *s, double middle[3],
                                            double *size)
 {
     float *value = NULL;
@@ -35,7 +35,7 @@ static inline spin_status spin_html_middle(const struct spin_splats *s, double m
         for (size_t i = 0; i < s->n; i++)
             if (isfinite(s->means[3 * i + (size_t)c]))
                 value[n++] = s->means[3 * i + (size_t)c];
-        qsort(value, n, sizeof *value, spin_html_by_value);
+        qsort(value, n, sizeof *value, spin_look_by_value);
         middle[c] = n ? (double)value[n / 2] : 0;
         if (n)
             *size = fmax(*size, 0.5 * ((double)value[n - 1 - n / 20] - (double)value[n / 20]));
@@ -47,7 +47,7 @@ static inline spin_status spin_html_middle(const struct spin_splats *s, double m
 }
 
 /* Centre of a camera: -R^T t. */
-static inline void spin_html_eye(const struct spin_camera *camera, double eye[3])
+static inline void spin_look_eye(const struct spin_camera *camera, double eye[3])
 {
     const double *m = camera->w2c;
 
@@ -56,7 +56,7 @@ static inline void spin_html_eye(const struct spin_camera *camera, double eye[3]
 }
 
 /* The view to begin with: a held-out one of this row before others. */
-static inline const struct spin_view *spin_html_first(const struct spin_views *views, int row)
+static inline const struct spin_view *spin_look_view(const struct spin_views *views, int row)
 {
     const struct spin_view *best = NULL;
 
@@ -72,7 +72,7 @@ static inline const struct spin_view *spin_html_first(const struct spin_views *v
 }
 
 /* Mean of the cameras' ups; false when they cancel. */
-static inline bool spin_html_up(const struct spin_views *views, int row, double up[3])
+static inline bool spin_look_up(const struct spin_views *views, int row, double up[3])
 {
     double length = 0;
 
@@ -91,24 +91,24 @@ static inline bool spin_html_up(const struct spin_views *views, int row, double 
 
 /* From the data set's camera, around the place on its axis that is nearest to the middle of the
  * scene; else from the front. The default up is that of a camera's world, y down. */
-static inline void spin_html_look(const struct spin_views *views, int row, const double middle[3],
-                                  double size, struct spin_html_view *out)
+static inline void spin_look_first(const struct spin_views *views, int row, const double middle[3],
+                                   double size, struct spin_look *out)
 {
-    const struct spin_view *first = spin_html_first(views, row);
+    const struct spin_view *first = spin_look_view(views, row);
     double along = 0;
 
-    *out = (struct spin_html_view){.up = {0, -1, 0}, .fovy_deg = 50, .aspect = 1.5};
+    *out = (struct spin_look){.up = {0, -1, 0}, .fovy_deg = 50, .aspect = 1.5};
     if (!first) {
         for (int c = 0; c < 3; c++)
             out->eye[c] = out->target[c] = middle[c];
         out->eye[2] -= 3 * size;
         return;
     }
-    if (!spin_html_up(views, row, out->up)) {
+    if (!spin_look_up(views, row, out->up)) {
         for (int c = 0; c < 3; c++)
             out->up[c] = -first->camera.w2c[4 + c];
     }
-    spin_html_eye(&first->camera, out->eye);
+    spin_look_eye(&first->camera, out->eye);
     for (int c = 0; c < 3; c++)
         along += first->camera.w2c[8 + c] * (middle[c] - out->eye[c]);
     along = fmax(along, 0.1 * size);

@@ -1,0 +1,182 @@
+/* The clip as a video, MP4 or WebM by the output's name: from one camera of the data set, or from one
+ * that goes around the scene while the clip plays; several versions side by side on demand. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "exporters/drawing.h"
+#include "io/video_encode.h"
+
+#define DEFAULT_FPS 30
+
+static const struct spin_plugin_option options[] = {
+    SPIN_DRAWING_OPTION_PATH,
+    {"camera", "ID", "the data set's camera to look from; otherwise the first held-out one", NULL},
+    SPIN_DRAWING_OPTION_PANELS,
+    SPIN_DRAWING_OPTION_REPEAT,
+    {"fps", "F", "frames a second of the video; otherwise the bundle's, else 30", NULL},
+    {"quality", "Q", "0 (best) to 51 (least)", "18"},
+    {0},
+};
+
+struct export
+{
+    struct spin_drawing drawing;
+    struct spin_video_out *video;
+    const struct spin_view *first; /* whose camera_id the video keeps */
+};
+
+static spin_status parse_number(const char *key, const char *text, double low, double high,
+                                double *out)
+{
+    char *end;
+
+    *out = strtod(text, &end);
+    if (end == text || *end || !(*out >= low && *out <= high))
+        return spin_fail(SPIN_E_USAGE, "--%s '%s': expected a number from %g to %g", key, text, low,
+                         high);
+    return SPIN_OK;
+}
+
+static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
+{
+    const struct spin_export_job *job = x->drawing.job;
+    int row = job->row_of_frame ? job->row_of_frame[frame] : frame;
+
+    for (size_t i = 0; i < job->views->n; i++)
+        if (job->views->view[i].row == row && job->views->view[i].camera_id == camera_id)
+            return &job->views->view[i];
+    return NULL;
+}
+
+static spin_status choose_camera(struct export *x)
+{
+    const struct spin_export_job *job = x->drawing.job;
+    const char *text = spin_plugin_value(job->values, "camera", NULL);
+    int row = job->row_of_frame ? job->row_of_frame[0] : 0;
+    double id;
+
+    if (!job->views || job->views->n == 0)
+        return spin_fail(SPIN_E_USAGE, "a video needs the cameras of a data set; give --data DIR");
+    x->first = spin_look_view(job->views, row);
+    if (!x->first)
+        x->first = &job->views->view[0];
+    if (!text)
+        return SPIN_OK;
+    SPIN_TRY(parse_number("camera", text, 0, 1e9, &id));
+    x->first = view_of(x, 0, (int)id);
+    if (!x->first || id != (int)id)
+        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %s for the first frame",
+                         text);
+    return SPIN_OK;
+}
+
+static spin_status open_video(struct export *x)
+{
+    const struct spin_export_job *job = x->drawing.job;
+    const struct spin_camera *camera = &x->first->camera;
+    const char *text = spin_plugin_value(job->values, "fps", NULL), *codec = "";
+    double fps = job->fps > 0 ? job->fps : DEFAULT_FPS, quality;
+    int width = camera->width * x->drawing.n_panels;
+
+    if (text)
+        SPIN_TRY(parse_number("fps", text, 0.01, 1000, &fps));
+    SPIN_TRY(
+        parse_number("quality", spin_plugin_value(job->values, "quality", "18"), 0, 51, &quality));
+    SPIN_TRY(spin_video_create(job->output, job->force, width, camera->height, fps, (int)quality,
+                               &x->video, &codec));
+    spin_log(0, "video: %d frames of %dx%d, %.4g a second, %s", job->n_frames * x->drawing.repeat,
+             width, camera->height, fps, codec);
+    return SPIN_OK;
+}
+
+static void finish(struct export *x)
+{
+    spin_drawing_free(&x->drawing);
+    free(x);
+}
+
+static spin_status video_begin(const struct spin_export_job *job, void **self)
+{
+    struct export *x = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
+    SPIN_TRY_OUT(spin_drawing_begin(&x->drawing, job, "after"));
+    SPIN_TRY_OUT(choose_camera(x));
+    SPIN_TRY_OUT(open_video(x));
+    *self = x;
+    return SPIN_OK;
+out:
+    finish(x);
+    return status;
+}
+
+static spin_status draw_one(struct export *x, int frame, int j, const struct spin_frame_info *info,
+                            const struct spin_splats *splats)
+{
+    struct spin_drawing *d = &x->drawing;
+    const struct spin_view *view = view_of(x, frame, x->first->camera_id);
+    struct spin_camera camera;
+
+    if (d->path != SPIN_PATH_CAMERA) {
+        SPIN_TRY(spin_drawing_camera(d, frame, j, splats, &camera));
+    } else if (!view) {
+        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %d for frame %d",
+                         x->first->camera_id, info->number);
+    } else {
+        camera = view->camera;
+    }
+    if (camera.width != x->first->camera.width || camera.height != x->first->camera.height)
+        return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: camera %d is %dx%d there, %dx%d before",
+                         info->number, x->first->camera_id, camera.width, camera.height,
+                         x->first->camera.width, x->first->camera.height);
+    SPIN_TRY(spin_drawing_draw(d, frame, splats, &camera, view ? view->path : NULL));
+    return spin_video_put(x->video, d->wide);
+}
+
+static spin_status video_frame(void *self, int frame, const struct spin_frame_info *info,
+                               const struct spin_splats *splats)
+{
+    struct export *x = self;
+
+    for (int j = 0; j < x->drawing.repeat; j++) {
+        if (spin_cancelled())
+            return spin_fail_cancelled();
+        SPIN_TRY(draw_one(x, frame, j, info, splats));
+    }
+    return SPIN_OK;
+}
+
+static spin_status video_end(void *self)
+{
+    struct export *x = self;
+    spin_status status = spin_video_commit(x->video);
+
+    finish(x);
+    return status;
+}
+
+static void video_abort(void *self)
+{
+    struct export *x = self;
+
+    spin_video_abandon(x->video);
+    finish(x);
+}
+
+extern const struct spin_exporter spin_exporter_video;
+const struct spin_exporter spin_exporter_video = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "video",
+    .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
+    .options = options,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .needs_renderer = true,
+    .begin = video_begin,
+    .frame = video_frame,
+    .end = video_end,
+    .abort = video_abort,
+};

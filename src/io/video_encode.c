@@ -1,0 +1,128 @@
+/* Loads the shim, turns planes into pixels, and gives failures our words. */
+#include "io/video_encode.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/shim.h"
+#include "io/video_encode_shim.h"
+
+struct spin_video_out {
+    struct spin_out out; /* its temporary name is what FFmpeg writes to */
+    struct spin_video_writer *writer;
+    int width, height;
+    uint8_t *rgb;
+};
+
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static const struct spin_video_encode_shim *shim;
+static char failure[512];
+
+static void start(void)
+{
+    static const struct spin_shim where = {.file = "spin-video.so",
+                                           .override = "SPIN_VIDEO_SHIM",
+                                           .symbol = SPIN_VIDEO_ENCODE_SYMBOL,
+                                           .abi = SPIN_VIDEO_ENCODE_ABI};
+
+    shim = spin_shim_load(&where, failure, sizeof failure);
+}
+
+static const char *format_of(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+
+    if (dot && strcasecmp(dot, ".mp4") == 0)
+        return "mp4";
+    return dot && strcasecmp(dot, ".webm") == 0 ? "webm" : NULL;
+}
+
+static void release(struct spin_video_out *v)
+{
+    if (v->writer)
+        shim->close(v->writer);
+    free(v->rgb);
+    free(v);
+}
+
+spin_status spin_video_create(const char *path, bool force, int width, int height, double fps,
+                              int quality, struct spin_video_out **out, const char **codec)
+{
+    const char *format = format_of(path);
+    struct spin_video_out *v = NULL;
+    char why[256] = "";
+    spin_status status;
+
+    *out = NULL;
+    if (!format)
+        return spin_fail(SPIN_E_USAGE, "video '%s': expected a name that ends in .mp4 or .webm",
+                         path);
+    pthread_once(&once, start);
+    if (!shim)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "videos cannot be written: the FFmpeg shim 'spin-video.so' is missing or "
+                         "does not load%s%s (Debian: install libavformat-dev, libavcodec-dev and "
+                         "libswscale-dev, then make)",
+                         *failure ? ": " : "", failure);
+    SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
+    v->width = width;
+    v->height = height;
+    SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height, 3, (void **)&v->rgb));
+    SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
+    if (shim->open(v->out.temporary, format, width, height, fps, quality, &v->writer, codec, why,
+                   sizeof why) != 0) {
+        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, why);
+        spin_out_abandon(&v->out);
+        goto out;
+    }
+    *out = v;
+    return SPIN_OK;
+out:
+    release(v);
+    return status;
+}
+
+spin_status spin_video_put(struct spin_video_out *v, const float *image)
+{
+    size_t n = (size_t)v->width * (size_t)v->height;
+    char why[256] = "";
+
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < n; i++) {
+            float x = image[c * n + i];
+
+            v->rgb[3 * i + c] = (uint8_t)(x > 0 ? (x < 1 ? x : 1) * 255.0f + 0.5f : 0);
+        }
+    if (shim->put(v->writer, v->rgb, why, sizeof why) != 0)
+        return spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, why);
+    return SPIN_OK;
+}
+
+spin_status spin_video_commit(struct spin_video_out *v)
+{
+    char why[256] = "";
+    spin_status status;
+
+    if (shim->end(v->writer, why, sizeof why) != 0) {
+        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, why);
+        spin_out_abandon(&v->out);
+    } else {
+        status = spin_out_commit(&v->out);
+    }
+    release(v);
+    return status;
+}
+
+void spin_video_abandon(struct spin_video_out *v)
+{
+    if (!v)
+        return;
+    shim->close(v->writer);
+    v->writer = NULL;
+    spin_out_abandon(&v->out);
+    release(v);
+}

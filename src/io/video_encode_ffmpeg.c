@@ -1,0 +1,245 @@
+/* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of functions
+ * (video_encode_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8. Colours
+ * are BT.709, and the file says so. */
+#include "io/video_encode_shim.h"
+
+#include <libavcodec/avcodec.h>
+#include <libavformat/avformat.h>
+#include <libavutil/opt.h>
+#include <libswscale/swscale.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct spin_video_writer {
+    AVFormatContext *file;
+    AVCodecContext *codec;
+    AVStream *stream;
+    AVFrame *frame;
+    AVPacket *packet;
+    struct SwsContext *scale;
+    uint8_t *even;     /* [height][width][3] of the coded size, when the picture's is odd */
+    int width, height; /* of the pictures given */
+    int64_t next;
+};
+
+static int fail(int error, const char *what, char *why, size_t n_why)
+{
+    char text[AV_ERROR_MAX_STRING_SIZE] = "";
+
+    if (error != 0)
+        av_strerror(error, text, sizeof text);
+    snprintf(why, n_why, "%s%s%s", what, error ? ": " : "", text);
+    return -1;
+}
+
+static const AVCodec *choose(const char *format)
+{
+    static const char *const mp4[] = {"libx264", "mpeg4", NULL};
+    static const char *const webm[] = {"libvpx-vp9", "libvpx", NULL};
+    const char *const *name = strcmp(format, "webm") == 0 ? webm : mp4;
+    const AVCodec *codec = NULL;
+
+    for (; *name && !codec; name++)
+        codec = avcodec_find_encoder_by_name(*name);
+    return codec;
+}
+
+/* Each encoder has its own scale of quality. */
+static void set_quality(AVCodecContext *c, int quality)
+{
+    char crf[16];
+
+    if (strcmp(c->codec->name, "mpeg4") == 0) {
+        c->flags |= AV_CODEC_FLAG_QSCALE;
+        c->global_quality = FF_QP2LAMBDA * (1 + quality * 30 / 51);
+        return;
+    }
+    snprintf(crf, sizeof crf, "%d", c->codec->name[3] == 'v' ? 4 + quality : quality);
+    av_opt_set(c->priv_data, "crf", crf, 0);
+    if (c->codec->name[3] == 'v')
+        av_opt_set(c->priv_data, "cpu-used", "4", 0);
+}
+
+static void close_writer(struct spin_video_writer *w)
+{
+    if (!w)
+        return;
+    sws_freeContext(w->scale);
+    av_frame_free(&w->frame);
+    av_packet_free(&w->packet);
+    avcodec_free_context(&w->codec);
+    if (w->file) {
+        avio_closep(&w->file->pb);
+        avformat_free_context(w->file);
+    }
+    free(w->even);
+    free(w);
+}
+
+static int open_codec(struct spin_video_writer *w, const AVCodec *codec, double fps, int quality)
+{
+    AVCodecContext *c = w->codec = avcodec_alloc_context3(codec);
+    int error;
+
+    if (!c)
+        return AVERROR(ENOMEM);
+    c->width = w->width + (w->width & 1);
+    c->height = w->height + (w->height & 1);
+    c->framerate = av_d2q(fps, 100000);
+    c->time_base = av_inv_q(c->framerate);
+    c->pix_fmt = AV_PIX_FMT_YUV420P;
+    c->color_range = AVCOL_RANGE_MPEG;
+    c->colorspace = AVCOL_SPC_BT709;
+    c->color_primaries = AVCOL_PRI_BT709;
+    c->color_trc = AVCOL_TRC_BT709;
+    c->gop_size = 30;
+    if (w->file->oformat->flags & AVFMT_GLOBALHEADER)
+        c->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
+    set_quality(c, quality);
+    error = avcodec_open2(c, codec, NULL);
+    if (error < 0)
+        return error;
+    w->stream = avformat_new_stream(w->file, NULL);
+    if (!w->stream)
+        return AVERROR(ENOMEM);
+    w->stream->time_base = c->time_base;
+    w->stream->avg_frame_rate = c->framerate;
+    return avcodec_parameters_from_context(w->stream->codecpar, c);
+}
+
+static int open_frame(struct spin_video_writer *w)
+{
+    AVCodecContext *c = w->codec;
+
+    w->packet = av_packet_alloc();
+    w->frame = av_frame_alloc();
+    if (!w->packet || !w->frame)
+        return AVERROR(ENOMEM);
+    w->frame->format = c->pix_fmt;
+    w->frame->width = c->width;
+    w->frame->height = c->height;
+    w->frame->colorspace = c->colorspace;
+    w->frame->color_range = c->color_range;
+    if (c->width != w->width || c->height != w->height) {
+        w->even = malloc((size_t)c->width * (size_t)c->height * 3);
+        if (!w->even)
+            return AVERROR(ENOMEM);
+    }
+    w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
+                              c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
+    if (!w->scale)
+        return AVERROR(EINVAL);
+    sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
+                             sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
+    return av_frame_get_buffer(w->frame, 0);
+}
+
+static int video_open(const char *path, const char *format, int width, int height, double fps,
+                      int quality, struct spin_video_writer **out, const char **name, char *why,
+                      size_t n_why)
+{
+    struct spin_video_writer *w = calloc(1, sizeof *w);
+    const AVCodec *codec = choose(format);
+    AVDictionary *options = NULL;
+    int error;
+
+    av_log_set_level(AV_LOG_QUIET);
+    if (!w || !codec) {
+        free(w);
+        return fail(0, w ? "this FFmpeg has no encoder for it" : "not enough memory", why, n_why);
+    }
+    w->width = width;
+    w->height = height;
+    error = avformat_alloc_output_context2(&w->file, NULL, format, NULL);
+    if (error >= 0)
+        error = open_codec(w, codec, fps, quality);
+    if (error >= 0)
+        error = open_frame(w);
+    if (error >= 0)
+        error = avio_open(&w->file->pb, path, AVIO_FLAG_WRITE);
+    if (error >= 0) {
+        w->file->flags |= AVFMT_FLAG_BITEXACT; /* no date, no version */
+        error = avformat_write_header(w->file, &options);
+    }
+    av_dict_free(&options);
+    if (error < 0) {
+        close_writer(w);
+        return fail(error, "cannot begin", why, n_why);
+    }
+    *name = codec->name;
+    *out = w;
+    return 0;
+}
+
+/* Everything that the encoder has ready goes into the file. */
+static int drain(struct spin_video_writer *w)
+{
+    for (;;) {
+        int error = avcodec_receive_packet(w->codec, w->packet);
+
+        if (error == AVERROR(EAGAIN) || error == AVERROR_EOF)
+            return 0;
+        if (error < 0)
+            return error;
+        w->packet->stream_index = w->stream->index;
+        w->packet->duration = 1;
+        av_packet_rescale_ts(w->packet, w->codec->time_base, w->stream->time_base);
+        error = av_interleaved_write_frame(w->file, w->packet);
+        if (error < 0)
+            return error;
+    }
+}
+
+/* Odd sizes: the last column and row once more. */
+static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
+{
+    size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;
+
+    if (!w->even)
+        return rgb;
+    for (int y = 0; y < w->codec->height; y++) {
+        const uint8_t *line = rgb + (size_t)(y < w->height ? y : w->height - 1) * from;
+        uint8_t *out = w->even + (size_t)y * to;
+
+        memcpy(out, line, from);
+        if (to > from)
+            memcpy(out + from, line + from - 3, 3);
+    }
+    return w->even;
+}
+
+static int video_put(struct spin_video_writer *w, const uint8_t *rgb, char *why, size_t n_why)
+{
+    const uint8_t *planes[4] = {make_even(w, rgb), NULL, NULL, NULL};
+    int lines[4] = {3 * w->codec->width, 0, 0, 0};
+    int error = av_frame_make_writable(w->frame);
+
+    if (error >= 0 && sws_scale(w->scale, planes, lines, 0, w->codec->height, w->frame->data,
+                                w->frame->linesize) != w->codec->height)
+        error = AVERROR(EINVAL);
+    w->frame->pts = w->next++;
+    if (w->codec->flags & AV_CODEC_FLAG_QSCALE)
+        w->frame->quality = w->codec->global_quality;
+    if (error >= 0)
+        error = avcodec_send_frame(w->codec, w->frame);
+    if (error >= 0)
+        error = drain(w);
+    return error < 0 ? fail(error, "a frame cannot be written", why, n_why) : 0;
+}
+
+static int video_end(struct spin_video_writer *w, char *why, size_t n_why)
+{
+    int error = avcodec_send_frame(w->codec, NULL);
+
+    if (error >= 0)
+        error = drain(w);
+    if (error >= 0)
+        error = av_write_trailer(w->file);
+    if (error >= 0)
+        error = avio_closep(&w->file->pb);
+    return error < 0 ? fail(error, "its end cannot be written", why, n_why) : 0;
+}
+
+const struct spin_video_encode_shim spin_video_encode_table = {SPIN_VIDEO_ENCODE_ABI, video_open,
+                                                               video_put, video_end, close_writer};
