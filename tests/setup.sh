@@ -76,7 +76,7 @@ tinygltf libtinygltf-dev tiny_gltf.h found
 LIST
     ffmpeg=$(printf '#include <libavutil/avutil.h>\n#include <libavformat/avformat.h>\n%s\n' \
         '#include <libswscale/swscale.h>' | $CC -E -P -x c - >/dev/null 2>&1 && echo found)
-    printf '%-12s %s\n' FFmpeg: "${ffmpeg:-not found; only needed to open videos: make setup-video}"
+    printf '%-12s %s\n' FFmpeg: "${ffmpeg:-not found; only needed to open and write videos: make setup-video}"
 }
 
 if [ "${1:-}" = --report ]; then

@@ -1,0 +1,275 @@
+/* What the video exporter writes is read back: size, number, pixels; and whence a moving camera looks.
+ * K: video images export */
+#include "base/err.h"
+#include "base/log.h"
+#include "exporters/drawing.h"
+#include "io/file.h"
+#include "io/image.h"
+#include "io/video.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+extern const struct spin_exporter spin_exporter_video, spin_exporter_images;
+
+enum { W = 48, H = 32, FRAMES = 5 };
+
+static int n_renders;
+static struct spin_camera seen[64];
+static char folder[4096];
+
+/* In place of the rasteriser: a smooth picture that says which splats and which render it was. */
+static void paint(size_t n, int k, int width, int height, float *image)
+{
+    for (int y = 0; y < height; y++) {
+        for (int x = 0; x < width; x++) {
+            float *at = image + y * width + x;
+
+            at[0] = (float)x / (float)width;
+            at[width * height] = (float)(n == 9 ? 0.2 : 0.8);
+            at[2 * width * height] = 0.1f + 0.1f * (float)(k % 8);
+        }
+    }
+}
+
+spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
+                        const struct spin_camera *camera, const float background[3], float *image)
+{
+    (void)r;
+    (void)background;
+    seen[n_renders % 64] = *camera;
+    paint(splats->n, n_renders++, camera->width, camera->height, image);
+    return SPIN_OK;
+}
+
+static spin_status source_frame(void *of, int frame, struct spin_splats *out)
+{
+    (void)of;
+    (void)frame;
+    return spin_splats_reserve(out, 4, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0);
+}
+
+static const char *named(const char *name)
+{
+    static char path[8][4400];
+    static int next;
+    char *p = path[next++ % 8];
+
+    snprintf(p, sizeof path[0], "%s/%s", folder, name);
+    return p;
+}
+
+/* A held-out camera 4 at z = -5 that looks along z, and a camera 2. */
+static void make_views(struct spin_views *views, const char *image)
+{
+    for (int row = 0; row < FRAMES; row++) {
+        struct spin_view v = {
+            .row = row,
+            .camera_id = 2,
+            .path = (char *)image,
+            .camera = {W, H, 40, 40, W / 2.0, H / 2.0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 6}}};
+
+        if (spin_views_add(views, &v) != SPIN_OK)
+            exit(1);
+        v.camera_id = 4;
+        v.test = true;
+        v.camera.w2c[11] = 5;
+        if (spin_views_add(views, &v) != SPIN_OK)
+            exit(1);
+    }
+}
+
+static spin_status run(const struct spin_exporter *exporter, const struct spin_export_job *job)
+{
+    float means[27] = {0};
+    struct spin_splats s = {.n = 9, .means = means};
+    void *self = NULL;
+    spin_status status = exporter->begin(job, &self);
+
+    n_renders = 0;
+    for (int i = 0; i < 9; i++)
+        means[3 * i] = (float)(i - 4) / 4;
+    if (status != SPIN_OK)
+        return status;
+    for (int i = 0; i < job->n_frames && status == SPIN_OK; i++) {
+        struct spin_frame_info info = {.number = 10 + i, .n = 9};
+
+        status = exporter->frame(self, i, &info, &s);
+    }
+    if (status == SPIN_OK)
+        return exporter->end(self);
+    exporter->abort(self);
+    return status;
+}
+
+/* dB between a frame of the file and what render k painted, in panel p of n. */
+static double quality(const char *file, int frame, int k, size_t n_splats, int p, int n)
+{
+    int w = 0, h = 0;
+    uint8_t *rgb = NULL;
+    float *want = malloc(sizeof(float) * 3 * W * H);
+    double sum = 0;
+
+    if (spin_video_read(file, frame, NULL, &w, &h, &rgb) != SPIN_OK || w != W * n || h != H)
+        return 0;
+    paint(n_splats, k, W, H, want);
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < H; y++)
+            for (int x = 0; x < W; x++) {
+                double d =
+                    rgb[3 * (y * w + p * W + x) + c] / 255.0 - (double)want[(c * H + y) * W + x];
+
+                sum += d * d;
+            }
+    free(want);
+    free(rgb);
+    return 10 * log10(3.0 * W * H / (sum + 1e-12));
+}
+
+static void check_file(const struct spin_export_job *job, const char *what)
+{
+    int w = 0, h = 0;
+    int64_t n = 0;
+    double least = 99;
+
+    if (!ok(run(&spin_exporter_video, job) == SPIN_OK, "%s: writes: %s", what, spin_last_error()))
+        return;
+    ok(spin_video_info(job->output, &w, &h, &n) == SPIN_OK && w == W && h == H && n == FRAMES,
+       "%s: %lld frames of %dx%d", what, (long long)n, w, h);
+    for (int f = 0; f < FRAMES; f++)
+        least = fmin(least, quality(job->output, f, f, 9, 0, 1));
+    ok(least > 28, "%s: every frame is as it was painted (at least %.1f dB)", what, least);
+}
+
+static void test_files(struct spin_export_job job)
+{
+    static const char *const panels[] = {"panels", "before,after", "repeat", "2", NULL};
+    struct spin_plugin_values values = {panels};
+    int w = 0, h = 0;
+    int64_t n = 0;
+
+    job.output = named("clip.mp4");
+    check_file(&job, "mp4");
+    ok(run(&spin_exporter_video, &job) == SPIN_E_IO && strstr(spin_last_error(), "--force"),
+       "does not overwrite, and names --force");
+    job.output = named("clip.webm");
+    check_file(&job, "webm");
+    ok(seen[0].w2c[11] == 5, "from the held-out camera");
+    job.output = named("pair.mp4");
+    job.values = &values;
+    ok(run(&spin_exporter_video, &job) == SPIN_OK, "two panels, each frame twice");
+    ok(spin_video_info(job.output, &w, &h, &n) == SPIN_OK && w == 2 * W && n == 2 * FRAMES,
+       "a wide video, twice as long");
+    ok(quality(job.output, 3, 6, 4, 0, 2) > 24 && quality(job.output, 3, 7, 9, 1, 2) > 24,
+       "before to the left of after");
+}
+
+/* Distance from the eye to (0, 0, 0), and whether it looks there. */
+static double looks_from(const struct spin_camera *camera, bool *at_middle)
+{
+    double eye[3];
+
+    spin_look_eye(camera, eye);
+    *at_middle = fabs(camera->w2c[3]) < 1e-6 && fabs(camera->w2c[7]) < 1e-6 && camera->w2c[11] > 0;
+    return sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]);
+}
+
+static void test_orbit(struct spin_export_job job)
+{
+    static const char *const orbit[] = {"path", "orbit", "repeat", "4", NULL};
+    static const char *const spiral[] = {"path", "spiral", "repeat", "4", NULL};
+    struct spin_plugin_values values = {orbit};
+    bool all = true, still = true, at_middle;
+    double det = 0;
+
+    job.values = &values;
+    job.output = named("orbit");
+    ok(run(&spin_exporter_images, &job) == SPIN_OK && n_renders == 4 * FRAMES,
+       "pictures all around the scene");
+    ok(spin_path_exists(named("orbit/orbit/00019.png")) &&
+           !spin_path_exists(named("orbit/orbit/00020.png")),
+       "numbered from 0");
+    for (int i = 0; i < n_renders; i++) {
+        const double *m = seen[i].w2c;
+
+        all = all && fabs(looks_from(&seen[i], &at_middle) - 5) < 1e-6 && at_middle;
+        det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+              m[2] * (m[4] * m[9] - m[5] * m[8]);
+        all = all && fabs(det - 1) < 1e-9 && fabs(m[5] - 1) < 1e-9;
+    }
+    ok(all, "at one distance, upright, towards the middle");
+    near(seen[0].w2c[10], 1, 1e-9, "beginning with the data set's camera");
+    near(seen[10].w2c[10], -1, 1e-9, "and from behind half-way");
+    values.pairs = spiral;
+    job.output = named("spiral");
+    ok(run(&spin_exporter_images, &job) == SPIN_OK, "and in a spiral");
+    for (int i = 0; i < n_renders; i++) {
+        double away = looks_from(&seen[i], &at_middle);
+
+        still = still && at_middle && away > 4 && away < 6;
+    }
+    ok(still, "near the first view, towards the middle");
+}
+
+static void test_refusals(struct spin_export_job job)
+{
+    static const char *const bad[][2] = {{"path", "round"}, {"panels", "now"}, {"panels", ""},
+                                         {"repeat", "0"},   {"fps", "0"},      {"quality", "52"},
+                                         {"camera", "x"}};
+    static const char *const truth[] = {"path", "orbit", "panels", "truth", NULL};
+    static const char *const other[] = {"camera", "7", NULL};
+    struct spin_plugin_values values = {truth};
+    void *self = NULL;
+
+    job.output = named("never.mp4");
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        const char *pairs[] = {bad[i][0], bad[i][1], NULL};
+
+        values.pairs = pairs;
+        job.values = &values;
+        ok(spin_exporter_video.begin(&job, &self) == SPIN_E_USAGE && !self &&
+               strstr(spin_last_error(), bad[i][0]),
+           "refuses --%s '%s'", bad[i][0], bad[i][1]);
+    }
+    values.pairs = truth;
+    ok(spin_exporter_video.begin(&job, &self) == SPIN_E_USAGE, "a moving camera has no truth");
+    values.pairs = other;
+    ok(spin_exporter_video.begin(&job, &self) == SPIN_E_NOT_FOUND, "there is no camera 7");
+    job.values = NULL;
+    job.output = named("never.avi");
+    ok(spin_exporter_video.begin(&job, &self) == SPIN_E_USAGE, "refuses other names");
+    job.output = named("never.mp4");
+    ok(spin_exporter_video.begin(&job, &self) == SPIN_OK, "begins");
+    spin_exporter_video.abort(self);
+    ok(!spin_path_exists(job.output), "a video that is given up leaves nothing");
+}
+
+TAP_MAIN
+{
+    static const uint8_t colour[] = {10, 20, 30};
+    static const int rows[FRAMES] = {0, 1, 2, 3, 4};
+    static const float background[3] = {0};
+    struct spin_views views = {0};
+    struct spin_export_job job = {.n_frames = FRAMES,
+                                  .fps = 25,
+                                  .views = &views,
+                                  .row_of_frame = rows,
+                                  .source_frame = source_frame,
+                                  .background = background};
+
+    spin_log_set_level(-2);
+    snprintf(folder, sizeof folder, "%s", check_folder());
+    if (spin_image_start() != SPIN_OK) {
+        skip("videos and paths", spin_last_error());
+        return;
+    }
+    ok(spin_image_write(named("source.png"), 1, 1, colour) == SPIN_OK, "makes an image");
+    make_views(&views, named("source.png"));
+    test_orbit(job);
+    if (spin_video_start() != SPIN_OK) {
+        skip("videos", spin_last_error());
+    } else {
+        test_files(job);
+        test_refusals(job);
+    }
+    spin_views_free(&views);
+}
