@@ -317,10 +317,20 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
     return find_array(b, key, check_crc, n_dims, wanted, out);
 }
 
+/* Looking at a header brings in what lies around it, up to a megabyte: let go of it now and then. */
+static void forget_all(const struct spin_bundle *b, int n_looked_at)
+{
+    const struct spin_map *map = &b->npz.zip.map;
+
+    if (n_looked_at % 16 == 0)
+        spin_map_forget(map, map->data, map->size);
+}
+
 static spin_status check_source(struct spin_bundle *b)
 {
     struct group source = source_of(b);
     struct spin_array array;
+    int n_looked_at = 0;
 
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
@@ -329,6 +339,7 @@ static spin_status check_source(struct spin_bundle *b)
         if (!(b->meta.columns & column))
             continue;
         for (int f = 0; f < b->meta.n_frames; f++) {
+            forget_all(b, n_looked_at++);
             if (f == 0 || !still)
                 SPIN_TRY(find_column(b, &source, i, f, b->meta.frame[f].n, false, &array));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
@@ -511,6 +522,8 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
                        : spin_more(status, "cannot read '%s'", bundle->path);
         if (n > 0)
             memcpy(*spin_column_of(out, column), array.data, (size_t)array.n_bytes);
+        if (!(bundle->meta.still_columns & column)) /* a clip goes by, frame after frame */
+            spin_npz_forget(&bundle->npz, &array, 0, array.count);
     }
     return SPIN_OK;
 }

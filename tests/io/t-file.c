@@ -273,6 +273,34 @@ static void peeks(void)
     spin_peek_free(&peek);
 }
 
+/* Pages come back by themselves, and what lies elsewhere is left alone. */
+static void forgets(void)
+{
+    const size_t n = 3 * 4096 + 100;
+    unsigned char *bytes = malloc(n), *copy = malloc(n);
+    char path[300];
+    struct spin_map map;
+    FILE *file;
+
+    for (size_t i = 0; i < n; i++)
+        bytes[i] = copy[i] = (unsigned char)(i * 7);
+    snprintf(path, sizeof path, "%s/forget", check_folder());
+    file = fopen(path, "wb");
+    if (!file || fwrite(bytes, 1, n, file) != n || fclose(file) != 0 ||
+        spin_map_open(path, &map) != SPIN_OK)
+        exit(1);
+    for (size_t first = 0; first < n; first += 1000)
+        spin_map_forget(&map, map.data + first, n - first < 5000 ? n - first : 5000);
+    check_same_bits(map.data, copy, n, "what was forgotten is read again");
+    spin_map_forget(&map, bytes, n);
+    spin_map_forget(&map, map.data + 4096, n); /* beyond the end */
+    check_same_bits(bytes, copy, n, "memory that is no map's keeps its contents");
+    check_same_bits(map.data, copy, n, "and so does the map");
+    spin_map_close(&map);
+    free(bytes);
+    free(copy);
+}
+
 TAP_MAIN
 {
     root = check_folder();
@@ -282,4 +310,5 @@ TAP_MAIN
     outputs();
     full_disk();
     peeks();
+    forgets();
 }
