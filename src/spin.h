@@ -485,6 +485,7 @@ struct spin_retrain_report {
     double refine_seconds; /* part of seconds */
     double outside_ball;   /* share of points outside the unit ball at the encoder */
     size_t bytes_needed, bytes_available;
+    size_t bytes_peak;        /* of this process, when the work is done */
     double seconds_estimated; /* dry run */
     double loss_last;
 };

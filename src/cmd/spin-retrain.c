@@ -253,6 +253,7 @@ static void report_json(const struct spin_retrain_report *r)
         spin_print_number("seconds", r->seconds);
         spin_print_number("seconds_per_iteration", r->seconds_per_iteration);
         spin_print_number("loss", r->loss_last);
+        spin_print_integer("bytes_peak", (long long)r->bytes_peak);
         if (options.refine > 0) {
             spin_print_number("refine_seconds", r->refine_seconds);
             print_quality("refined", &r->refined);

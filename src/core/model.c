@@ -352,8 +352,9 @@ void spin_decode_backward(struct spin_decode *w, const struct spin_model *model,
                           float *d_heads, float *d_pos_w)
 {
     struct spin_device *d = w->device;
-    size_t n_rows = d->op->active(d, n, w->d_attr, d_pos_w, w->rows);
+    size_t n_rows;
 
+    SPIN_TIMED(d, SPIN_OP_ACTIVE, n_rows = d->op->active(d, n, w->d_attr, d_pos_w, w->rows));
     SPIN_TIMED(d, SPIN_OP_ATTR_BACK,
                d->op->attr_back(d, n_rows, w->rows, w->raw, w->d_attr, w->d_raw));
     SPIN_TIMED(

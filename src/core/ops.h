@@ -21,12 +21,15 @@ enum {
     SPIN_OP_MLP_BACK,
     SPIN_OP_GRID_BACK,
     SPIN_OP_ADAM,
+    SPIN_OP_CLEAR,
+    SPIN_OP_ACTIVE,
     SPIN_N_OPS
 };
 #define SPIN_OP_NAMES                                                                              \
     {                                                                                              \
         "pixels", "contract", "grid", "mlp", "attr", "project", "tile", "blend", "loss",           \
-            "blend_back", "project_back", "attr_back", "mlp_back", "grid_back", "adam"             \
+            "blend_back", "project_back", "attr_back", "mlp_back", "grid_back", "adam", "clear",   \
+            "active"                                                                               \
     }
 
 /* Run a call and add its wall time to the device's clock of that op. */

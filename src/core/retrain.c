@@ -374,6 +374,7 @@ static spin_status work(struct spin_retraining *r)
     SPIN_TRY(refine(r));
     SPIN_TRY(r->o->method == SPIN_METHOD_NETWORK ? train_network(r) : keep_frames(r));
     SPIN_TRY(write_output(r));
+    r->report->bytes_peak = spin_memory_peak();
     remove(r->part);
     spin_shelf_clear(r->parts);
     spin_out_sweep(r->part);

@@ -7,6 +7,7 @@
 #include <stdio.h>
 
 #include "core/measure.h"
+#include "core/ops.h"
 #include "core/shelf.h"
 #include "core/train.h"
 
@@ -32,7 +33,7 @@ struct spin_retraining {
     int n_cameras;
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
-    uint32_t *sequence; /* [n_train] of the present epoch */
+    uint32_t *sequence; /* [n_train] of the present epoch; [2 n_train] more for making it */
     int64_t epoch;      /* sequence belongs to; -1 none */
     float *truth;       /* [batch][3][max pixels] host */
     size_t max_pixels, max_tiles;
@@ -46,6 +47,7 @@ struct spin_retraining {
     FILE *log;
     double worked_s, saved_s;
     double worked_before_s;
+    double spent_s[SPIN_N_OPS], stepped_s; /* of all steps: each op, and on the wall */
 };
 
 /* ---- retrain_plan.c ---- */
@@ -78,7 +80,7 @@ spin_status spin_retrain_sort(struct spin_retraining *r);
 spin_status spin_retrain_begin(struct spin_retraining *r);
 spin_status spin_retrain_save(struct spin_retraining *r);
 spin_status spin_retrain_load(struct spin_retraining *r);
-/* An array on the device into an archive, through a host copy. */
+/* An array on the device into an archive, piece by piece through the host. */
 spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
                                      const char *name, int n_dims, const uint64_t *shape,
                                      const float *at, size_t n);

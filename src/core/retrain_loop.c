@@ -30,24 +30,20 @@ static void shuffle(const struct spin_retraining *r, uint64_t key, uint32_t *lis
 /* One epoch: a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
  * views of a frame are permuted, cut into groups of V, and the groups permuted. A function of the
  * seed and the epoch. */
-static spin_status plan_epoch(struct spin_retraining *r, int64_t epoch)
+static void plan_epoch(struct spin_retraining *r, int64_t epoch)
 {
     size_t n = r->n_train, v = (size_t)r->o->views_per_frame, n_groups = 0;
-    void *block = NULL;
-    uint32_t *views, *groups;
+    uint32_t *views = r->sequence + n, *groups = views + n;
 
     if (r->epoch == epoch)
-        return SPIN_OK;
+        return;
     for (size_t i = 0; i < n; i++)
         r->sequence[i] = (uint32_t)i;
     r->epoch = epoch;
     if (v == 1) {
         shuffle(r, 2 * (uint64_t)epoch, r->sequence, n);
-        return SPIN_OK;
+        return;
     }
-    SPIN_TRY(spin_alloc(2 * n, sizeof *views, &block));
-    views = block;
-    groups = views + n;
     memcpy(views, r->sequence, n * sizeof *views);
     shuffle(r, 2 * (uint64_t)epoch, views, n);
     /* Stable by frame: pairs of one frame stay in their shuffled order, side by side. */
@@ -69,8 +65,6 @@ static spin_status plan_epoch(struct spin_retraining *r, int64_t epoch)
              i++)
             r->sequence[k++] = views[i];
     }
-    free(block);
-    return SPIN_OK;
 }
 
 /* Items of iteration i (from 0), pixels loaded. The last incomplete batch of an epoch is dropped. */
@@ -82,7 +76,7 @@ static spin_status plan_batch(struct spin_retraining *r, int64_t i, struct spin_
 
     if (per_epoch < 1)
         per_epoch = 1;
-    SPIN_TRY(plan_epoch(r, i / per_epoch));
+    plan_epoch(r, i / per_epoch);
     for (size_t k = 0; k < batch; k++) {
         size_t at = ((size_t)(i % per_epoch) * batch + k) % r->n_train;
         const struct spin_pair *pair = &r->train[r->sequence[at]];
@@ -239,7 +233,7 @@ spin_status spin_retrain_look(struct spin_retraining *r)
 
 static const char *const op_names[] = SPIN_OP_NAMES;
 
-/* One line a step; seconds of each op since the line before. */
+/* One line a step, with the seconds of its ops. */
 static void log_step(struct spin_retraining *r, const struct spin_train_values *v,
                      const struct spin_pair *const *pairs, double seconds)
 {
@@ -254,11 +248,32 @@ static void log_step(struct spin_retraining *r, const struct spin_train_values *
         fprintf(f, "%s[%d, %d]", i ? ", " : "", spin_retrain_info(r, pairs[i]->frame)->number,
                 r->clip.views.view[pairs[i]->view].camera_id);
     fprintf(f, "], \"ops_s\": {");
-    for (int i = 0; i < SPIN_N_OPS; i++) {
+    for (int i = 0; i < SPIN_N_OPS; i++)
         fprintf(f, "%s\"%s\": %.6f", i ? ", " : "", op_names[i], r->device.seconds[i]);
-        r->device.seconds[i] = 0;
-    }
     fprintf(f, "}}\n");
+}
+
+static void count_seconds(struct spin_retraining *r, double seconds)
+{
+    r->stepped_s += seconds;
+    for (int i = 0; i < SPIN_N_OPS; i++)
+        r->spent_s[i] += r->device.seconds[i];
+}
+
+/* Where the time of the steps went. */
+static void say_seconds(const struct spin_retraining *r)
+{
+    double named = 0;
+
+    if (!(r->stepped_s > 0))
+        return;
+    for (int i = 0; i < SPIN_N_OPS; i++) {
+        named += r->spent_s[i];
+        spin_log(1, "  %-13s %9.3f s %6.1f %%", op_names[i], r->spent_s[i],
+                 100 * r->spent_s[i] / r->stepped_s);
+    }
+    spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in steps", "together", named,
+             100 * named / r->stepped_s, r->stepped_s);
 }
 
 /* ---- The loop ----------------------------------------------------------------------------------- */
@@ -298,8 +313,9 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
     items = block;
     pairs = block2;
     while (t->iteration < r->o->iterations) {
-        double start = spin_now_s();
+        double start = spin_now_s(), seconds;
 
+        memset(r->device.seconds, 0, sizeof r->device.seconds);
         SPIN_TRY_OUT(plan_batch(r, t->iteration, items, pairs));
         r->device.seconds[SPIN_OP_PIXELS] += spin_now_s() - start;
         SPIN_TRY_OUT(spin_trainer_step(t, items, r->o->batch, &v));
@@ -310,9 +326,11 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
                                (long long)t->iteration);
             goto out;
         }
+        seconds = spin_now_s() - start;
+        count_seconds(r, seconds);
         smooth = smooth > 0 ? 0.98 * smooth + 0.02 * v.loss : v.loss;
         if (r->log)
-            log_step(r, &v, pairs, spin_now_s() - start);
+            log_step(r, &v, pairs, seconds);
         spin_progress_set(&progress, t->iteration, "loss %.4f", smooth);
         SPIN_TRY_OUT(stop_or_save(r));
         if (due(t->iteration, r->o->eval_every) && t->iteration < r->o->iterations)
@@ -322,6 +340,7 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
     status = SPIN_OK;
 out:
     spin_progress_end(&progress);
+    say_seconds(r);
     free(block);
     free(block2);
     return status;

@@ -156,7 +156,7 @@ spin_status spin_retrain_open_clip(struct spin_retraining *r)
     if (r->n_train == 0)
         return spin_fail(SPIN_E_USAGE, "no training camera is left: all are held out for testing");
     block = NULL;
-    SPIN_TRY(spin_alloc(r->n_train, sizeof *r->sequence, &block));
+    SPIN_TRY(spin_alloc(3 * r->n_train, sizeof *r->sequence, &block));
     r->sequence = block;
     r->epoch = -1;
     SPIN_TRY(list_cameras(r));

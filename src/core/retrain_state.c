@@ -185,17 +185,24 @@ static spin_status list_pieces(struct spin_retraining *r, struct piece **out, si
     return SPIN_OK;
 }
 
-/* An array on the device into an archive, through a host copy. */
 spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
                                      const char *name, int n_dims, const uint64_t *shape,
                                      const float *at, size_t n)
 {
+    size_t most = (size_t)1 << 20; /* floats a piece */
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof(float), &block));
-    r->device.op->down(&r->device, block, at, n * sizeof(float));
-    status = spin_npz_write(w, name, "<f4", n_dims, shape, block);
+    SPIN_TRY(spin_npz_write_begin(w, name, "<f4", n_dims, shape));
+    SPIN_TRY(spin_alloc(most, sizeof(float), &block));
+    for (size_t first = 0; first < n; first += most) {
+        size_t floats = n - first < most ? n - first : most;
+
+        r->device.op->down(&r->device, block, at + first, floats * sizeof(float));
+        SPIN_TRY_OUT(spin_zip_member_write(w, block, floats * sizeof(float)));
+    }
+    status = spin_zip_member_end(w);
+out:
     free(block);
     return status;
 }

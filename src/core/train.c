@@ -69,8 +69,12 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(open_param(device, model->n_table, spin_lazy_pad(model), &t->table));
     SPIN_TRY_OUT(open_param(device, model->n_heads, 0, &t->heads));
     SPIN_TRY_OUT(open_param(device, 6 * (size_t)n_tints, 0, &t->tint));
-    if (n_tints > 0)
+    if (n_tints > 0) {
         SPIN_TRY_OUT(reserve(device, 3 * max_pixels, &t->tinted));
+        block = NULL;
+        SPIN_TRY_OUT(spin_alloc(t->tint.n, sizeof(float), &block));
+        t->tint_host = block;
+    }
     for (int f = 0; f < n_frames; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
@@ -119,6 +123,7 @@ void spin_trainer_close(struct spin_trainer *t)
     d->op->release(d, t->d_pos, t->n_max * 3 * sizeof(float));
     spin_decode_close(&t->decode, &t->model);
     spin_raster_close(&t->raster);
+    free(t->tint_host);
     free(t->frame);
     memset(t, 0, sizeof *t);
 }
@@ -146,14 +151,11 @@ static void compare_item(struct spin_trainer *t, const struct spin_train_item *i
 }
 
 /* Gauge: the mean camera has gain 1 and offset 0, so held-out views are drawn in its colours. */
-static spin_status centre_tint(struct spin_trainer *t)
+static void centre_tint(struct spin_trainer *t)
 {
     size_t n = t->tint.n / 6;
-    void *block = NULL;
-    float *tint;
+    float *tint = t->tint_host;
 
-    SPIN_TRY(spin_alloc(t->tint.n, sizeof(float), &block));
-    tint = block;
     t->device->op->down(t->device, tint, t->tint.p, t->tint.n * sizeof(float));
     for (size_t k = 0; k < 6; k++) {
         double mean = 0;
@@ -164,8 +166,6 @@ static spin_status centre_tint(struct spin_trainer *t)
             tint[6 * i + k] -= (float)mean;
     }
     t->device->op->up(t->device, t->tint.p, tint, t->tint.n * sizeof(float));
-    free(block);
-    return SPIN_OK;
 }
 
 /* Render one item, add its loss to values and its gradient to d_attr and d_pos. */
@@ -247,6 +247,12 @@ static void step_param(struct spin_trainer *t, struct spin_param *param, size_t 
                                    param->m + first, param->v + first, lr, t->iteration));
 }
 
+static void clear(struct spin_trainer *t, size_t n)
+{
+    t->device->op->zero(t->device, t->decode.d_attr, n * SPIN_ATTR * sizeof(float));
+    t->device->op->zero(t->device, t->d_pos, n * 3 * sizeof(float));
+}
+
 /* All pictures of one frame, and the step of its positions. */
 static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item *items, int n,
                             int first, struct spin_train_values *values)
@@ -259,8 +265,7 @@ static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item
         return SPIN_OK;
     spin_decode_forward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
                         spin_model_time(&t->model, frame->time));
-    d->op->zero(d, t->decode.d_attr, frame->n * SPIN_ATTR * sizeof(float));
-    d->op->zero(d, t->d_pos, frame->n * 3 * sizeof(float));
+    SPIN_TIMED(d, SPIN_OP_CLEAR, clear(t, frame->n));
     for (int i = first; i < n; i++) {
         double loss;
 
@@ -304,7 +309,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_it
         step_param(t, &t->heads, offset[k], offset[k + 1], t->rates.head[k]);
     if (t->tint.n) {
         step_param(t, &t->tint, 0, t->tint.n, t->rates.tint);
-        SPIN_TRY(centre_tint(t));
+        centre_tint(t);
     }
     return t->device->op->wait(t->device);
 }

@@ -42,7 +42,8 @@ struct spin_trainer {
     struct spin_decode decode;
     struct spin_raster raster;
     float *d_pos;  /* [n_max][3] */
-    float *tinted; /* [3][max_pixels], when cameras have colours */
+    float *tinted;    /* [3][max_pixels], when cameras have colours */
+    float *tint_host; /* [tint.n] host */
 };
 
 /* One picture of a batch. */

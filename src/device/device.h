@@ -225,7 +225,7 @@ struct spin_device {
     const struct spin_device_ops *op;
     void *state;          /* the device's own */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
-    double seconds[16];   /* reserved for the trace, by the core */
+    double seconds[24];   /* reserved for the trace, by the core */
 };
 
 /* name: "auto" (cuda when there is one), "cpu", "cuda". The environment variable SPIN_CPU = base, v3 or

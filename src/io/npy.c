@@ -635,15 +635,15 @@ static spin_status header_bytes(const char *name, const char *descr, int n_dims,
     return SPIN_OK;
 }
 
-spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr,
-                           int n_dims, const uint64_t *shape, const void *data)
+/* A member's name and header, and how many bytes of the array follow. */
+static spin_status describe_member(const char *name, const char *descr, int n_dims,
+                                   const uint64_t *shape, unsigned char head[256], size_t *n_head,
+                                   size_t *n_bytes, char **member)
 {
     struct text t = {.what = name};
     struct spin_array a = {0};
-    unsigned char head[256];
-    size_t n_head = 0, n_member = strlen(name) + 5;
-    void *member = NULL;
-    spin_status status;
+    size_t n_member = strlen(name) + 5;
+    void *block = NULL;
 
     if (n_dims < 0 || n_dims > SPIN_NPY_MAX_DIMS)
         return spin_fail(SPIN_E_USAGE, "cannot write array '%s': %d dimensions", name, n_dims);
@@ -651,12 +651,39 @@ spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const ch
     a.n_dims = n_dims;
     for (int i = 0; i < n_dims; i++)
         a.shape[i] = shape[i];
-    SPIN_TRY(check_size(name, &a, SIZE_MAX - sizeof head));
-    SPIN_TRY(header_bytes(name, descr, n_dims, shape, head, &n_head));
-    SPIN_TRY(spin_alloc(n_member, 1, &member));
-    snprintf(member, n_member, "%s.npy", name);
-    SPIN_TRY_OUT(spin_zip_member_whole(w, member, head, n_head, data, a.n_bytes));
-out:
+    SPIN_TRY(check_size(name, &a, SIZE_MAX - 256));
+    SPIN_TRY(header_bytes(name, descr, n_dims, shape, head, n_head));
+    SPIN_TRY(spin_alloc(n_member, 1, &block));
+    *member = block;
+    snprintf(*member, n_member, "%s.npy", name);
+    *n_bytes = a.n_bytes;
+    return SPIN_OK;
+}
+
+spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
+                                 int n_dims, const uint64_t *shape)
+{
+    unsigned char head[256];
+    size_t n_head = 0, n_bytes = 0;
+    char *member = NULL;
+    spin_status status;
+
+    SPIN_TRY(describe_member(name, descr, n_dims, shape, head, &n_head, &n_bytes, &member));
+    status = spin_zip_member_begin(w, member, n_head + n_bytes);
+    free(member);
+    return status == SPIN_OK ? spin_zip_member_write(w, head, n_head) : status;
+}
+
+spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr,
+                           int n_dims, const uint64_t *shape, const void *data)
+{
+    unsigned char head[256];
+    size_t n_head = 0, n_bytes = 0;
+    char *member = NULL;
+    spin_status status;
+
+    SPIN_TRY(describe_member(name, descr, n_dims, shape, head, &n_head, &n_bytes, &member));
+    status = spin_zip_member_whole(w, member, head, n_head, data, n_bytes);
     free(member);
     return status;
 }

@@ -59,5 +59,8 @@ void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t
 /* Write `name`.npy into an archive: descr such as "<f4", shape, then all the data at once. */
 spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr, int n_dims,
                            const uint64_t *shape, const void *data);
+/* The same in pieces: this, spin_zip_member_write() as often as needed, spin_zip_member_end(). */
+spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
+                                 int n_dims, const uint64_t *shape);
 
 #endif
