@@ -362,9 +362,11 @@ void spin_decode_backward(struct spin_decode *w, const struct spin_model *model,
         d->op->mlp_back(d, &model->heads, heads, n_rows, w->rows, w->z, w->d_raw, d_heads, w->d_z));
     SPIN_TIMED(d, SPIN_OP_GRID_BACK,
                d->op->grid_back(d, &model->grid, table, n_rows, w->rows, w->x_u, w->d_z, d_table,
-                                w->d_x_u));
-    SPIN_TIMED(d, SPIN_OP_CONTRACT,
-               d->op->contract_back(d, &model->norm, n_rows, w->rows, pos_w, w->d_x_u, d_pos_w));
+                                w->still ? NULL : w->d_x_u));
+    if (!w->still)
+        SPIN_TIMED(
+            d, SPIN_OP_CONTRACT,
+            d->op->contract_back(d, &model->norm, n_rows, w->rows, pos_w, w->d_x_u, d_pos_w));
 }
 
 /* ---- Rows and columns ------------------------------------------------------------------------ */

@@ -49,6 +49,7 @@ struct spin_decode {
 
     const struct spin_lazy *lazy; /* NULL, or the table is lazy and these are its moments */
     float *m, *v;
+    bool still; /* positions are not trained: d_pos_w gets nothing from the encoder */
 };
 size_t spin_decode_bytes(const struct spin_model *model, size_t capacity, bool training);
 spin_status spin_decode_open(struct spin_decode *decode, struct spin_device *device,

@@ -128,6 +128,13 @@ void spin_trainer_close(struct spin_trainer *t)
     memset(t, 0, sizeof *t);
 }
 
+static double rate_at(const struct spin_trainer *t, double lr0, int64_t iteration)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
+}
+
 /* The picture as this item's camera would have taken it, and its loss. d_image is the gradient with
  * respect to the picture before that. */
 static void compare_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
@@ -187,13 +194,6 @@ static spin_status draw_item(struct spin_trainer *t, const struct spin_train_ite
     values->ssim += v[2] / n;
     *loss = v[0];
     return SPIN_OK;
-}
-
-static double rate_at(const struct spin_trainer *t, double lr0, int64_t iteration)
-{
-    const struct spin_train_rates *r = &t->rates;
-
-    return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
 }
 
 /* After a resume the numbers of the steps before it are made again. */
@@ -275,13 +275,15 @@ static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item
         if (values->each)
             values->each[i] = loss;
     }
+    t->decode.still = r->position == 0;
     spin_decode_backward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
                          t->table.g, t->heads.g, t->d_pos);
+    if (t->decode.still)
+        return SPIN_OK;
     frame->steps++;
     SPIN_TIMED(d, SPIN_OP_ADAM,
                d->op->adam(d, frame->n * 3, frame->pos, t->d_pos, frame->m, frame->v,
-                           spin_lr(r->position, r->end, t->iteration, r->warmup, r->iterations),
-                           frame->steps));
+                           rate_at(t, r->position, t->iteration), frame->steps));
     return SPIN_OK;
 }
 

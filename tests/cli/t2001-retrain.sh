@@ -55,6 +55,20 @@ frames_of "$work/a" "$work/one.spin" && frames_of "$work/b" "$work/other.spin" &
     ! diff -r "$work/a" "$work/b" >/dev/null
 ok $? "another seed gives others"
 
+run "$bin/spin-retrain" "$in" -o "$work/still.spin" $small --iterations 6 --lr-position 0
+is "$code" 0 "retrains without moving the splats"
+if command -v python3 >/dev/null 2>&1; then
+    python3 -c 'import sys, zipfile
+z = zipfile.ZipFile(sys.argv[1])
+moved = zipfile.ZipFile(sys.argv[2])
+name = "network/means/00000.npy"
+still = z.read(name) == z.read("source/means/00000.npy")
+sys.exit(not (still and moved.read(name) != z.read(name)))' "$work/still.spin" "$work/one.spin"
+    ok $? "--lr-position 0 leaves them where they are, the default does not"
+else
+    skip "--lr-position 0" "no python3"
+fi
+
 # Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
 # with one that was never stopped. SIGNAL CODE
 stopped() {
