@@ -5,6 +5,10 @@
 #include "device/cpu/denormals.h"
 #include "math/adam.h"
 
+#if defined(__AVX512F__)
+#include <immintrin.h>
+#endif
+
 enum { CHUNK = 1 << 15, LINES = 4096, AHEAD = 8 };
 
 struct job {
@@ -54,9 +58,20 @@ void SPIN_CPU(adam)(struct spin_device *d, size_t n, float *p, float *g, float *
 static size_t list_marked(const struct spin_lazy *lazy, size_t first, size_t end, uint32_t *list)
 {
     float mark = (float)(lazy->done + 1);
-    size_t n = 0;
+    size_t n = 0, i = first;
 
-    for (size_t i = first; i < end; i++) {
+#if defined(__AVX512F__)
+    __m512i index = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+
+    for (; i + 16 <= end; i += 16, index = _mm512_add_epi32(index, _mm512_set1_epi32(16))) {
+        __mmask16 marked =
+            _mm512_cmp_ps_mask(_mm512_loadu_ps(lazy->last + i), _mm512_set1_ps(mark), _CMP_EQ_OQ);
+
+        _mm512_mask_compressstoreu_epi32(list + n, marked, index);
+        n += (size_t)__builtin_popcount(marked);
+    }
+#endif
+    for (; i < end; i++) {
         list[n] = (uint32_t)(i - first);
         n += lazy->last[i] == mark;
     }

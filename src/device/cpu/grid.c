@@ -348,12 +348,18 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
     uint32_t width = (uint32_t)job->grid->n_features;
 
     for (int b = 0; b < m; b++) {
+        size_t before = SIZE_MAX;
+
         if (!p->inside[b])
             continue;
         for (int k = 0; k < CORNERS; k++) {
             size_t at = line + (size_t)c->row[k][b] * width / SPIN_LINE;
-            float last = job->lazy->last[at];
+            float last;
 
+            if (at == before) /* neighbours along x share a line, mostly */
+                continue;
+            before = at;
+            last = job->lazy->last[at];
             if (last == mark)
                 continue;
             if (last != done)
