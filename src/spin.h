@@ -512,6 +512,7 @@ struct spin_eval_options {
     bool source;        /* measure the imported attributes */
     const char *images; /* folder for renders, or NULL */
     enum spin_moving_from moving;
+    const char *report, *log;      /* a page of HTML; what spin-retrain --log wrote; or NULL */
     const char *lpips; /* folder with the weights of one or both networks of LPIPS; or NULL */
     const char *lpips_backbone, *lpips_lin; /* the two files of one network; or NULL */
     float background[3];

@@ -7,6 +7,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "core/measure.h"
+#include "core/report.h"
 
 struct eval {
     const struct spin_eval_options *o;
@@ -57,7 +58,7 @@ static spin_status open_players(struct eval *e)
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
-    if (!o->images || e->from == SPIN_FROM_SOURCE ||
+    if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
         (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
         return SPIN_OK;
     SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, SPIN_FROM_SOURCE));
@@ -114,6 +115,56 @@ static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *ou
     }
 }
 
+/* ---- The report --------------------------------------------------------------------------------- */
+
+/* A page that is there already, or a log that is not, is said before the work. */
+static spin_status check_report(const struct spin_eval_options *o)
+{
+    if (o->log && !o->report)
+        return spin_fail(SPIN_E_USAGE, "the log is for the report: say where with --report");
+    if (o->log && !spin_path_exists(o->log))
+        return spin_fail(SPIN_E_NOT_FOUND, "the log '%s' does not exist", o->log);
+    if (o->report && !o->force && spin_path_exists(o->report))
+        return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", o->report);
+    return SPIN_OK;
+}
+
+/* The source is measured as well, when there is one to compare with. */
+static spin_status write_report(struct eval *e, const struct spin_measure *after)
+{
+    struct spin_eval_report before = {
+        .n_views = e->n_pairs, .n_frames = e->clip.n_frames, .moving = e->moving.from};
+    struct spin_report r = {.path = e->o->report,
+                            .log = e->o->log,
+                            .force = e->o->force,
+                            .options = e->o,
+                            .clip = &e->clip,
+                            .pixels = &e->pixels,
+                            .pairs = e->pairs,
+                            .player = &e->player,
+                            .after = e->report};
+    struct spin_measure m = *after;
+    void *block = NULL;
+    spin_status status = SPIN_OK;
+
+    if (e->has_source) {
+        SPIN_TRY(spin_alloc(e->n_pairs, sizeof *before.view, &block));
+        before.view = block;
+        m.player = &e->source;
+        m.source = NULL;
+        m.images = NULL;
+        m.view = before.view;
+        m.what = "evaluating the source";
+        status = spin_measure_run(&m, &before.mean);
+        r.source = &e->source;
+        r.before = &before;
+    }
+    if (status == SPIN_OK)
+        status = spin_report_write(&r);
+    spin_eval_report_free(&before);
+    return status;
+}
+
 /* ---- Measuring ---------------------------------------------------------------------------------- */
 
 static spin_status run_eval(struct eval *e)
@@ -129,6 +180,7 @@ static spin_status run_eval(struct eval *e)
                              .what = "evaluating"};
     void *block = NULL;
 
+    SPIN_TRY(check_report(o));
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
@@ -148,7 +200,7 @@ static spin_status run_eval(struct eval *e)
     report->seconds_decode = m.seconds_decode / m.n_decoded;
     report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
     weigh(&e->clip.bundle, &report->storage);
-    return SPIN_OK;
+    return o->report ? write_report(e, &m) : SPIN_OK;
 }
 
 spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report)

@@ -221,17 +221,28 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
     return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
 }
 
-spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb)
+spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
+                              size_t *n_bytes)
 {
     char why[256] = "";
+
+    *bytes = NULL;
+    *n_bytes = 0;
+    SPIN_TRY(spin_image_start());
+    if (shim->encode_png(width, height, rgb, bytes, n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
+        return spin_fail(SPIN_E_IO, "cannot encode a picture: %s", why);
+    return SPIN_OK;
+}
+
+spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb)
+{
     unsigned char *bytes = NULL;
     size_t n_bytes = 0;
     struct spin_out out;
-    spin_status status;
+    spin_status status = spin_image_encode(width, height, rgb, &bytes, &n_bytes);
 
-    SPIN_TRY(spin_image_start());
-    if (shim->encode_png(width, height, rgb, &bytes, &n_bytes, why, sizeof why) != SPIN_IMAGE_OK)
-        return spin_fail(SPIN_E_IO, "cannot encode image '%s': %s", path, why);
+    if (status != SPIN_OK)
+        return spin_more(status, "cannot write image '%s'", path);
     SPIN_TRY_OUT(spin_out_open(path, true, &out));
     status = spin_out_write(&out, bytes, n_bytes);
     if (status == SPIN_OK)

@@ -20,6 +20,10 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 spin_status spin_image_read(const char *path, const float background[3], int *width, int *height,
                             uint8_t **rgb);
 
+/* The bytes of a PNG file of interleaved 8-bit RGB, allocated with malloc. */
+spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
+                              size_t *n_bytes);
+
 /* Write interleaved 8-bit RGB as PNG (write, then rename). */
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb);
 

@@ -40,7 +40,7 @@ err_has 'libdnnl-dev' "says what to install"
 
 run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --device cpu --iterations 300 \
     --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \
-    --sh-degree 1 --head-lr-factor 8 --scale-bias auto --json
+    --sh-degree 1 --head-lr-factor 8 --scale-bias auto --eval-every 150 --log "$work/log" --json
 is "$code" 0 "retrains"
 is_json "spin-retrain --json is one document"
 cp "$work/out" "$work/retrain.json"
@@ -56,6 +56,19 @@ is "$(find "$work/pictures" -name '*.png' | wc -l | tr -d ' ')" 12 "a picture fo
 awk -v a="$after" '/"test": {/ { t = 1 } t && /"psnr":/ { gsub(/[^0-9.]/, "");
     d = $0 - a; exit !(d < 0.02 && d > -0.02) }' "$work/retrain.json"
 ok $? "spin-retrain measured the same"
+
+run "$bin/spin-eval" "$work/better.spin" --report "$work/report.html" --log "$work/log" --moving off
+is "$code" 0 "writes a report"
+is "$(grep -c '<svg class="chart"' "$work/report.html")" 4 "with four curves"
+greater "$(grep -c 'src="data:image/png;base64,' "$work/report.html")" 15
+ok $? "and pictures"
+! grep -q -i -e 'http' -e '[^a-z]nan[^a-z]' "$work/report.html" && grep -q '</html>' "$work/report.html"
+ok $? "nothing from outside, nothing that is not a number"
+run "$bin/spin-eval" "$work/better.spin" --report "$work/report.html"
+fails 1 spin-eval "a report that is there already"
+run "$bin/spin-eval" "$work/better.spin" --log "$work/log"
+fails 2 spin-eval "a log without a report"
+
 run "$bin/spin-eval" --source --json "$work/better.spin"
 awk -v a="$(member psnr)" -v b="$before" 'BEGIN { d = a - b; exit !(d < 0.001 && d > -0.001) }'
 ok $? "the source's attributes are still in the bundle"
