@@ -422,7 +422,8 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
 enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT };
 enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 
-enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO };
+/* NONE: not even the contraction; splats outside the unit cube share one set of attributes. */
+enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO, SPIN_NORMALISE_NONE };
 
 struct spin_retrain_options {
     const char *input, *output;
@@ -449,6 +450,7 @@ struct spin_retrain_options {
     double lr_camera;      /* their rate; 1e-3 */
     double lr_head_factor; /* on the four head rates; 1 */
     double scale_bias;     /* -5; NaN: auto, log of the median distance to 3 neighbours */
+    bool relu;         /* ReLU in the heads instead of GELU */
     enum spin_normalise normalise;
     double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
     int views_per_frame;                          /* of a batch taken from one frame; 1 */

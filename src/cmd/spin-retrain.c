@@ -9,6 +9,7 @@ static struct spin_retrain_options options;
 static struct spin_opt_common common;
 static struct spin_opt_ints test_cameras;
 static const char *method = "network", *refine_start = "points", *densify = "on";
+static const char *activation = "gelu";
 
 /* ---- Values that only this command has ------------------------------------------------------- */
 
@@ -54,8 +55,10 @@ static bool parse_normalise(const char *text, void *into)
     double value[4];
 
     o->normalise_radius = 0;
-    o->normalise = !strcmp(text, "auto") ? SPIN_NORMALISE_AUTO : SPIN_NORMALISE_OFF;
-    if (!strcmp(text, "auto") || !strcmp(text, "off"))
+    o->normalise = !strcmp(text, "auto")   ? SPIN_NORMALISE_AUTO
+                   : !strcmp(text, "none") ? SPIN_NORMALISE_NONE
+                                           : SPIN_NORMALISE_OFF;
+    if (!strcmp(text, "auto") || !strcmp(text, "off") || !strcmp(text, "none"))
         return true;
     if (parse_numbers(text, value, 4) != 4 || value[3] <= 0)
         return false;
@@ -196,9 +199,12 @@ static const struct spin_opt_row rows[] = {
     SPIN_OPT_PARSED("scale-bias", "V|auto",
                     "first log scale of all splats; auto: from the distance of neighbours (-5)",
                     &options.scale_bias, parse_scale_bias),
-    SPIN_OPT_PARSED("scene-normalise", "off|auto|CX,CY,CZ,R",
-                    "move and scale the scene where it enters the network (off)", &options,
-                    parse_normalise),
+    SPIN_OPT_PARSED("scene-normalise", "off|auto|none|CX,CY,CZ,R",
+                    "move and scale the scene where it enters the network; none: without the "
+                    "contraction (off)",
+                    &options, parse_normalise),
+    SPIN_OPT("activation", 0, "gelu|relu", "of the heads (gelu)", SPIN_OPT_CHOICE, &activation, 0,
+             0),
     SPIN_OPT_HEADING("Machine"),
     SPIN_OPT("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_OPT_CHOICE, &options.device,
              0, 0),
@@ -334,6 +340,7 @@ int main(int argc, char **argv)
     if (!strcmp(refine_start, "source"))
         options.refine_start = SPIN_REFINE_FROM_SOURCE;
     options.no_densify = !strcmp(densify, "off");
+    options.relu = !strcmp(activation, "relu");
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;

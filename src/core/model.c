@@ -168,6 +168,10 @@ spin_json *spin_model_to_json(const struct spin_model *model)
         spin_json_push_number(centre, (double)model->norm.centre[i]);
     spin_json_set(norm, "centre", centre);
     spin_json_set_number(norm, "inv_radius", (double)model->norm.inv_radius);
+    if (model->norm.raw) /* said only where it is not as in the paper */
+        spin_json_set_bool(norm, "raw", true);
+    if (model->heads.relu)
+        spin_json_set_string(j, "activation", "relu");
     spin_json_set_integer(j, "levels", model->grid.n_levels);
     spin_json_set_integer(j, "features", model->grid.n_features);
     spin_json_set_integer(j, "hidden", model->heads.hidden);
@@ -226,6 +230,7 @@ static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
 spin_status spin_model_from_json(const spin_json *json, struct spin_model *out)
 {
     const spin_json *norm = spin_json_get(json, "norm");
+    const char *activation = spin_json_string(spin_json_get(json, "activation"));
     int levels, features, hidden, sh_degree;
 
     memset(out, 0, sizeof *out);
@@ -241,6 +246,11 @@ spin_status spin_model_from_json(const spin_json *json, struct spin_model *out)
         if (!read_level(json, l, &out->grid))
             return spin_fail(SPIN_E_MALFORMED, "meta.json: bad grid level %d of the network", l);
     plan_heads(&out->heads, levels * features, hidden);
+    out->heads.relu = activation && strcmp(activation, "relu") == 0;
+    if (activation && !out->heads.relu && strcmp(activation, "gelu") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "meta.json: the network's activation is '%.32s'",
+                         activation);
+    spin_json_bool(spin_json_get(norm, "raw"), &out->norm.raw);
     count_parameters(out);
     for (size_t i = 0; i < 3; i++)
         if (!get_float(spin_json_at(spin_json_get(norm, "centre"), i), -1e30, 1e30,

@@ -278,6 +278,8 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
         finest[3] = r->clip.n_frames > 16 ? r->clip.n_frames : 16;
     SPIN_TRY(spin_model_plan(&r->model, o->levels, o->features, o->hash_log2, o->hidden,
                              o->sh_degree, o->base_resolution, finest));
+    r->model.heads.relu = o->relu;
+    r->model.norm.raw = o->normalise == SPIN_NORMALISE_NONE;
     r->model.time_first = spin_retrain_info(r, 0)->time;
     r->model.time_last = spin_retrain_info(r, r->clip.n_frames - 1)->time;
     SPIN_TRY(plan_norm(r));

@@ -59,6 +59,7 @@ static inline int spin_lazy_level(const struct spin_grid *grid)
 /* Encoder input: ((p - centre) * inv_radius), contracted, to the unit cube; time goes last. */
 struct spin_norm {
     float centre[3], inv_radius;
+    bool raw; /* not contracted: what lies outside the unit cube gets zeros (an ablation) */
 };
 
 /* Four heads, three Linear layers each, on the same z. Parameters of head k, at offset[k]:

@@ -69,6 +69,17 @@ else
     skip "--lr-position 0" "no python3"
 fi
 
+# What the ablations change is kept in the bundle; the paper's choice is not said.
+run "$bin/spin-retrain" "$in" -o "$work/plain.spin" $small --iterations 6 --lr-position 0 \
+    --activation relu --scene-normalise none --json
+is "$code" 0 "retrains with ReLU, without the contraction, at fixed positions"
+learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+run "$bin/spin-eval" "$work/plain.spin" --json
+awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
+ok $? "and spin-eval decodes it the same way"
+run "$bin/spin-retrain" "$in" -o "$work/x.spin" $small --activation tanh
+fails 2 spin-retrain "no such activation"
+
 # Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
 # with one that was never stopped. SIGNAL CODE
 stopped() {

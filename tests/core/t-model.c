@@ -63,17 +63,23 @@ static void check_json(void)
     m.norm.centre[1] = -1.3f;
     m.norm.inv_radius = 0.37f;
     m.time_last = 17;
+    m.norm.raw = m.heads.relu = true;
     j = spin_model_to_json(&m);
     text = spin_json_text(j, false);
     ok(spin_json_parse("network", text, strlen(text), &parsed) == SPIN_OK, "its JSON parses");
     ok(spin_model_from_json(parsed, &back) == SPIN_OK, "and reads back");
     check_same_bits(&m.grid, &back.grid, sizeof m.grid, "the same grid");
     check_same_bits(&m.norm, &back.norm, sizeof m.norm, "the same norm");
+    ok(back.norm.raw && back.heads.relu, "what the ablations change");
     ok(back.n_heads == m.n_heads && back.n_table == m.n_table && back.sh_degree == 2, "the same sizes");
     spin_json_free(parsed);
     spin_json_set_integer(j, "hidden", 1 << 20);
     ok(spin_model_from_json(j, &back) == SPIN_E_MALFORMED, "a huge hidden width is malformed");
     spin_json_set_integer(j, "hidden", 32);
+    spin_json_set_string(j, "activation", "tanh");
+    ok(spin_model_from_json(j, &back) == SPIN_E_UNSUPPORTED, "another activation: %s",
+       spin_last_error());
+    spin_json_set_string(j, "activation", "gelu");
     spin_json_set(j, "offset", spin_json_array());
     ok(spin_model_from_json(j, &back) == SPIN_E_MALFORMED, "no offsets is malformed");
     spin_json_free(j);

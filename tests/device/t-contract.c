@@ -4,7 +4,7 @@
 #include "math/contract.h"
 #include "tests/device/net.h"
 
-static const struct spin_norm identity = {{0, 0, 0}, 1.0f};
+static const struct spin_norm identity = {.inv_radius = 1.0f};
 
 static void golden(const char *path)
 {
@@ -64,7 +64,7 @@ static double dotted(const struct spin_norm *norm, const double p_w[3], const fl
 
 static void differences(void)
 {
-    struct spin_norm norm = {{0.5f, -1.25f, 2.0f}, 0.4f};
+    struct spin_norm norm = {.centre = {0.5f, -1.25f, 2.0f}, .inv_radius = 0.4f};
     struct spin_device *d = check_device(1);
     size_t n = 2000;
     float *pos = net_random(n * 3, 1, -8.0f, 8.0f), *d_x = net_random(n * 4, 2, -1.0f, 1.0f);
@@ -82,6 +82,22 @@ static void differences(void)
     }
     near(worst, 0, 2e-7, "slopes are central differences, with centre and radius");
     free(pos), free(d_x), free(d_pos);
+    check_device_free(d);
+}
+
+/* An ablation: without the contraction points go in as they are, moved and scaled. */
+static void uncontracted(void)
+{
+    struct spin_norm norm = {.centre = {0.5f, 0, -0.25f}, .inv_radius = 0.5f, .raw = true};
+    float pos[] = {1.5f, 0.5f, 0.75f, 9, -9, 0}, d_x[] = {1, 2, 3, 4, 5, 6, 7, 8};
+    float want[] = {0.5f, 0.25f, 0.5f, 0.5f, 4.25f, -4.5f, 0.125f, 0.5f};
+    float want_d[] = {0.5f, 1, 1.5f, 2.5f, 3, 3.5f}, x[8], d_pos[6] = {0};
+    struct spin_device *d = check_device(1);
+
+    d->op->contract(d, &norm, 2, pos, 0.5f, x);
+    d->op->contract_back(d, &norm, 2, NULL, pos, d_x, d_pos);
+    check_same_bits(x, want, sizeof x, "raw: outside stays outside");
+    check_same_bits(d_pos, want_d, sizeof d_pos, "raw: the slope is the scale");
     check_device_free(d);
 }
 
@@ -144,6 +160,7 @@ TAP_MAIN
             golden(net_paths[i]);
     unsetenv("SPIN_CPU");
     differences();
+    uncontracted();
     rows_and_threads();
     sane();
 }

@@ -70,10 +70,12 @@ static void contract_task(void *context, int task, int worker)
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     float t = spin_clamp_unit(job->t);
+    bool raw = job->norm->raw;
 
     (void)worker;
     for (size_t i = first; i < end; i++) {
-        spin_vec3 u = spin_contract(normalised(job->norm, job->pos_w + i * 3));
+        spin_vec3 p = normalised(job->norm, job->pos_w + i * 3);
+        spin_vec3 u = raw ? p : spin_contract(p);
 
         job->x_u[i * 4] = u.x;
         job->x_u[i * 4 + 1] = u.y;
@@ -95,14 +97,17 @@ static void contract_back_task(void *context, int task, int worker)
     const struct contract_job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    bool raw = job->norm->raw;
 
     (void)worker;
     for (size_t i = first; i < end; i++) {
         size_t row = row_of(job->rows, i);
         const float *d_u = job->d_x_u + i * 4;
         float *d_p = job->d_pos_w + row * 3;
-        spin_vec3 g = spin_contract_adj(normalised(job->norm, job->pos_w + row * 3),
-                                        spin_v3(d_u[0], d_u[1], d_u[2]));
+        spin_vec3 g = spin_v3(d_u[0], d_u[1], d_u[2]);
+
+        if (!raw)
+            g = spin_contract_adj(normalised(job->norm, job->pos_w + row * 3), g);
 
         d_p[0] += g.x * job->norm->inv_radius;
         d_p[1] += g.y * job->norm->inv_radius;
