@@ -1,7 +1,7 @@
 #!/bin/sh
 # import.sh [FOLDER [FRAMES [SPLATS]]]: how fast runs come in, beside what the machine does with the same
 # bytes. Makes a Dynamic 3D Gaussians run as np.savez writes it (150 frames of 100,000: 606 MB) in FOLDER
-# (a new one below $TMPDIR or /tmp, removed afterwards), then times, five times each and in turn:
+# (a new one below $TMPDIR or /tmp, removed afterwards), then times, five times each:
 #
 #     cat        the run read to nowhere
 #     cp         the run copied
@@ -77,13 +77,21 @@ clear() {
     sync -f "$folder"
 }
 
+# One kind after the other, not in turn: how fast the system finds memory for a file depends on what was
+# written before, and should be the same for all.
 rm -f "$folder"/*.times
 for _ in 1 2 3 4 5; do
-    clear
     seconds cat cat "$run"
+done
+for _ in 1 2 3 4 5; do
+    clear
     seconds cp cp "$run" "$folder/copy"
+done
+for _ in 1 2 3 4 5; do
     clear
     seconds sync sh -c "cp '$run' '$folder/copy' && sync '$folder/copy'"
+done
+for _ in 1 2 3 4 5; do
     clear
     seconds import "$bin/spin-import" -q "$run" -o "$folder/out.spin"
 done

@@ -1,6 +1,6 @@
-"""make-checkpoint.py OUT SPLATS [plain]: a Realtime-4DGS checkpoint as PyTorch saves it, with the optimiser's two
-moments for every parameter, of random numbers and without PyTorch. 230,000 splats are 450 MB, a third of
-which a reader needs."""
+"""make-checkpoint.py OUT SPLATS [plain]: a Realtime-4DGS checkpoint as PyTorch saves it, with the
+optimiser's two moments for every parameter unless it shall be plain, of random numbers and without PyTorch.
+230,000 splats are 450 MB, a third of which a reader needs."""
 import array
 import collections
 import io
