@@ -162,7 +162,54 @@ err_has "again.so': an importer called 'points-csv' is there already: .*example/
 export SPIN_PLUGIN_PATH="$work/nowhere/"
 run "$bin/spin-retrain" "$work/two.spin" --dry-run -o "$work/x.spin" --data "$work/xyz" --data-from panoptic
 err_has "^warning: plug-in '$work/nowhere/' of SPIN_PLUGIN_PATH is not there" "a folder that is missing"
+
+# ---- A data set ------------------------------------------------------------------------------------
+
+cat >"$work/two-cameras.c" <<'C'
+#include <spin.h>
+
+/* Two cameras, the first held out, over the images of the bundled clip. */
+static spin_status two_views(const char *path, const struct spin_plugin_values *values,
+                             struct spin_views *out)
+{
+    static const int id[] = {0, 12};
+    double z = atof(spin_plugin_value(values, "z", "3"));
+
+    for (int i = 0; i < 12; i++) {
+        char image[4096];
+        struct spin_view view = {
+            .camera = {160, 90, 120, 120, 80, 45, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, z}},
+            .row = i / 2, .number = 8 + i / 2, .time = i / 2,
+            .camera_id = id[i % 2], .test = i % 2 == 0, .path = image};
+
+        snprintf(image, sizeof image, "%s/ims/%d/%06d.jpg", path, view.camera_id, view.number);
+        SPIN_TRY(spin_views_add(out, &view));
+    }
+    out->numbered = true;
+    return SPIN_OK;
+}
+
+static const struct spin_plugin_option options[] = {{"z", "Z", "how far back", "3"}, {0}};
+static const struct spin_importer two_cameras = {.abi = SPIN_PLUGIN_ABI, .name = "two-cameras",
+    .summary = "made up", .options = options, .views = two_views};
+const struct spin_plugin spin_plugin = {.abi = SPIN_PLUGIN_ABI,
+    .importers = (const struct spin_importer *const[]){&two_cameras, NULL}};
+C
+"$CC" -std=gnu11 -fPIC -shared -w -include stdlib.h $SPIN_CFLAGS -o "$work/two-cameras.so" "$work/two-cameras.c"
+ok $? "a plug-in that reads data sets"
+export SPIN_PLUGIN_PATH="$work/two-cameras.so"
+run "$bin/spin-import" "$clip" --data "$clip" --data-from two-cameras:z=4 -o "$work/clip.spin"
+is "$code" 0 "is asked for by --data-from, with its option"
+run "$bin/spin-retrain" "$work/clip.spin" -o "$work/x.spin" --dry-run --json
+is "$code" 0 "a later command finds it again"
+run "$bin/spin-eval" "$work/clip.spin" --source --json
+is "$code $(grep -c '"camera": 0' "$work/out") $(grep -c '"camera": 12' "$work/out")" "0 6 0" \
+    "the camera that it holds out is measured"
 unset SPIN_PLUGIN_PATH
+run "$bin/spin-retrain" "$work/clip.spin" -o "$work/x.spin" --dry-run
+[ "$code" != 0 ]
+ok $? "without the plug-in that data set is not known"
+err_has "two-cameras" "and its name is said"
 
 # The example of spin.h, as a program of its own on the installed library.
 if command -v pkg-config >/dev/null 2>&1 && [ "$(basename "${SPIN_BUILD:-release}")" = release ]; then
