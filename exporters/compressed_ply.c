@@ -11,29 +11,28 @@
  *
  * sh holds f_rest, channel-major, in 256 steps over [-4, 4]. The ranges are small only if neighbours
  * share a chunk, so the order is Morton's; --order source keeps the source's and costs precision.
- * Chunks are packed side by side by all threads. */
-#include <stdlib.h>
+ *
+ * In the order of Morton neighbours in the file lie far apart in the bundle, and its SH, the bulk of
+ * it, is not to be held: it is read once from end to end, packed, and each row put to its place. */
+#include <stdatomic.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
-#include "base/pool.h"
 #include "exporters/frames.h"
 #include "exporters/order.h"
-#include "exporters/quant.h"
 #include "math/morton.h"
 
 #define CHUNK 256
 #define RANGES 18 /* floats of a chunk */
 #define MAX_REST 45
-#define CHUNKS_PER_TASK 16
+#define CHUNKS_PER_TASK (SPIN_ROWS_BLOCK / CHUNK)
+#define VERTEX 16         /* bytes */
 #define SCALE_LIMIT 20.0f /* of the logarithm, as splat-transform has it */
 #define SQRT2 1.41421356237309505f
+#define MAX_HEADER 4096
 
 static const struct spin_plugin_option options[] = {
-    SPIN_FRAMES_OPTION_PATTERN("frame_%05d.compressed.ply"),
-    SPIN_FRAMES_OPTION_SH,
-    SPIN_FRAMES_OPTION_MIN_OPACITY,
+    SPIN_FRAMES_OPTIONS("frame_%05d.compressed.ply"),
+    SPIN_ROWS_OPTION_SH,
     {"order", "morton|source", "order of the splats; source: as they were, less precise", "morton"},
     {0},
 };
@@ -42,20 +41,27 @@ struct export
 {
     struct spin_frames frames;
     struct spin_order order;
-    struct spin_quant quant;
-    struct spin_pool *pool;
     bool by_source;
-    int sh_degree; /* written */
-    size_t n_rest; /* bytes of sh a row */
 
-    /* One frame, packed. */
-    const struct spin_splats *splats;
-    size_t room;            /* rows */
-    float *range;           /* [chunks][RANGES] */
-    uint32_t *vertex;       /* [n][4] */
-    unsigned char *rest;    /* [n][n_rest] */
-    struct spin_quant *sum; /* [tasks] */
+    /* One frame. */
+    size_t room, room_before; /* rows written; of the frame */
+    uint32_t *row;            /* [n] rows in the order of the file */
+    uint32_t *place;          /* [rows] where each goes */
+    float *colour;            /* [n][3] */
+    unsigned char *rest;      /* [n][n_rest] */
+    struct spin_quant *quant; /* [blocks] */
+    unsigned char *scratch;
+    struct spin_out *out;
+    uint64_t range_at, vertex_at;
+    atomic_int error;
 };
+
+static size_t n_rest(const struct export *x)
+{
+    return 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree) - 3;
+}
+
+static size_t chunks_of(size_t n) { return (n + CHUNK - 1) / CHUNK; }
 
 /* ---- One chunk ------------------------------------------------------------------------------- */
 
@@ -154,92 +160,114 @@ static void range_of(const struct spin_quant_row *row, size_t n, float *range)
     }
 }
 
-/* f_rest of one row: byte u stands for (u + 0.5) / 32 - 4, the first and the last for the ends. */
-static void pack_rest(const struct spin_splats *s, size_t i, size_t n_rest,
-                      struct spin_quant *quant, unsigned char *out)
+static void take_row(const struct export *x, size_t at, struct spin_quant_row *out)
 {
-    size_t n_from = (size_t)spin_sh_count(s->sh_degree), n = n_rest / 3, at = 0;
-    const float *sh = s->sh + i * 3 * n_from;
-    float error[MAX_REST];
+    const struct spin_rows *rows = &x->frames.rows;
+    size_t i = x->row[at];
 
-    for (size_t c = 0; c < 3; c++) {
-        for (size_t k = 1; k <= n; k++, at++) {
-            float x = k < n_from ? sh[3 * k + c] : 0;
-            float u = spin_minf(spin_maxf((x / 8 + 0.5f) * 256, 0), 255);
-            unsigned char byte = (unsigned char)u;
-            float shown = byte == 0 ? -4 : byte == 255 ? 4 : ((float)byte + 0.5f) / 32 - 4;
-
-            out[at] = byte;
-            error[at] = x - shown;
-        }
-    }
-    spin_quant_add_all(quant, SPIN_QUANT_SH, error, at);
+    spin_rows_place(rows, i, out->place);
+    for (int c = 0; c < 3; c++)
+        out->log_scale[c] = spin_minf(
+            spin_maxf(rows->splats->log_scales[3 * i + (size_t)c], -SCALE_LIMIT), SCALE_LIMIT);
+    spin_rows_turned(rows, i, out->rotation);
+    out->opacity = spin_quant_opacity(rows, i);
+    memcpy(out->colour, x->colour + 3 * at, sizeof out->colour);
 }
 
-static void pack_chunk(struct export *x, size_t chunk, struct spin_quant *quant)
+static void pack_chunk(const struct export *x, size_t first, size_t n, float *range, uint32_t *word,
+                       struct spin_quant *quant)
 {
-    size_t first = chunk * CHUNK, n = x->order.n - first < CHUNK ? x->order.n - first : CHUNK;
-    float *range = x->range + chunk * RANGES;
     struct spin_quant_row row[CHUNK], shown;
 
-    for (size_t i = 0; i < n; i++) {
-        spin_quant_take(x->splats, x->order.item[first + i].row, &row[i]);
-        for (int c = 0; c < 3; c++)
-            row[i].log_scale[c] =
-                spin_minf(spin_maxf(row[i].log_scale[c], -SCALE_LIMIT), SCALE_LIMIT);
-    }
+    for (size_t i = 0; i < n; i++)
+        take_row(x, first + i, &row[i]);
     range_of(row, n, range);
-    for (size_t i = 0; i < n; i++) {
-        uint32_t *word = x->vertex + 4 * (first + i);
-
+    for (size_t i = 0; i < n; i++, word += 4) {
         word[0] = pack_3(row[i].place, range, range + 3);
         word[1] = pack_rotation(row[i].rotation);
         word[2] = pack_3(row[i].log_scale, range + 6, range + 9);
         word[3] = pack_colour(&row[i], range + 12, range + 15);
         unpack_vertex(word, range, &shown);
         spin_quant_row(quant, &row[i], &shown);
-        pack_rest(x->splats, x->order.item[first + i].row, x->n_rest, quant,
-                  x->rest + x->n_rest * (first + i));
     }
 }
-
-/* ---- One frame ------------------------------------------------------------------------------- */
-
-static size_t chunks_of(size_t n) { return (n + CHUNK - 1) / CHUNK; }
 
 static void pack_task(void *context, int task, int worker)
 {
     struct export *x = context;
-    size_t end = chunks_of(x->order.n), chunk = (size_t)task * CHUNKS_PER_TASK;
+    float *range = (float *)(void *)(x->scratch + (size_t)worker * x->frames.scratch_bytes);
+    uint32_t *word = (uint32_t *)(void *)(range + CHUNKS_PER_TASK * RANGES);
+    size_t first = (size_t)task * SPIN_ROWS_BLOCK, n = x->frames.rows.n_kept - first;
+    size_t n_chunks;
+    int error;
+
+    n = n < SPIN_ROWS_BLOCK ? n : SPIN_ROWS_BLOCK;
+    n_chunks = chunks_of(n);
+    for (size_t c = 0; c < n_chunks; c++)
+        pack_chunk(x, first + c * CHUNK, n - c * CHUNK < CHUNK ? n - c * CHUNK : CHUNK,
+                   range + c * RANGES, word + c * CHUNK * 4, &x->quant[task]);
+    spin_rows_little_endian(range, n_chunks * RANGES);
+    spin_rows_little_endian(word, 4 * n);
+    error = spin_out_put(x->out, x->range_at + first / CHUNK * RANGES * sizeof *range, range,
+                         n_chunks * RANGES * sizeof *range);
+    if (!error)
+        error = spin_out_put(x->out, x->vertex_at + first * VERTEX, word, n * VERTEX);
+    if (error)
+        atomic_store(&x->error, error);
+}
+
+/* ---- SH -------------------------------------------------------------------------------------- */
+
+/* f_rest of one row: byte u stands for (u + 0.5) / 32 - 4, the first and the last for the ends. */
+static void pack_rest(const struct export *x, size_t i, struct spin_quant *quant,
+                      unsigned char *out)
+{
+    size_t n_there = (size_t)spin_rows_n_sh(&x->frames.rows), n = n_rest(x) / 3, at = 0;
+    float error[MAX_REST], room[3 * SPIN_SH_MAX];
+    const float *sh = spin_rows_sh(&x->frames.rows, i, room);
+
+    for (size_t c = 0; c < 3; c++) {
+        for (size_t k = 1; k <= n; k++, at++) {
+            float v = k < n_there ? sh[3 * k + c] : 0;
+            float u = spin_minf(spin_maxf((v / 8 + 0.5f) * 256, 0), 255);
+            unsigned char byte = (unsigned char)u;
+            float shown = byte == 0 ? -4 : byte == 255 ? 4 : ((float)byte + 0.5f) / 32 - 4;
+
+            out[at] = byte;
+            error[at] = v - shown;
+        }
+    }
+    spin_quant_add_all(quant, SPIN_QUANT_SH, error, at);
+}
+
+/* Colours and SH of a block of the source to their places in the order of the file. */
+static void scatter_block(void *context, int b, int worker)
+{
+    struct export *x = context;
+    const struct spin_rows *rows = &x->frames.rows;
+    size_t i = (size_t)b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
 
     (void)worker;
-    x->sum[task] = (struct spin_quant){0};
-    for (int i = 0; i < CHUNKS_PER_TASK && chunk < end; i++, chunk++)
-        pack_chunk(x, chunk, &x->sum[task]);
+    for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
+        if (!rows->keep[i])
+            continue;
+        spin_quant_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
+        pack_rest(x, i, &x->quant[b], x->rest + n_rest(x) * x->place[i]);
+    }
+    spin_rows_rest(rows, (size_t)b, SPIN_COL_SH);
 }
 
-static size_t tasks_of(size_t n) { return (chunks_of(n) + CHUNKS_PER_TASK - 1) / CHUNKS_PER_TASK; }
+/* ---- Order ----------------------------------------------------------------------------------- */
 
-static spin_status make_room(struct export *x, size_t n)
+static void key_by_place(struct export *x)
 {
-    if (n <= x->room)
-        return SPIN_OK;
-    SPIN_TRY(spin_grow(chunks_of(n), RANGES * sizeof *x->range, (void **)&x->range));
-    SPIN_TRY(spin_grow(n, 4 * sizeof *x->vertex, (void **)&x->vertex));
-    SPIN_TRY(spin_grow(n, x->n_rest + 1, (void **)&x->rest));
-    SPIN_TRY(spin_grow(tasks_of(n), sizeof *x->sum, (void **)&x->sum));
-    x->room = n;
-    return SPIN_OK;
-}
-
-static void sort_by_place(struct export *x)
-{
+    const struct spin_splats *s = x->frames.rows.splats;
     float range[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
 
     for (size_t i = 0; i < x->order.n; i++)
-        widen(range, x->splats->means + 3 * (size_t)x->order.item[i].row);
+        widen(range, s->means + 3 * (size_t)x->order.item[i].row);
     for (size_t i = 0; i < x->order.n; i++) {
-        const float *place = x->splats->means + 3 * (size_t)x->order.item[i].row;
+        const float *place = s->means + 3 * (size_t)x->order.item[i].row;
 
         for (int c = 0; c < 3; c++) {
             double width = (double)range[3 + c] - range[c];
@@ -248,127 +276,178 @@ static void sort_by_place(struct export *x)
             x->order.item[i].key |= spin_morton_spread((uint64_t)(u * SPIN_MORTON_MAX)) << c;
         }
     }
-    spin_order_sort(&x->order);
 }
 
-static spin_status write_header(const struct export *x, struct spin_out *out)
+static spin_status make_room(struct export *x)
+{
+    size_t n = x->frames.rows.n_kept, n_before = x->frames.rows.splats->n;
+
+    if (n > x->room) {
+        SPIN_TRY(spin_grow(n, sizeof *x->row, (void **)&x->row));
+        SPIN_TRY(spin_grow(n, 3 * sizeof *x->colour, (void **)&x->colour));
+        SPIN_TRY(spin_grow(n, n_rest(x) + 1, (void **)&x->rest));
+        x->room = n;
+    }
+    if (n_before > x->room_before) {
+        SPIN_TRY(spin_grow(n_before, sizeof *x->place, (void **)&x->place));
+        x->room_before = n_before;
+    }
+    return SPIN_OK;
+}
+
+/* What sorts is four times as large as the order itself, and goes before the rest comes. */
+static spin_status choose_order(struct export *x)
+{
+    SPIN_TRY(spin_order_fill(&x->order, &x->frames.rows));
+    if (!x->by_source) {
+        key_by_place(x);
+        spin_order_sort(&x->order);
+    }
+    SPIN_TRY(make_room(x));
+    for (size_t i = 0; i < x->order.n; i++) {
+        x->row[i] = x->order.item[i].row;
+        x->place[x->row[i]] = (uint32_t)i;
+    }
+    spin_order_free(&x->order);
+    return SPIN_OK;
+}
+
+/* ---- One file -------------------------------------------------------------------------------- */
+
+static size_t make_header(const struct export *x, const struct spin_frame_info *info, size_t n,
+                          char text[MAX_HEADER])
 {
     static const char *const chunk[RANGES] = {
         "min_x",       "min_y",       "min_z",       "max_x",       "max_y",       "max_z",
         "min_scale_x", "min_scale_y", "min_scale_z", "max_scale_x", "max_scale_y", "max_scale_z",
         "min_r",       "min_g",       "min_b",       "max_r",       "max_g",       "max_b"};
-    char text[4096];
-    int at = snprintf(text, sizeof text,
-                      "ply\nformat binary_little_endian 1.0\ncomment Generated by spin4d %s\n"
-                      "element chunk %zu\n",
-                      SPIN_VERSION, chunks_of(x->order.n));
+    size_t at = (size_t)snprintf(text, MAX_HEADER, "ply\nformat binary_little_endian 1.0\n");
 
+    at += spin_frames_comments(&x->frames, info, text + at, MAX_HEADER - at);
+    at += (size_t)snprintf(text + at, MAX_HEADER - at, "element chunk %zu\n", chunks_of(n));
     for (int i = 0; i < RANGES; i++)
-        at += snprintf(text + at, sizeof text - (size_t)at, "property float %s\n", chunk[i]);
-    at += snprintf(text + at, sizeof text - (size_t)at,
-                   "element vertex %zu\nproperty uint packed_position\n"
-                   "property uint packed_rotation\nproperty uint packed_scale\n"
-                   "property uint packed_color\n",
-                   x->order.n);
-    if (x->n_rest > 0)
-        at += snprintf(text + at, sizeof text - (size_t)at, "element sh %zu\n", x->order.n);
-    for (size_t i = 0; i < x->n_rest; i++)
-        at += snprintf(text + at, sizeof text - (size_t)at, "property uchar f_rest_%zu\n", i);
-    at += snprintf(text + at, sizeof text - (size_t)at, "end_header\n");
-    return spin_out_write(out, text, (size_t)at);
+        at += (size_t)snprintf(text + at, MAX_HEADER - at, "property float %s\n", chunk[i]);
+    at += (size_t)snprintf(text + at, MAX_HEADER - at,
+                           "element vertex %zu\nproperty uint packed_position\n"
+                           "property uint packed_rotation\nproperty uint packed_scale\n"
+                           "property uint packed_color\n",
+                           n);
+    if (n_rest(x) > 0)
+        at += (size_t)snprintf(text + at, MAX_HEADER - at, "element sh %zu\n", n);
+    for (size_t i = 0; i < n_rest(x); i++)
+        at += (size_t)snprintf(text + at, MAX_HEADER - at, "property uchar f_rest_%zu\n", i);
+    at += (size_t)snprintf(text + at, MAX_HEADER - at, "end_header\n");
+    return at;
 }
 
-static spin_status write_file(struct export *x, struct spin_out *out)
+static uint64_t body_bytes(const struct export *x, size_t n)
 {
-    size_t n = x->order.n, n_range = chunks_of(n) * RANGES, n_tasks = tasks_of(n);
+    return chunks_of(n) * RANGES * sizeof(float) + (uint64_t)n * (VERTEX + n_rest(x));
+}
 
-    spin_pool_run(x->pool, (int)n_tasks, pack_task, x);
-    for (size_t t = 0; t < n_tasks; t++)
-        spin_quant_merge(&x->quant, &x->sum[t]);
-    spin_rows_little_endian(x->range, n_range);
-    spin_rows_little_endian(x->vertex, 4 * n);
-    SPIN_TRY(write_header(x, out));
-    SPIN_TRY(spin_out_write(out, x->range, n_range * sizeof *x->range));
-    SPIN_TRY(spin_out_write(out, x->vertex, n * 4 * sizeof *x->vertex));
-    return spin_out_write(out, x->rest, n * x->n_rest);
+static uint64_t compressed_bytes(const void *self, size_t n)
+{
+    static const struct spin_frame_info info;
+    char text[MAX_HEADER];
+
+    return make_header(self, &info, n, text) + body_bytes(self, n);
+}
+
+static spin_status write_chunks(struct export *x)
+{
+    struct spin_frames *frames = &x->frames;
+    const struct spin_rows *rows = &frames->rows;
+    size_t bytes = CHUNKS_PER_TASK * RANGES * sizeof(float) + SPIN_ROWS_BLOCK * VERTEX;
+    size_t n_tasks = (rows->n_kept + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
+
+    SPIN_TRY(spin_frames_scratch(frames, bytes, &x->scratch));
+    atomic_store(&x->error, 0);
+    spin_pool_run(rows->pool, (int)n_tasks, pack_task, x);
+    for (size_t b = 0; b < spin_rows_blocks(rows); b++)
+        spin_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    return x->error ? spin_out_failed(x->out, x->error) : SPIN_OK;
+}
+
+static spin_status compressed_write(void *self, const struct spin_frame_info *info,
+                                    struct spin_out *out)
+{
+    struct export *x = self;
+    size_t n = x->frames.rows.n_kept;
+    char text[MAX_HEADER];
+
+    SPIN_TRY(choose_order(x));
+    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
+    spin_rows_each(&x->frames.rows, scatter_block, x);
+    x->out = out;
+    x->range_at = make_header(x, info, n, text);
+    x->vertex_at = x->range_at + chunks_of(n) * RANGES * sizeof(float);
+    SPIN_TRY(spin_out_write_at(out, 0, text, (size_t)x->range_at));
+    SPIN_TRY(write_chunks(x));
+    SPIN_TRY(spin_out_write_at(out, x->vertex_at + n * VERTEX, x->rest, n * n_rest(x)));
+    spin_frames_merge(&x->frames);
+    return SPIN_OK;
+}
+
+/* The very header that would be written, and rows to its end. */
+static bool compressed_complete(void *self, const struct spin_frame_info *info,
+                                const struct spin_map *map, size_t *n)
+{
+    static const char key[] = "element vertex ";
+    const struct export *x = self;
+    char text[MAX_HEADER + 1], *at;
+    size_t n_header = map->size < MAX_HEADER ? map->size : MAX_HEADER;
+
+    memcpy(text, map->data, n_header);
+    text[n_header] = '\0';
+    at = strstr(text, key);
+    if (!at)
+        return false;
+    *n = strtoul(at + sizeof key - 1, NULL, 10);
+    if (*n > info->n)
+        return false;
+    n_header = make_header(x, info, *n, text);
+    return map->size == n_header + body_bytes(x, *n) && memcmp(map->data, text, n_header) == 0;
 }
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static void finish(struct export *x)
+static spin_status begin(void *self, const struct spin_export_job *job)
 {
-    spin_order_free(&x->order);
-    if (x->pool)
-        spin_pool_free(x->pool);
-    free(x->range);
-    free(x->vertex);
-    free(x->rest);
-    free(x->sum);
-    free(x);
-}
-
-static spin_status compressed_begin(const struct spin_export_job *job, void **self)
-{
-    const struct spin_plugin_values *v = job->values;
-    const char *order = spin_plugin_value(v, "order", "morton");
-    struct export *x = NULL;
-    spin_status status;
+    const char *order = spin_plugin_value(job->values, "order", "morton");
+    struct export *x = self;
 
     if (strcmp(order, "morton") != 0 && strcmp(order, "source") != 0)
         return spin_fail(SPIN_E_USAGE, "--order '%s': expected morton or source", order);
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->by_source = strcmp(order, "source") == 0;
-    SPIN_TRY_OUT(
-        spin_rows_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree, &x->sh_degree));
-    x->n_rest = 3 * (size_t)spin_sh_count(x->sh_degree) - 3;
-    SPIN_TRY_OUT(spin_pool_create(job->n_threads, &x->pool));
-    SPIN_TRY_OUT(spin_frames_begin(&x->frames, job, "frame_%05d.compressed.ply"));
-    *self = x;
-    return SPIN_OK;
-out:
-    spin_frames_end(&x->frames);
-    finish(x);
-    return status;
-}
-
-static spin_status compressed_frame(void *self, int frame, const struct spin_frame_info *info,
-                                    const struct spin_splats *splats)
-{
-    struct export *x = self;
-    struct spin_out out;
-    size_t n_kept;
-    spin_status status;
-
-    (void)frame;
-    x->splats = splats;
-    SPIN_TRY(spin_frames_open(&x->frames, splats, info->number, &n_kept, &out));
-    SPIN_TRY_OUT(spin_order_fill(&x->order, &x->frames.rows, splats->n, n_kept));
-    SPIN_TRY_OUT(make_room(x, n_kept));
-    if (!x->by_source)
-        sort_by_place(x);
-    SPIN_TRY_OUT(write_file(x, &out));
-    return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
-}
-
-static spin_status compressed_end(void *self)
-{
-    struct export *x = self;
-
-    spin_quant_say(&x->quant, "compressed-ply");
-    spin_frames_end(&x->frames);
-    finish(x);
     return SPIN_OK;
 }
 
-static void compressed_abort(void *self)
+static void end(void *self)
 {
     struct export *x = self;
 
-    spin_frames_abandon(&x->frames);
-    finish(x);
+    spin_order_free(&x->order);
+    free(x->row);
+    free(x->place);
+    free(x->colour);
+    free(x->rest);
+}
+
+static const struct spin_frames_format format = {
+    .name = "compressed-ply",
+    .pattern = "frame_%05d.compressed.ply",
+    .self_bytes = sizeof(struct export),
+    .lossy = true,
+    .begin = begin,
+    .bytes = compressed_bytes,
+    .write = compressed_write,
+    .complete = compressed_complete,
+    .end = end,
+};
+
+static spin_status compressed_begin(const struct spin_export_job *job, void **self)
+{
+    return spin_frames_begin(&format, job, self);
 }
 
 extern const struct spin_exporter spin_exporter_compressed_ply;
@@ -379,7 +458,8 @@ const struct spin_exporter spin_exporter_compressed_ply = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = compressed_begin,
-    .frame = compressed_frame,
-    .end = compressed_end,
-    .abort = compressed_abort,
+    .frame = spin_frames_frame,
+    .end = spin_frames_end,
+    .abort = spin_frames_abort,
+    .skip = spin_frames_skip,
 };

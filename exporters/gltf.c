@@ -15,27 +15,24 @@
  *
  * Attributes lie one after the other in the file, splats in memory; blocks of rows are taken apart
  * and each piece is written to its place, so that a frame is never held twice. */
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
 #include "exporters/frames.h"
-#include "exporters/quant.h"
 #include "io/gltf.h"
 
 #define EXTENSION "KHR_gaussian_splatting"
 #define DEFAULT_FPS 30
 #define MAX_ATTRIBUTES (4 + SPIN_SH_MAX + 1)
-#define BLOCK 4096
+#define BLOCK SPIN_ROWS_BLOCK
 #define MAX_ROW (4 * (3 + 4 + 3 + 1 + 3 * SPIN_SH_MAX) + 8)
 
 static const struct spin_plugin_option options[] = {
-    SPIN_FRAMES_OPTION_PATTERN("frame_%05d.glb"),
-    SPIN_FRAMES_OPTION_SH,
-    SPIN_FRAMES_OPTION_MIN_OPACITY,
-    {"axes", "gltf|source", "axes to write; gltf: x left, y up, z forward, half a turn about z",
-     "gltf"},
+    SPIN_FRAMES_OPTIONS("frame_%05d.glb"),
+    SPIN_ROWS_OPTION_SH,
+    {"axes", "gltf|source",
+     "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
     {"fps", "F", "frames a second of a clip in one file; otherwise the bundle's, else 30", NULL},
     {"no-fallback", NULL, "leave out COLOR_0, for viewers that draw plain points", NULL},
     {0},
@@ -43,21 +40,20 @@ static const struct spin_plugin_option options[] = {
 
 struct export
 {
-    struct spin_frames frames; /* of one per file; its rows serve both */
+    struct spin_frames frames; /* of one per file; its rows and options serve both */
     bool single;               /* all in one file */
-    struct spin_glb glb;       /* that file */
     const char *extras[5];
-    double fps;
-    bool turned;
-    int sh_degree; /* written */
+    bool fallback;
     int n_attributes;
     struct spin_gltf_attribute attribute[MAX_ATTRIBUTES];
     char name[SPIN_SH_MAX][64];
-    int n_frames, n_done;          /* of a single file */
+    uint64_t n_bytes; /* of the binary chunk so far */
+
+    /* All in one file. */
+    struct spin_out out;
+    struct spin_glb glb;
+    int n_frames, n_done;
     struct spin_gltf_frame *frame; /* [n_frames] */
-    uint64_t n_bytes;              /* of the binary chunk so far */
-    unsigned char *column[MAX_ATTRIBUTES];
-    _Alignas(8) unsigned char block[BLOCK * MAX_ROW];
 };
 
 /* ---- Attributes ------------------------------------------------------------------------------ */
@@ -82,7 +78,7 @@ static void list_attributes(struct export *x, bool fallback)
     add_attribute(x, EXTENSION ":ROTATION", 4, SPIN_GLTF_F32);
     add_attribute(x, EXTENSION ":SCALE", 3, SPIN_GLTF_F32);
     add_attribute(x, EXTENSION ":OPACITY", 1, SPIN_GLTF_F32);
-    for (int l = 0; l <= x->sh_degree; l++) {
+    for (int l = 0; l <= x->frames.rows.sh_degree; l++) {
         for (int m = 0; m < 2 * l + 1; m++, k++) {
             snprintf(x->name[k], sizeof x->name[k], EXTENSION ":SH_DEGREE_%d_COEF_%d", l, m);
             add_attribute(x, x->name[k], 3, SPIN_GLTF_F32);
@@ -92,15 +88,13 @@ static void list_attributes(struct export *x, bool fallback)
         add_attribute(x, "COLOR_0", 4, SPIN_GLTF_U16);
 }
 
-/* Pieces of the block, one per attribute. */
-static void divide_block(struct export *x)
+static uint64_t bytes_of_row(const struct export *x)
 {
-    unsigned char *at = x->block;
+    uint64_t sum = 0;
 
-    for (int a = 0; a < x->n_attributes; a++) {
-        x->column[a] = at;
-        at += BLOCK * width_of(&x->attribute[a]);
-    }
+    for (int a = 0; a < x->n_attributes; a++)
+        sum += width_of(&x->attribute[a]);
+    return sum;
 }
 
 static struct spin_gltf_clip describe(const struct export *x, const struct spin_gltf_frame *frame,
@@ -112,7 +106,7 @@ static struct spin_gltf_clip describe(const struct export *x, const struct spin_
     return (struct spin_gltf_clip){
         .generator = "spin4d " SPIN_VERSION,
         .extras = x->extras,
-        .fps = x->fps,
+        .fps = x->frames.fps,
         .extension = EXTENSION,
         .extension_values = values,
         .attribute = x->attribute,
@@ -126,17 +120,11 @@ static struct spin_gltf_clip describe(const struct export *x, const struct spin_
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void turn_row(struct spin_quant_row *row)
-{
-    float w = row->rotation[0], qx = row->rotation[1], y = row->rotation[2], z = row->rotation[3];
-
-    row->place[0] = -row->place[0];
-    row->place[1] = -row->place[1];
-    row->rotation[0] = -z;
-    row->rotation[1] = -y;
-    row->rotation[2] = qx;
-    row->rotation[3] = w;
-}
+/* A block of rows taken apart, and where it goes. */
+struct block {
+    const struct export *x;
+    unsigned char *column[MAX_ATTRIBUTES];
+};
 
 static uint16_t u16_of(float x) { return (uint16_t)(spin_minf(spin_maxf(x, 0), 1) * 65535 + 0.5f); }
 
@@ -146,42 +134,39 @@ static float linear_of(float x)
     return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
 }
 
-static void put_sh(struct export *x, const float *sh, int n_from, size_t at)
+static void put_sh(const struct block *b, size_t i, size_t at)
 {
-    /* Of odd order: those that change sign in half a turn about z. */
-    static const float turned[SPIN_SH_MAX] = {1, -1, 1, -1, 1, -1, 1, -1,
-                                              1, -1, 1, -1, 1, -1, 1, -1};
-    int n = spin_sh_count(x->sh_degree);
+    const struct spin_rows *rows = &b->x->frames.rows;
+    int n = spin_sh_count(rows->sh_degree), n_there = spin_rows_n_sh(rows);
+    float room[3 * SPIN_SH_MAX];
+    const float *sh = spin_rows_sh(rows, i, room);
 
     for (int k = 0; k < n; k++) {
-        float *out = (float *)(void *)x->column[4 + k] + 3 * at;
-        float sign = x->turned ? turned[k] : 1;
+        float *out = (float *)(void *)b->column[4 + k] + 3 * at;
 
         for (int c = 0; c < 3; c++)
-            out[c] = k < n_from ? sign * sh[3 * k + c] : 0;
+            out[c] = k < n_there ? sh[3 * k + c] : 0;
     }
 }
 
 /* Row i of the frame to row `at` of the block. */
-static void put_row(struct export *x, const struct spin_splats *s, size_t i, size_t at)
+static void put_row(const struct block *b, size_t i, size_t at)
 {
-    int n_from = spin_sh_count(s->sh_degree), n = spin_sh_count(x->sh_degree);
+    const struct export *x = b->x;
     struct spin_quant_row row;
-    float *rotation = (float *)(void *)x->column[1] + 4 * at;
-    float *scale = (float *)(void *)x->column[2] + 3 * at;
-    uint16_t *colour = (uint16_t *)(void *)x->column[x->n_attributes - 1] + 4 * at;
+    float *rotation = (float *)(void *)b->column[1] + 4 * at;
+    float *scale = (float *)(void *)b->column[2] + 3 * at;
+    uint16_t *colour = (uint16_t *)(void *)b->column[x->n_attributes - 1] + 4 * at;
 
-    spin_quant_take(s, i, &row);
-    if (x->turned)
-        turn_row(&row);
-    memcpy(x->column[0] + 12 * at, row.place, sizeof row.place);
+    spin_quant_take(&x->frames.rows, i, &row);
+    memcpy(b->column[0] + 12 * at, row.place, sizeof row.place);
     for (int k = 0; k < 4; k++)
         rotation[k] = row.rotation[(k + 1) % 4];
     for (int c = 0; c < 3; c++)
         scale[c] = expf(row.log_scale[c]);
-    memcpy(x->column[3] + 4 * at, &row.opacity, sizeof row.opacity);
-    put_sh(x, s->sh + i * 3 * (size_t)n_from, n_from, at);
-    if (x->n_attributes == 4 + n)
+    memcpy(b->column[3] + 4 * at, &row.opacity, sizeof row.opacity);
+    put_sh(b, i, at);
+    if (!x->fallback)
         return;
     for (int c = 0; c < 3; c++)
         colour[c] = u16_of(linear_of(spin_minf(spin_maxf(row.colour[c], 0), 1)));
@@ -189,114 +174,165 @@ static void put_row(struct export *x, const struct spin_splats *s, size_t i, siz
 }
 
 /* Two bytes of COLOR_0 at a time, four of the others. */
-static void to_little_endian(struct export *x, size_t n)
+static void to_little_endian(const struct block *b, size_t n)
 {
 #if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+    const struct export *x = b->x;
+
     for (int a = 0; a < x->n_attributes; a++) {
         size_t n_words = n * width_of(&x->attribute[a]) / 4;
-        uint16_t *half = (uint16_t *)(void *)x->column[a];
+        uint16_t *half = (uint16_t *)(void *)b->column[a];
 
         if (x->attribute[a].component == SPIN_GLTF_F32)
-            spin_rows_little_endian(x->column[a], n_words);
+            spin_rows_little_endian(b->column[a], n_words);
         for (size_t i = 0; x->attribute[a].component == SPIN_GLTF_U16 && i < 2 * n_words; i++)
             half[i] = __builtin_bswap16(half[i]);
     }
 #else
-    (void)x;
+    (void)b;
     (void)n;
 #endif
 }
 
-/* Rows first .. first + n of the frame, each attribute to its place. */
-static spin_status write_block(struct export *x, struct spin_glb *glb,
-                               const struct spin_gltf_frame *frame, uint64_t first, size_t n)
-{
-    uint64_t at = frame->offset;
+struct writing {
+    struct export *x;
+    struct spin_glb *glb;
+    struct spin_gltf_frame *frame;
+    unsigned char *scratch;
+    float *bounds; /* [blocks][6] low, high */
+    atomic_int error;
+};
 
-    to_little_endian(x, n);
-    for (int a = 0; a < x->n_attributes; a++) {
-        size_t width = width_of(&x->attribute[a]);
-
-        SPIN_TRY(spin_glb_write(glb, at + first * width, x->column[a], n * width));
-        at += frame->n * width;
-    }
-    return SPIN_OK;
-}
-
-static void widen(struct spin_gltf_frame *frame, const float *place)
+static void widen(float *bounds, const float *place)
 {
     for (int c = 0; c < 3; c++) {
-        frame->low[c] = spin_minf(frame->low[c], place[c]);
-        frame->high[c] = spin_maxf(frame->high[c], place[c]);
+        bounds[c] = spin_minf(bounds[c], place[c]);
+        bounds[3 + c] = spin_maxf(bounds[3 + c], place[c]);
     }
 }
 
-static spin_status write_rows(struct export *x, struct spin_glb *glb, const struct spin_splats *s,
-                              struct spin_gltf_frame *frame)
+/* Each attribute of a block to its place. */
+static int put_block(const struct writing *w, const struct block *b, uint64_t first, size_t n)
 {
-    size_t n = 0;
-    uint64_t first = 0;
+    uint64_t at = w->frame->offset;
+    int error = 0;
 
+    to_little_endian(b, n);
+    for (int a = 0; a < w->x->n_attributes && !error; a++) {
+        size_t width = width_of(&w->x->attribute[a]);
+
+        error = spin_glb_put(w->glb, at + first * width, b->column[a], n * width);
+        at += w->frame->n * width;
+    }
+    return error;
+}
+
+static void write_block(void *context, int number, int worker)
+{
+    struct writing *w = context;
+    const struct spin_rows *rows = &w->x->frames.rows;
+    struct block b = {.x = w->x};
+    unsigned char *at = w->scratch + (size_t)worker * w->x->frames.scratch_bytes;
+    size_t i = (size_t)number * BLOCK, end = i + BLOCK, n = 0;
+    float *bounds = w->bounds + 6 * (size_t)number;
+    int error;
+
+    for (int a = 0; a < w->x->n_attributes; a++) {
+        b.column[a] = at;
+        at += BLOCK * width_of(&w->x->attribute[a]);
+    }
+    for (int c = 0; c < 6; c++)
+        bounds[c] = c < 3 ? INFINITY : -INFINITY;
+    for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
+        if (rows->keep[i]) {
+            put_row(&b, i, n);
+            widen(bounds, (float *)(void *)b.column[0] + 3 * n++);
+        }
+    }
+    spin_rows_rest(rows, (size_t)number, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    error = put_block(w, &b, spin_rows_before(rows, (size_t)number), n);
+    if (error)
+        atomic_store(&w->error, error);
+}
+
+/* The chosen rows, at frame->offset; fills in the frame's bounds. */
+static spin_status write_rows(struct export *x, struct spin_glb *glb, struct spin_gltf_frame *frame)
+{
+    struct writing w = {.x = x, .glb = glb, .frame = frame};
+    size_t n_blocks = spin_rows_blocks(&x->frames.rows);
+
+    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * MAX_ROW, &w.scratch));
+    SPIN_TRY(spin_alloc(n_blocks + 1, 6 * sizeof *w.bounds, (void **)&w.bounds));
+    spin_rows_each(&x->frames.rows, write_block, &w);
     for (int c = 0; c < 3; c++) {
         frame->low[c] = INFINITY;
         frame->high[c] = -INFINITY;
-    }
-    for (size_t i = 0; i < s->n; i++) {
-        if (x->frames.rows.keep[i]) {
-            put_row(x, s, i, n);
-            widen(frame, (float *)(void *)x->column[0] + 3 * n++);
-        }
-        if (n == BLOCK || (n > 0 && i + 1 == s->n)) {
-            SPIN_TRY(write_block(x, glb, frame, first, n));
-            first += n;
-            n = 0;
+        for (size_t b = 0; b < n_blocks; b++) {
+            frame->low[c] = spin_minf(frame->low[c], w.bounds[6 * b + (size_t)c]);
+            frame->high[c] = spin_maxf(frame->high[c], w.bounds[6 * b + 3 + (size_t)c]);
         }
     }
-    return SPIN_OK;
+    free(w.bounds);
+    return w.error ? spin_glb_failed(glb, w.error) : SPIN_OK;
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
 static struct spin_gltf_frame begin_frame(const struct export *x,
-                                          const struct spin_frame_info *info, size_t n)
+                                          const struct spin_frame_info *info)
 {
-    return (struct spin_gltf_frame){
-        .n = n, .offset = x->n_bytes, .number = info->number, .time = info->time};
+    return (struct spin_gltf_frame){.n = x->frames.rows.n_kept,
+                                    .offset = x->n_bytes,
+                                    .number = info->number,
+                                    .time = info->time};
 }
 
-static uint64_t bytes_of_row(const struct export *x)
+static spin_status gltf_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
-    uint64_t sum = 0;
-
-    for (int a = 0; a < x->n_attributes; a++)
-        sum += width_of(&x->attribute[a]);
-    return sum;
-}
-
-static spin_status write_own_file(struct export *x, const struct spin_frame_info *info,
-                                  const struct spin_splats *s)
-{
+    struct export *x = self;
     struct spin_gltf_frame frame;
     struct spin_gltf_clip clip;
     struct spin_glb glb;
-    char *path = NULL;
-    size_t n_kept;
-    spin_status status;
 
-    SPIN_TRY(spin_rows_choose(&x->frames.rows, s, info->number, &n_kept));
-    SPIN_TRY(spin_pattern_path(&x->frames.pattern, x->frames.folder.path, info->number, &path));
     x->n_bytes = 0;
-    frame = begin_frame(x, info, n_kept);
-    x->n_bytes = n_kept * bytes_of_row(x);
+    frame = begin_frame(x, info);
+    x->n_bytes = frame.n * bytes_of_row(x);
     clip = describe(x, &frame, 1);
-    status = spin_glb_open(path, x->frames.force, &clip, &glb);
-    free(path);
-    SPIN_TRY(status);
-    status = write_rows(x, &glb, s, &frame);
-    if (status == SPIN_OK)
-        return spin_glb_commit(&glb, &clip);
-    spin_glb_abandon(&glb);
-    return status;
+    SPIN_TRY(spin_glb_begin(out, &clip, &glb));
+    SPIN_TRY(write_rows(x, &glb, &frame));
+    return spin_glb_end(&glb, &clip);
+}
+
+static uint64_t gltf_bytes(const void *self, size_t n)
+{
+    const struct export *x = self;
+
+    return 2048 + (uint64_t)n * bytes_of_row(x) + 256 * (uint64_t)x->n_attributes; /* JSON: about */
+}
+
+static uint32_t u32_at(const unsigned char *at)
+{
+    return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+/* A .glb of ours whose lengths add up and whose bytes are rows of what would be written. */
+static bool gltf_complete(void *self, const struct spin_frame_info *info,
+                          const struct spin_map *map, size_t *n)
+{
+    const struct export *x = self;
+    uint64_t n_json, n_bytes, row = bytes_of_row(x);
+    char number[64];
+
+    if (map->size < 28 || memcmp(map->data, "glTF", 4) != 0 || u32_at(map->data + 8) != map->size)
+        return false;
+    n_json = u32_at(map->data + 12);
+    if (20 + n_json > map->size)
+        return false;
+    snprintf(number, sizeof number, "\"name\":\"frame_%d\"", info->number);
+    n_bytes = 28 + n_json <= map->size ? u32_at(map->data + 20 + n_json) : 0;
+    *n = (size_t)(n_bytes / row);
+    return n_bytes % row == 0 && (n_bytes == 0 || 28 + n_json + n_bytes == map->size) &&
+           memmem(map->data + 20, n_json, number, strlen(number)) != NULL;
 }
 
 /* All frames of one size would not fit: said before the hours of writing, not after. */
@@ -312,13 +348,14 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
                                const struct spin_splats *s)
 {
     struct spin_gltf_frame *frame = &x->frame[x->n_done];
-    size_t n_kept;
+    uint64_t n_bytes;
 
-    SPIN_TRY(spin_rows_choose(&x->frames.rows, s, info->number, &n_kept));
-    *frame = begin_frame(x, info, n_kept);
-    warn_if_large(x, n_kept * bytes_of_row(x));
-    SPIN_TRY(write_rows(x, &x->glb, s, frame));
-    x->n_bytes += n_kept * bytes_of_row(x);
+    SPIN_TRY(spin_rows_choose(&x->frames.rows, s, info->number));
+    *frame = begin_frame(x, info);
+    n_bytes = frame->n * bytes_of_row(x);
+    warn_if_large(x, n_bytes);
+    SPIN_TRY(write_rows(x, &x->glb, frame));
+    x->n_bytes += n_bytes;
     x->n_done++;
     return SPIN_OK;
 }
@@ -332,7 +369,7 @@ static spin_status write_keys(struct export *x, uint64_t at)
 
     SPIN_TRY(spin_alloc(n, 3 * sizeof *key, (void **)&key));
     for (size_t i = 0; i < n; i++)
-        key[i] = (float)((double)i / x->fps);
+        key[i] = (float)((double)i / x->frames.fps);
     spin_rows_little_endian(key, n);
     SPIN_TRY_OUT(spin_glb_write(&x->glb, at, key, n * sizeof *key));
     at += n * sizeof *key;
@@ -371,61 +408,106 @@ static spin_status parse_fps(const char *text, double bundle, double *out)
     return SPIN_OK;
 }
 
-static spin_status read_options(struct export *x, const struct spin_export_job *job)
+static spin_status begin(void *self, const struct spin_export_job *job)
 {
+    static const double half_about_z[4] = {0, 0, 0, 1};
     const struct spin_plugin_values *v = job->values;
     const char *axes = spin_plugin_value(v, "axes", "gltf");
+    struct export *x = self;
 
     if (strcmp(axes, "gltf") != 0 && strcmp(axes, "source") != 0)
         return spin_fail(SPIN_E_USAGE, "--axes '%s': expected gltf or source", axes);
-    x->turned = strcmp(axes, "gltf") == 0;
+    x->frames.axes = strcmp(axes, "gltf") == 0 ? half_about_z : NULL;
+    x->fallback = spin_plugin_value(v, "no-fallback", NULL) == NULL;
+    return parse_fps(spin_plugin_value(v, "fps", NULL), job->fps, &x->frames.fps);
+}
+
+/* With the options read. */
+static void ready(void *self, const struct spin_export_job *job)
+{
+    struct export *x = self;
+    bool plain = x->frames.rows.turn.kind == SPIN_TURN_NONE;
+
     x->extras[0] = "axes";
-    x->extras[1] = x->turned ? "glTF, from x right, y down, z forward" : "as in the source";
+    x->extras[1] = x->frames.rows.up ? "y up"
+                   : plain           ? "as in the source"
+                   : x->frames.axes && !spin_plugin_value(job->values, "rotate", NULL)
+                       ? "glTF, from x right, y down, z forward"
+                       : "turned by --rotate";
     if (job->source && *job->source) {
         x->extras[2] = "source";
         x->extras[3] = job->source;
     }
-    SPIN_TRY(spin_rows_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree, &x->sh_degree));
-    SPIN_TRY(parse_fps(spin_plugin_value(v, "fps", NULL), job->fps, &x->fps));
-    list_attributes(x, spin_plugin_value(v, "no-fallback", NULL) == NULL);
-    divide_block(x);
-    return SPIN_OK;
+    list_attributes(x, x->fallback);
+}
+
+static const struct spin_frames_format format = {
+    .name = "gltf",
+    .pattern = "frame_%05d.glb",
+    .self_bytes = sizeof(struct export),
+    .begin = begin,
+    .ready = ready,
+    .bytes = gltf_bytes,
+    .write = gltf_write,
+    .complete = gltf_complete,
+};
+
+static void finish(struct export *x)
+{
+    free(x->frame);
+    spin_frames_free(&x->frames);
+}
+
+static void say_size(const struct export *x, const struct spin_export_job *job)
+{
+    uint64_t bytes = 0;
+
+    for (int f = 0; f < job->n_frames && job->counts; f++)
+        bytes += gltf_bytes(x, job->counts[f]);
+    if (job->counts)
+        spin_frames_say_size(job->output, job->n_frames, bytes,
+                             x->frames.rows.min_logit > -INFINITY);
 }
 
 static spin_status open_single(struct export *x, const struct spin_export_job *job)
 {
     struct spin_gltf_clip worst;
 
-    SPIN_TRY(spin_rows_parse_min_opacity(spin_plugin_value(job->values, "min-opacity", "0"),
-                                         &x->frames.rows));
+    SPIN_TRY(begin(x, job));
+    SPIN_TRY(spin_rows_begin(&x->frames.rows, job, x->frames.axes));
+    ready(x, job);
     x->n_frames = job->n_frames;
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     worst = describe(x, x->frame, x->n_frames);
-    return spin_glb_open(job->output, job->force, &worst, &x->glb);
+    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    SPIN_TRY(spin_glb_begin(&x->out, &worst, &x->glb));
+    say_size(x, job);
+    return SPIN_OK;
 }
 
-static void finish(struct export *x)
-{
-    spin_frames_end(&x->frames);
-    free(x->frame);
-    free(x);
-}
-
-static spin_status gltf_begin(const struct spin_export_job *job, void **self)
+static spin_status begin_single(const struct spin_export_job *job, void **self)
 {
     struct export *x = NULL;
     spin_status status;
 
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    x->single = ends_in_glb(job->output);
-    SPIN_TRY_OUT(read_options(x, job));
-    SPIN_TRY_OUT(x->single ? open_single(x, job)
-                           : spin_frames_begin(&x->frames, job, "frame_%05d.glb"));
+    x->frames.format = &format;
+    x->single = true;
+    status = open_single(x, job);
+    if (status != SPIN_OK) {
+        spin_out_abandon(&x->out);
+        finish(x);
+        return status;
+    }
     *self = x;
     return SPIN_OK;
-out:
-    finish(x);
-    return status;
+}
+
+static spin_status gltf_begin(const struct spin_export_job *job, void **self)
+{
+    if (ends_in_glb(job->output))
+        return begin_single(job, self);
+    return spin_frames_begin(&format, job, self);
 }
 
 static spin_status gltf_frame(void *self, int frame, const struct spin_frame_info *info,
@@ -433,33 +515,40 @@ static spin_status gltf_frame(void *self, int frame, const struct spin_frame_inf
 {
     struct export *x = self;
 
-    (void)frame;
-    return x->single ? add_to_file(x, info, splats) : write_own_file(x, info, splats);
+    return x->single ? add_to_file(x, info, splats) : spin_frames_frame(self, frame, info, splats);
+}
+
+static bool gltf_skip(void *self, int frame, const struct spin_frame_info *info)
+{
+    return !((struct export *)self)->single && spin_frames_skip(self, frame, info);
 }
 
 static spin_status end_single(struct export *x)
 {
-    uint64_t keys_offset = x->n_bytes;
+    uint64_t keys_offset = x->n_bytes, length;
     struct spin_gltf_clip clip;
-    spin_status status = SPIN_OK;
 
     x->n_frames = x->n_done;
     if (x->n_frames > 1)
-        status = write_keys(x, keys_offset);
-    if (status != SPIN_OK) {
-        spin_glb_abandon(&x->glb);
-        return status;
-    }
+        SPIN_TRY(write_keys(x, keys_offset));
     clip = describe(x, x->frame, x->n_frames);
     clip.keys_offset = keys_offset;
-    return spin_glb_commit(&x->glb, &clip);
+    SPIN_TRY(spin_glb_end(&x->glb, &clip));
+    SPIN_TRY(spin_out_length(&x->out, &length));
+    if (x->frames.rows.report)
+        x->frames.rows.report->bytes = length;
+    return spin_out_commit(&x->out);
 }
 
 static spin_status gltf_end(void *self)
 {
     struct export *x = self;
-    spin_status status = x->single ? end_single(x) : SPIN_OK;
+    spin_status status;
 
+    if (!x->single)
+        return spin_frames_end(self);
+    status = end_single(x);
+    spin_out_abandon(&x->out);
     finish(x);
     return status;
 }
@@ -468,10 +557,11 @@ static void gltf_abort(void *self)
 {
     struct export *x = self;
 
-    if (x->single)
-        spin_glb_abandon(&x->glb);
-    else
-        spin_out_folder_abandon(&x->frames.folder);
+    if (!x->single) {
+        spin_frames_abort(self);
+        return;
+    }
+    spin_out_abandon(&x->out);
     finish(x);
 }
 
@@ -486,4 +576,5 @@ const struct spin_exporter spin_exporter_gltf = {
     .frame = gltf_frame,
     .end = gltf_end,
     .abort = gltf_abort,
+    .skip = gltf_skip,
 };

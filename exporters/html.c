@@ -79,14 +79,14 @@ static uint64_t size_key(const struct spin_splats *s, size_t i)
 
 /* Mark the most visible of the kept rows. While the clip has the same splats in every frame the first
  * frame decides for all, so that none comes and goes. */
-static spin_status rank(struct export *x, struct version *v, const struct spin_splats *s, size_t n)
+static spin_status rank(struct export *x, struct version *v, const struct spin_splats *s)
 {
     if (v->visible && v->n_visible == s->n)
         return SPIN_OK;
     SPIN_TRY(spin_grow(s->n, 1, (void **)&v->visible));
     v->n_visible = s->n;
     memset(v->visible, 0, s->n);
-    SPIN_TRY(spin_order_fill(&x->order, &x->rows, s->n, n));
+    SPIN_TRY(spin_order_fill(&x->order, &x->rows));
     for (size_t i = 0; i < x->order.n; i++)
         x->order.item[i].key = size_key(s, x->order.item[i].row);
     spin_order_sort(&x->order);
@@ -98,10 +98,11 @@ static spin_status rank(struct export *x, struct version *v, const struct spin_s
 static spin_status choose(struct export *x, struct version *v, const struct spin_splats *s,
                           int number, size_t *n)
 {
-    SPIN_TRY(spin_rows_choose(&x->rows, s, number, n));
+    SPIN_TRY(spin_rows_choose(&x->rows, s, number));
+    *n = x->rows.n_kept;
     if (x->max_splats == 0)
         return SPIN_OK;
-    SPIN_TRY(rank(x, v, s, *n));
+    SPIN_TRY(rank(x, v, s));
     *n = 0;
     for (size_t i = 0; i < s->n; i++) {
         x->rows.keep[i] &= v->visible[i];
@@ -134,7 +135,7 @@ static spin_status take_rows(struct export *x, struct version *v, const struct s
             memcpy(none, sh, (width - 3) * sizeof *sh);
             sh = none;
         }
-        spin_quant_take(s, i, &is);
+        spin_quant_take(&x->rows, i, &is);
         spin_html_take(&x->space, &is, sh, v->n_sh, &v->now, row++);
     }
     return SPIN_OK;
@@ -280,7 +281,7 @@ static void finish(struct export *x)
         free(x->version[i].key_of);
         free(x->version[i].visible);
     }
-    spin_rows_free(&x->rows);
+    spin_rows_end(&x->rows);
     spin_order_free(&x->order);
     spin_gzip_free(x->gzip);
     spin_splats_free(&x->source);
@@ -307,7 +308,7 @@ static spin_status parse_options(struct export *x)
     long n = 0;
     char *end;
 
-    SPIN_TRY(spin_rows_parse_min_opacity(spin_plugin_value(v, "min-opacity", "0"), &x->rows));
+    SPIN_TRY(spin_rows_begin(&x->rows, x->job, NULL));
     if (spin_plugin_value(v, "max-splats", NULL))
         SPIN_TRY(parse_count("max-splats", spin_plugin_value(v, "max-splats", NULL), 1, &n));
     x->max_splats = (size_t)n;

@@ -15,19 +15,15 @@ struct spin_order {
 };
 
 /* The kept rows in the source's order, keys zero. */
-static inline spin_status spin_order_fill(struct spin_order *order, const struct spin_rows *rows,
-                                          size_t n_rows, size_t n_kept)
+static inline spin_status spin_order_fill(struct spin_order *order, const struct spin_rows *rows)
 {
-    if (n_rows > UINT32_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "%zu splats in a frame, at most %u are supported",
-                         n_rows, UINT32_MAX);
-    if (n_kept > order->room) {
-        SPIN_TRY(spin_grow(n_kept, sizeof *order->item, (void **)&order->item));
-        SPIN_TRY(spin_grow(n_kept, sizeof *order->spare, (void **)&order->spare));
-        order->room = n_kept;
+    if (rows->n_kept > order->room) {
+        SPIN_TRY(spin_grow(rows->n_kept, sizeof *order->item, (void **)&order->item));
+        SPIN_TRY(spin_grow(rows->n_kept, sizeof *order->spare, (void **)&order->spare));
+        order->room = rows->n_kept;
     }
     order->n = 0;
-    for (size_t i = 0; i < n_rows; i++)
+    for (size_t i = 0; i < rows->splats->n; i++)
         if (rows->keep[i])
             order->item[order->n++] = (struct spin_keyed){.row = (uint32_t)i};
     return SPIN_OK;

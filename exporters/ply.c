@@ -3,174 +3,131 @@
  * the order x y z, nx ny nz, f_dc, f_rest, opacity, scale, rot.
  *
  * f_rest is channel-major: all coefficients of red, then green, then blue; ours lie the other way.
- * Rotations are written at unit length with w >= 0, which some viewers assume. Axes stay those of
- * the training. Rows that no viewer could draw are left out, see rows.h. */
-#include <stdlib.h>
+ * Rotations are written at unit length with w >= 0, which some viewers assume. Axes are those of the
+ * training unless --up or --rotate turn them. */
 #include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
 #include "exporters/frames.h"
 
-/* Rows per piece: 248 bytes a row, about half a megabyte. */
-#define BLOCK 2048
-#define MAX_ROW 62
+#define MAX_HEADER 4096
 
 static const struct spin_plugin_option options[] = {
-    SPIN_FRAMES_OPTION_PATTERN("frame_%05d.ply"),
-    SPIN_FRAMES_OPTION_SH,
-    SPIN_FRAMES_OPTION_MIN_OPACITY,
+    SPIN_FRAMES_OPTIONS("frame_%05d.ply"),
+    SPIN_ROWS_OPTION_SH,
     {0},
 };
 
-struct export
+static size_t n_rest(const struct spin_frames *x)
 {
-    struct spin_frames frames;
-    const char *source;
-    int sh_degree; /* written */
-    float block[BLOCK * MAX_ROW];
-};
+    return 3 * (size_t)spin_sh_count(x->rows.sh_degree) - 3;
+}
+
+static size_t row_bytes(const struct spin_frames *x) { return (17 + n_rest(x)) * sizeof(float); }
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* [coefficient][channel] to channel-major, n_from coefficients in, n_to out, without the first. */
-static void write_sh_rest(const float *sh, size_t n_from, size_t n_to, float *out)
+/* [coefficient][channel] to channel-major, n of the n_to coefficients are there. */
+static void write_sh(const float *sh, size_t n, size_t n_to, float *out)
 {
-    size_t n_both = n_from < n_to ? n_from : n_to;
-
+    memcpy(out, sh, 3 * sizeof *out);
+    out += 3;
     for (size_t c = 0; c < 3; c++) {
-        for (size_t k = 1; k < n_both; k++)
+        for (size_t k = 1; k < n; k++)
             *out++ = sh[3 * k + c];
-        for (size_t k = n_both; k < n_to; k++)
+        for (size_t k = n; k < n_to; k++)
             *out++ = 0.0f;
     }
 }
 
-static void write_row(const struct spin_splats *s, size_t i, size_t n_from, size_t n_to, float *out)
+static void code_row(void *self, size_t i, unsigned char *to, struct spin_quant *quant)
 {
-    const float *sh = s->sh + i * 3 * n_from;
+    const struct spin_frames *x = self;
+    const struct spin_rows *rows = &x->rows;
+    size_t n_to = (size_t)spin_sh_count(rows->sh_degree);
+    float room[3 * SPIN_SH_MAX], *out = (float *)(void *)to;
 
-    memcpy(out, s->means + 3 * i, 3 * sizeof(float));
-    memset(out + 3, 0, 3 * sizeof(float)); /* normals */
-    memcpy(out + 6, sh, 3 * sizeof(float));
-    write_sh_rest(sh, n_from, n_to, out + 9);
+    (void)quant; /* nothing is lost */
+    spin_rows_place(rows, i, out);
+    memset(out + 3, 0, 3 * sizeof *out); /* normals */
+    write_sh(spin_rows_sh(rows, i, room), (size_t)spin_rows_n_sh(rows), n_to, out + 6);
     out += 6 + 3 * n_to;
-    out[0] = spin_rows_logit(s->logit_opacities[i]);
-    memcpy(out + 1, s->log_scales + 3 * i, 3 * sizeof(float));
-    spin_rows_rotation(s->quats + 4 * i, out + 4);
+    out[0] = spin_rows_logit(rows->splats->logit_opacities[i]);
+    memcpy(out + 1, rows->splats->log_scales + 3 * i, 3 * sizeof *out);
+    spin_rows_turned(rows, i, out + 4);
+    spin_rows_little_endian(to, row_bytes(x) / 4);
 }
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
-/* Names come from a file: no line of theirs may become a line of ours. */
-static void copy_printable(const char *text, char *out, size_t n_out)
+static size_t make_header(const struct spin_frames *x, const struct spin_frame_info *info, size_t n,
+                          char text[MAX_HEADER])
 {
-    size_t n = 0;
+    size_t at = (size_t)snprintf(text, MAX_HEADER, "ply\nformat binary_little_endian 1.0\n");
 
-    for (; text[n] && n + 1 < n_out; n++)
-        out[n] = (unsigned char)text[n] < 32 || text[n] == 127 ? '_' : text[n];
-    out[n] = '\0';
+    at += spin_frames_comments(x, info, text + at, MAX_HEADER - at);
+    at += (size_t)snprintf(text + at, MAX_HEADER - at,
+                           "element vertex %zu\n"
+                           "property float x\nproperty float y\nproperty float z\n"
+                           "property float nx\nproperty float ny\nproperty float nz\n"
+                           "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n",
+                           n);
+    for (size_t i = 0; i < n_rest(x); i++)
+        at += (size_t)snprintf(text + at, MAX_HEADER - at, "property float f_rest_%zu\n", i);
+    at +=
+        (size_t)snprintf(text + at, MAX_HEADER - at,
+                         "property float opacity\n"
+                         "property float scale_0\nproperty float scale_1\nproperty float scale_2\n"
+                         "property float rot_0\nproperty float rot_1\nproperty float rot_2\n"
+                         "property float rot_3\nend_header\n");
+    return at;
 }
 
-static spin_status write_header(const struct export *x, size_t n, struct spin_out *out)
+static uint64_t ply_bytes(const void *self, size_t n)
 {
-    size_t n_rest = 3 * (size_t)((x->sh_degree + 1) * (x->sh_degree + 1) - 1);
-    char text[4096], source[64];
-    int at = snprintf(text, sizeof text,
-                      "ply\nformat binary_little_endian 1.0\ncomment Generated by spin4d %s\n",
-                      SPIN_VERSION);
+    static const struct spin_frame_info info;
+    char text[MAX_HEADER];
 
-    if (x->source && *x->source) {
-        copy_printable(x->source, source, sizeof source);
-        at += snprintf(text + at, sizeof text - (size_t)at, "comment source %s\n", source);
-    }
-    at += snprintf(text + at, sizeof text - (size_t)at,
-                   "element vertex %zu\n"
-                   "property float x\nproperty float y\nproperty float z\n"
-                   "property float nx\nproperty float ny\nproperty float nz\n"
-                   "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n",
-                   n);
-    for (size_t i = 0; i < n_rest; i++)
-        at += snprintf(text + at, sizeof text - (size_t)at, "property float f_rest_%zu\n", i);
-    at += snprintf(text + at, sizeof text - (size_t)at,
-                   "property float opacity\n"
-                   "property float scale_0\nproperty float scale_1\nproperty float scale_2\n"
-                   "property float rot_0\nproperty float rot_1\nproperty float rot_2\n"
-                   "property float rot_3\nend_header\n");
-    return spin_out_write(out, text, (size_t)at);
+    return make_header(self, &info, n, text) + (uint64_t)n * row_bytes(self);
 }
 
-static spin_status write_rows(struct export *x, const struct spin_splats *s, struct spin_out *out)
+static spin_status ply_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
-    size_t n_from = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
-    size_t n_to = (size_t)((x->sh_degree + 1) * (x->sh_degree + 1));
-    size_t width = 14 + 3 * n_to, n = 0;
+    struct spin_frames *x = self;
+    char text[MAX_HEADER];
+    size_t n_header = make_header(x, info, x->rows.n_kept, text);
 
-    for (size_t i = 0; i < s->n; i++) {
-        if (x->frames.rows.keep[i])
-            write_row(s, i, n_from, n_to, x->block + width * n++);
-        if (n == BLOCK || (n > 0 && i + 1 == s->n)) {
-            spin_rows_little_endian(x->block, width * n);
-            SPIN_TRY(spin_out_write(out, x->block, width * n * sizeof(float)));
-            n = 0;
-        }
-    }
-    return SPIN_OK;
+    SPIN_TRY(spin_out_write_at(out, 0, text, n_header));
+    return spin_frames_write_rows(x, out, n_header, row_bytes(x), code_row);
+}
+
+/* The very header that would be written, and rows to its end. */
+static bool ply_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
+                         size_t *n)
+{
+    char text[MAX_HEADER];
+    size_t n_header = make_header(self, info, 0, text);
+
+    if (map->size < n_header)
+        return false;
+    *n = (map->size - n_header) / row_bytes(self); /* digits of the count are fewer than a row */
+    n_header = make_header(self, info, *n, text);
+    return map->size == n_header + *n * row_bytes(self) && memcmp(map->data, text, n_header) == 0;
 }
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
+static const struct spin_frames_format format = {
+    .name = "ply",
+    .pattern = "frame_%05d.ply",
+    .self_bytes = sizeof(struct spin_frames),
+    .bytes = ply_bytes,
+    .write = ply_write,
+    .complete = ply_complete,
+};
+
 static spin_status ply_begin(const struct spin_export_job *job, void **self)
 {
-    struct export *x = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    x->source = job->source;
-    SPIN_TRY_OUT(spin_rows_parse_sh(spin_plugin_value(job->values, "sh", "keep"), job->sh_degree,
-                                    &x->sh_degree));
-    SPIN_TRY_OUT(spin_frames_begin(&x->frames, job, "frame_%05d.ply"));
-    *self = x;
-    return SPIN_OK;
-out:
-    spin_frames_end(&x->frames);
-    free(x);
-    return status;
-}
-
-static spin_status ply_frame(void *self, int frame, const struct spin_frame_info *info,
-                             const struct spin_splats *splats)
-{
-    struct export *x = self;
-    struct spin_out out;
-    size_t n_kept;
-    spin_status status;
-
-    (void)frame;
-    SPIN_TRY(spin_frames_open(&x->frames, splats, info->number, &n_kept, &out));
-    SPIN_TRY_OUT(write_header(x, n_kept, &out));
-    SPIN_TRY_OUT(write_rows(x, splats, &out));
-    return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
-}
-
-static spin_status ply_end(void *self)
-{
-    struct export *x = self;
-
-    spin_frames_end(&x->frames);
-    free(x);
-    return SPIN_OK;
-}
-
-static void ply_abort(void *self)
-{
-    struct export *x = self;
-
-    spin_frames_abandon(&x->frames);
-    free(x);
+    return spin_frames_begin(&format, job, self);
 }
 
 extern const struct spin_exporter spin_exporter_ply;
@@ -181,7 +138,8 @@ const struct spin_exporter spin_exporter_ply = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = ply_begin,
-    .frame = ply_frame,
-    .end = ply_end,
-    .abort = ply_abort,
+    .frame = spin_frames_frame,
+    .end = spin_frames_end,
+    .abort = spin_frames_abort,
+    .skip = spin_frames_skip,
 };

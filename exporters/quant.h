@@ -31,18 +31,29 @@ struct spin_quant_row {
     float place[3], log_scale[3], rotation[4], opacity, colour[3];
 };
 
-/* Row i of a frame, which is one that was chosen. */
-static inline void spin_quant_take(const struct spin_splats *s, size_t i,
-                                   struct spin_quant_row *out)
+static inline float spin_quant_opacity(const struct spin_rows *rows, size_t i)
 {
+    return spin_sigmoid(spin_rows_logit(rows->splats->logit_opacities[i]));
+}
+
+static inline void spin_quant_colour(const struct spin_rows *rows, size_t i, float out[3])
+{
+    const struct spin_splats *s = rows->splats;
     const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
 
-    memcpy(out->place, s->means + 3 * i, sizeof out->place);
-    memcpy(out->log_scale, s->log_scales + 3 * i, sizeof out->log_scale);
-    spin_rows_rotation(s->quats + 4 * i, out->rotation);
-    out->opacity = spin_sigmoid(spin_rows_logit(s->logit_opacities[i]));
     for (int c = 0; c < 3; c++)
-        out->colour[c] = 0.5f + SPIN_SH_C0 * dc[c];
+        out[c] = 0.5f + SPIN_SH_C0 * dc[c];
+}
+
+/* Row i of a frame, which is one that was chosen, as it is written. */
+static inline void spin_quant_take(const struct spin_rows *rows, size_t i,
+                                   struct spin_quant_row *out)
+{
+    spin_rows_place(rows, i, out->place);
+    memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);
+    spin_rows_turned(rows, i, out->rotation);
+    out->opacity = spin_quant_opacity(rows, i);
+    spin_quant_colour(rows, i, out->colour);
 }
 
 static inline void spin_quant_add(struct spin_quant *q, enum spin_quant_part part, double error)
@@ -78,20 +89,37 @@ static inline double spin_quant_distance(const float *a, const float *b, int n)
     return sqrt(sum);
 }
 
+static inline void spin_quant_add_place(struct spin_quant *q, const float is[3],
+                                        const float shown[3])
+{
+    spin_quant_add(q, SPIN_QUANT_PLACE, spin_quant_distance(is, shown, 3));
+}
+
 /* Unit quaternions of one sign at distance d are turned against each other by 4 asin(d / 2). */
+static inline void spin_quant_add_rotation(struct spin_quant *q, const float is[4],
+                                           const float shown[4])
+{
+    double d = spin_quant_distance(is, shown, 4);
+
+    d = d * d > 2 ? sqrt(fmax(4 - d * d, 0)) : d; /* q and -q are one rotation */
+    spin_quant_add(q, SPIN_QUANT_ROTATION, 4 * asin(fmin(d / 2, 1)) * (180 / 3.14159265358979));
+}
+
+static inline void spin_quant_add_3(struct spin_quant *q, enum spin_quant_part part,
+                                    const float is[3], const float shown[3])
+{
+    for (int c = 0; c < 3; c++)
+        spin_quant_add(q, part, (double)is[c] - shown[c]);
+}
+
 static inline void spin_quant_row(struct spin_quant *q, const struct spin_quant_row *is,
                                   const struct spin_quant_row *shown)
 {
-    double d = spin_quant_distance(is->rotation, shown->rotation, 4);
-
-    d = d * d > 2 ? sqrt(fmax(4 - d * d, 0)) : d; /* q and -q are one rotation */
-    spin_quant_add(q, SPIN_QUANT_PLACE, spin_quant_distance(is->place, shown->place, 3));
-    spin_quant_add(q, SPIN_QUANT_ROTATION, 4 * asin(fmin(d / 2, 1)) * (180 / 3.14159265358979));
+    spin_quant_add_place(q, is->place, shown->place);
+    spin_quant_add_rotation(q, is->rotation, shown->rotation);
     spin_quant_add(q, SPIN_QUANT_OPACITY, (double)is->opacity - shown->opacity);
-    for (int c = 0; c < 3; c++) {
-        spin_quant_add(q, SPIN_QUANT_SCALE, (double)is->log_scale[c] - shown->log_scale[c]);
-        spin_quant_add(q, SPIN_QUANT_COLOUR, (double)is->colour[c] - shown->colour[c]);
-    }
+    spin_quant_add_3(q, SPIN_QUANT_SCALE, is->log_scale, shown->log_scale);
+    spin_quant_add_3(q, SPIN_QUANT_COLOUR, is->colour, shown->colour);
 }
 
 static inline void spin_quant_merge(struct spin_quant *to, const struct spin_quant *from)

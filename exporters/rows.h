@@ -1,9 +1,6 @@
-/* What every exporter asks of a frame's rows before it writes them: which can be drawn at all, a
- * rotation of unit length, a finite logit; and the options that go with it.
- *
- * A row that no viewer could draw is left out, as NaN scales are known to hang viewers: one with a
- * NaN or infinity, a rotation of length zero, or a scale whose square leaves the range of float.
- * How many is said once per frame. */
+/* What every exporter asks of a frame's rows: which can be drawn at all, and how each is written -
+ * turned, its rotation of unit length, its logit finite. The options that go with it are common to
+ * all formats; the rules stand in rows.c. */
 #ifndef SPIN_EXPORTERS_ROWS_H
 #define SPIN_EXPORTERS_ROWS_H
 
@@ -14,94 +11,86 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/pool.h"
+#include "math/turn.h"
+
+#define SPIN_ROWS_OPTION_SH                                                                        \
+    {                                                                                              \
+        "sh", "DEGREE",                                                                            \
+            "SH degree to write, 0 to 3: cut off, or filled up with zeros; keep: as it is", "keep" \
+    }
+#define SPIN_ROWS_OPTIONS                                                                          \
+    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},                \
+        {"max-scale", "F",                                                                         \
+         "leave out splats larger than F times the diagonal of the frame; 0: none", "1"},          \
+        {"up", "AXIS",                                                                             \
+         "the source's axis that points up, x, y, z, -x, -y or -z: the scene is turned so that "   \
+         "y does",                                                                                 \
+         NULL},                                                                                    \
+    {                                                                                              \
+        "rotate", "X,Y,Z", "turn the scene about x, then y, then z, in degrees; after --up", NULL  \
+    }
+
+#define SPIN_ROWS_BLOCK 4096 /* rows that one task takes */
+
+/* Why a row is not written. */
+enum spin_rows_reason {
+    SPIN_ROWS_NOT_FINITE,  /* NaN or infinity */
+    SPIN_ROWS_NO_ROTATION, /* of length zero */
+    SPIN_ROWS_TOO_LARGE,   /* against the scene */
+    SPIN_ROWS_REASONS
+};
+
+struct spin_rows_block;
+
+struct spin_rows {
+    /* How; from the options. */
+    struct spin_pool *pool;
+    struct spin_turn turn; /* from the source's axes to those of the file */
+    double turn_q[4];      /* the same */
+    bool up;               /* --up was given: y of the file points up */
+    int sh_degree;         /* to write */
+    float min_logit;       /* rows below are left out */
+    double max_scale;      /* diagonals of the frame; 0: no limit */
+
+    /* The frame at hand. */
+    const struct spin_splats *splats;
+    size_t n_kept;
+    unsigned char *keep;           /* [room] 1 for a row to write */
+    struct spin_rows_block *block; /* [blocks of room] */
+    size_t room;
+
+    /* The clip. */
+    uint64_t n_left_out[SPIN_ROWS_REASONS];
+    struct spin_export_report *report; /* of the job, or NULL */
+};
+
+/* Read the common options. `axes` (w x y z) turns the source's axes to those that the format is
+ * written in when --up is not given; NULL: they are the same. Free also after a failure. */
+spin_status spin_rows_begin(struct spin_rows *rows, const struct spin_export_job *job,
+                            const double *axes);
+/* Tell the job's report what was left out, and free. */
+void spin_rows_end(struct spin_rows *rows);
+
+/* Mark the rows of a frame that are written, and count them; say how many cannot be drawn. */
+spin_status spin_rows_choose(struct spin_rows *rows, const struct spin_splats *s, int number);
+/* Kept rows before a block of the frame. */
+size_t spin_rows_before(const struct spin_rows *rows, size_t block);
+size_t spin_rows_blocks(const struct spin_rows *rows);
+/* All threads: fn(context, block, worker) for each block of the frame. */
+void spin_rows_each(const struct spin_rows *rows, spin_task_fn fn, void *context);
+/* The rows of a block will not be looked at again soon. */
+void spin_rows_rest(const struct spin_rows *rows, size_t block, unsigned columns);
+
+static inline int spin_rows_workers(const struct spin_rows *rows)
+{
+    return spin_pool_n_threads(rows->pool);
+}
+
+/* ---- One row, as it is written ---------------------------------------------------------------- */
 
 /* In place of an infinite logit: the sigmoid is within 1e-13 of 0 or 1, and finite. */
 #define SPIN_ROWS_LOGIT_LIMIT 30.0f
-/* exp(2 * 44) is the last whole power that float holds: renderers square the scale. */
-#define SPIN_ROWS_LOG_SCALE_LIMIT 44.0f
-
-struct spin_rows {
-    float min_logit;     /* rows below are left out */
-    unsigned char *keep; /* [room] 1 for a row to write */
-    size_t room;
-};
-
-static inline spin_status spin_rows_parse_sh(const char *text, int kept, int *out)
-{
-    *out = kept < 0 ? 0 : kept;
-    if (strcmp(text, "keep") == 0)
-        return SPIN_OK;
-    if (text[0] < '0' || text[0] > '3' || text[1])
-        return spin_fail(SPIN_E_USAGE, "--sh '%s': expected 0, 1, 2, 3 or keep", text);
-    *out = text[0] - '0';
-    return SPIN_OK;
-}
-
-static inline spin_status spin_rows_parse_min_opacity(const char *text, struct spin_rows *rows)
-{
-    char *end;
-    double value = strtod(text, &end);
-
-    if (end == text || *end || !(value >= 0 && value < 1))
-        return spin_fail(SPIN_E_USAGE, "--min-opacity '%s': expected a number from 0 to below 1",
-                         text);
-    rows->min_logit = value > 0 ? (float)log(value / (1 - value)) : -INFINITY;
-    return SPIN_OK;
-}
-
-/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
-static inline float spin_rows_zeros(const float *x, size_t n)
-{
-    float sum = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += x[i] * 0.0f;
-    return sum;
-}
-
-/* An infinite logit is a saturated opacity and can be written; so can quaternions whose square
- * leaves the range of float. */
-static inline bool spin_rows_sane(const struct spin_splats *s, size_t i, size_t n_sh)
-{
-    const float *q = s->quats + 4 * i, *scale = s->log_scales + 3 * i;
-    float sum = spin_rows_zeros(s->means + 3 * i, 3) + spin_rows_zeros(q, 4) +
-                spin_rows_zeros(scale, 3) + spin_rows_zeros(s->sh + i * n_sh, n_sh);
-
-    return sum == 0.0f && !isnan(s->logit_opacities[i]) && (q[0] || q[1] || q[2] || q[3]) &&
-           scale[0] < SPIN_ROWS_LOG_SCALE_LIMIT && scale[1] < SPIN_ROWS_LOG_SCALE_LIMIT &&
-           scale[2] < SPIN_ROWS_LOG_SCALE_LIMIT;
-}
-
-/* Mark the rows to write and count them; say how many cannot be drawn. */
-static inline spin_status spin_rows_choose(struct spin_rows *rows, const struct spin_splats *s,
-                                           int number, size_t *n_kept)
-{
-    size_t side = (size_t)s->sh_degree + 1, n_bad = 0;
-
-    if (s->n > rows->room) {
-        SPIN_TRY(spin_grow(s->n, 1, (void **)&rows->keep));
-        rows->room = s->n;
-    }
-    *n_kept = 0;
-    for (size_t i = 0; i < s->n; i++) {
-        bool sane = spin_rows_sane(s, i, 3 * side * side);
-
-        rows->keep[i] = sane && s->logit_opacities[i] >= rows->min_logit;
-        *n_kept += rows->keep[i];
-        n_bad += !sane;
-    }
-    if (n_bad > 0)
-        spin_warn("frame %d: %zu of %zu splats left out: they hold NaN, infinity, a rotation of "
-                  "length zero or a scale beyond e^%g",
-                  number, n_bad, s->n, (double)SPIN_ROWS_LOG_SCALE_LIMIT);
-    return SPIN_OK;
-}
-
-static inline void spin_rows_free(struct spin_rows *rows)
-{
-    free(rows->keep);
-    *rows = (struct spin_rows){0};
-}
 
 static inline float spin_rows_logit(float logit)
 {
@@ -125,6 +114,52 @@ static inline void spin_rows_rotation(const float q[4], float out[4])
         wide += (double)q[k] * q[k];
     for (int k = 0; k < 4; k++)
         out[k] = (float)(sign * q[k] / sqrt(wide));
+}
+
+static inline void spin_rows_place(const struct spin_rows *rows, size_t i, float out[3])
+{
+    const float *p = rows->splats->means + 3 * i;
+    spin_vec3 turned;
+
+    memcpy(out, p, 3 * sizeof *out);
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return;
+    turned = spin_turn_place(&rows->turn, spin_v3(p[0], p[1], p[2]));
+    out[0] = turned.x;
+    out[1] = turned.y;
+    out[2] = turned.z;
+}
+
+static inline void spin_rows_turned(const struct spin_rows *rows, size_t i, float out[4])
+{
+    float q[4];
+
+    spin_rows_rotation(rows->splats->quats + 4 * i, out);
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return;
+    spin_turn_rotation(&rows->turn, out, q);
+    for (int k = 0; k < 4; k++)
+        out[k] = q[0] < 0 ? -q[k] : q[k];
+}
+
+/* Coefficients of a row that there are and that are wanted. */
+static inline int spin_rows_n_sh(const struct spin_rows *rows)
+{
+    int from = rows->splats->sh_degree, to = rows->sh_degree;
+
+    return spin_sh_count(from < to ? from : to);
+}
+
+/* The first spin_rows_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
+static inline const float *spin_rows_sh(const struct spin_rows *rows, size_t i, float *room)
+{
+    const struct spin_splats *s = rows->splats;
+    const float *sh = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return sh;
+    spin_turn_sh(&rows->turn, spin_rows_n_sh(rows), sh, room);
+    return room;
 }
 
 /* Words of 4 bytes as the files want them. So is every machine this was built on; others swap. */

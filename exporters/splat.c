@@ -7,21 +7,15 @@
  *
  * The order is the source's; --order size puts the largest and least transparent first, so that a
  * part of the file shows the scene. */
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
 #include "exporters/frames.h"
 #include "exporters/order.h"
-#include "exporters/quant.h"
 
 #define ROW 32
-#define BLOCK 8192
 
 static const struct spin_plugin_option options[] = {
-    SPIN_FRAMES_OPTION_PATTERN("frame_%05d.splat"),
-    SPIN_FRAMES_OPTION_MIN_OPACITY,
+    SPIN_FRAMES_OPTIONS("frame_%05d.splat"),
     {"order", "source|size", "order of the splats; size: the most visible first", "source"},
     {0},
 };
@@ -30,10 +24,7 @@ struct export
 {
     struct spin_frames frames;
     struct spin_order order;
-    struct spin_quant quant;
     bool by_size;
-    bool loses_sh;
-    _Alignas(4) unsigned char block[BLOCK * ROW];
 };
 
 /* Nearest; a cast, as roundf is a call on the oldest machines. */
@@ -84,90 +75,102 @@ static uint64_t size_key(const struct spin_splats *s, size_t i)
     return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
 }
 
-static spin_status write_rows(struct export *x, const struct spin_splats *s, struct spin_out *out)
+/* ---- One file -------------------------------------------------------------------------------- */
+
+static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant *quant)
 {
-    size_t n = 0;
+    const struct export *x = self;
+    struct spin_quant_row is, shown;
 
-    for (size_t i = 0; i < x->order.n; i++) {
-        struct spin_quant_row is, shown;
+    spin_quant_take(&x->frames.rows, i, &is);
+    write_row(&is, out);
+    read_row(&is, out, &shown);
+    spin_quant_row(quant, &is, &shown);
+}
 
-        spin_quant_take(s, x->order.item[i].row, &is);
-        write_row(&is, x->block + ROW * n);
-        read_row(&is, x->block + ROW * n++, &shown);
-        spin_quant_row(&x->quant, &is, &shown);
-        if (n == BLOCK || i + 1 == x->order.n) {
-            SPIN_TRY(spin_out_write(out, x->block, n * ROW));
+/* Rows in the order of x->order, in pieces. */
+static spin_status write_ordered(struct export *x, struct spin_out *out)
+{
+    struct spin_quant *quant;
+    unsigned char *block;
+
+    SPIN_TRY(spin_frames_scratch(&x->frames, SPIN_ROWS_BLOCK * ROW, &block));
+    SPIN_TRY(spin_frames_quants(&x->frames, &quant));
+    for (size_t i = 0, n = 0; i < x->order.n; i++) {
+        size_t row = x->order.item[i].row;
+
+        code_row(x, row, block + ROW * n++, &quant[row / SPIN_ROWS_BLOCK]);
+        if (n == SPIN_ROWS_BLOCK || i + 1 == x->order.n) {
+            SPIN_TRY(spin_out_write(out, block, n * ROW));
             n = 0;
         }
     }
+    spin_frames_merge(&x->frames);
     return SPIN_OK;
+}
+
+static spin_status splat_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
+{
+    struct export *x = self;
+
+    (void)info;
+    if (!x->by_size)
+        return spin_frames_write_rows(x, out, 0, ROW, code_row);
+    SPIN_TRY(spin_order_fill(&x->order, &x->frames.rows));
+    for (size_t i = 0; i < x->order.n; i++)
+        x->order.item[i].key = size_key(x->frames.rows.splats, x->order.item[i].row);
+    spin_order_sort(&x->order);
+    return write_ordered(x, out);
+}
+
+static uint64_t splat_bytes(const void *self, size_t n)
+{
+    (void)self;
+    return (uint64_t)n * ROW;
+}
+
+/* The format has no header: whole rows are all that can be asked for. */
+static bool splat_complete(void *self, const struct spin_frame_info *info,
+                           const struct spin_map *map, size_t *n)
+{
+    (void)self;
+    (void)info;
+    *n = map->size / ROW;
+    return map->size % ROW == 0;
 }
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status splat_begin(const struct spin_export_job *job, void **self)
+static spin_status begin(void *self, const struct spin_export_job *job)
 {
     const char *order = spin_plugin_value(job->values, "order", "source");
-    struct export *x = NULL;
-    spin_status status;
+    struct export *x = self;
 
     if (strcmp(order, "source") != 0 && strcmp(order, "size") != 0)
         return spin_fail(SPIN_E_USAGE, "--order '%s': expected source or size", order);
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->by_size = strcmp(order, "size") == 0;
-    x->loses_sh = job->sh_degree > 0;
-    SPIN_TRY_OUT(spin_frames_begin(&x->frames, job, "frame_%05d.splat"));
-    *self = x;
     return SPIN_OK;
-out:
-    spin_frames_end(&x->frames);
-    free(x);
-    return status;
 }
 
-static spin_status splat_frame(void *self, int frame, const struct spin_frame_info *info,
-                               const struct spin_splats *splats)
+static void end(void *self) { spin_order_free(&((struct export *)self)->order); }
+
+static const struct spin_frames_format format = {
+    .name = "splat",
+    .pattern = "frame_%05d.splat",
+    .self_bytes = sizeof(struct export),
+    .lossy = true,
+    .begin = begin,
+    .bytes = splat_bytes,
+    .write = splat_write,
+    .complete = splat_complete,
+    .end = end,
+};
+
+static spin_status splat_begin(const struct spin_export_job *job, void **self)
 {
-    struct export *x = self;
-    struct spin_out out;
-    size_t n_kept;
-    spin_status status;
-
-    (void)frame;
-    SPIN_TRY(spin_frames_open(&x->frames, splats, info->number, &n_kept, &out));
-    SPIN_TRY_OUT(spin_order_fill(&x->order, &x->frames.rows, splats->n, n_kept));
-    if (x->by_size) {
-        for (size_t i = 0; i < n_kept; i++)
-            x->order.item[i].key = size_key(splats, x->order.item[i].row);
-        spin_order_sort(&x->order);
-    }
-    SPIN_TRY_OUT(write_rows(x, splats, &out));
-    return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
-}
-
-static spin_status splat_end(void *self)
-{
-    struct export *x = self;
-
-    spin_quant_say(&x->quant, "splat");
-    if (x->loses_sh)
+    if (job->sh_degree > 0)
         spin_log(0, "splat holds no colour that depends on the direction: sh is left out");
-    spin_frames_end(&x->frames);
-    spin_order_free(&x->order);
-    free(x);
-    return SPIN_OK;
-}
-
-static void splat_abort(void *self)
-{
-    struct export *x = self;
-
-    spin_frames_abandon(&x->frames);
-    spin_order_free(&x->order);
-    free(x);
+    return spin_frames_begin(&format, job, self);
 }
 
 extern const struct spin_exporter spin_exporter_splat;
@@ -178,7 +181,8 @@ const struct spin_exporter spin_exporter_splat = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = splat_begin,
-    .frame = splat_frame,
-    .end = splat_end,
-    .abort = splat_abort,
+    .frame = spin_frames_frame,
+    .end = spin_frames_end,
+    .abort = spin_frames_abort,
+    .skip = spin_frames_skip,
 };

@@ -15,59 +15,45 @@
  * Axes: the format does not say which it holds. --axes source writes those of the training, as
  * splat-transform does; --axes rub turns half about x, to the right, up and back that Niantic's
  * library stores. */
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "base/mem.h"
 #include "exporters/frames.h"
-#include "exporters/quant.h"
 #include "io/gzip.h"
 
 #define MAGIC 0x5053474eu /* "NGSP" */
 #define MAX_FRACTION 12
-#define BLOCK 4096
-#define MAX_ROW 45 /* bytes of one stream a row */
+#define MAX_WIDTH 45 /* bytes of one stream a row */
+#define BATCH 16     /* blocks of rows coded at a time */
+#define HEADER 16
 #define SQRT2 1.41421356237309505f
 
 static const struct spin_plugin_option options[] = {
-    SPIN_FRAMES_OPTION_PATTERN("frame_%05d.spz"),
-    SPIN_FRAMES_OPTION_SH,
-    SPIN_FRAMES_OPTION_MIN_OPACITY,
+    SPIN_FRAMES_OPTIONS("frame_%05d.spz"),
+    SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
-    {"level", "N", "effort of gzip, 1 fast to 9 small", "3"},
+    {"level", "N", "effort of gzip; 1: no search for repeats, of which there are few; to 9", "1"},
     {0},
 };
+
+struct export;
+/* One stream: code row i, and add what a reader is wrong by. */
+typedef void (*code_fn)(const struct export *x, size_t i, unsigned char *out,
+                        struct spin_quant *quant);
 
 struct export
 {
     struct spin_frames frames;
-    struct spin_quant quant;
     struct spin_gzip *gzip;
-    bool turned;
-    int sh_degree; /* written */
-    int fraction;  /* fractional bits of the places */
-    const struct spin_splats *splats;
-    unsigned char block[BLOCK * MAX_ROW];
+    int fraction; /* fractional bits of the places */
+
+    /* The batch at hand. */
+    code_fn code;
+    size_t width, first;      /* bytes a row; block */
+    unsigned char *bytes;     /* [BATCH * rows of a block * MAX_WIDTH] */
+    struct spin_quant *quant; /* [blocks] */
 };
 
-/* ---- Axes ------------------------------------------------------------------------------------ */
-
-/* Half a turn about x: y and z change sign; so do the coefficients odd in (y, z) together. */
-static const float sign_of_sh[16] = {1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
-
-static void take_row(const struct export *x, size_t i, struct spin_quant_row *row)
-{
-    spin_quant_take(x->splats, i, row);
-    if (!x->turned)
-        return;
-    for (int c = 1; c < 3; c++) {
-        row->place[c] = -row->place[c];
-        row->rotation[1 + c] = -row->rotation[1 + c];
-    }
-}
-
-/* ---- Streams: code one row, and say what a reader makes of it ---------------------------------- */
+/* ---- Streams --------------------------------------------------------------------------------- */
 
 /* Nearest; a cast, as roundf is a call on the oldest machines. */
 static unsigned char byte_of(float x)
@@ -75,143 +61,157 @@ static unsigned char byte_of(float x)
     return (unsigned char)(spin_minf(spin_maxf(x, 0), 255) + 0.5f);
 }
 
-static void code_place(struct export *x, struct spin_quant_row *row, unsigned char *out)
+static void code_place(const struct export *x, size_t i, unsigned char *out,
+                       struct spin_quant *quant)
 {
+    float place[3], shown[3];
+
+    spin_rows_place(&x->frames.rows, i, place);
     for (int c = 0; c < 3; c++) {
-        double step = ldexp(1, -x->fraction);
-        uint32_t fixed = (uint32_t)(int32_t)lrint((double)row->place[c] / step);
+        int32_t fixed = (int32_t)lrint((double)place[c] * (1 << x->fraction));
 
         for (int b = 0; b < 3; b++)
-            out[3 * c + b] = (unsigned char)(fixed >> (8 * b));
-        row->place[c] = (float)((double)(int32_t)fixed * step);
+            out[3 * c + b] = (unsigned char)((uint32_t)fixed >> (8 * b));
+        shown[c] = (float)((double)fixed / (1 << x->fraction));
     }
+    spin_quant_add_place(quant, place, shown);
 }
 
-static void code_alpha(struct export *x, struct spin_quant_row *row, unsigned char *out)
+static void code_alpha(const struct export *x, size_t i, unsigned char *out,
+                       struct spin_quant *quant)
 {
-    (void)x;
-    out[0] = byte_of(row->opacity * 255);
-    row->opacity = (float)out[0] / 255;
+    float opacity = spin_quant_opacity(&x->frames.rows, i);
+
+    out[0] = byte_of(opacity * 255);
+    spin_quant_add(quant, SPIN_QUANT_OPACITY, (double)opacity - (float)out[0] / 255);
 }
 
-static void code_colour(struct export *x, struct spin_quant_row *row, unsigned char *out)
+static void code_colour(const struct export *x, size_t i, unsigned char *out,
+                        struct spin_quant *quant)
 {
-    (void)x;
+    float colour[3], shown[3];
+
+    spin_quant_colour(&x->frames.rows, i, colour);
     for (int c = 0; c < 3; c++) {
-        out[c] = byte_of((row->colour[c] - 0.5f) / SPIN_SH_C0 * 0.15f * 255 + 127.5f);
-        row->colour[c] = 0.5f + SPIN_SH_C0 * ((float)out[c] - 127.5f) / (0.15f * 255);
+        out[c] = byte_of((colour[c] - 0.5f) / SPIN_SH_C0 * 0.15f * 255 + 127.5f);
+        shown[c] = 0.5f + SPIN_SH_C0 * ((float)out[c] - 127.5f) / (0.15f * 255);
     }
+    spin_quant_add_3(quant, SPIN_QUANT_COLOUR, colour, shown);
 }
 
-static void code_scale(struct export *x, struct spin_quant_row *row, unsigned char *out)
+static void code_scale(const struct export *x, size_t i, unsigned char *out,
+                       struct spin_quant *quant)
 {
-    (void)x;
+    const float *scale = x->frames.rows.splats->log_scales + 3 * i;
+    float shown[3];
+
     for (int c = 0; c < 3; c++) {
-        out[c] = byte_of((row->log_scale[c] + 10) * 16);
-        row->log_scale[c] = (float)out[c] / 16 - 10;
+        out[c] = byte_of((scale[c] + 10) * 16);
+        shown[c] = (float)out[c] / 16 - 10;
     }
+    spin_quant_add_3(quant, SPIN_QUANT_SCALE, scale, shown);
 }
 
-static void code_rotation(struct export *x, struct spin_quant_row *row, unsigned char *out)
+static void code_rotation(const struct export *x, size_t i, unsigned char *out,
+                          struct spin_quant *quant)
 {
     static const int place[4] = {1, 2, 3, 0}; /* x y z w in our w x y z */
-    float *q = row->rotation, rest = 1, sign;
+    float q[4], shown[4], rest = 1, sign;
     int largest = 0;
     uint32_t word;
 
-    (void)x;
+    spin_rows_turned(&x->frames.rows, i, q);
     for (int k = 1; k < 4; k++)
         largest = fabsf(q[place[k]]) > fabsf(q[place[largest]]) ? k : largest;
     word = (uint32_t)largest;
     sign = q[place[largest]] < 0 ? -1 : 1;
     for (int k = 0; k < 4; k++) {
-        float *v = &q[place[k]];
+        float v = q[place[k]] * sign;
         uint32_t size;
 
         if (k == largest)
             continue;
-        size = (uint32_t)spin_minf(roundf(511 * SQRT2 * fabsf(*v)), 511);
-        word = word << 10 | (uint32_t)(*v * sign < 0) << 9 | size;
-        *v = (*v * sign < 0 ? -1 : 1) * (float)size / (511 * SQRT2);
-        rest -= *v * *v;
+        size = (uint32_t)spin_minf(511 * SQRT2 * fabsf(v) + 0.5f, 511);
+        word = word << 10 | (uint32_t)(v < 0) << 9 | size;
+        shown[place[k]] = (v < 0 ? -1 : 1) * (float)size / (511 * SQRT2);
+        rest -= shown[place[k]] * shown[place[k]];
     }
-    q[place[largest]] = sqrtf(spin_maxf(rest, 0));
+    shown[place[largest]] = sqrtf(spin_maxf(rest, 0));
     for (int b = 0; b < 4; b++)
         out[b] = (unsigned char)(word >> (8 * b));
+    spin_quant_add_rotation(quant, q, shown);
 }
 
-static void code_sh(struct export *x, size_t i, unsigned char *out)
+static void code_sh(const struct export *x, size_t i, unsigned char *out, struct spin_quant *quant)
 {
-    int n_from = spin_sh_count(x->splats->sh_degree), n = spin_sh_count(x->sh_degree);
-    const float *sh = x->splats->sh + i * 3 * (size_t)n_from;
-    float error[MAX_ROW];
-    size_t at = 0;
+    const struct spin_rows *rows = &x->frames.rows;
+    int n = 3 * spin_sh_count(rows->sh_degree), n_there = 3 * spin_rows_n_sh(rows);
+    float room[3 * SPIN_SH_MAX], error[3 * SPIN_SH_MAX];
+    const float *sh = spin_rows_sh(rows, i, room);
 
-    for (int k = 1; k < n; k++) {
-        float bucket = k < 4 ? 8 : 16, sign = x->turned ? sign_of_sh[k] : 1;
+    for (int k = 3; k < n; k++) {
+        float bucket = k < 12 ? 8 : 16, v = k < n_there ? sh[k] : 0;
+        float steps = (float)byte_of((v * 128 + 128) / bucket);
 
-        for (int c = 0; c < 3; c++, at++) {
-            float v = k < n_from ? sign * sh[3 * k + c] : 0;
-
-            out[at] = byte_of((float)byte_of((v * 128 + 128) / bucket) * bucket);
-            error[at] = v - ((float)out[at] - 128) / 128;
-        }
+        out[k - 3] = byte_of(steps * bucket);
+        error[k - 3] = v - ((float)out[k - 3] - 128) / 128;
     }
-    spin_quant_add_all(&x->quant, SPIN_QUANT_SH, error, at);
+    spin_quant_add_all(quant, SPIN_QUANT_SH, error, (size_t)n - 3);
 }
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
-typedef void (*code_fn)(struct export *x, struct spin_quant_row *row, unsigned char *out);
-
-/* One attribute of all rows. With no code: the SH. */
-static spin_status write_stream(struct export *x, code_fn code, size_t width)
+static void code_block(void *context, int task, int worker)
 {
-    const struct spin_splats *s = x->splats;
-    struct spin_quant_row row;
-    size_t n = 0;
+    const struct export *x = context;
+    const struct spin_rows *rows = &x->frames.rows;
+    size_t b = x->first + (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
+    size_t before = spin_rows_before(rows, b) - spin_rows_before(rows, x->first);
+    unsigned char *out = x->bytes + before * x->width;
 
-    for (size_t i = 0; i < s->n; i++) {
-        if (x->frames.rows.keep[i] && code) {
-            take_row(x, i, &row);
-            code(x, &row, x->block + width * n++);
-        } else if (x->frames.rows.keep[i]) {
-            code_sh(x, i, x->block + width * n++);
-        }
-        if (n == BLOCK || (n > 0 && i + 1 == s->n)) {
-            SPIN_TRY(spin_gzip_write(x->gzip, x->block, width * n));
-            n = 0;
+    (void)worker;
+    for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
+        if (rows->keep[i]) {
+            x->code(x, i, out, &x->quant[b]);
+            out += x->width;
         }
     }
-    return SPIN_OK;
+    spin_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
-/* What all the streams of a row make of it, beside what it was. */
-static void measure(struct export *x)
+/* One attribute of all rows, some blocks at a time. */
+static spin_status write_stream(struct export *x, code_fn code, size_t width)
 {
-    static const code_fn codes[] = {code_place, code_alpha, code_colour, code_scale, code_rotation};
-    struct spin_quant_row is, shown;
+    const struct spin_rows *rows = &x->frames.rows;
+    size_t n_blocks = spin_rows_blocks(rows);
 
-    for (size_t i = 0; i < x->splats->n; i++) {
-        if (!x->frames.rows.keep[i])
-            continue;
-        take_row(x, i, &is);
-        shown = is;
-        for (size_t k = 0; k < sizeof codes / sizeof codes[0]; k++)
-            codes[k](x, &shown, x->block);
-        spin_quant_row(&x->quant, &is, &shown);
+    x->code = code;
+    x->width = width;
+    for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
+        size_t end = x->first + BATCH < n_blocks ? x->first + BATCH : n_blocks;
+        size_t n = (end < n_blocks ? spin_rows_before(rows, end) : rows->n_kept) -
+                   spin_rows_before(rows, x->first);
+
+        spin_pool_run(rows->pool, (int)(end - x->first), code_block, x);
+        SPIN_TRY(spin_gzip_write(x->gzip, x->bytes, n * width));
     }
+    return SPIN_OK;
 }
 
 /* The most fractional bits, at most those of the frame before, with which all places fit. */
 static spin_status choose_fraction(struct export *x, int number)
 {
+    const struct spin_rows *rows = &x->frames.rows;
     int before = x->fraction;
-    float largest = 0;
+    float largest = 0, place[3];
 
-    for (size_t i = 0; i < x->splats->n; i++)
-        for (int c = 0; c < 3 && x->frames.rows.keep[i]; c++)
-            largest = spin_maxf(largest, fabsf(x->splats->means[3 * i + (size_t)c]));
+    for (size_t i = 0; i < rows->splats->n; i++) {
+        if (!rows->keep[i])
+            continue;
+        spin_rows_place(rows, i, place);
+        for (int c = 0; c < 3; c++)
+            largest = spin_maxf(largest, fabsf(place[c]));
+    }
     while (x->fraction >= 0 && ldexp((double)largest, x->fraction) > 8388606)
         x->fraction--;
     if (x->fraction < 0)
@@ -224,105 +224,112 @@ static spin_status choose_fraction(struct export *x, int number)
     return SPIN_OK;
 }
 
-static spin_status write_header(struct export *x, size_t n)
+static spin_status write_header(struct export *x)
 {
-    uint32_t word[3] = {MAGIC, 3, (uint32_t)n};
-    unsigned char rest[4] = {(unsigned char)x->sh_degree, (unsigned char)x->fraction, 0, 0};
+    uint32_t word[3] = {MAGIC, 3, (uint32_t)x->frames.rows.n_kept};
+    unsigned char rest[4] = {(unsigned char)x->frames.rows.sh_degree, (unsigned char)x->fraction};
 
     spin_rows_little_endian(word, 3);
     SPIN_TRY(spin_gzip_write(x->gzip, word, sizeof word));
     return spin_gzip_write(x->gzip, rest, sizeof rest);
 }
 
-static spin_status write_file(struct export *x, int number, size_t n, struct spin_out *out)
+static size_t sh_bytes(const struct export *x)
 {
-    if (n > UINT32_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: %zu splats are more than spz can count",
-                         number, n);
-    SPIN_TRY(choose_fraction(x, number));
+    return 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree) - 3;
+}
+
+static spin_status spz_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
+{
+    struct export *x = self;
+
+    SPIN_TRY(choose_fraction(x, info->number));
+    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
     SPIN_TRY(spin_gzip_begin(x->gzip, out));
-    SPIN_TRY(write_header(x, n));
+    SPIN_TRY(write_header(x));
     SPIN_TRY(write_stream(x, code_place, 9));
     SPIN_TRY(write_stream(x, code_alpha, 1));
     SPIN_TRY(write_stream(x, code_colour, 3));
     SPIN_TRY(write_stream(x, code_scale, 3));
     SPIN_TRY(write_stream(x, code_rotation, 4));
-    if (x->sh_degree > 0)
-        SPIN_TRY(write_stream(x, NULL, 3 * (size_t)spin_sh_count(x->sh_degree) - 3));
+    if (sh_bytes(x) > 0)
+        SPIN_TRY(write_stream(x, code_sh, sh_bytes(x)));
     SPIN_TRY(spin_gzip_end(x->gzip));
-    measure(x);
+    spin_frames_merge(&x->frames);
     return SPIN_OK;
+}
+
+static uint64_t spz_bytes(const void *self, size_t n)
+{
+    return HEADER + (uint64_t)n * (20 + sh_bytes(self));
+}
+
+/* The header inside, and the length that the gzip ends with. */
+static bool spz_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
+                         size_t *n)
+{
+    const struct export *x = self;
+    unsigned char header[HEADER];
+    uint32_t word[3];
+    size_t n_read = 0;
+
+    (void)info;
+    if (spin_gzip_read(map->data, map->size, header, sizeof header, &n_read) != SPIN_OK ||
+        n_read != sizeof header)
+        return false;
+    memcpy(word, header, sizeof word);
+    spin_rows_little_endian(word, 3);
+    *n = word[2];
+    return word[0] == MAGIC && word[1] == 3 && header[12] == x->frames.rows.sh_degree &&
+           spin_gzip_length(map->data, map->size) == (uint32_t)spz_bytes(self, *n);
 }
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static void finish(struct export *x)
+static spin_status begin(void *self, const struct spin_export_job *job)
 {
-    spin_gzip_free(x->gzip);
-    free(x);
-}
-
-static spin_status spz_begin(const struct spin_export_job *job, void **self)
-{
+    static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
     const char *axes = spin_plugin_value(v, "axes", "source");
-    const char *level = spin_plugin_value(v, "level", "3");
-    struct export *x = NULL;
-    spin_status status;
+    const char *level = spin_plugin_value(v, "level", "1");
+    struct export *x = self;
 
     if (strcmp(axes, "source") != 0 && strcmp(axes, "rub") != 0)
         return spin_fail(SPIN_E_USAGE, "--axes '%s': expected source or rub", axes);
     if (level[0] < '1' || level[0] > '9' || level[1])
         return spin_fail(SPIN_E_USAGE, "--level '%s': expected 1 to 9", level);
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    x->turned = strcmp(axes, "rub") == 0;
+    if (strcmp(axes, "rub") == 0 && spin_plugin_value(v, "up", NULL))
+        return spin_fail(SPIN_E_USAGE, "--axes rub takes y down for granted: give it or --up");
+    x->frames.axes = strcmp(axes, "rub") == 0 ? half_about_x : NULL;
     x->fraction = MAX_FRACTION;
-    SPIN_TRY_OUT(
-        spin_rows_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree, &x->sh_degree));
-    SPIN_TRY_OUT(spin_gzip_create(level[0] - '0', job->n_threads, &x->gzip));
-    SPIN_TRY_OUT(spin_frames_begin(&x->frames, job, "frame_%05d.spz"));
-    *self = x;
-    return SPIN_OK;
-out:
-    spin_frames_end(&x->frames);
-    finish(x);
-    return status;
+    SPIN_TRY(spin_alloc((size_t)BATCH * SPIN_ROWS_BLOCK, MAX_WIDTH, (void **)&x->bytes));
+    return spin_gzip_create(level[0] - '0', job->n_threads, &x->gzip);
 }
 
-static spin_status spz_frame(void *self, int frame, const struct spin_frame_info *info,
-                             const struct spin_splats *splats)
-{
-    struct export *x = self;
-    struct spin_out out;
-    size_t n_kept;
-    spin_status status;
-
-    (void)frame;
-    x->splats = splats;
-    SPIN_TRY(spin_frames_open(&x->frames, splats, info->number, &n_kept, &out));
-    SPIN_TRY_OUT(write_file(x, info->number, n_kept, &out));
-    return spin_out_commit(&out);
-out:
-    spin_out_abandon(&out);
-    return status;
-}
-
-static spin_status spz_end(void *self)
+static void end(void *self)
 {
     struct export *x = self;
 
-    spin_quant_say(&x->quant, "spz");
-    spin_frames_end(&x->frames);
-    finish(x);
-    return SPIN_OK;
+    spin_gzip_free(x->gzip);
+    free(x->bytes);
 }
 
-static void spz_abort(void *self)
-{
-    struct export *x = self;
+static const struct spin_frames_format format = {
+    .name = "spz",
+    .pattern = "frame_%05d.spz",
+    .self_bytes = sizeof(struct export),
+    .lossy = true,
+    .packed = true,
+    .begin = begin,
+    .bytes = spz_bytes,
+    .write = spz_write,
+    .complete = spz_complete,
+    .end = end,
+};
 
-    spin_frames_abandon(&x->frames);
-    finish(x);
+static spin_status spz_begin(const struct spin_export_job *job, void **self)
+{
+    return spin_frames_begin(&format, job, self);
 }
 
 extern const struct spin_exporter spin_exporter_spz;
@@ -333,7 +340,8 @@ const struct spin_exporter spin_exporter_spz = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = spz_begin,
-    .frame = spz_frame,
-    .end = spz_end,
-    .abort = spz_abort,
+    .frame = spin_frames_frame,
+    .end = spin_frames_end,
+    .abort = spin_frames_abort,
+    .skip = spin_frames_skip,
 };

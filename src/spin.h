@@ -130,6 +130,7 @@ struct spin_splats {
     float *logit_opacities; /* [n] or NULL */
     float *sh;              /* [n][(sh_degree+1)^2][3] or NULL */
     float *rgb;             /* [n][3] or NULL */
+    bool mapped;            /* the columns lie in a file's map: to be read only, and not owned */
     size_t held[6];         /* private: bytes behind each column */
 };
 
@@ -245,6 +246,7 @@ struct spin_importer {
 };
 
 struct spin_renderer;
+struct spin_export_report;
 
 /* What an exporter is told before the first frame. Everything is borrowed until end() or abort(). */
 struct spin_export_job {
@@ -265,6 +267,9 @@ struct spin_export_job {
     spin_status (*source_frame)(void *source_of, int frame, struct spin_splats *out);
     void *source_of;
     int source_sh_degree;
+    bool retrained;                    /* the attributes are the network's */
+    const size_t *counts;              /* [n_frames] splats of each frame, or NULL */
+    struct spin_export_report *report; /* an exporter adds to bytes and left_out; or NULL */
 };
 
 struct spin_frame_info {
@@ -287,6 +292,9 @@ struct spin_exporter {
                          const struct spin_splats *splats);
     spin_status (*end)(void *self);
     void (*abort)(void *self);
+
+    /* Whether a frame need not be read, as it is there already; NULL: none is. */
+    bool (*skip)(void *self, int frame, const struct spin_frame_info *info);
 };
 
 /* A file that appears under its name only when whole: written as path.tmp.<pid>, flushed to disk and
@@ -541,10 +549,10 @@ struct spin_eval_report {
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
     int n_frames;
-    bool network, refined;          /* what was measured; neither: the source */
-    enum spin_moving_from moving;   /* where the moving regions came from; OFF: nowhere */
-    double seconds_decode;          /* one frame: positions and network to splats */
-    double seconds_draw;            /* one view of a decoded frame */
+    bool network, refined;        /* what was measured; neither: the source */
+    enum spin_moving_from moving; /* where the moving regions came from; OFF: nowhere */
+    double seconds_decode;        /* one frame: positions and network to splats */
+    double seconds_draw;          /* one view of a decoded frame */
     struct spin_bundle_bytes storage;
 };
 
@@ -569,7 +577,8 @@ struct spin_export_options {
 struct spin_export_report {
     int frames;
     double splats_mean;
-    uint64_t bytes; /* 0: unknown */
+    uint64_t bytes;    /* 0: unknown */
+    uint64_t left_out; /* splats that no viewer could draw, over all frames */
 };
 
 spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);

@@ -95,6 +95,7 @@ static void report_json(const struct spin_export_report *r)
         spin_print_integer("bytes", (long long)r->bytes);
     else
         spin_print_null("bytes");
+    spin_print_integer("left_out", (long long)r->left_out);
     spin_print_close('}');
 }
 
@@ -106,6 +107,8 @@ static void report_text(const struct spin_export_report *r)
            r->frames == 1 ? "frame" : "frames", options.to, r->splats_mean);
     if (r->bytes)
         printf(", %s", spin_print_bytes((double)r->bytes, bytes));
+    if (r->left_out)
+        printf(", %llu splats left out", (unsigned long long)r->left_out);
     printf("\n");
 }
 

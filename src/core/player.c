@@ -190,9 +190,7 @@ static spin_status read_means(struct spin_player *p, int index, struct spin_spla
 static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
 {
-    if (p->from == SPIN_FROM_REFINED)
-        return spin_bundle_refined_frame(p->bundle, index, columns, out);
-    return spin_bundle_frame(p->bundle, index, columns, out);
+    return spin_bundle_view(p->bundle, index, p->from, columns, out);
 }
 
 spin_status spin_player_show(struct spin_player *p, int index)

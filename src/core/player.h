@@ -54,7 +54,8 @@ spin_status spin_player_show_live(struct spin_player *p, int index, size_t n, do
 /* Show these splats (all attribute columns). */
 spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *splats);
 
-/* Columns of a frame, in the source's order, or that of the refined splats. */
+/* Columns of a frame, in the source's order, or that of the refined splats; what is stored is a view of
+ * the bundle. */
 spin_status spin_player_splats(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out);
 

@@ -116,6 +116,7 @@ struct export
     struct spin_renderer *renderer;
     struct spin_splats splats;
     enum spin_from from;
+    size_t *counts; /* [n_frames] */
     void *self;
 };
 
@@ -163,10 +164,14 @@ static spin_status write_frames(struct export *x)
             status = spin_fail_cancelled();
             break;
         }
+        info.n = x->counts[f];
+        if (x->exporter->skip && x->exporter->skip(x->self, f, &info))
+            continue;
         status = spin_player_splats(&x->player, index, columns, &x->splats);
         info.n = x->splats.n;
         if (status == SPIN_OK)
             status = x->exporter->frame(x->self, f, &info, &x->splats);
+        spin_bundle_rest(&x->splats);
         if (status != SPIN_OK)
             break;
         spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
@@ -219,11 +224,17 @@ static spin_status begin_export(struct export *x)
         .n_threads = o->n_threads,
         .source_of = x,
         .source_sh_degree = x->clip.bundle.meta.sh_degree,
+        .retrained = x->from == SPIN_FROM_NETWORK,
+        .report = x->report,
     };
     spin_status status;
 
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
+    for (int f = 0; f < x->clip.n_frames; f++)
+        x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
+    job.counts = x->counts;
     SPIN_TRY(x->exporter->begin(&job, &x->self));
     status = write_frames(x);
     if (status != SPIN_OK) {
@@ -272,8 +283,9 @@ spin_status spin_export(const struct spin_export_options *o, struct spin_export_
     free(x.renderer);
     spin_player_close(&x.player);
     spin_device_close(&x.device);
-    spin_clip_close(&x.clip);
     spin_splats_free(&x.splats);
+    spin_clip_close(&x.clip);
+    free(x.counts);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_more(status, "cannot export '%s'", o->input);
     return status;

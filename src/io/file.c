@@ -10,6 +10,7 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include "base/err.h"
@@ -89,17 +90,22 @@ void spin_map_close(struct spin_map *map)
     map->size = 0;
 }
 
-void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n)
+/* A page that the bytes before share goes too and comes back when it is read; the last one stays. */
+void spin_map_rest(const void *bytes, size_t n)
 {
-    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), base = (uintptr_t)map->data;
-    uintptr_t first = (uintptr_t)bytes, end = first + n;
+    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    uintptr_t first = (uintptr_t)bytes / page * page, end = ((uintptr_t)bytes + n) / page * page;
 
-    if (map->size == 0 || first < base || end > base + map->size)
-        return;
-    first -= (first - base) % page; /* a map begins with a page */
-    end -= (end - base) % page;     /* whose last page the next bytes share */
     if (end > first)
         (void)madvise((void *)first, end - first, MADV_DONTNEED);
+}
+
+void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n)
+{
+    uintptr_t base = (uintptr_t)map->data, first = (uintptr_t)bytes;
+
+    if (map->size > 0 && first >= base && first + n <= base + map->size)
+        spin_map_rest(bytes, n);
 }
 
 /* ---- Path words ---------------------------------------------------------------------------- */
@@ -267,6 +273,13 @@ static spin_status make_one(const char *path)
     return fail_errno("make folder", path);
 }
 
+uint64_t spin_path_free_bytes(const char *path)
+{
+    struct statvfs fs;
+
+    return statvfs(path, &fs) == 0 ? (uint64_t)fs.f_bavail * fs.f_frsize : UINT64_MAX;
+}
+
 spin_status spin_folder_make(const char *path)
 {
     char *partial;
@@ -408,6 +421,47 @@ spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes)
     if (bytes > 0 && fwrite(data, 1, bytes, out->file) != bytes)
         return fail_errno("write", out->path);
     out->bytes += bytes;
+    return SPIN_OK;
+}
+
+int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes)
+{
+    const unsigned char *from = data;
+
+    while (bytes > 0) {
+        ssize_t n = pwrite(fileno(out->file), from, bytes, (off_t)at);
+
+        if (n < 0 && errno == EINTR)
+            continue;
+        if (n <= 0)
+            return n < 0 ? errno : EIO;
+        from += n;
+        at += (uint64_t)n;
+        bytes -= (size_t)n;
+    }
+    return 0;
+}
+
+spin_status spin_out_failed(const struct spin_out *out, int error)
+{
+    errno = error;
+    return fail_errno("write", out->path);
+}
+
+spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes)
+{
+    int error = spin_out_put(out, at, data, bytes);
+
+    return error ? spin_out_failed(out, error) : SPIN_OK;
+}
+
+spin_status spin_out_length(struct spin_out *out, uint64_t *bytes)
+{
+    struct stat st;
+
+    if (fflush(out->file) != 0 || fstat(fileno(out->file), &st) != 0)
+        return fail_errno("write", out->path);
+    *bytes = (uint64_t)st.st_size;
     return SPIN_OK;
 }
 

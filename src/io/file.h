@@ -17,6 +17,8 @@ void spin_map_close(struct spin_map *map);
  * and come back by themselves). So memory stays bounded by what is in use, not by the file. What does
  * not lie in the map is left alone. */
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
+/* The same of bytes that are known to lie in a map. */
+void spin_map_rest(const void *bytes, size_t n);
 
 bool spin_path_exists(const char *path);
 bool spin_path_is_folder(const char *path);
@@ -31,6 +33,8 @@ spin_status spin_path_absolute(const char *path, char **out);
 /* Path of `to` as seen from the folder `from` (both exist): relative where they share a parent other
  * than the root, else absolute. Allocated. */
 spin_status spin_path_relative(const char *from, const char *to, char **out);
+/* Bytes that could still be written below a path that exists; UINT64_MAX when that is not known. */
+uint64_t spin_path_free_bytes(const char *path);
 
 /* Entries of a folder without . and .., sorted by name (bytes); names[n] == NULL. */
 spin_status spin_folder_list(const char *path, char ***names, size_t *n);
@@ -41,6 +45,14 @@ long long spin_path_number(const char *path);
 
 /* Remove what writers of `path` that were killed have left beside it. */
 void spin_out_sweep(const char *path);
+/* Of an output file (spin.h): bytes to a place in it, past the buffer of spin_out_write(), by any
+ * thread, where pieces are made side by side. 0, or the errno, of which spin_out_failed() makes the
+ * status in the thread that asks. Nothing of spin_out_write() may still lie in its buffer. */
+int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
+spin_status spin_out_failed(const struct spin_out *out, int error);
+spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
+/* The file's length so far, buffer included. */
+spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
 
 /* First bytes, entries and zip member names of path, for probing. Free with spin_peek_free(). */
 spin_status spin_peek_open(const char *path, struct spin_peek *out);

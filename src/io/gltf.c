@@ -16,6 +16,7 @@
 #define HEADER 12
 #define CHUNK_HEADER 8
 #define MAX_BYTES UINT32_MAX /* its lengths have 32 bits */
+#define TOO_FAR (-1)         /* no errno */
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static const struct spin_gltf_shim *shim; /* NULL after a failed start */
@@ -77,31 +78,37 @@ static spin_status longest_json(const char *path, const struct spin_gltf_clip *w
     return status;
 }
 
-spin_status spin_glb_open(const char *path, bool force, const struct spin_gltf_clip *worst,
-                          struct spin_glb *out)
+spin_status spin_glb_begin(struct spin_out *out, const struct spin_gltf_clip *worst,
+                           struct spin_glb *glb)
 {
-    memset(out, 0, sizeof *out);
-    SPIN_TRY(longest_json(path, worst, &out->room));
-    return spin_out_open(path, force, &out->out);
+    glb->out = out;
+    return longest_json(out->path, worst, &glb->room);
 }
 
-static spin_status write_at(struct spin_glb *glb, uint64_t at, const void *data, size_t bytes)
-{
-    if (fseeko(glb->out.file, (off_t)at, SEEK_SET) != 0)
-        return spin_fail(SPIN_E_IO, "cannot write '%s': %s", glb->out.path, strerror(errno));
-    return spin_out_write(&glb->out, data, bytes);
-}
-
-spin_status spin_glb_write(struct spin_glb *glb, uint64_t at, const void *data, size_t bytes)
+int spin_glb_put(struct spin_glb *glb, uint64_t at, const void *data, size_t bytes)
 {
     uint64_t first = HEADER + 2 * CHUNK_HEADER + (uint64_t)glb->room;
 
     if (at > MAX_BYTES || bytes > MAX_BYTES || first + at + bytes > MAX_BYTES)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
-                         "--range, or give a folder for one .glb per frame",
-                         glb->out.path);
-    return write_at(glb, first + at, data, bytes);
+        return TOO_FAR;
+    return spin_out_put(glb->out, first + at, data, bytes);
+}
+
+spin_status spin_glb_failed(const struct spin_glb *glb, int error)
+{
+    if (error != TOO_FAR)
+        return spin_out_failed(glb->out, error);
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "cannot write '%s': a .glb ends at 4 GiB; export fewer frames with "
+                     "--range, or give a folder for one .glb per frame",
+                     glb->out->path);
+}
+
+spin_status spin_glb_write(struct spin_glb *glb, uint64_t at, const void *data, size_t bytes)
+{
+    int error = spin_glb_put(glb, at, data, bytes);
+
+    return error ? spin_glb_failed(glb, error) : SPIN_OK;
 }
 
 static void put_u32(unsigned char *at, uint64_t value)
@@ -121,7 +128,7 @@ static spin_status write_front(struct spin_glb *glb, const struct spin_gltf_clip
     if (n > glb->room)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "cannot write '%s': its JSON takes %zu bytes, %zu were kept for it",
-                         glb->out.path, n, glb->room);
+                         glb->out->path, n, glb->room);
     SPIN_TRY(spin_alloc(n_front, 1, (void **)&front));
     memcpy(front, "glTF", 4);
     put_u32(front + 4, 2);
@@ -134,25 +141,19 @@ static spin_status write_front(struct spin_glb *glb, const struct spin_gltf_clip
         put_u32(front + 20 + glb->room, clip->n_bytes);
         memcpy(front + 24 + glb->room, "BIN", 4);
     }
-    status = write_at(glb, 0, front, n_front);
+    status = spin_out_write_at(glb->out, 0, front, n_front);
     free(front);
     return status;
 }
 
-spin_status spin_glb_commit(struct spin_glb *glb, const struct spin_gltf_clip *clip)
+spin_status spin_glb_end(struct spin_glb *glb, const struct spin_gltf_clip *clip)
 {
     char *text = NULL;
     size_t n = 0;
     spin_status status;
 
-    SPIN_TRY_OUT(make_json(glb->out.path, clip, &text, &n));
-    SPIN_TRY_OUT(write_front(glb, clip, text, n));
+    SPIN_TRY(make_json(glb->out->path, clip, &text, &n));
+    status = write_front(glb, clip, text, n);
     free(text);
-    return spin_out_commit(&glb->out);
-out:
-    free(text);
-    spin_glb_abandon(glb);
     return status;
 }
-
-void spin_glb_abandon(struct spin_glb *glb) { spin_out_abandon(&glb->out); }

@@ -104,7 +104,8 @@ static void deflate_block(void *context, int i, int worker)
     int result;
 
     (void)worker;
-    b->failed = deflateInit2(&z, g->level, Z_DEFLATED, -MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK;
+    b->failed = deflateInit2(&z, g->level, Z_DEFLATED, -MAX_WBITS, 8,
+                             g->level == 1 ? Z_RLE : Z_DEFAULT_STRATEGY) != Z_OK;
     if (b->failed)
         return;
     if (n_window > 0)
@@ -172,4 +173,42 @@ spin_status spin_gzip_end(struct spin_gzip *g)
         trailer[4 + i] = (unsigned char)(g->n_total >> (8 * i));
     }
     return spin_out_write(g->out, trailer, sizeof trailer);
+}
+
+spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)
+{
+    const unsigned char *from = data;
+    unsigned char *to = out;
+    z_stream z = {0};
+    int result = Z_OK;
+
+    *n = 0;
+    if (inflateInit2(&z, MAX_WBITS + 16) != Z_OK)
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
+    while (result == Z_OK && *n < n_out) {
+        size_t n_in = size < UINT32_MAX / 2 ? size : UINT32_MAX / 2;
+        size_t n_room = n_out - *n < UINT32_MAX / 2 ? n_out - *n : UINT32_MAX / 2;
+
+        z.next_in = (unsigned char *)(uintptr_t)from;
+        z.avail_in = (uInt)n_in;
+        z.next_out = to + *n;
+        z.avail_out = (uInt)n_room;
+        result = inflate(&z, Z_NO_FLUSH);
+        from += n_in - z.avail_in;
+        size -= n_in - z.avail_in;
+        *n += n_room - z.avail_out;
+    }
+    inflateEnd(&z);
+    if (result != Z_STREAM_END && *n < n_out)
+        return spin_fail(SPIN_E_MALFORMED, "the gzip is damaged or cut short after %zu bytes", *n);
+    return SPIN_OK;
+}
+
+uint32_t spin_gzip_length(const void *data, size_t size)
+{
+    const unsigned char *end = (const unsigned char *)data + size;
+
+    if (size < 18) /* header and trailer */
+        return 0;
+    return end[-4] | (uint32_t)end[-3] << 8 | (uint32_t)end[-2] << 16 | (uint32_t)end[-1] << 24;
 }

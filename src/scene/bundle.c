@@ -504,6 +504,16 @@ static spin_status check_index(const struct spin_bundle *bundle, int frame)
     return SPIN_OK;
 }
 
+static spin_status read_column(struct spin_bundle *b, const struct group *group, int i, int frame,
+                               size_t n, struct spin_array *array)
+{
+    spin_status status = find_column(b, group, i, frame, n, true, array);
+
+    if (status != SPIN_OK && !strstr(spin_last_error(), b->path))
+        return spin_more(status, "cannot read '%s'", b->path);
+    return status;
+}
+
 static spin_status read_group(struct spin_bundle *bundle, const struct group *group, int frame,
                               size_t n, unsigned columns, struct spin_splats *out)
 {
@@ -511,20 +521,38 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
         struct spin_array array;
-        spin_status status;
 
         if (!(columns & column))
             continue;
-        status = find_column(bundle, group, i, frame, n, true, &array);
-        if (status != SPIN_OK)
-            return strstr(spin_last_error(), bundle->path)
-                       ? status
-                       : spin_more(status, "cannot read '%s'", bundle->path);
+        SPIN_TRY(read_column(bundle, group, i, frame, n, &array));
         if (n > 0)
             memcpy(*spin_column_of(out, column), array.data, (size_t)array.n_bytes);
         if (!(bundle->meta.still_columns & column)) /* a clip goes by, frame after frame */
             spin_npz_forget(&bundle->npz, &array, 0, array.count);
     }
+    return SPIN_OK;
+}
+
+/* The columns as they lie in the map; copied when one is not aligned. */
+static spin_status view_group(struct spin_bundle *bundle, const struct group *group, int frame,
+                              size_t n, unsigned columns, struct spin_splats *out)
+{
+    struct spin_splats view = {.n = n, .capacity = n, .mapped = true};
+
+    view.sh_degree = group->sh_degree < 0 ? 0 : group->sh_degree;
+    for (int i = 0; i < N_COLUMNS; i++) {
+        unsigned column = columns_table[i].column;
+        struct spin_array array;
+
+        if (!(columns & column))
+            continue;
+        SPIN_TRY(read_column(bundle, group, i, frame, n, &array));
+        if (n == 0 || !spin_array_f32(&array))
+            return read_group(bundle, group, frame, n, columns, out);
+        *spin_column_of(&view, column) = (float *)(uintptr_t)array.data;
+    }
+    spin_splats_free(out);
+    *out = view;
     return SPIN_OK;
 }
 
@@ -538,16 +566,50 @@ spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned co
     return read_group(bundle, &source, frame, bundle->meta.frame[frame].n, columns, out);
 }
 
+static spin_status check_refined_frame(const struct spin_bundle *bundle, int frame,
+                                       unsigned columns)
+{
+    SPIN_TRY(check_index(bundle, frame));
+    if (columns & ~bundle->refined.columns)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no refined splats with these columns",
+                         bundle->path);
+    return SPIN_OK;
+}
+
 spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                                       struct spin_splats *out)
 {
     struct group refined = refined_of(bundle);
 
-    SPIN_TRY(check_index(bundle, frame));
-    if (columns & ~refined.columns)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no refined splats with these columns",
-                         bundle->path);
+    SPIN_TRY(check_refined_frame(bundle, frame, columns));
     return read_group(bundle, &refined, frame, bundle->refined.n[frame], columns, out);
+}
+
+spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_from from,
+                             unsigned columns, struct spin_splats *out)
+{
+    struct group group = from == SPIN_FROM_REFINED ? refined_of(bundle) : source_of(bundle);
+
+    if (from == SPIN_FROM_REFINED) {
+        SPIN_TRY(check_refined_frame(bundle, frame, columns));
+        return view_group(bundle, &group, frame, bundle->refined.n[frame], columns, out);
+    }
+    SPIN_TRY(check_index(bundle, frame));
+    SPIN_TRY(fail_no_column(bundle, columns));
+    return view_group(bundle, &group, frame, bundle->meta.frame[frame].n, columns, out);
+}
+
+void spin_bundle_rest(const struct spin_splats *view)
+{
+    struct spin_splats s = *view;
+
+    for (int i = 0; i < N_COLUMNS && s.mapped; i++) {
+        enum spin_column column = (enum spin_column)columns_table[i].column;
+        const float *values = *spin_column_of(&s, column);
+
+        if (values)
+            spin_map_rest(values, s.n * spin_column_width(column, s.sh_degree) * sizeof *values);
+    }
 }
 
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_from from)

@@ -61,6 +61,12 @@ spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned co
 /* Columns of a refined frame. SPIN_E_NOT_FOUND when they are not there. */
 spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                                       struct spin_splats *out);
+/* The source's columns of a frame, or with SPIN_FROM_REFINED those, without a copy where they can be
+ * used as they lie in the map (out->mapped): to be read only, until the bundle is closed. */
+spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_from from,
+                             unsigned columns, struct spin_splats *out);
+/* A view that will not be looked at again soon: its pages leave the process. Of others, nothing. */
+void spin_bundle_rest(const struct spin_splats *view);
 /* Splats of a frame: the source's; or else the refined ones where there are some, which are also the
  * network's. */
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_from from);

@@ -47,6 +47,8 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
 {
     if ((columns & SPIN_COL_SH) && (sh_degree < 0 || sh_degree > 3))
         return spin_fail(SPIN_E_UNSUPPORTED, "SH degree %d is not in 0..3", sh_degree);
+    if (s->mapped)
+        *s = (struct spin_splats){0};
     s->n = 0;
     s->sh_degree = sh_degree;
     s->capacity = SIZE_MAX;
@@ -69,7 +71,7 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
 
 void spin_splats_free(struct spin_splats *s)
 {
-    for (int i = 0; i < N_COLUMNS; i++)
+    for (int i = 0; i < N_COLUMNS && !s->mapped; i++)
         free(*column_at(s, i));
     *s = (struct spin_splats){0};
 }

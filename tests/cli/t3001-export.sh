@@ -21,7 +21,7 @@ is_json "--json is one document"
 is "$(member to)" ply "reports 'to'"
 is "$(member frames)" "$frames" "reports 'frames'"
 is "$(member splats_mean)" "$splats" "reports 'splats_mean'"
-is "$(ls "$work/ply" | wc -l)" "$frames" "one file a frame"
+is "$(ls "$work/ply" | wc -l)" "$((frames + 1))" "one file a frame, and sequence.json"
 [ "$(find "$work/ply" -name 'frame_[0-9][0-9][0-9][0-9][0-9].ply' | wc -l)" -eq "$frames" ]
 ok $? "five digits in every name"
 head -c 3 "$work/ply"/frame_00000.ply | grep -q ply
@@ -35,7 +35,7 @@ run "$bin/spin-export" "$in" --to ply -o "$work/ply" --force
 is "$code" 0 "overwrites with --force"
 run "$bin/spin-export" "$in" --to ply -o "$work/part" --range 1:4:2 --json
 is "$(member frames)" 2 "--range with a step"
-is "$(ls "$work/part" | tr '\n' ' ')" "frame_00001.ply frame_00003.ply " "keeps the frames' numbers"
+is "$(ls "$work/part" | tr '\n' ' ')" "frame_00001.ply frame_00003.ply sequence.json " "keeps the frames' numbers"
 
 run "$bin/spin-export" "$in" --to ply -o "$work/no" --sh 9
 [ "$code" = 2 ] || [ "$code" = 1 ]

@@ -77,7 +77,7 @@ ok $? "the source's attributes are still in the bundle"
 run "$bin/spin-export" "$work/better.spin" --to ply -o "$work/ply"
 is "$code" 0 "exports"
 is "$(ls "$work/ply" | tr '\n' ' ')" \
-    "frame_00000.ply frame_00001.ply frame_00002.ply frame_00003.ply frame_00004.ply frame_00005.ply " \
+    "frame_00000.ply frame_00001.ply frame_00002.ply frame_00003.ply frame_00004.ply frame_00005.ply sequence.json " \
     "frames are numbered as the source's"
 
 done_testing

@@ -402,6 +402,7 @@ static void test_room(void)
                                   .keys_offset = 4000000000u,
                                   .n_bytes = 4200000000u};
     struct spin_glb glb;
+    struct spin_out out;
     uint32_t seed = 1;
     int good = 1;
 
@@ -416,10 +417,12 @@ static void test_room(void)
                 frame[f].high[c] = -draw(&seed, 1, 2) * 1e-30f;
             }
         }
-        good &= spin_glb_open(in_folder("room.glb"), true, &clip, &glb) == SPIN_OK;
+        good &= spin_out_open(in_folder("room.glb"), true, &out) == SPIN_OK;
+        good &= spin_glb_begin(&out, &clip, &glb) == SPIN_OK;
         good &= spin_glb_write(&glb, 4200000000u, "", 200000000) == SPIN_E_UNSUPPORTED;
         good &= strstr(spin_last_error(), "4 GiB") != NULL;
-        good &= spin_glb_commit(&glb, &clip) == SPIN_OK;
+        good &= spin_glb_end(&glb, &clip) == SPIN_OK;
+        good &= spin_out_commit(&out) == SPIN_OK;
     }
     ok(good, "the longest JSON fits; a place beyond 4 GiB is refused");
 }

@@ -201,22 +201,23 @@ static void test_far(void)
     s.means[4] = -5000;
     info.number = 1;
     ok(spin_exporter_spz.frame(self, 1, &info, &s) == SPIN_OK, "and a far one");
-    ok(load(in_folder("far/frame_00001.spz"), &f) && f.fraction == 10,
-       "with fewer bits behind the point");
-    near(decode(&f, 1).place[1], -5000, 0.0005, "the far place is right");
-    free(f.bytes);
     s.means[4] = 0;
     info.number = 2;
-    ok(spin_exporter_spz.frame(self, 2, &info, &s) == SPIN_OK &&
-           load(in_folder("far/frame_00002.spz"), &f) && f.fraction == 10,
-       "frames after it keep that step");
-    free(f.bytes);
+    ok(spin_exporter_spz.frame(self, 2, &info, &s) == SPIN_OK, "and a near one");
     s.means[4] = 1e9f;
     info.number = 3;
     ok(spin_exporter_spz.frame(self, 2, &info, &s) == SPIN_E_UNSUPPORTED &&
            strstr(spin_last_error(), "8388606"),
        "what no step can hold is an error");
     spin_exporter_spz.abort(self);
+    ok(load(in_folder("far/frame_00001.spz"), &f) && f.fraction == 10,
+       "the far frame has fewer bits behind the point");
+    near(decode(&f, 1).place[1], -5000, 0.0005, "the far place is right");
+    free(f.bytes);
+    ok(load(in_folder("far/frame_00002.spz"), &f) && f.fraction == 10,
+       "frames after it keep that step");
+    free(f.bytes);
+    ok(!spin_path_exists(in_folder("far/frame_00003.spz")), "the frame that failed is not there");
     spin_splats_free(&s);
 }
 
