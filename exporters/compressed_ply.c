@@ -17,8 +17,10 @@
 #include <stdatomic.h>
 #include <string.h>
 
+#include "exporters/check.h"
 #include "exporters/frames.h"
 #include "exporters/order.h"
+#include "io/ply.h"
 #include "math/morton.h"
 
 #define CHUNK 256
@@ -218,7 +220,13 @@ static void pack_task(void *context, int task, int worker)
 
 /* ---- SH -------------------------------------------------------------------------------------- */
 
-/* f_rest of one row: byte u stands for (u + 0.5) / 32 - 4, the first and the last for the ends. */
+/* Byte u stands for (u + 0.5) / 32 - 4, the first and the last for the ends. */
+static float shown_rest(unsigned char u)
+{
+    return u == 0 ? -4 : u == 255 ? 4 : ((float)u + 0.5f) / 32 - 4;
+}
+
+/* f_rest of one row. */
 static void pack_rest(const struct export *x, size_t i, struct spin_quant *quant,
                       unsigned char *out)
 {
@@ -230,11 +238,9 @@ static void pack_rest(const struct export *x, size_t i, struct spin_quant *quant
         for (size_t k = 1; k <= n; k++, at++) {
             float v = k < n_there ? sh[3 * k + c] : 0;
             float u = spin_minf(spin_maxf((v / 8 + 0.5f) * 256, 0), 255);
-            unsigned char byte = (unsigned char)u;
-            float shown = byte == 0 ? -4 : byte == 255 ? 4 : ((float)byte + 0.5f) / 32 - 4;
 
-            out[at] = byte;
-            error[at] = v - shown;
+            out[at] = (unsigned char)u;
+            error[at] = v - shown_rest(out[at]);
         }
     }
     spin_quant_add_all(quant, SPIN_QUANT_SH, error, at);
@@ -409,6 +415,81 @@ static bool compressed_complete(void *self, const struct spin_frame_info *info,
     return map->size == n_header + body_bytes(x, *n) && memcmp(map->data, text, n_header) == 0;
 }
 
+static spin_status compressed_order(void *self, const uint32_t **row)
+{
+    struct export *x = self;
+
+    SPIN_TRY(choose_order(x));
+    *row = x->row;
+    return SPIN_OK;
+}
+
+static spin_status find_elements(const struct spin_ply *ply, size_t n_sh,
+                                 const unsigned char *out[3], size_t *n)
+{
+    static const char *const names[] = {"chunk", "vertex", "sh"};
+    const size_t bytes[] = {RANGES * sizeof(float), VERTEX, n_sh};
+    const struct spin_ply_element *e[3];
+
+    for (int i = 0; i < (n_sh > 0 ? 3 : 2); i++) {
+        e[i] = spin_ply_find_element(ply, names[i]);
+        if (!e[i] || e[i]->has_list || e[i]->stride != bytes[i] || ply->ascii || ply->big_endian)
+            return spin_fail(SPIN_E_MALFORMED, "no element '%s' of %zu bytes", names[i], bytes[i]);
+        out[i] = ply->map.data + e[i]->data_offset;
+    }
+    *n = (size_t)e[1]->count;
+    if (e[0]->count != chunks_of(*n) || (n_sh > 0 && e[2]->count != *n))
+        return spin_fail(SPIN_E_MALFORMED, "elements of %zu splats do not agree", *n);
+    return SPIN_OK;
+}
+
+/* Row i as PlayCanvas's engine decodes it. */
+static void read_row(const unsigned char *const element[3], size_t i, struct spin_splats *out)
+{
+    size_t n_sh = (size_t)spin_sh_count(out->sh_degree), n = n_sh - 1;
+    struct spin_quant_row row;
+    float range[RANGES];
+    uint32_t word[4];
+
+    memcpy(range, element[0] + i / CHUNK * sizeof range, sizeof range);
+    memcpy(word, element[1] + i * VERTEX, sizeof word);
+    spin_rows_little_endian(range, RANGES);
+    spin_rows_little_endian(word, 4);
+    unpack_vertex(word, range, &row);
+    memcpy(out->means + 3 * i, row.place, sizeof row.place);
+    memcpy(out->log_scales + 3 * i, row.log_scale, sizeof row.log_scale);
+    memcpy(out->quats + 4 * i, row.rotation, sizeof row.rotation);
+    out->logit_opacities[i] = spin_check_logit(row.opacity);
+    for (size_t c = 0; c < 3; c++) {
+        float *sh = out->sh + 3 * n_sh * i + c;
+
+        sh[0] = (row.colour[c] - 0.5f) / SPIN_SH_C0;
+        for (size_t k = 0; k < n; k++)
+            sh[3 * (k + 1)] = shown_rest(element[2][(3 * i + c) * n + k]);
+    }
+}
+
+static spin_status compressed_read(void *self, const struct spin_map *map, int frame,
+                                   struct spin_splats *out)
+{
+    const struct export *x = self;
+    const unsigned char *element[3] = {0};
+    struct spin_ply ply;
+    size_t n = 0;
+    spin_status status;
+
+    (void)frame;
+    SPIN_TRY(spin_ply_parse("PLY", map->data, map->size, &ply));
+    SPIN_TRY_OUT(find_elements(&ply, n_rest(x), element, &n));
+    SPIN_TRY_OUT(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                                     x->frames.rows.sh_degree));
+    for (size_t i = 0; i < n; i++)
+        read_row(element, i, out);
+out:
+    spin_ply_close(&ply);
+    return status;
+}
+
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -442,6 +523,8 @@ static const struct spin_frames_format format = {
     .bytes = compressed_bytes,
     .write = compressed_write,
     .complete = compressed_complete,
+    .read = compressed_read,
+    .order = compressed_order,
     .end = end,
 };
 
@@ -456,6 +539,7 @@ const struct spin_exporter spin_exporter_compressed_ply = {
     .name = "compressed-ply",
     .summary = "a folder with one compressed PLY per frame, for SuperSplat and PlayCanvas",
     .options = options,
+    .checks = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = compressed_begin,
     .frame = spin_frames_frame,

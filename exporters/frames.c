@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "exporters/check.h"
 #include "io/json.h"
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
@@ -77,6 +78,7 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
 
     x->skip_complete = spin_plugin_value(v, "skip-complete", NULL) != NULL;
     x->force = job->force || x->skip_complete;
+    x->job = job;
     x->source = job->source;
     x->retrained = job->retrained;
     x->fps = job->fps;
@@ -111,7 +113,7 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
 
 /* ---- sequence.json --------------------------------------------------------------------------- */
 
-static spin_status add_entry(struct spin_frames *x, const struct spin_frame_info *info, size_t n)
+spin_status spin_frames_add(struct spin_frames *x, const struct spin_frame_info *info, size_t n)
 {
     if (x->n_entries == x->room) {
         size_t room = x->room ? 2 * x->room : 64;
@@ -198,7 +200,7 @@ bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info)
         return false;
     if (spin_path_exists(path) && spin_map_open(path, &map) == SPIN_OK) {
         whole = x->format->complete(x, info, &map, &n) && n <= info->n &&
-                add_entry(x, info, n) == SPIN_OK;
+                spin_frames_add(x, info, n) == SPIN_OK;
         spin_map_close(&map);
     }
     free(path);
@@ -223,7 +225,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     SPIN_TRY(status);
     SPIN_TRY_OUT(x->format->write(x, info, &out));
     SPIN_TRY_OUT(spin_out_length(&out, &length));
-    SPIN_TRY_OUT(add_entry(x, info, x->rows.n_kept));
+    SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
         x->rows.report->bytes += length;
     return spin_commits_add(x->commits, &out);
@@ -244,6 +246,8 @@ spin_status spin_frames_end(void *self)
                  x->n_entries);
     if (x->format->lossy)
         spin_quant_say(&x->quant, x->format->name);
+    if (x->job->check)
+        SPIN_TRY_OUT(spin_frames_check(x, NULL));
 out:
     if (status != SPIN_OK)
         spin_out_folder_abandon(&x->folder);
@@ -260,6 +264,57 @@ void spin_frames_abort(void *self)
     x->commits = NULL;
     spin_out_folder_abandon(&x->folder);
     spin_frames_free(x);
+}
+
+/* ---- Check ----------------------------------------------------------------------------------- */
+
+/* Frame f of the export, from frame `within` of a file. */
+static spin_status check_file(struct spin_frames *x, struct spin_check *check, int f,
+                              const char *path, int within)
+{
+    const struct spin_splats *splats;
+    const uint32_t *row = NULL;
+    struct spin_splats back = {0};
+    struct spin_map map = {0};
+    spin_status status;
+
+    SPIN_TRY(x->job->again(x->job->context, f, &splats));
+    SPIN_TRY(spin_rows_choose(&x->rows, splats, x->entry[f].number));
+    SPIN_TRY(spin_map_open(path, &map));
+    status = x->format->read(x, &map, within, &back);
+    if (status != SPIN_OK) {
+        status = spin_more(status, "check: '%s'", path);
+        goto out;
+    }
+    if (x->format->order)
+        SPIN_TRY_OUT(x->format->order(x, &row));
+    SPIN_TRY_OUT(spin_check_frame(check, &x->rows, path, &back, row));
+    if (f == (int)x->n_entries / 2)
+        status = spin_check_render(check, &x->rows, x->job, f, x->entry[f].number, &back);
+out:
+    spin_map_close(&map);
+    spin_splats_free(&back);
+    return status;
+}
+
+spin_status spin_frames_check(struct spin_frames *x, const char *single)
+{
+    struct spin_check check = {0};
+
+    x->rows.quiet = true;
+    for (size_t f = 0; f < x->n_entries; f++) {
+        char *path = NULL;
+        spin_status status;
+
+        if (!single)
+            SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, x->entry[f].number, &path));
+        status = check_file(x, &check, (int)f, single ? single : path, single ? (int)f : 0);
+        free(path);
+        SPIN_TRY(status);
+    }
+    if (x->job->report)
+        spin_check_report(&check, x->job->report);
+    return SPIN_OK;
 }
 
 /* ---- For write() ------------------------------------------------------------------------------ */

@@ -38,6 +38,11 @@ struct spin_frames_format {
     /* Whether a file is one that write() makes of at most info->n splats; how many it holds. */
     bool (*complete)(void *self, const struct spin_frame_info *info, const struct spin_map *map,
                      size_t *n);
+    /* Frame `frame` of a file (0 but in a file of many) as its readers understand it, in its own axes
+     * and order. Errors do not name the file. */
+    spin_status (*read)(void *self, const struct spin_map *map, int frame, struct spin_splats *out);
+    /* The chosen rows in the order of the file. NULL: the source's. */
+    spin_status (*order)(void *self, const uint32_t **row);
     /* Release own memory. NULL: none. */
     void (*end)(void *self);
 };
@@ -58,6 +63,7 @@ struct spin_frames {
     struct spin_quant quant; /* of the clip */
     struct spin_commits *commits;
     bool force, skip_complete;
+    const struct spin_export_job *job;
     const char *source;
     bool retrained;
     double fps;
@@ -80,6 +86,12 @@ spin_status spin_frames_end(void *self);
 void spin_frames_abort(void *self);
 /* What end() and abort() do last: for an exporter that makes the struct itself. */
 void spin_frames_free(struct spin_frames *frames);
+
+/* What sequence.json and the check know of a frame. */
+spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_info *info,
+                            size_t n);
+/* --check: read all frames back from their files, or from one file with all of them. */
+spin_status spin_frames_check(struct spin_frames *frames, const char *single);
 
 /* ---- For write() ------------------------------------------------------------------------------ */
 

@@ -20,6 +20,7 @@
 #include <string.h>
 
 #include "exporters/frames.h"
+#include "exporters/gltf_read.h"
 #include "io/gltf.h"
 
 #define EXTENSION "KHR_gaussian_splatting"
@@ -335,6 +336,13 @@ static bool gltf_complete(void *self, const struct spin_frame_info *info,
            memmem(map->data + 20, n_json, number, strlen(number)) != NULL;
 }
 
+static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
+                             struct spin_splats *out)
+{
+    (void)self;
+    return spin_gltf_read(map, frame, out);
+}
+
 /* All frames of one size would not fit: said before the hours of writing, not after. */
 static void warn_if_large(const struct export *x, uint64_t n_bytes)
 {
@@ -357,7 +365,7 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
     SPIN_TRY(write_rows(x, &x->glb, frame));
     x->n_bytes += n_bytes;
     x->n_done++;
-    return SPIN_OK;
+    return spin_frames_add(&x->frames, info, frame->n);
 }
 
 /* Key i is at i / fps. A frame's scale is 1 at its own key; the last one's also at the last. */
@@ -450,6 +458,7 @@ static const struct spin_frames_format format = {
     .bytes = gltf_bytes,
     .write = gltf_write,
     .complete = gltf_complete,
+    .read = gltf_read,
 };
 
 static void finish(struct export *x)
@@ -492,6 +501,7 @@ static spin_status begin_single(const struct spin_export_job *job, void **self)
 
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->frames.format = &format;
+    x->frames.job = job;
     x->single = true;
     status = open_single(x, job);
     if (status != SPIN_OK) {
@@ -537,7 +547,8 @@ static spin_status end_single(struct export *x)
     SPIN_TRY(spin_out_length(&x->out, &length));
     if (x->frames.rows.report)
         x->frames.rows.report->bytes = length;
-    return spin_out_commit(&x->out);
+    SPIN_TRY(spin_out_commit(&x->out));
+    return x->frames.job->check ? spin_frames_check(&x->frames, x->frames.job->output) : SPIN_OK;
 }
 
 static spin_status gltf_end(void *self)
@@ -571,6 +582,7 @@ const struct spin_exporter spin_exporter_gltf = {
     .name = "gltf",
     .summary = "GLB with KHR_gaussian_splatting: one per frame, or one with the clip (OUT.glb)",
     .options = options,
+    .checks = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = gltf_begin,
     .frame = gltf_frame,

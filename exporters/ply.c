@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "exporters/frames.h"
+#include "io/ply.h"
 
 #define MAX_HEADER 4096
 
@@ -114,6 +115,58 @@ static bool ply_complete(void *self, const struct spin_frame_info *info, const s
     return map->size == n_header + *n * row_bytes(self) && memcmp(map->data, text, n_header) == 0;
 }
 
+/* Every property by its name. */
+static spin_status ply_read(void *self, const struct spin_map *map, int frame,
+                            struct spin_splats *out)
+{
+    const struct spin_frames *x = self;
+    size_t n_sh = (size_t)spin_sh_count(x->rows.sh_degree), n_targets = 0;
+    struct spin_ply_target target[14 + 3 * SPIN_SH_MAX];
+    const struct spin_ply_element *e;
+    struct spin_ply ply;
+    spin_status status;
+
+    (void)frame;
+    SPIN_TRY(spin_ply_parse("PLY", map->data, map->size, &ply));
+    e = spin_ply_find_element(&ply, "vertex");
+    if (!e) {
+        status = spin_fail(SPIN_E_MALFORMED, "no element 'vertex'");
+        goto out;
+    }
+    SPIN_TRY_OUT(spin_splats_reserve(out, (size_t)e->count, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                                     x->rows.sh_degree));
+    for (size_t i = 0; i < 11 + 3 * n_sh; i++) {
+        static const char *const plain[] = {"x",       "y",       "z",       "opacity",
+                                            "scale_0", "scale_1", "scale_2", "rot_0",
+                                            "rot_1",   "rot_2",   "rot_3"};
+        float *const into[] = {out->means,           out->means + 1,  out->means + 2,
+                               out->logit_opacities, out->log_scales, out->log_scales + 1,
+                               out->log_scales + 2,  out->quats,      out->quats + 1,
+                               out->quats + 2,       out->quats + 3};
+        static const size_t step[] = {3, 3, 3, 1, 3, 3, 3, 4, 4, 4, 4};
+        size_t k = i - 11, c = k < 3 ? k : (k - 3) / (n_sh - 1);
+        size_t coefficient = k < 3 ? 0 : 1 + (k - 3) % (n_sh - 1);
+        char name[32];
+
+        if (i < 11)
+            snprintf(name, sizeof name, "%s", plain[i]);
+        else
+            snprintf(name, sizeof name, k < 3 ? "f_dc_%zu" : "f_rest_%zu", k < 3 ? k : k - 3);
+        target[n_targets] =
+            (struct spin_ply_target){.property = spin_ply_find(e, name),
+                                     .out = i < 11 ? into[i] : out->sh + 3 * coefficient + c,
+                                     .step = i < 11 ? step[i] : 3 * n_sh};
+        if (target[n_targets++].property < 0) {
+            status = spin_fail(SPIN_E_MALFORMED, "no property '%s'", name);
+            goto out;
+        }
+    }
+    spin_ply_columns(&ply, e, target, n_targets);
+out:
+    spin_ply_close(&ply);
+    return status;
+}
+
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static const struct spin_frames_format format = {
@@ -123,6 +176,7 @@ static const struct spin_frames_format format = {
     .bytes = ply_bytes,
     .write = ply_write,
     .complete = ply_complete,
+    .read = ply_read,
 };
 
 static spin_status ply_begin(const struct spin_export_job *job, void **self)
@@ -136,6 +190,7 @@ const struct spin_exporter spin_exporter_ply = {
     .name = "ply",
     .summary = "a folder with one 3D Gaussian Splatting PLY per frame, for every viewer",
     .options = options,
+    .checks = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = ply_begin,
     .frame = spin_frames_frame,

@@ -176,7 +176,7 @@ static spin_status make_room(struct spin_rows *rows, size_t n)
 static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
 {
     static const char *const words[SPIN_ROWS_REASONS] = {
-        "hold NaN or infinity", "have a rotation of length zero", "are larger than the scene"};
+        "with NaN or infinity", "with a rotation of length zero", "larger than the scene"};
     size_t sum = 0, at = 0;
     char text[256] = "";
 
@@ -210,6 +210,8 @@ spin_status spin_rows_choose(struct spin_rows *rows, const struct spin_splats *s
         for (int r = 0; r < SPIN_ROWS_REASONS; r++)
             n_bad[r] += rows->block[b].n_bad[r];
     }
+    if (rows->quiet)
+        return SPIN_OK;
     for (int r = 0; r < SPIN_ROWS_REASONS; r++)
         rows->n_left_out[r] += n_bad[r];
     say(n_bad, s->n, number);
@@ -218,7 +220,7 @@ spin_status spin_rows_choose(struct spin_rows *rows, const struct spin_splats *s
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static spin_status parse_sh(const char *text, int kept, int *out)
+spin_status spin_rows_parse_sh(const char *text, int kept, int *out)
 {
     *out = kept < 0 ? 0 : kept;
     if (strcmp(text, "keep") == 0)
@@ -317,7 +319,8 @@ spin_status spin_rows_begin(struct spin_rows *rows, const struct spin_export_job
     const struct spin_plugin_values *v = job->values;
 
     rows->report = job->report;
-    SPIN_TRY(parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree, &rows->sh_degree));
+    SPIN_TRY(
+        spin_rows_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree, &rows->sh_degree));
     SPIN_TRY(parse_min_opacity(spin_plugin_value(v, "min-opacity", "0"), &rows->min_logit));
     SPIN_TRY(parse_max_scale(spin_plugin_value(v, "max-scale", "1"), &rows->max_scale));
     SPIN_TRY(parse_turn(rows, v, axes));

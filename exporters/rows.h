@@ -61,6 +61,7 @@ struct spin_rows {
     size_t room;
 
     /* The clip. */
+    bool quiet; /* these frames were counted before: say nothing, add nothing */
     uint64_t n_left_out[SPIN_ROWS_REASONS];
     struct spin_export_report *report; /* of the job, or NULL */
 };
@@ -69,6 +70,8 @@ struct spin_rows {
  * written in when --up is not given; NULL: they are the same. Free also after a failure. */
 spin_status spin_rows_begin(struct spin_rows *rows, const struct spin_export_job *job,
                             const double *axes);
+/* An --sh of the user's, of splats of degree `kept` (-1: none). */
+spin_status spin_rows_parse_sh(const char *text, int kept, int *out);
 /* Tell the job's report what was left out, and free. */
 void spin_rows_end(struct spin_rows *rows);
 

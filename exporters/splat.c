@@ -9,6 +9,7 @@
  * part of the file shows the scene. */
 #include <string.h>
 
+#include "exporters/check.h"
 #include "exporters/frames.h"
 #include "exporters/order.h"
 
@@ -25,6 +26,7 @@ struct export
     struct spin_frames frames;
     struct spin_order order;
     bool by_size;
+    uint32_t *row; /* the order, for a check */
 };
 
 /* Nearest; a cast, as roundf is a call on the oldest machines. */
@@ -109,6 +111,15 @@ static spin_status write_ordered(struct export *x, struct spin_out *out)
     return SPIN_OK;
 }
 
+static spin_status order_rows(struct export *x)
+{
+    SPIN_TRY(spin_order_fill(&x->order, &x->frames.rows));
+    for (size_t i = 0; i < x->order.n; i++)
+        x->order.item[i].key = size_key(x->frames.rows.splats, x->order.item[i].row);
+    spin_order_sort(&x->order);
+    return SPIN_OK;
+}
+
 static spin_status splat_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
     struct export *x = self;
@@ -116,10 +127,7 @@ static spin_status splat_write(void *self, const struct spin_frame_info *info, s
     (void)info;
     if (!x->by_size)
         return spin_frames_write_rows(x, out, 0, ROW, code_row);
-    SPIN_TRY(spin_order_fill(&x->order, &x->frames.rows));
-    for (size_t i = 0; i < x->order.n; i++)
-        x->order.item[i].key = size_key(x->frames.rows.splats, x->order.item[i].row);
-    spin_order_sort(&x->order);
+    SPIN_TRY(order_rows(x));
     return write_ordered(x, out);
 }
 
@@ -139,6 +147,51 @@ static bool splat_complete(void *self, const struct spin_frame_info *info,
     return map->size % ROW == 0;
 }
 
+static spin_status splat_order(void *self, const uint32_t **row)
+{
+    struct export *x = self;
+
+    if (!x->by_size)
+        return SPIN_OK;
+    SPIN_TRY(order_rows(x));
+    SPIN_TRY(spin_grow(x->order.n + 1, sizeof *x->row, (void **)&x->row));
+    for (size_t i = 0; i < x->order.n; i++)
+        x->row[i] = x->order.item[i].row;
+    *row = x->row;
+    return SPIN_OK;
+}
+
+static spin_status splat_read(void *self, const struct spin_map *map, int frame,
+                              struct spin_splats *out)
+{
+    size_t n = map->size / ROW;
+
+    (void)self;
+    (void)frame;
+    if (map->size % ROW != 0)
+        return spin_fail(SPIN_E_MALFORMED, "%zu bytes are not rows of %d", map->size, ROW);
+    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    for (size_t i = 0; i < n; i++) {
+        const unsigned char *row = map->data + ROW * i;
+        struct spin_quant_row is = {0}, shown;
+        float scale[3];
+
+        memcpy(is.place, row, sizeof is.place);
+        memcpy(scale, row + 12, sizeof scale);
+        spin_rows_little_endian(is.place, 3);
+        spin_rows_little_endian(scale, 3);
+        read_row(&is, row, &shown);
+        memcpy(out->means + 3 * i, shown.place, sizeof shown.place);
+        memcpy(out->quats + 4 * i, shown.rotation, sizeof shown.rotation);
+        out->logit_opacities[i] = spin_check_logit(shown.opacity);
+        for (size_t c = 0; c < 3; c++) {
+            out->log_scales[3 * i + c] = logf(spin_maxf(scale[c], 1e-38f));
+            out->sh[3 * i + c] = (shown.colour[c] - 0.5f) / SPIN_SH_C0;
+        }
+    }
+    return SPIN_OK;
+}
+
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -152,7 +205,13 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self) { spin_order_free(&((struct export *)self)->order); }
+static void end(void *self)
+{
+    struct export *x = self;
+
+    spin_order_free(&x->order);
+    free(x->row);
+}
 
 static const struct spin_frames_format format = {
     .name = "splat",
@@ -163,6 +222,8 @@ static const struct spin_frames_format format = {
     .bytes = splat_bytes,
     .write = splat_write,
     .complete = splat_complete,
+    .read = splat_read,
+    .order = splat_order,
     .end = end,
 };
 
@@ -179,6 +240,7 @@ const struct spin_exporter spin_exporter_splat = {
     .name = "splat",
     .summary = "a folder with one .splat per frame: 32 bytes a Gaussian, no SH",
     .options = options,
+    .checks = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = splat_begin,
     .frame = spin_frames_frame,

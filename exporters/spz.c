@@ -17,6 +17,7 @@
  * library stores. */
 #include <string.h>
 
+#include "exporters/check.h"
 #include "exporters/frames.h"
 #include "io/gzip.h"
 
@@ -284,6 +285,81 @@ static bool spz_complete(void *self, const struct spin_frame_info *info, const s
            spin_gzip_length(map->data, map->size) == (uint32_t)spz_bytes(self, *n);
 }
 
+/* One row of each stream, as Niantic's library reads it. `at` points at the row's bytes in the streams
+ * of places, alphas, colours, scales, rotations and SH. */
+static void read_row(const unsigned char *const at[6], int fraction, size_t i,
+                     struct spin_splats *out)
+{
+    static const int place[4] = {1, 2, 3, 0};
+    uint32_t word =
+        at[4][0] | (uint32_t)at[4][1] << 8 | (uint32_t)at[4][2] << 16 | (uint32_t)at[4][3] << 24;
+    int largest = (int)(word >> 30), n = 3 * spin_sh_count(out->sh_degree);
+    float *q = out->quats + 4 * i, *sh = out->sh + (size_t)n * i, rest = 1;
+
+    for (size_t c = 0; c < 3; c++) {
+        uint32_t bits = (uint32_t)at[0][3 * c] << 8 | (uint32_t)at[0][3 * c + 1] << 16 |
+                        (uint32_t)at[0][3 * c + 2] << 24;
+
+        out->means[3 * i + c] = (float)ldexp((int32_t)bits / 256, -fraction);
+        out->log_scales[3 * i + c] = (float)at[3][c] / 16 - 10;
+        sh[c] = ((float)at[2][c] - 127.5f) / (0.15f * 255);
+    }
+    out->logit_opacities[i] = spin_check_logit((float)at[1][0] / 255);
+    for (int k = 3; k >= 0; k--) {
+        if (k == largest)
+            continue;
+        q[place[k]] = (word & 512 ? -1 : 1) * (float)(word & 511) / (511 * SQRT2);
+        rest -= q[place[k]] * q[place[k]];
+        word >>= 10;
+    }
+    q[place[largest]] = sqrtf(spin_maxf(rest, 0));
+    for (int k = 3; k < n; k++)
+        sh[k] = ((float)at[5][k - 3] - 128) / 128;
+}
+
+static spin_status read_streams(const unsigned char *bytes, size_t n_bytes, struct spin_splats *out)
+{
+    static const size_t width[6] = {9, 1, 3, 3, 4, 0};
+    const unsigned char *at[6] = {bytes + HEADER};
+    uint32_t word[3];
+    int degree = n_bytes < HEADER ? 4 : bytes[12];
+    size_t n_sh = degree > 3 ? 0 : 3 * (size_t)spin_sh_count(degree) - 3, n;
+
+    if (degree > 3)
+        return spin_fail(SPIN_E_MALFORMED, "no header of SPZ");
+    memcpy(word, bytes, sizeof word);
+    spin_rows_little_endian(word, 3);
+    n = word[2];
+    if (word[0] != MAGIC || word[1] != 3 || n_bytes != HEADER + (uint64_t)n * (20 + n_sh))
+        return spin_fail(SPIN_E_MALFORMED, "not a SPZ of version 3 with %zu splats", n);
+    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, degree));
+    for (int s = 1; s < 6; s++)
+        at[s] = at[s - 1] + n * width[s - 1];
+    for (size_t i = 0; i < n; i++) {
+        read_row(at, bytes[13], i, out);
+        for (int s = 0; s < 6; s++)
+            at[s] += s < 5 ? width[s] : n_sh;
+    }
+    return SPIN_OK;
+}
+
+static spin_status spz_read(void *self, const struct spin_map *map, int frame,
+                            struct spin_splats *out)
+{
+    size_t n_bytes = spin_gzip_length(map->data, map->size), n = 0;
+    unsigned char *bytes = NULL;
+    spin_status status;
+
+    (void)self;
+    (void)frame;
+    SPIN_TRY(spin_alloc(n_bytes + 1, 1, (void **)&bytes));
+    SPIN_TRY_OUT(spin_gzip_read(map->data, map->size, bytes, n_bytes + 1, &n));
+    status = read_streams(bytes, n, out);
+out:
+    free(bytes);
+    return status;
+}
+
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -324,6 +400,7 @@ static const struct spin_frames_format format = {
     .bytes = spz_bytes,
     .write = spz_write,
     .complete = spz_complete,
+    .read = spz_read,
     .end = end,
 };
 
@@ -338,6 +415,7 @@ const struct spin_exporter spin_exporter_spz = {
     .name = "spz",
     .summary = "a folder with one SPZ (version 3) per frame: about a tenth of a PLY",
     .options = options,
+    .checks = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = spz_begin,
     .frame = spin_frames_frame,

@@ -270,6 +270,12 @@ struct spin_export_job {
     bool retrained;                    /* the attributes are the network's */
     const size_t *counts;              /* [n_frames] splats of each frame, or NULL */
     struct spin_export_report *report; /* an exporter adds to bytes and left_out; or NULL */
+
+    /* Read back what was written, in end(), and say in report->check what was found; only asked of an
+     * exporter that `checks`. again() gives a frame, 0..n_frames-1, once more, until its next call. */
+    bool check;
+    spin_status (*again)(void *context, int frame, const struct spin_splats **out);
+    void *context;
 };
 
 struct spin_frame_info {
@@ -283,6 +289,7 @@ struct spin_exporter {
     const char *name, *summary;
     const struct spin_plugin_option *options;
     unsigned wants; /* columns it cannot do without */
+    bool checks;    /* can read back what it wrote */
     bool needs_renderer;
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their
@@ -532,8 +539,8 @@ struct spin_eval_options {
 };
 
 struct spin_eval_view {
-    int frame, camera;        /* the source's frame number, camera_id */
-    struct spin_quality q;    /* of this view */
+    int frame, camera;     /* the source's frame number, camera_id */
+    struct spin_quality q; /* of this view */
 };
 
 /* Bytes of a bundle, by what they are for. */
@@ -567,6 +574,7 @@ struct spin_export_options {
     const char *input, *output, *to;
     struct spin_range range;
     bool source, force;
+    bool check; /* read back what was written */
     const char *data, *data_from, *pair;
     float background[3];
     const char *device;
@@ -574,11 +582,22 @@ struct spin_export_options {
     const char *const *plugin_pairs;
 };
 
+/* What a check found over all frames: how far a reader of the files is from the bundle. */
+struct spin_export_check {
+    int frames; /* read back; 0: not asked for */
+    uint64_t splats;
+    double bounds;             /* the most that a side of a frame's box is off by, world units */
+    double rms[6], largest[6]; /* place, log scale, rotation (degrees), opacity, colour, SH */
+    int rendered;              /* number of the frame that was rendered from its file */
+    double psnr;               /* dB against the bundle's own render; infinite: the same picture */
+};
+
 struct spin_export_report {
     int frames;
     double splats_mean;
     uint64_t bytes;    /* 0: unknown */
     uint64_t left_out; /* splats that no viewer could draw, over all frames */
+    struct spin_export_check check;
 };
 
 spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);

@@ -1,6 +1,7 @@
 /* spin-export: standard files out of a bundle. */
 #include "cmd/opt.h"
 
+#include <math.h>
 #include <string.h>
 
 static struct spin_export_options options = {.device = "auto"};
@@ -16,6 +17,8 @@ static const struct spin_opt_row rows[] = {
              &options.range, 0, 0),
     SPIN_OPT("source", 0, NULL, "the imported attributes, even when there are retrained ones",
              SPIN_OPT_FLAG, &options.source, 0, 0),
+    SPIN_OPT("check", 0, NULL, "read back what was written and compare it with the bundle",
+             SPIN_OPT_FLAG, &options.check, 0, 0),
     SPIN_OPT("list", 0, NULL, "list the exporters", SPIN_OPT_FLAG, &wants_list, 0, 0),
     SPIN_OPT_HEADING("Data set, for exporters that draw"),
     SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
@@ -84,6 +87,45 @@ static void list_text(void)
     }
 }
 
+static const char *const parts[] = {"place",   "log scale", "rotation (degrees)",
+                                    "opacity", "colour",    "sh"};
+static const char *const part_keys[] = {"place",   "log_scale", "rotation_deg",
+                                        "opacity", "colour",    "sh"};
+
+static void check_json(const struct spin_export_check *c)
+{
+    if (c->frames == 0) {
+        spin_print_null("check");
+        return;
+    }
+    spin_print_open("check", '{');
+    spin_print_integer("frames", c->frames);
+    spin_print_integer("splats", (long long)c->splats);
+    spin_print_number("bounds", c->bounds);
+    for (int p = 0; p < 6; p++) {
+        spin_print_open(part_keys[p], '{');
+        spin_print_number("rms", c->rms[p]);
+        spin_print_number("largest", c->largest[p]);
+        spin_print_close('}');
+    }
+    spin_print_integer("rendered", c->rendered);
+    spin_print_number("psnr", c->psnr); /* null: infinite */
+    spin_print_close('}');
+}
+
+static void check_text(const struct spin_export_check *c)
+{
+    printf("read back: %d %s, %llu splats; boxes differ by %.3g at most\n", c->frames,
+           c->frames == 1 ? "frame" : "frames", (unsigned long long)c->splats, c->bounds);
+    for (int p = 0; p < 6; p++)
+        printf("  %-20s error %.3g rms, %.3g at most\n", parts[p], c->rms[p], c->largest[p]);
+    if (isinf(c->psnr))
+        printf("frame %d rendered from the file: the bundle's own picture\n", c->rendered);
+    else if (c->psnr > 0)
+        printf("frame %d rendered from the file: %.2f dB against the bundle's own picture\n",
+               c->rendered, c->psnr);
+}
+
 static void report_json(const struct spin_export_report *r)
 {
     spin_print_open(NULL, '{');
@@ -96,6 +138,7 @@ static void report_json(const struct spin_export_report *r)
     else
         spin_print_null("bytes");
     spin_print_integer("left_out", (long long)r->left_out);
+    check_json(&r->check);
     spin_print_close('}');
 }
 
@@ -110,6 +153,8 @@ static void report_text(const struct spin_export_report *r)
     if (r->left_out)
         printf(", %llu splats left out", (unsigned long long)r->left_out);
     printf("\n");
+    if (r->check.frames > 0)
+        check_text(&r->check);
 }
 
 static int check(const struct spin_opt_words *words)

@@ -202,6 +202,7 @@ spin_status spin_player_show(struct spin_player *p, int index)
     if (p->from != SPIN_FROM_NETWORK) {
         SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
         SPIN_TRY(spin_player_show_splats(p, &p->splats));
+        spin_bundle_rest(&p->splats);
     } else {
         SPIN_TRY(need(p, n));
         SPIN_TRY(read_means(p, index, &p->splats));

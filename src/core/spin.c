@@ -205,6 +205,17 @@ static double mean_count(const struct export *x)
     return sum / x->clip.n_frames;
 }
 
+static spin_status read_again(void *context, int frame, const struct spin_splats **out)
+{
+    struct export *x = context;
+
+    *out = &x->splats;
+    if (spin_cancelled())
+        return spin_fail_cancelled();
+    return spin_player_splats(&x->player, x->clip.frame[frame],
+                              SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->splats);
+}
+
 static spin_status begin_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -226,6 +237,9 @@ static spin_status begin_export(struct export *x)
         .source_sh_degree = x->clip.bundle.meta.sh_degree,
         .retrained = x->from == SPIN_FROM_NETWORK,
         .report = x->report,
+        .check = o->check,
+        .again = read_again,
+        .context = x,
     };
     spin_status status;
 
@@ -256,12 +270,14 @@ static spin_status run_export(struct export *x)
 
     SPIN_TRY(find_exporter(o->to, &x->exporter));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
+    if (o->check && !x->exporter->checks)
+        return spin_fail(SPIN_E_USAGE, "--check: what '%s' writes cannot be read back", o->to);
     c.needs_views = x->exporter->needs_renderer;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));
-    if (x->exporter->needs_renderer) {
+    if (x->exporter->needs_renderer || o->check) {
         SPIN_TRY(spin_alloc(1, sizeof *x->renderer, &block));
         x->renderer = block;
         SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));

@@ -1,0 +1,182 @@
+#!/bin/sh
+# K: export ply gltf glb splat compressed-ply spz
+# spin-export: what was written is what was meant, whole or not there at all: --check, --skip-complete, bad
+# values, a full disk, Ctrl-C.
+. tests/cli/lib.sh
+
+run_of=$fixtures/d3dgs/trained
+if [ ! -d "$run_of" ]; then
+    skip "export" "no fixtures at $run_of"
+    done_testing
+fi
+in=$work/in.spin
+run "$bin/spin-import" "$run_of" -o "$in" --range 0:4 --json
+is "$code" 0 "imports the run"
+frames=$(member frames)
+formats='gltf:glb ply:ply splat:splat compressed-ply:compressed.ply spz:spz'
+
+# ---- Read back -------------------------------------------------------------------------------------
+
+# checked NAME LEAST: the last --check --json found every frame, and a picture of at least LEAST dB.
+checked() {
+    is "$(sed -n '/"check"/,$ s/^    "frames": \([0-9]*\),*$/\1/p' "$work/out")" "$frames" \
+        "$1: every frame was read back"
+    psnr=$(sed -n 's/^    "psnr": \([0-9.a-z]*\),*$/\1/p' "$work/out")
+    [ "$psnr" = null ] || greater "$psnr" "$2"
+    ok $? "$1: a frame rendered from its file is the bundle's ($psnr dB)"
+}
+
+for pair in $formats; do
+    to=${pair%%:*}
+    limit=30
+    case $to in ply | gltf) limit=90 ;; esac
+    run "$bin/spin-export" "$in" --to "$to" -o "$work/$to" --check --json
+    is "$code" 0 "$to: --check"
+    is_json "$to: --check --json is one document"
+    checked "$to" "$limit"
+    [ -s "$work/$to/sequence.json" ] && grep -q '"frame": 3' "$work/$to/sequence.json"
+    ok $? "$to: sequence.json names the frames"
+done
+run "$bin/spin-export" "$in" --to gltf -o "$work/clip.glb" --check --json
+checked "one GLB" 90
+run "$bin/spin-export" "$in" --to ply -o "$work/turned" --up -y --rotate 10,20,30 --check --json
+checked "turned" 80
+run "$bin/spin-export" "$in" --to spz -o "$work/rub" --axes rub --check --json
+checked "spz, turned" 30
+run "$bin/spin-export" "$in" --to ply -o "$work/up" --up z
+head -c 400 "$work/up/frame_00000.ply" | grep -q '^comment Vertical axis: y'
+ok $? "--up is written into a PLY"
+run "$bin/spin-export" "$in" --to ply -o "$work/never" --up w
+fails 2 spin-export "an axis that is none"
+if [ -d "$fixtures/datasets/panoptic_mini" ]; then
+    run "$bin/spin-export" "$in" --to images --data "$fixtures/datasets/panoptic_mini" -o "$work/never" --check
+    fails 2 spin-export "images cannot be checked"
+fi
+
+# ---- Going on --------------------------------------------------------------------------------------
+
+for pair in $formats; do
+    to=${pair%%:*}
+    end=${pair#*:}
+    first=$work/$to/frame_00000.$end
+    second=$work/$to/frame_00001.$end
+    cp "$second" "$work/second"
+    before=$(ls -i "$first")
+    head -c 3000 "$work/second" >"$second"
+    rm "$work/$to/frame_00003.$end"
+    run "$bin/spin-export" "$in" --to "$to" -o "$work/$to" --skip-complete
+    is "$code" 0 "$to: --skip-complete"
+    err_has "2 of $frames frames were complete" "$to: two frames were"
+    is "$(ls -i "$first")" "$before" "$to: the first is as it was"
+    cmp -s "$second" "$work/second" && [ -s "$work/$to/frame_00003.$end" ]
+    ok $? "$to: one cut short and one missing are written"
+done
+run "$bin/spin-export" "$in" --to ply -o "$work/ply" --skip-complete --sh 2
+! grep -q "were complete" "$work/err"
+ok $? "frames of another degree are not complete"
+
+# ---- Bad values ------------------------------------------------------------------------------------
+
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 12\n'
+    for name in x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3; do
+        echo "property float $name"
+    done
+    echo end_header
+    awk 'BEGIN { for (i = 0; i < 12; i++) print i, i % 3, i % 2, "0 0 0 1",
+        i == 4 ? 9 : -3, "-3", i == 5 ? 60 : -3, "1 0 0 0" }'
+} >"$work/bad.ply"
+run "$bin/spin-import" "$work/bad.ply" -o "$work/bad.spin"
+is "$code" 0 "imports splats that cannot be drawn"
+for pair in $formats; do
+    to=${pair%%:*}
+    run "$bin/spin-export" "$work/bad.spin" --to "$to" -o "$work/bad-$to" --check --json
+    is "$(member left_out)" 2 "$to: two splats are left out"
+    err_has "2 of 12 splats left out: 2 larger than the scene" "$to: and it says why"
+    is "$(sed -n '/"check"/,$ s/^    "splats": \([0-9]*\),*$/\1/p' "$work/out")" 10 "$to: ten are there"
+done
+run "$bin/spin-export" "$work/bad.spin" --to ply -o "$work/large" --max-scale 0 --json
+is "$(member left_out)" 1 "--max-scale 0 lets a large one through"
+
+# ---- No room ---------------------------------------------------------------------------------------
+
+# nothing_half FOLDER NAME: no file under its final name, none left over.
+nothing_half() {
+    is "$(find "$1" -type f 2>/dev/null | wc -l)" 0 "$2: nothing is left"
+}
+
+for pair in $formats; do
+    to=${pair%%:*}
+    (ulimit -f 16 && exec "$bin/spin-export" -q "$in" --to "$to" -o "$work/full-$to" \
+        >"$work/out" 2>"$work/err")
+    code=$?
+    fails 1 spin-export "$to: a limit on files"
+    nothing_half "$work/full-$to" "$to: a limit on files"
+done
+(ulimit -f 16 && exec "$bin/spin-export" -q "$in" --to gltf -o "$work/full.glb" \
+    >"$work/out" 2>"$work/err")
+code=$?
+fails 1 spin-export "one GLB: a limit on files"
+nothing_at "$work/full.glb" "one GLB: a limit on files"
+
+mkdir "$work/small"
+if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/null; then
+    trap 'umount "$work/small"; rm -rf "$work"' EXIT
+    for pair in $formats; do
+        to=${pair%%:*}
+        run "$bin/spin-export" -q "$in" --to "$to" -o "$work/small/$to"
+        is "$code" 1 "$to: a full disk: exit code 1"
+        [ "$to" = spz ] || err_has "has room for" "$to: a full disk: warns before"
+        err_has "^spin-export: .*No space left" "$to: a full disk: says so"
+        nothing_half "$work/small/$to" "$to: a full disk"
+        rm -rf "$work/small/${to:?}"
+    done
+    run "$bin/spin-export" -q "$in" --to gltf -o "$work/small/clip.glb"
+    is "$code" 1 "one GLB: a full disk: exit code 1"
+    nothing_at "$work/small/clip.glb" "one GLB: a full disk"
+else
+    skip "a full disk" "not root, or no tmpfs can be mounted"
+fi
+
+# ---- Ctrl-C ----------------------------------------------------------------------------------------
+
+# A clip long enough to be stopped in: one frame, many times.
+mkdir "$work/many"
+i=100
+while [ $i -lt 400 ]; do
+    ln "$work/up/frame_00000.ply" "$work/many/f_$i.ply"
+    i=$((i + 1))
+done
+run "$bin/spin-import" "$work/many" -o "$work/many.spin"
+is "$code" 0 "imports a long clip"
+for pair in $formats; do
+    to=${pair%%:*}
+    end=${pair#*:}
+    "$bin/spin-export" -q "$work/many.spin" --to "$to" -o "$work/stop-$to" 2>"$work/err" &
+    pid=$!
+    while kill -0 $pid 2>/dev/null && ! ls "$work/stop-$to"/*."$end" >/dev/null 2>&1; do :; done
+    kill -INT $pid 2>/dev/null
+    wait $pid
+    code=$?
+    if [ "$code" = 0 ]; then
+        skip "$to: Ctrl-C" "it was done before"
+        continue
+    fi
+    is "$code" 130 "$to: Ctrl-C: exit code 130"
+    is "$(find "$work/stop-$to" -name '*.tmp.*' | wc -l)" 0 "$to: Ctrl-C: nothing half-written"
+    n=$(find "$work/stop-$to" -name "*.$end" | wc -l)
+    run "$bin/spin-export" "$work/many.spin" --to "$to" -o "$work/stop-$to" --skip-complete --check
+    is "$code" 0 "$to: goes on afterwards"
+    err_has "$n of 300 frames were complete" "$to: what was there was whole ($n)"
+done
+"$bin/spin-export" -q "$work/many.spin" --to gltf -o "$work/stop.glb" 2>"$work/err" &
+pid=$!
+while kill -0 $pid 2>/dev/null && ! ls "$work"/stop.glb* >/dev/null 2>&1; do :; done
+kill -INT $pid 2>/dev/null
+wait $pid
+code=$?
+[ "$code" = 0 ] || [ ! -e "$work/stop.glb" ]
+ok $? "one GLB: Ctrl-C leaves none"
+is "$(find "$work" -name 'stop.glb.tmp*' | wc -l)" 0 "one GLB: Ctrl-C: nothing half-written"
+
+done_testing
