@@ -3,7 +3,8 @@
  *
  * glTF has no vertex data that changes with time, so the clip is a node per frame, and an animation
  * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after the
- * last frame repeats its value, or players would cut it.
+ * last frame repeats its value, or players would cut it. --visibility switches KHR_node_visibility
+ * by KHR_animation_pointer instead, which is what they are for; of the players only Babylon.js knows it.
  *
  * Against 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are finished (after
  * exp and sigmoid), one accessor holds one SH coefficient. glTF's axes are x left, y up, z forward;
@@ -35,6 +36,8 @@ static const struct spin_plugin_option options[] = {
     {"axes", "gltf|source",
      "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
     {"fps", "F", "frames a second of a clip in one file; otherwise the bundle's, else 30", NULL},
+    {"visibility", NULL,
+     "of a clip in one file: switch frames by KHR_node_visibility, which few players know", NULL},
     {"no-fallback", NULL, "leave out COLOR_0, for viewers that draw plain points", NULL},
     {0},
 };
@@ -43,6 +46,7 @@ struct export
 {
     struct spin_frames frames; /* of one per file; its rows and options serve both */
     bool single;               /* all in one file */
+    bool visibility;           /* what the animation switches, instead of scale */
     const char *extras[5];
     bool fallback;
     int n_attributes;
@@ -115,6 +119,7 @@ static struct spin_gltf_clip describe(const struct export *x, const struct spin_
         .frame = frame,
         .n_frames = n_frames,
         .animated = x->single && n_frames > 1,
+        .visibility = x->visibility,
         .n_bytes = x->n_bytes,
     };
 }
@@ -368,7 +373,38 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
     return spin_frames_add(&x->frames, info, frame->n);
 }
 
-/* Key i is at i / fps. A frame's scale is 1 at its own key; the last one's also at the last. */
+/* Frame f is shown from its own key on; the last one also at the last key. */
+static bool is_shown(size_t f, size_t key, size_t n_keys)
+{
+    return key == f || (key == f + 1 && key + 1 == n_keys);
+}
+
+static spin_status write_scales(struct export *x, uint64_t at, size_t n, float *key)
+{
+    for (size_t f = 0; f + 1 < n; f++, at += 3 * n * sizeof *key) {
+        for (size_t i = 0; i < 3 * n; i++)
+            key[i] = is_shown(f, i / 3, n);
+        spin_rows_little_endian(key, 3 * n);
+        SPIN_TRY(spin_glb_write(&x->glb, at, key, 3 * n * sizeof *key));
+    }
+    x->n_bytes = at;
+    return SPIN_OK;
+}
+
+static spin_status write_visibilities(struct export *x, uint64_t at, size_t n, unsigned char *key)
+{
+    size_t n_padded = (n + 3) / 4 * 4;
+
+    for (size_t f = 0; f + 1 < n; f++, at += n_padded) {
+        for (size_t i = 0; i < n_padded; i++)
+            key[i] = i < n && is_shown(f, i, n);
+        SPIN_TRY(spin_glb_write(&x->glb, at, key, n_padded));
+    }
+    x->n_bytes = at;
+    return SPIN_OK;
+}
+
+/* Key i is at i / fps. */
 static spin_status write_keys(struct export *x, uint64_t at)
 {
     size_t n = (size_t)x->n_frames + 1;
@@ -381,14 +417,8 @@ static spin_status write_keys(struct export *x, uint64_t at)
     spin_rows_little_endian(key, n);
     SPIN_TRY_OUT(spin_glb_write(&x->glb, at, key, n * sizeof *key));
     at += n * sizeof *key;
-    for (size_t f = 0; f + 1 < n; f++, at += 3 * n * sizeof *key) {
-        memset(key, 0, 3 * n * sizeof *key);
-        for (int c = 0; c < 3; c++)
-            key[3 * f + (size_t)c] = key[3 * (f + (f + 2 == n)) + (size_t)c] = 1;
-        spin_rows_little_endian(key, 3 * n);
-        SPIN_TRY_OUT(spin_glb_write(&x->glb, at, key, 3 * n * sizeof *key));
-    }
-    x->n_bytes = at;
+    status = x->visibility ? write_visibilities(x, at, n, (unsigned char *)key)
+                           : write_scales(x, at, n, key);
 out:
     free(key);
     return status;
@@ -427,6 +457,9 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return spin_fail(SPIN_E_USAGE, "--axes '%s': expected gltf or source", axes);
     x->frames.axes = strcmp(axes, "gltf") == 0 ? half_about_z : NULL;
     x->fallback = spin_plugin_value(v, "no-fallback", NULL) == NULL;
+    x->visibility = spin_plugin_value(v, "visibility", NULL) != NULL;
+    if (x->visibility && !x->single)
+        return spin_fail(SPIN_E_USAGE, "--visibility is for a clip in one file, OUT.glb");
     return parse_fps(spin_plugin_value(v, "fps", NULL), job->fps, &x->frames.fps);
 }
 

@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-#define SPIN_GLTF_SHIM_ABI 1
+#define SPIN_GLTF_SHIM_ABI 2
 #define SPIN_GLTF_SHIM_SYMBOL "spin_gltf_shim_table"
 
 /* Numbers of glTF's own. */
@@ -47,6 +47,9 @@ struct spin_gltf_clip {
     /* Frames take turns, by STEP keys on the scale of their nodes. At keys_offset: n_frames + 1 times
      * (floats), then for each frame n_frames + 1 scales (three floats). */
     bool animated;
+    /* By KHR_node_visibility instead, through KHR_animation_pointer: for each frame n_frames + 1 bytes,
+     * 0 or 1, and as many zeros as fill up the last four. */
+    bool visibility;
     uint64_t keys_offset;
     uint64_t n_bytes; /* of the binary chunk */
 };

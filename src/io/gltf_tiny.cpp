@@ -19,6 +19,10 @@ namespace
 
 using tinygltf::Value;
 
+#define VISIBILITY "KHR_node_visibility"
+#define POINTER "KHR_animation_pointer"
+constexpr int NO_NODE = -1;
+
 /* Names come from files; JSON is UTF-8. What is not plain text becomes an underscore. */
 std::string plain(const char *text)
 {
@@ -112,8 +116,11 @@ void add_nodes(tinygltf::Model &model, const spin_gltf_clip &clip)
         node.extras = Value(extras);
         if (frame.n > 0)
             node.mesh = add_mesh(model, clip, frame);
-        if (clip.animated)
-            node.scale.assign(3, f == 0 ? 1.0 : 0.0); /* who plays nothing shows the first */
+        /* Who plays nothing shows the first. */
+        if (clip.animated && clip.visibility)
+            node.extensions[VISIBILITY] = Value(Value::Object{{"visible", Value(f == 0)}});
+        else if (clip.animated)
+            node.scale.assign(3, f == 0 ? 1.0 : 0.0);
         model.nodes.push_back(node);
         scene.nodes.push_back(f);
     }
@@ -121,10 +128,34 @@ void add_nodes(tinygltf::Model &model, const spin_gltf_clip &clip)
     model.defaultScene = 0;
 }
 
+/* Frame f's scale or visibility at the keys. */
+int add_output(tinygltf::Model &model, const spin_gltf_clip &clip, uint64_t n_keys,
+               uint64_t &offset)
+{
+    static const spin_gltf_attribute scale = {"scale", 3, SPIN_GLTF_F32, false};
+    static const spin_gltf_attribute visible = {"visible", 1, SPIN_GLTF_U8, false};
+    int index = add_accessor(model, clip.visibility ? visible : scale, n_keys, offset, 0);
+
+    offset += clip.visibility ? (n_keys + 3) / 4 * 4 : 12 * n_keys;
+    return index;
+}
+
+void aim(tinygltf::AnimationChannel &channel, const spin_gltf_clip &clip, int f)
+{
+    std::string pointer = "/nodes/" + std::to_string(f) + "/extensions/" VISIBILITY "/visible";
+
+    channel.target_node = f;
+    channel.target_path = "scale";
+    if (!clip.visibility)
+        return;
+    channel.target_node = NO_NODE;
+    channel.target_path = "pointer";
+    channel.target_extensions[POINTER] = Value(Value::Object{{"pointer", Value(pointer)}});
+}
+
 void add_animation(tinygltf::Model &model, const spin_gltf_clip &clip)
 {
     static const spin_gltf_attribute time = {"time", 1, SPIN_GLTF_F32, false};
-    static const spin_gltf_attribute scale = {"scale", 3, SPIN_GLTF_F32, false};
     uint64_t n_keys = static_cast<uint64_t>(clip.n_frames) + 1;
     uint64_t offset = clip.keys_offset;
     int input = add_accessor(model, time, n_keys, offset, 0);
@@ -139,14 +170,12 @@ void add_animation(tinygltf::Model &model, const spin_gltf_clip &clip)
         tinygltf::AnimationChannel channel;
 
         sampler.input = input;
-        sampler.output = add_accessor(model, scale, n_keys, offset, 0);
+        sampler.output = add_output(model, clip, n_keys, offset);
         sampler.interpolation = "STEP";
         channel.sampler = f;
-        channel.target_node = f;
-        channel.target_path = "scale";
+        aim(channel, clip, f);
         animation.samplers.push_back(sampler);
         animation.channels.push_back(channel);
-        offset += 12 * n_keys;
     }
     model.animations.push_back(animation);
 }
@@ -170,10 +199,18 @@ std::string text_of(const spin_gltf_clip &clip)
         add_animation(model, clip);
     if (!model.meshes.empty())
         model.extensionsUsed.push_back(clip.extension);
+    if (clip.animated && clip.visibility) {
+        model.extensionsUsed.push_back(VISIBILITY);
+        model.extensionsUsed.push_back(POINTER);
+    }
     writer.WriteGltfSceneToStream(&model, stream, false, false);
     text = stream.str();
     while (!text.empty() && text.back() != '}')
         text.pop_back();
+    /* A pointer has no node, but tinygltf always writes one. Within a string the quotes would have
+     * backslashes. */
+    for (size_t at = 0; (at = text.find("\"node\":-1,", at)) != std::string::npos;)
+        text.erase(at, std::strlen("\"node\":-1,"));
     if (clip.n_bytes > 0)
         text.insert(1, "\"buffers\":[{\"byteLength\":" + std::to_string(clip.n_bytes) + "}],");
     return text;

@@ -76,7 +76,7 @@ static const void *values_of(const struct glb *g, int64_t i, const char *type, i
     spin_json_bool(spin_json_get(a, "normalized"), &normalised);
     offset = offset < 0 ? 0 : offset;
     *n = (size_t)integer_of(a, "count");
-    if (integer_of(a, "componentType") != component || normalised != (component != 5126) ||
+    if (integer_of(a, "componentType") != component || normalised != (component == 5123) ||
         strcmp(spin_json_string(spin_json_get(a, "type")), type) || integer_of(v, "buffer") != 0 ||
         (size_t)length != *n * bytes_of_one || (size_t)(offset + length) > g->n_bytes || offset % 4)
         return NULL;
@@ -354,6 +354,64 @@ static void test_clip(void)
     spin_splats_free(&s);
 }
 
+/* --visibility: pointers instead of nodes, bytes instead of scales. */
+static void test_visibility(void)
+{
+    static const char *const pairs[] = {"visibility", "1", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .output = in_folder("visible.glb"), .n_frames = 5, .values = &values};
+    struct spin_splats s = {0};
+    struct glb g;
+    void *self = NULL;
+    int good = 1;
+
+    make_frame(&s, 50, 0, 1);
+    ok(spin_exporter_gltf.begin(&job, &self) == SPIN_OK, "begins a clip with --visibility");
+    for (int f = 0; f < 5; f++)
+        good &= spin_exporter_gltf.frame(self, f, &(struct spin_frame_info){.number = f}, &s) ==
+                SPIN_OK;
+    if (!ok(good && spin_exporter_gltf.end(self) == SPIN_OK && open_glb(job.output, &g),
+            "writes it"))
+        return;
+    const spin_json *a = spin_json_at(spin_json_get(g.json, "animations"), 0);
+    for (int f = 0; f < 5; f++) {
+        const spin_json *channel = spin_json_at(spin_json_get(a, "channels"), (size_t)f);
+        const spin_json *target = spin_json_get(channel, "target");
+        const spin_json *sampler =
+            spin_json_at(spin_json_get(a, "samplers"), (size_t)integer_of(channel, "sampler"));
+        const spin_json *node = item(&g, "nodes", f);
+        char want[80];
+        size_t n;
+        bool visible = f != 0;
+        const unsigned char *key =
+            values_of(&g, integer_of(sampler, "output"), "SCALAR", 5121, 1, &n);
+
+        snprintf(want, sizeof want, "/nodes/%d/extensions/KHR_node_visibility/visible", f);
+        const char *pointer = spin_json_string(spin_json_get(
+            spin_json_get(spin_json_get(target, "extensions"), "KHR_animation_pointer"),
+            "pointer"));
+        good &= !spin_json_get(target, "node") && pointer && strcmp(pointer, want) == 0 &&
+                strcmp(spin_json_string(spin_json_get(target, "path")), "pointer") == 0;
+        good &= key && n == 6;
+        for (int k = 0; key && k < 6; k++)
+            good &= key[k] == (k == f || (f == 4 && k == 5));
+        good &= spin_json_bool(spin_json_get(spin_json_get(spin_json_get(node, "extensions"),
+                                                           "KHR_node_visibility"),
+                                             "visible"),
+                               &visible) &&
+                visible == (f == 0) && !spin_json_get(node, "scale");
+    }
+    ok(good, "a pointer at the visibility of every node, and one is visible at a time");
+    ok(spin_json_length(spin_json_get(g.json, "extensionsUsed")) == 3, "three extensions are used");
+    close_glb(&g);
+    job.output = in_folder("visible");
+    ok(spin_exporter_gltf.begin(&job, &self) == SPIN_E_USAGE &&
+           strstr(spin_last_error(), "visibility"),
+       "refuses --visibility for a file per frame");
+    spin_splats_free(&s);
+}
+
 static void test_clip_edges(void)
 {
     struct spin_export_job job = {.output = in_folder("one.glb"), .n_frames = 1};
@@ -467,6 +525,7 @@ int main(int argc, char **argv)
     test_values(3, "1", 1, "source");
     test_values(1, "2", 2, "gltf");
     test_clip();
+    test_visibility();
     test_clip_edges();
     test_room();
     check_folder_rules(&spin_exporter_gltf, "frame_00001.glb", bad, sizeof bad / sizeof bad[0]);
