@@ -461,6 +461,7 @@ struct spin_retrain_options {
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */
+    int sh_every;          /* iterations until the next degree of SH joins; 0: all from the start */
     bool camera_colour;    /* learn a gain and offset of every training camera */
     double lr_camera;      /* their rate; 1e-3 */
     double lr_head_factor; /* on the four head rates; 1 */

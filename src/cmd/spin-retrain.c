@@ -162,6 +162,8 @@ static const struct spin_opt_row rows[] = {
              SPIN_OPT_DOUBLE, &options.lr_position, 0, 1),
     SPIN_OPT("head-lr-factor", 0, "F", "on the rates of the four heads (1)", SPIN_OPT_DOUBLE,
              &options.lr_head_factor, 0, 1000),
+    SPIN_OPT("sh-every", 0, "N", "iterations until the next degree of SH joins (0: all at once)",
+             SPIN_OPT_INT, &options.sh_every, 0, MANY),
     SPIN_OPT("camera-colour", 0, NULL, "learn a gain and offset of every training camera",
              SPIN_OPT_FLAG, &options.camera_colour, 0, 0),
     SPIN_OPT("lr-camera", 0, "R", "rate of these gains and offsets (1e-3)", SPIN_OPT_DOUBLE,

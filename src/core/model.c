@@ -135,6 +135,17 @@ void spin_model_init(const struct spin_model *model, uint64_t seed, double scale
     }
 }
 
+void spin_model_clear_sh(const struct spin_model *model, float *heads)
+{
+    const struct spin_heads *h = &model->heads;
+    size_t hidden = (size_t)h->hidden, n_in = (size_t)h->n_in;
+    size_t n_out = (size_t)h->n_out[SPIN_HEAD_SH];
+    float *w3 = heads + h->offset[SPIN_HEAD_SH] + hidden * (n_in + 1) + hidden * (hidden + 1);
+
+    memset(w3 + 3 * hidden, 0, (n_out - 3) * hidden * sizeof *w3);
+    memset(w3 + n_out * hidden + 3, 0, (n_out - 3) * sizeof *w3);
+}
+
 float spin_model_time(const struct spin_model *model, double time)
 {
     double span = model->time_last - model->time_first;

@@ -25,6 +25,10 @@ spin_status spin_model_plan(struct spin_model *model, int levels, int features, 
 void spin_model_init(const struct spin_model *model, uint64_t seed, double scale_bias, float *table,
                      float *heads);
 
+/* First values of a run in which the degrees of SH join one after the other: the colour head says 0 for
+ * every coefficient but the first, as 3DGS begins. They have no gradient, and stay, until they join. */
+void spin_model_clear_sh(const struct spin_model *model, float *heads);
+
 /* t of a frame in 0..1 (method.md 3.2). */
 float spin_model_time(const struct spin_model *model, double time);
 

@@ -254,6 +254,7 @@ static spin_status prepare(struct spin_retraining *r)
     rates->iterations = o->iterations;
     rates->warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40;
     r->trainer.lambda_dssim = (float)o->lambda_dssim;
+    r->trainer.sh_every = o->sh_every;
     memcpy(r->trainer.background, o->background, sizeof r->trainer.background);
     if (spin_retrain_is_lazy(r))
         SPIN_TRY(spin_trainer_be_lazy(&r->trainer));

@@ -49,6 +49,8 @@ static spin_json *options_to_json(const struct spin_retraining *r)
     spin_json_set_number(j, "lr_opacity", o->lr_opacity);
     spin_json_set_number(j, "lr_position", o->lr_position);
     spin_json_set_number(j, "lr_head_factor", o->lr_head_factor);
+    if (o->sh_every > 0)
+        spin_json_set_integer(j, "sh_every", o->sh_every);
     spin_json_set_bool(j, "camera_colour", o->camera_colour);
     spin_json_set_number(j, "lr_camera", o->lr_camera);
     spin_json_set_number(j, "scale_bias", r->scale_bias);
@@ -125,6 +127,8 @@ spin_status spin_retrain_begin(struct spin_retraining *r)
     SPIN_TRY(spin_alloc(floats, sizeof(float), &block));
     host = block;
     spin_model_init(&r->model, r->o->seed, r->scale_bias, host, host + t->table.n);
+    if (r->o->sh_every > 0)
+        spin_model_clear_sh(&r->model, host + t->table.n);
     d->op->up(d, t->table.p, host, t->table.n * sizeof(float));
     d->op->up(d, t->heads.p, host + t->table.n, t->heads.n * sizeof(float));
     for (int f = 0; f < r->clip.n_frames; f++) {

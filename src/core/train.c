@@ -175,6 +175,15 @@ static void centre_tint(struct spin_trainer *t)
     t->device->op->up(t->device, t->tint.p, tint, t->tint.n * sizeof(float));
 }
 
+int spin_trainer_sh_degree(const struct spin_trainer *t)
+{
+    int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
+
+    if (t->sh_every <= 0 || begun / t->sh_every >= t->model.sh_degree)
+        return t->model.sh_degree;
+    return (int)(begun / t->sh_every);
+}
+
 /* Render one item, add its loss to values and its gradient to d_attr and d_pos. */
 static spin_status draw_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
                              struct spin_train_values *values, double *loss)
@@ -182,12 +191,13 @@ static spin_status draw_item(struct spin_trainer *t, const struct spin_train_ite
     struct spin_device *d = t->device;
     const struct spin_train_frame *frame = &t->frame[item->frame];
     struct spin_cam cam = spin_cam_from(item->camera);
+    int sh_degree = spin_trainer_sh_degree(t);
     double v[3];
 
-    SPIN_TRY(spin_raster_forward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr,
-                                 t->model.sh_degree, t->background));
+    SPIN_TRY(spin_raster_forward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, sh_degree,
+                                 t->background));
     SPIN_TIMED(d, SPIN_OP_LOSS, compare_item(t, item, n, v));
-    spin_raster_backward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, t->model.sh_degree,
+    spin_raster_backward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, sh_degree,
                          t->background, t->decode.d_attr, t->d_pos);
     values->loss += v[0] / n;
     values->l1 += v[1] / n;

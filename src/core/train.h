@@ -38,10 +38,11 @@ struct spin_trainer {
     struct spin_train_rates rates;
     struct spin_lazy_table lazy; /* of the table, when that pays */
     float lambda_dssim, background[3];
+    int sh_every;      /* steps until the next degree of SH joins; 0: all from the start */
     int64_t iteration; /* steps done */
     struct spin_decode decode;
     struct spin_raster raster;
-    float *d_pos;  /* [n_max][3] */
+    float *d_pos;     /* [n_max][3] */
     float *tinted;    /* [3][max_pixels], when cameras have colours */
     float *tint_host; /* [tint.n] host */
 };
@@ -76,6 +77,10 @@ size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const si
  * one decoding. Fails only when the rasteriser's lists cannot grow, or the device failed. */
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_item *items, int n,
                               struct spin_train_values *values);
+
+/* The degree of SH that the step under way draws with: the colours of a still scene first, what
+ * depends on the direction later. Above it there must be zeros, spin_model_clear_sh(). */
+int spin_trainer_sh_degree(const struct spin_trainer *t);
 
 /* The table as it is now: the parameters, or for a lazy one a copy in the place of the gradient,
  * until spin_trainer_put_back(). No step may come between. */
