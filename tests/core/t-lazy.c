@@ -89,7 +89,7 @@ static double worst(const float *a, const float *b, size_t n)
     return most;
 }
 
-/* Entries move by up to 0.02 a step and 0.5 in all; float knows them to 3e-8. */
+/* Entries move by up to 0.02 a step. */
 static void equals_dense(const char *path)
 {
     struct table dense = table_of(1, 0), lazy = table_of(1, 1);
