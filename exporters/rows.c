@@ -19,6 +19,9 @@
 /* The box of fewer places than this says nothing about the size of a scene. */
 #define LEAST_FOR_BOX 8
 
+/* Bytes of a frame in the map that do not matter. */
+#define SMALL ((size_t)64 << 20)
+
 struct spin_rows_block {
     size_t n_before; /* kept rows of the blocks before */
     uint32_t n_kept, n_finite, n_bad[SPIN_ROWS_REASONS];
@@ -59,7 +62,8 @@ void spin_rows_rest(const struct spin_rows *rows, size_t block, unsigned columns
     size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
-    if (!s->mapped)
+    /* A small frame stays until it is done with: giving memory back stops all threads for a moment. */
+    if (!s->mapped || (11 + n_sh) * sizeof(float) * s->n < SMALL)
         return;
     if (columns & SPIN_COL_MEANS)
         spin_map_rest(s->means + 3 * first, 3 * n * sizeof(float));

@@ -9,6 +9,7 @@
 #include "io/zip.h"
 
 #include <limits.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -441,6 +442,52 @@ spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_memb
     return SPIN_OK;
 }
 
+/* ---- Checksums ----------------------------------------------------------------------------- */
+
+enum { CRC_PARTS = 4, CRC_PART_BYTES = 2 << 20 }; /* least for a thread of its own */
+
+struct crc_part {
+    const unsigned char *data;
+    size_t size;
+    uint32_t crc;
+    pthread_t thread;
+    bool started;
+};
+
+static void *sum_part(void *context)
+{
+    struct crc_part *part = context;
+
+    part->crc = (uint32_t)crc32_z(0, part->data, (z_size_t)part->size);
+    return NULL;
+}
+
+/* Of a large member by a few threads: nothing else goes on while a frame is waited for. */
+static uint32_t checksum(const unsigned char *data, size_t size)
+{
+    long n_cores = sysconf(_SC_NPROCESSORS_ONLN);
+    size_t n = size / CRC_PART_BYTES, most = n_cores < CRC_PARTS ? (size_t)n_cores : CRC_PARTS;
+    struct crc_part part[CRC_PARTS] = {{0}};
+    uint32_t crc;
+
+    n = n < 1 || n_cores < 1 ? 1 : n < most ? n : most;
+    for (size_t i = 0; i < n; i++) {
+        part[i].data = data + size / n * i;
+        part[i].size = i + 1 < n ? size / n : size - size / n * i;
+        part[i].started = i > 0 && pthread_create(&part[i].thread, NULL, sum_part, &part[i]) == 0;
+    }
+    sum_part(&part[0]);
+    crc = part[0].crc;
+    for (size_t i = 1; i < n; i++) {
+        if (part[i].started)
+            pthread_join(part[i].thread, NULL);
+        else
+            sum_part(&part[i]);
+        crc = (uint32_t)crc32_combine(crc, part[i].crc, (z_off_t)part[i].size);
+    }
+    return crc;
+}
+
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -457,7 +504,7 @@ spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_memb
     } else {
         return fail_method(zip, member);
     }
-    if (check_crc && crc32_z(0, *data, (z_size_t)member->size) != member->crc) {
+    if (check_crc && checksum(*data, (size_t)member->size) != member->crc) {
         free(*owned);
         *owned = NULL;
         *data = NULL;

@@ -5,12 +5,13 @@
 #        splat-transform on the same frame, the two in turns.
 # clip:  150 frames of 100,000 splats to PLY, beside cp of the same files.
 #
-# RUNS=5: runs of each, of which the median counts. WORK: a folder with room, 3 GB for the frame and 12 GB
+# RUNS=5: runs of each, of which the median counts. FRAMES=150: of the clip. WORK: a folder with room, 3 GB for the frame and 12 GB
 # for the clip (a temporary one). BIN: the commands (build/release/bin). SPLAT_TRANSFORM: its cli.mjs (that
 # of tests/viewers/node_modules, which make test-viewers fetches); without it and Node the peer is left out.
 # Needs Debian's package time.
 what=${1:-all}
 runs=${RUNS:-5}
+frames=${FRAMES:-150}
 bin=${BIN:-build/release/bin}
 clip=$(dirname "$bin")/tests/bench/clip
 peer=${SPLAT_TRANSFORM:-tests/viewers/node_modules/@playcanvas/splat-transform/bin/cli.mjs}
@@ -58,7 +59,8 @@ frame() {
         done
     done
     echo "One frame, 1,000,000 splats, SH 3; median of $runs; $(machine)"
-    [ -n "$peer" ] && echo "Peer: splat-transform $(node "$peer" --version 2>/dev/null | tail -n 1)"
+    [ -n "$peer" ] && sed -n 's/^ *"version": "\(.*\)".*/Peer: splat-transform \1/p' \
+        "$(dirname "$peer")/../package.json"
     echo
     echo "| format | wall s | CPU s | peak MB | peer wall s | CPU s | peak MB | wall | CPU | memory |"
     echo "|---|---|---|---|---|---|---|---|---|---|"
@@ -81,7 +83,7 @@ frame() {
 }
 
 clip() {
-    "$clip" "$work/clip" 150 100000 3 >"$work/out" 2>&1 || exit 1
+    "$clip" "$work/clip" "$frames" 100000 3 >"$work/out" 2>&1 || exit 1
     "$bin/spin-import" -q "$work/clip" -o "$work/clip.spin" >/dev/null || exit 1
     rm -rf "$work/clip" "$work/clip.ours" "$work/clip.cp" "$work/clip.sync"
     i=0
@@ -96,7 +98,7 @@ clip() {
         rm -rf "$work/copy"
     done
     bytes=$(cat "$work/frames"/*.ply | wc -c)
-    echo "150 frames, 100,000 splats each, SH 3, $bytes bytes of PLY; median of $runs; $(machine)"
+    echo "$frames frames, 100,000 splats each, SH 3, $bytes bytes of PLY; median of $runs; $(machine)"
     echo
     echo "| | wall s | CPU s | peak MB | GB/s |"
     echo "|---|---|---|---|---|"
