@@ -36,7 +36,7 @@ ply_is_whole() { # FILE SPLATS NAME
 goes_out() { # BUNDLE FRAMES NAME
     run "$bin/spin-export" "$1" --to ply -o "$work/$3" --json
     is "$code" 0 "$3: goes out as PLY"
-    is "$(ls "$work/$3" | wc -l)" "$2" "$3: $2 files"
+    is "$(ls "$work/$3"/frame_*.ply | wc -l)" "$2" "$3: $2 files"
     for file in "$work/$3"/*.ply; do
         run "$bin/spin-import" --info --json --from ply "$file"
         ply_is_whole "$file" "$(sed -n 's/^    "max": \([0-9]*\)$/\1/p' "$work/out")" "$3 $(basename "$file")"
