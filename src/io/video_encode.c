@@ -71,7 +71,8 @@ spin_status spin_video_create(const char *path, bool force, int width, int heigh
     SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
     v->width = width;
     v->height = height;
-    SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height, 3, (void **)&v->rgb));
+    /* swscale's vectors read past the last pixel; 16 more pixels are enough for any of them. */
+    SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     if (shim->open(v->out.temporary, format, width, height, fps, quality, &v->writer, codec, why,
                    sizeof why) != 0) {
