@@ -144,14 +144,15 @@ static spin_status ply_read(void *self, const struct spin_map *map, int frame,
                                out->log_scales + 2,  out->quats,      out->quats + 1,
                                out->quats + 2,       out->quats + 3};
         static const size_t step[] = {3, 3, 3, 1, 3, 3, 3, 4, 4, 4, 4};
-        size_t k = i - 11, c = k < 3 ? k : (k - 3) / (n_sh - 1);
-        size_t coefficient = k < 3 ? 0 : 1 + (k - 3) % (n_sh - 1);
+        size_t k = i < 11 ? 0 : i - 11, rest = k < 3 ? 0 : k - 3;
+        size_t c = k < 3 ? k : rest / (n_sh - 1);
+        size_t coefficient = k < 3 ? 0 : 1 + rest % (n_sh - 1);
         char name[32];
 
         if (i < 11)
             snprintf(name, sizeof name, "%s", plain[i]);
         else
-            snprintf(name, sizeof name, k < 3 ? "f_dc_%zu" : "f_rest_%zu", k < 3 ? k : k - 3);
+            snprintf(name, sizeof name, k < 3 ? "f_dc_%zu" : "f_rest_%zu", k < 3 ? k : rest);
         target[n_targets] =
             (struct spin_ply_target){.property = spin_ply_find(e, name),
                                      .out = i < 11 ? into[i] : out->sh + 3 * coefficient + c,
