@@ -74,7 +74,8 @@ endif
 
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
-BENCH_C  := $(wildcard tests/bench/*.c)
+# clip.c is a program of its own, which export.sh runs.
+BENCH_C  := $(filter-out tests/bench/clip.c,$(wildcard tests/bench/*.c))
 BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
@@ -108,7 +109,7 @@ test: ## all tests; K=word selects
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 
-test-bins: $(TEST_BIN) $(TOOLS) fuzz-bins
+test-bins: $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip $(TOOLS) fuzz-bins
 
 bin:
 	@ln -sfn $(B)/bin bin

@@ -1,0 +1,12 @@
+#!/bin/sh
+# K: bench speed
+# The benchmark program links and times every stage; what the times are is not a test's to say.
+. tests/cli/lib.sh
+
+run "$SPIN_BUILD/tests/bench/bench" --gaussians 500 --table 12 --rounds 1 --json
+is "$code" 0 "bench runs"
+for mode in grid mlp project lists blend loss blend_back mlp_back grid_back adam step step_lazy; do
+    grep -q "\"$mode\"" "$work/out"
+    ok $? "$mode is among its rows"
+done
+done_testing
