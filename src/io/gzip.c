@@ -12,6 +12,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "io/crc.h"
 
 #define BLOCK ((size_t)256 << 10)
 #define MAX_BLOCKS 16 /* of a batch */
@@ -117,7 +118,7 @@ static void deflate_block(void *context, int i, int worker)
     result = deflate(&z, end ? Z_FINISH : Z_SYNC_FLUSH);
     b->failed = result != (end ? Z_STREAM_END : Z_OK) || z.avail_in > 0 || z.avail_out == 0;
     b->n_packed = g->slot - z.avail_out;
-    b->crc = crc32(crc32(0, NULL, 0), raw, (uInt)n);
+    b->crc = spin_crc32(0, raw, n);
     deflateEnd(&z);
 }
 

@@ -17,6 +17,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/crc.h"
 
 enum {
     SIG_LOCAL = 0x04034b50,
@@ -458,7 +459,7 @@ static void *sum_part(void *context)
 {
     struct crc_part *part = context;
 
-    part->crc = (uint32_t)crc32_z(0, part->data, (z_size_t)part->size);
+    part->crc = spin_crc32(0, part->data, part->size);
     return NULL;
 }
 
@@ -643,12 +644,8 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
 spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
                                   size_t n_head, const void *data, size_t n_data)
 {
-    uint32_t crc = 0;
+    uint32_t crc = spin_crc32(spin_crc32(0, head, n_head), data, n_data);
 
-    if (n_head > 0)
-        crc = (uint32_t)crc32_z(crc, head, n_head);
-    if (n_data > 0)
-        crc = (uint32_t)crc32_z(crc, data, n_data);
     SPIN_TRY(begin_member(w, name, (uint64_t)n_head + n_data, crc));
     SPIN_TRY(spin_out_write(&w->out, head, n_head));
     return spin_out_write(&w->out, data, n_data);
@@ -659,8 +656,7 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     if (bytes > w->written[w->n - 1].size - w->member_size)
         return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is longer than announced",
                          w->out.path, w->written[w->n - 1].name);
-    if (bytes > 0)
-        w->crc = (uint32_t)crc32_z(w->crc, data, bytes);
+    w->crc = spin_crc32(w->crc, data, bytes);
     w->member_size += bytes;
     return spin_out_write(&w->out, data, bytes);
 }

@@ -36,6 +36,7 @@ ours() {
 foreign() {
     case $1 in
     src/io/zip.c | src/io/gzip.c) echo '^zlib\.h$' ;;
+    src/io/crc.c) echo '^(zlib|immintrin)\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
     src/io/json.c) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
