@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "exporters/look.h"
+#include "exporters/rows.h"
 
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \
@@ -36,8 +37,13 @@ struct spin_drawing {
     float *image;              /* [3][h][w] of a panel */
     float *wide;               /* [3][h][n_panels w] */
     size_t n_pixels;           /* of a panel, there is room for */
-    struct spin_splats source; /* of source_frame */
+    int number;                /* of the frame at hand, as the source counts */
+    struct spin_rows rows;     /* which splats can be drawn */
+    struct spin_splats fit;    /* room for them, where not all can */
+    struct spin_splats source; /* of source_frame, as imported */
     int source_frame;          /* -1: none */
+    struct spin_splats source_fit;
+    const struct spin_splats *before; /* those of source that can be drawn */
 };
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -96,7 +102,10 @@ static inline spin_status spin_drawing_begin(struct spin_drawing *d,
         return spin_fail(SPIN_E_USAGE, "--repeat '%s': expected a whole number from 1 to 10000",
                          repeat);
     d->repeat = (int)n;
-    return spin_drawing_parse_panels(d, spin_plugin_value(job->values, "panels", panels));
+    SPIN_TRY(spin_drawing_parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
+    SPIN_TRY(spin_rows_begin(&d->rows, job, NULL));
+    d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
+    return SPIN_OK;
 }
 
 static inline void spin_drawing_free(struct spin_drawing *d)
@@ -104,6 +113,9 @@ static inline void spin_drawing_free(struct spin_drawing *d)
     free(d->image);
     free(d->wide);
     spin_splats_free(&d->source);
+    spin_splats_free(&d->fit);
+    spin_splats_free(&d->source_fit);
+    spin_rows_end(&d->rows);
 }
 
 /* ---- A camera that moves --------------------------------------------------------------------- */
@@ -200,6 +212,64 @@ static inline spin_status spin_drawing_camera(struct spin_drawing *d, int frame,
     return SPIN_OK;
 }
 
+/* ---- Splats ---------------------------------------------------------------------------------- */
+
+static inline void spin_drawing_keep(const struct spin_rows *rows, size_t width, const float *from,
+                                     float *to)
+{
+    for (size_t i = 0; i < rows->splats->n; i++) {
+        if (!rows->keep[i])
+            continue;
+        memcpy(to, from + i * width, width * sizeof *to);
+        to += width;
+    }
+}
+
+/* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is said
+ * and counted as all exporters do it. */
+static inline spin_status spin_drawing_choose(struct spin_drawing *d,
+                                              const struct spin_splats **splats,
+                                              struct spin_splats *room)
+{
+    const struct spin_splats *s = *splats;
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    SPIN_TRY(spin_rows_choose(&d->rows, s, d->number));
+    if (d->rows.n_kept == s->n)
+        return SPIN_OK;
+    SPIN_TRY(spin_splats_reserve(room, d->rows.n_kept, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                                 s->sh_degree));
+    spin_drawing_keep(&d->rows, 3, s->means, room->means);
+    spin_drawing_keep(&d->rows, 4, s->quats, room->quats);
+    spin_drawing_keep(&d->rows, 3, s->log_scales, room->log_scales);
+    spin_drawing_keep(&d->rows, 1, s->logit_opacities, room->logit_opacities);
+    spin_drawing_keep(&d->rows, n_sh, s->sh, room->sh);
+    *splats = room;
+    return SPIN_OK;
+}
+
+/* Begin a frame: *splats become those to draw. */
+static inline spin_status spin_drawing_frame(struct spin_drawing *d,
+                                             const struct spin_frame_info *info,
+                                             const struct spin_splats **splats)
+{
+    d->number = info->number;
+    return spin_drawing_choose(d, splats, &d->fit);
+}
+
+/* The frame as it was imported, into d->before. */
+static inline spin_status spin_drawing_source(struct spin_drawing *d, int frame)
+{
+    if (d->source_frame == frame)
+        return SPIN_OK;
+    d->source_frame = -1;
+    SPIN_TRY(d->job->source_frame(d->job->source_of, frame, &d->source));
+    d->before = &d->source;
+    SPIN_TRY(spin_drawing_choose(d, &d->before, &d->source_fit));
+    d->source_frame = frame;
+    return SPIN_OK;
+}
+
 /* ---- Pictures -------------------------------------------------------------------------------- */
 
 static inline spin_status spin_drawing_reserve(struct spin_drawing *d, size_t n)
@@ -221,11 +291,9 @@ static inline spin_status spin_drawing_panel(struct spin_drawing *d, enum spin_d
 
     if (panel == SPIN_PANEL_TRUTH)
         return spin_image_load(truth, camera->width, camera->height, job->background, d->image);
-    if (panel == SPIN_PANEL_BEFORE && d->source_frame != frame) {
-        SPIN_TRY(job->source_frame(job->source_of, frame, &d->source));
-        d->source_frame = frame;
-    }
-    return spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? &d->source : splats, camera,
+    if (panel == SPIN_PANEL_BEFORE)
+        SPIN_TRY(spin_drawing_source(d, frame));
+    return spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? d->before : splats, camera,
                        job->background, d->image);
 }
 

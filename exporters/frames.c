@@ -1,6 +1,7 @@
 /* One rule for all folders of frames; see frames.h. Within a frame the rows are cut into blocks that all
  * threads code side by side, each going straight to its place in the file, so that no frame is held
- * in memory a second time; frames that are done are flushed to disk while the next one is made. */
+ * in memory a second time; frames that are done are closed, and with --sync waited for, while the next
+ * one is made. */
 #include "exporters/frames.h"
 
 #include <inttypes.h>
@@ -143,7 +144,7 @@ static spin_status entries_json(const struct spin_frames *x, spin_json *list)
     return SPIN_OK;
 }
 
-static spin_status write_text(const char *path, char *text)
+static spin_status write_text(const char *path, const char *text, bool sync)
 {
     struct spin_out out;
     spin_status status;
@@ -151,6 +152,7 @@ static spin_status write_text(const char *path, char *text)
     if (!text)
         return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
     SPIN_TRY(spin_out_open(path, true, &out));
+    out.sync = sync;
     status = spin_out_write(&out, text, strlen(text));
     if (status == SPIN_OK)
         return spin_out_commit(&out);
@@ -176,7 +178,7 @@ static spin_status write_sequence(struct spin_frames *x)
     SPIN_TRY_OUT(entries_json(x, list));
     SPIN_TRY_OUT(spin_path_join(x->folder.path, "sequence.json", &path));
     text = spin_json_text(root, true);
-    status = write_text(path, text);
+    status = write_text(path, text, x->job->sync);
 out:
     free(text);
     free(path);
@@ -223,6 +225,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     status = spin_out_open(path, x->force, &out);
     free(path);
     SPIN_TRY(status);
+    out.sync = x->job->sync;
     SPIN_TRY_OUT(x->format->write(x, info, &out));
     SPIN_TRY_OUT(spin_out_length(&out, &length));
     SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));

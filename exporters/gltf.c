@@ -522,6 +522,7 @@ static spin_status open_single(struct export *x, const struct spin_export_job *j
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     worst = describe(x, x->frame, x->n_frames);
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    x->out.sync = job->sync;
     SPIN_TRY(spin_glb_begin(&x->out, &worst, &x->glb));
     say_size(x, job);
     return SPIN_OK;

@@ -371,6 +371,7 @@ static spin_status html_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY_OUT(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
     SPIN_TRY_OUT(spin_gzip_create(6, job->n_threads, &x->gzip));
     SPIN_TRY_OUT(spin_out_open(job->output, job->force, &x->out));
+    x->out.sync = job->sync;
     status = write_text(x, spin_html_head);
     if (status == SPIN_OK)
         status = write_text(x, spin_html_css);
@@ -432,6 +433,21 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
+/* Of the frames in the page, not of those it was asked for. */
+static spin_status fill_report(struct export *x)
+{
+    struct spin_export_report *report = x->job->report;
+    double sum = 0;
+
+    if (!report)
+        return SPIN_OK;
+    for (int i = 0; i < x->n_written; i++)
+        sum += (double)x->version[0].n_rows[i];
+    report->frames = x->n_written;
+    report->splats_mean = sum / x->n_written;
+    return spin_out_length(&x->out, &report->bytes);
+}
+
 static spin_status html_end(void *self)
 {
     struct export *x = self;
@@ -443,6 +459,7 @@ static spin_status html_end(void *self)
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
     SPIN_TRY_OUT(write_script(x, "", spin_html_script));
     SPIN_TRY_OUT(write_text(x, "</body>\n</html>\n"));
+    SPIN_TRY_OUT(fill_report(x));
     status = spin_out_commit(&x->out);
     finish(x);
     return status;

@@ -63,7 +63,7 @@ static spin_status write_view(struct export *x, int frame, const struct spin_spl
 {
     SPIN_TRY(spin_drawing_draw(&x->drawing, frame, splats, camera, truth));
     return spin_image_save(path, x->drawing.n_panels * camera->width, camera->height,
-                           x->drawing.wide);
+                           x->drawing.wide, x->job->sync);
 }
 
 /* Render a picture into its place in a folder of this name, making the folder first. */
@@ -146,6 +146,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     bool seen = false;
     char name[32];
 
+    SPIN_TRY(spin_drawing_frame(&x->drawing, info, &splats));
     if (x->drawing.path != SPIN_PATH_CAMERA)
         return export_moving(x, frame, splats);
     for (size_t i = 0; i < views->n; i++) {

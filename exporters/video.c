@@ -85,8 +85,8 @@ static spin_status open_video(struct export *x)
         SPIN_TRY(parse_number("fps", text, 0.01, 1000, &fps));
     SPIN_TRY(
         parse_number("quality", spin_plugin_value(job->values, "quality", "18"), 0, 51, &quality));
-    SPIN_TRY(spin_video_create(job->output, job->force, width, camera->height, fps, (int)quality,
-                               &x->video, &codec));
+    SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera->height, fps,
+                               (int)quality, &x->video, &codec));
     spin_log(0, "video: %d frames of %dx%d, %.4g a second, %s", job->n_frames * x->drawing.repeat,
              width, camera->height, fps, codec);
     return SPIN_OK;
@@ -142,6 +142,7 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
 {
     struct export *x = self;
 
+    SPIN_TRY(spin_drawing_frame(&x->drawing, info, &splats));
     for (int j = 0; j < x->drawing.repeat; j++) {
         if (spin_cancelled())
             return spin_fail_cancelled();

@@ -175,7 +175,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 7; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 1
+#define SPIN_PLUGIN_ABI 2
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
@@ -252,6 +252,7 @@ struct spin_export_report;
 struct spin_export_job {
     const char *output; /* as the user gave it */
     bool force;         /* may overwrite */
+    bool sync;          /* of every struct spin_out */
     int n_frames;       /* that will come */
     double fps;         /* 0: unknown */
     const char *source; /* name of the method the clip came from */
@@ -269,7 +270,8 @@ struct spin_export_job {
     int source_sh_degree;
     bool retrained;                    /* the attributes are the network's */
     const size_t *counts;              /* [n_frames] splats of each frame, or NULL */
-    struct spin_export_report *report; /* an exporter adds to bytes and left_out; or NULL */
+    struct spin_export_report *report; /* an exporter adds to bytes and left_out, and
+                                        * says how many frames when it takes some only; or NULL */
 
     /* Read back what was written, in end(), and say in report->check what was found; only asked of an
      * exporter that `checks`. again() gives a frame, 0..n_frames-1, once more, until its next call. */
@@ -304,13 +306,18 @@ struct spin_exporter {
     bool (*skip)(void *self, int frame, const struct spin_frame_info *info);
 };
 
-/* A file that appears under its name only when whole: written as path.tmp.<pid>, flushed to disk and
- * renamed by commit. Write with spin_out_write() or with stdio on `file`; commit sees errors of both.
- * Either commit or abandon must follow; both free it. */
+/* A file that appears under its name only when whole: written as path.tmp.<pid> and renamed by commit
+ * when all writing and closing has succeeded. Write with spin_out_write() or with stdio on `file`;
+ * commit sees errors of both. Either commit or abandon must follow; both free it.
+ *
+ * What could not be made again soon sets `sync` after opening: commit then waits for the disk before it
+ * renames. Without, a file is whole after a kill or on a full disk as well, but not surely after the
+ * power failed. */
 struct spin_out {
     FILE *file;
     char *path, *temporary;
     uint64_t bytes; /* given to spin_out_write() */
+    bool sync;
 };
 /* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"). */
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
@@ -384,6 +391,7 @@ struct spin_import_options {
     int n_times;
     struct spin_range range;
     bool positions_only, force;
+    bool sync;                       /* the bundle is on the disk before it has its name */
     bool full;                       /* describe: read every frame, not up to 16 of them */
     const char *check_cameras;       /* folder for PNGs of the points over data's images, or NULL */
     const char *const *plugin_pairs; /* see struct spin_plugin_values */
@@ -466,7 +474,7 @@ struct spin_retrain_options {
     double lr_camera;      /* their rate; 1e-3 */
     double lr_head_factor; /* on the four head rates; 1 */
     double scale_bias;     /* -5; NaN: auto, log of the median distance to 3 neighbours */
-    bool relu;         /* ReLU in the heads instead of GELU */
+    bool relu;             /* ReLU in the heads instead of GELU */
     enum spin_normalise normalise;
     double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
     int views_per_frame;                          /* of a batch taken from one frame; 1 */
@@ -530,7 +538,7 @@ struct spin_eval_options {
     bool source;        /* measure the imported attributes */
     const char *images; /* folder for renders, or NULL */
     enum spin_moving_from moving;
-    const char *report, *log;      /* a page of HTML; what spin-retrain --log wrote; or NULL */
+    const char *report, *log; /* a page of HTML; what spin-retrain --log wrote; or NULL */
     const char *lpips; /* folder with the weights of one or both networks of LPIPS; or NULL */
     const char *lpips_backbone, *lpips_lin; /* the two files of one network; or NULL */
     float background[3];
@@ -575,6 +583,7 @@ struct spin_export_options {
     const char *input, *output, *to;
     struct spin_range range;
     bool source, force;
+    bool sync;  /* files are on the disk before they have their names */
     bool check; /* read back what was written */
     const char *data, *data_from, *pair;
     float background[3];
@@ -610,11 +619,11 @@ spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splat
                         const struct spin_camera *camera, const float background[3], float *image);
 
 /* Read an image, box-filtered to camera size when they differ, as planar [3][h][w] float 0..1
- * (out must hold it), and write one as PNG. For exporters that draw. Transparent pixels show the
- * background; NULL: black. */
+ * (out must hold it), and write one as PNG (sync: as of struct spin_out). For exporters that draw.
+ * Transparent pixels show the background; NULL: black. */
 spin_status spin_image_load(const char *path, int width, int height, const float background[3],
                             float *out);
-spin_status spin_image_save(const char *path, int width, int height, const float *image);
+spin_status spin_image_save(const char *path, int width, int height, const float *image, bool sync);
 
 #ifdef __cplusplus
 }

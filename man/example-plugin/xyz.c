@@ -8,7 +8,7 @@
 struct export
 {
     char folder[4000];
-    bool force, colour;
+    bool force, sync, colour;
 };
 
 static spin_status xyz_begin(const struct spin_export_job *job, void **self)
@@ -19,6 +19,7 @@ static spin_status xyz_begin(const struct spin_export_job *job, void **self)
         return spin_fail(SPIN_E_MEMORY, "no memory");
     snprintf(x->folder, sizeof x->folder, "%s", job->output);
     x->force = job->force;
+    x->sync = job->sync;
     x->colour = spin_plugin_value(job->values, "colour", NULL) != NULL;
     *self = x;
     return SPIN_OK;
@@ -45,6 +46,7 @@ static spin_status xyz_frame(void *self, int frame, const struct spin_frame_info
     SPIN_TRY(spin_folder_make(x->folder));
     snprintf(path, sizeof path, "%s/frame_%05d.xyz", x->folder, info->number);
     SPIN_TRY(spin_out_open(path, x->force, &out));
+    out.sync = x->sync;
     for (size_t i = 0; i < splats->n; i++) {
         const float *p = splats->means + 3 * i, *sh = splats->sh + 3 * n_sh * i;
 

@@ -19,6 +19,8 @@ static const struct spin_opt_row rows[] = {
              SPIN_OPT_FLAG, &options.source, 0, 0),
     SPIN_OPT("check", 0, NULL, "read back what was written and compare it with the bundle",
              SPIN_OPT_FLAG, &options.check, 0, 0),
+    SPIN_OPT("sync", 0, NULL, "wait until every file is on the disk before it gets its name",
+             SPIN_OPT_FLAG, &options.sync, 0, 0),
     SPIN_OPT("list", 0, NULL, "list the exporters", SPIN_OPT_FLAG, &wants_list, 0, 0),
     SPIN_OPT_HEADING("Data set, for exporters that draw"),
     SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",

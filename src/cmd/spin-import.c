@@ -35,6 +35,8 @@ static const struct spin_opt_row rows[] = {
     SPIN_OPT_HEADING("Output"),
     SPIN_OPT("output", 'o', "FILE", "the bundle to write, *.spin", SPIN_OPT_STRING, &options.output,
              0, 0),
+    SPIN_OPT("sync", 0, NULL, "wait until the bundle is on the disk before it gets its name",
+             SPIN_OPT_FLAG, &options.sync, 0, 0),
     SPIN_OPT("positions-only", 0, NULL, "leave the source's attributes out", SPIN_OPT_FLAG,
              &options.positions_only, 0, 0),
     SPIN_OPT("info", 0, NULL, "describe the input, write nothing", SPIN_OPT_FLAG, &wants_info, 0,

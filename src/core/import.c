@@ -527,7 +527,7 @@ static spin_status run_import(struct import *im)
     meta->still_columns = im->track.still_columns & meta->columns;
     meta->sh_degree = meta->columns & SPIN_COL_SH ? im->track.sh_degree : -1;
     if (o->output) {
-        SPIN_TRY(spin_bundle_writer_open(o->output, o->force, &im->writer));
+        SPIN_TRY(spin_bundle_writer_open(o->output, o->force, o->sync, &im->writer));
         im->writing = true;
     }
     SPIN_TRY(read_frames(im));

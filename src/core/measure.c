@@ -26,7 +26,7 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
     for (size_t k = 0; k < (size_t)n; k++)
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(sheet + row * whole + k * (w + gap), picture[k] + row * w, w * sizeof(float));
-    status = spin_image_save(path, (int)whole, height, sheet);
+    status = spin_image_save(path, (int)whole, height, sheet, false);
     free(block);
     return status;
 }

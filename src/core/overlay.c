@@ -99,7 +99,7 @@ spin_status spin_overlay_draw(const struct spin_view *view, const struct spin_sp
     for (size_t i = 0; i < plane; i++)
         canvas.depth[i] = FLT_MAX;
     draw_points(&canvas, &view->camera, s, out);
-    SPIN_TRY_OUT(spin_image_save(path, canvas.width, canvas.height, canvas.image));
+    SPIN_TRY_OUT(spin_image_save(path, canvas.width, canvas.height, canvas.image, false));
 out:
     free(canvas.image);
     free(canvas.depth);

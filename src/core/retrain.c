@@ -161,7 +161,7 @@ static spin_status write_output(struct spin_retraining *r)
     spin_status status;
 
     memset(&meta, 0, sizeof meta);
-    status = spin_bundle_writer_open(r->o->output, r->o->force || r->o->resume, &w);
+    status = spin_bundle_writer_open(r->o->output, r->o->force || r->o->resume, true, &w);
     if (status != SPIN_OK) {
         spin_json_free(extra);
         return status;

@@ -255,6 +255,7 @@ spin_status spin_retrain_save(struct spin_retraining *r)
     spin_json_free(j);
     status = spin_zip_writer_open(r->part, true, &w);
     if (status == SPIN_OK) {
+        w.out.sync = true; /* it stands for hours of work */
         status = write_text(&w, "state.json", text ? text : "");
         if (status == SPIN_OK)
             status = save_pieces(r, &w);

@@ -38,7 +38,7 @@ spin_status spin_shelf_put(const char *folder, int index, const char *key,
     meta.n_source_frames = 1;
     meta.columns = held;
     meta.sh_degree = splats->sh_degree;
-    SPIN_TRY_OUT(spin_bundle_writer_open(path, true, &w));
+    SPIN_TRY_OUT(spin_bundle_writer_open(path, true, true, &w));
     writing = true;
     SPIN_TRY_OUT(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();

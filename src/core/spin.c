@@ -223,6 +223,7 @@ static spin_status begin_export(struct export *x)
     struct spin_export_job job = {
         .output = o->output,
         .force = o->force,
+        .sync = o->sync,
         .n_frames = x->clip.n_frames,
         .fps = clip_fps(&x->clip),
         .source = x->clip.bundle.meta.from,

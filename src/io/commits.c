@@ -1,4 +1,4 @@
-/* A queue of files and a few threads that commit them: what they do is wait for the disk. */
+/* A queue of files and a few threads that commit them: what they do is mostly to wait for the disk. */
 #include "io/commits.h"
 
 #include <pthread.h>

@@ -1,5 +1,5 @@
-/* Files that are whole but not yet on disk: threads of their own flush and rename them, while the
- * next ones are being made. */
+/* Files that are whole but not yet under their names: threads of their own flush, where asked wait for
+ * the disk, and rename them, while the next ones are being made. */
 #ifndef SPIN_IO_COMMITS_H
 #define SPIN_IO_COMMITS_H
 

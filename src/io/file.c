@@ -465,11 +465,13 @@ spin_status spin_out_length(struct spin_out *out, uint64_t *bytes)
     return SPIN_OK;
 }
 
+/* A file that is closed is not yet on the disk; whether to wait for that is the writer's choice. */
 spin_status spin_out_commit(struct spin_out *out)
 {
     spin_status status = SPIN_OK;
 
-    if (ferror(out->file) || fflush(out->file) != 0 || fsync(fileno(out->file)) != 0)
+    if (ferror(out->file) || fflush(out->file) != 0 ||
+        (out->sync && fsync(fileno(out->file)) != 0))
         status = fail_errno("write", out->path);
     if (fclose(out->file) != 0 && status == SPIN_OK)
         status = fail_errno("write", out->path);

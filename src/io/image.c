@@ -234,7 +234,7 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
     return SPIN_OK;
 }
 
-spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb)
+spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb, bool sync)
 {
     unsigned char *bytes = NULL;
     size_t n_bytes = 0;
@@ -244,6 +244,7 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
     if (status != SPIN_OK)
         return spin_more(status, "cannot write image '%s'", path);
     SPIN_TRY_OUT(spin_out_open(path, true, &out));
+    out.sync = sync;
     status = spin_out_write(&out, bytes, n_bytes);
     if (status == SPIN_OK)
         status = spin_out_commit(&out);

@@ -24,7 +24,8 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
 spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
                               size_t *n_bytes);
 
-/* Write interleaved 8-bit RGB as PNG (write, then rename). */
-spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb);
+/* Write interleaved 8-bit RGB as PNG (write, then rename; sync: wait for the disk between). */
+spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb,
+                             bool sync);
 
 #endif

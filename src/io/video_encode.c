@@ -49,7 +49,7 @@ static void release(struct spin_video_out *v)
     free(v);
 }
 
-spin_status spin_video_create(const char *path, bool force, int width, int height, double fps,
+spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height, double fps,
                               int quality, struct spin_video_out **out, const char **codec)
 {
     const char *format = format_of(path);
@@ -74,6 +74,7 @@ spin_status spin_video_create(const char *path, bool force, int width, int heigh
     /* swscale's vectors read past the last pixel; 16 more pixels are enough for any of them. */
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
+    v->out.sync = sync;
     if (shim->open(v->out.temporary, format, width, height, fps, quality, &v->writer, codec, why,
                    sizeof why) != 0) {
         status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, why);

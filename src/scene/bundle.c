@@ -640,10 +640,13 @@ uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsig
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-spin_status spin_bundle_writer_open(const char *path, bool force, struct spin_bundle_writer *w)
+spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
+                                    struct spin_bundle_writer *w)
 {
     memset(w, 0, sizeof *w);
-    return spin_zip_writer_open(path, force, &w->zip);
+    SPIN_TRY(spin_zip_writer_open(path, force, &w->zip));
+    w->zip.out.sync = sync;
+    return SPIN_OK;
 }
 
 static spin_status write_group(struct spin_bundle_writer *w, const char *group, int index,

@@ -78,7 +78,9 @@ struct spin_bundle_writer {
     struct spin_zip_writer zip;
     unsigned still_written;
 };
-spin_status spin_bundle_writer_open(const char *path, bool force, struct spin_bundle_writer *w);
+/* sync: on the disk before it has its name, as struct spin_out has it. */
+spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
+                                    struct spin_bundle_writer *w);
 /* Columns in `columns` of frame `index`; those in still_columns are written at index 0 only. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
                                     unsigned still_columns, const struct spin_splats *splats);

@@ -121,7 +121,7 @@ static uint8_t to_byte(float value)
     return value >= 1.0f ? 255 : (uint8_t)lrintf(value * 255.0f);
 }
 
-spin_status spin_image_save(const char *path, int width, int height, const float *image)
+spin_status spin_image_save(const char *path, int width, int height, const float *image, bool sync)
 {
     size_t plane = (size_t)width * (size_t)height;
     uint8_t *rgb = NULL;
@@ -132,7 +132,7 @@ spin_status spin_image_save(const char *path, int width, int height, const float
         for (size_t c = 0; c < 3; c++)
             rgb[3 * i + c] = to_byte(image[c * plane + i]);
     }
-    status = spin_image_write(path, width, height, rgb);
+    status = spin_image_write(path, width, height, rgb, sync);
     free(rgb);
     return status;
 }

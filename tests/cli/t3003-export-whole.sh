@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: export ply gltf glb splat compressed-ply spz
+# K: export ply gltf glb splat compressed-ply spz html images video
 # spin-export: what was written is what was meant, whole or not there at all: --check, --skip-complete, bad
 # values, a full disk, Ctrl-C.
 . tests/cli/lib.sh
@@ -97,6 +97,12 @@ for pair in $formats; do
 done
 run "$bin/spin-export" "$work/bad.spin" --to ply -o "$work/large" --max-scale 0 --json
 is "$(member left_out)" 1 "--max-scale 0 lets a large one through"
+run "$bin/spin-export" "$work/bad.spin" --to html -o "$work/bad.html" --json
+is "$(member left_out)" 2 "html: two splats are left out"
+err_has "2 of 12 splats left out: 2 larger than the scene" "html: and it says why"
+run "$bin/spin-export" "$in" --to html -o "$work/some.html" --every 3 --json
+is "$(member frames)" 2 "html: every third of four frames is two"
+is "$(member bytes)" "$(wc -c <"$work/some.html")" "html: says how large the page is"
 
 # ---- No room ---------------------------------------------------------------------------------------
 
@@ -119,6 +125,50 @@ code=$?
 fails 1 spin-export "one GLB: a limit on files"
 nothing_at "$work/full.glb" "one GLB: a limit on files"
 
+# What draws needs a clip with cameras; pictures go around the scene.
+run "$bin/spin-import" "$clip" --data "$clip" -o "$work/seen.spin"
+is "$code" 0 "imports a clip with cameras"
+around='--path orbit --repeat 100'
+videos=
+if "$bin/spin-export" -q "$work/seen.spin" --to video -o "$work/try.mp4" 2>"$work/err"; then
+    videos='mp4 webm'
+else
+    skip "videos" "$(cat "$work/err")"
+fi
+
+# whole_pictures FOLDER NAME: what is there is whole PNGs.
+whole_pictures() {
+    printf 'IEND\256B`\202' >"$work/iend"
+    bad=0
+    for file in $(find "$1" -type f 2>/dev/null); do
+        tail -c 8 "$file" | cmp -s - "$work/iend" || bad=1
+    done
+    is "$bad" 0 "$2: every picture there is whole"
+    is "$(find "$1" -type f ! -name '*.png' 2>/dev/null | wc -l)" 0 "$2: nothing else is there"
+}
+
+# draw TO OUT [LIMIT]: pictures or a video of the clip with cameras, below a limit on files.
+draw() {
+    # shellcheck disable=SC2086
+    (ulimit -f "${3:-unlimited}" && exec "$bin/spin-export" -q "$work/seen.spin" --to "$1" $around \
+        -o "$2" >"$work/out" 2>"$work/err")
+    code=$?
+}
+
+draw images "$work/full-images" 1
+fails 1 spin-export "images: a limit on files"
+nothing_half "$work/full-images" "images: a limit on files"
+for end in $videos; do
+    draw video "$work/full.$end" 16
+    fails 1 spin-export "$end: a limit on files"
+    nothing_at "$work/full.$end" "$end: a limit on files"
+done
+(ulimit -f 16 && exec "$bin/spin-export" -q "$in" --to html -o "$work/full.html" \
+    >"$work/out" 2>"$work/err")
+code=$?
+fails 1 spin-export "html: a limit on files"
+nothing_at "$work/full.html" "html: a limit on files"
+
 mkdir "$work/small"
 if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/null; then
     trap 'umount "$work/small"; rm -rf "$work"' EXIT
@@ -134,6 +184,21 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
     run "$bin/spin-export" -q "$in" --to gltf -o "$work/small/clip.glb"
     is "$code" 1 "one GLB: a full disk: exit code 1"
     nothing_at "$work/small/clip.glb" "one GLB: a full disk"
+    run "$bin/spin-export" -q "$in" --to html -o "$work/small/clip.html"
+    is "$code" 1 "html: a full disk: exit code 1"
+    err_has "^spin-export: .*No space left" "html: a full disk: says so"
+    nothing_at "$work/small/clip.html" "html: a full disk"
+    draw images "$work/small/images"
+    is "$code" 1 "images: a full disk: exit code 1"
+    err_has "^spin-export: .*No space left" "images: a full disk: says so"
+    whole_pictures "$work/small/images" "images: a full disk"
+    rm -rf "$work/small/images"
+    for end in $videos; do
+        draw video "$work/small/clip.$end"
+        is "$code" 1 "$end: a full disk: exit code 1"
+        err_has "^spin-export: .*No space left" "$end: a full disk: says so"
+        nothing_at "$work/small/clip.$end" "$end: a full disk"
+    done
 else
     skip "a full disk" "not root, or no tmpfs can be mounted"
 fi
@@ -178,5 +243,33 @@ code=$?
 [ "$code" = 0 ] || [ ! -e "$work/stop.glb" ]
 ok $? "one GLB: Ctrl-C leaves none"
 is "$(find "$work" -name 'stop.glb.tmp*' | wc -l)" 0 "one GLB: Ctrl-C: nothing half-written"
+
+# stopped COMMAND...: begin it, wait for the first file at $1, press Ctrl-C.
+stopped() {
+    place=$1
+    shift
+    "$@" >"$work/out" 2>"$work/err" &
+    pid=$!
+    while kill -0 $pid 2>/dev/null && [ -z "$(find "$work" -path "$place*" -type f)" ]; do :; done
+    kill -INT $pid 2>/dev/null
+    wait $pid
+    code=$?
+}
+
+# shellcheck disable=SC2086
+stopped "$work/stop-images" "$bin/spin-export" -q "$work/seen.spin" --to images $around \
+    -o "$work/stop-images"
+is "$code" 130 "images: Ctrl-C: exit code 130"
+whole_pictures "$work/stop-images" "images: Ctrl-C"
+for end in $videos; do
+    # shellcheck disable=SC2086
+    stopped "$work/stop.$end" "$bin/spin-export" -q "$work/seen.spin" --to video $around \
+        -o "$work/stop.$end"
+    is "$code" 130 "$end: Ctrl-C: exit code 130"
+    nothing_at "$work/stop.$end" "$end: Ctrl-C"
+done
+stopped "$work/stop.html" "$bin/spin-export" -q "$work/many.spin" --to html -o "$work/stop.html"
+is "$code" 130 "html: Ctrl-C: exit code 130"
+nothing_at "$work/stop.html" "html: Ctrl-C"
 
 done_testing

@@ -58,12 +58,12 @@ static void make_views(void)
             draw_wall(image);
             draw_square(image, row, 0.9f);
             image[W + 35] += row == 3 ? 0.5f : 0; /* a speck */
-            if (spin_image_save(path, W, H, image) != SPIN_OK)
+            if (spin_image_save(path, W, H, image, false) != SPIN_OK)
                 exit(1);
             if (camera == 0) {
                 memset(image, 0, sizeof image);
                 draw_square(image, row, row % 2 ? 1.0f : 1.0f / 255);
-                if (spin_image_save(mask, W, H, image) != SPIN_OK)
+                if (spin_image_save(mask, W, H, image, false) != SPIN_OK)
                     exit(1);
                 v.mask = mask;
             }

@@ -121,7 +121,7 @@ static void check_crops(void)
                 for (int x = left; x < left + 10; x++)
                     image[y * W + x] = 1;
             snprintf(path, sizeof path, "%s/%d_%d.png", folder, camera, row);
-            if (spin_image_save(path, W, H, image) != SPIN_OK ||
+            if (spin_image_save(path, W, H, image, false) != SPIN_OK ||
                 spin_views_add(views, &v) != SPIN_OK)
                 exit(1);
             pair[2 * row + camera] = (struct spin_pair){row, (size_t)(2 * row + camera)};

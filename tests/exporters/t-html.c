@@ -254,12 +254,16 @@ static void test_choice(void)
                                   .source_frame = source_frame};
     const char *pairs[] = {"max-splats", "12", "every", "2", "only", "after", "sh", "0", NULL};
     struct spin_plugin_values values = {pairs};
+    struct spin_export_report report = {.frames = 5, .splats_mean = 40};
     const spin_json *clip;
     spin_json *doc;
 
     job.values = &values;
+    job.report = &report;
     ok(run_clip(&job, 5) == SPIN_OK, "every second frame, twelve splats, one version");
     load(job.output);
+    ok(report.frames == 3 && report.splats_mean == 12 && report.bytes == strlen(page),
+       "the report is of what the page holds");
     clip = clip_of(&doc);
     ok(number(clip, "fps") == 15, "thirty frames a second, each standing for two");
     ok(spin_json_length(spin_json_get(clip, "numbers")) == 3, "three frames of five");

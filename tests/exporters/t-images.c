@@ -3,8 +3,7 @@
 #include "base/log.h"
 #include "io/file.h"
 #include "io/image.h"
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/exporters/frame.h"
 
 extern const struct spin_exporter spin_exporter_images;
 
@@ -66,9 +65,10 @@ static void make_views(struct spin_views *views, const char *image)
     }
 }
 
-static spin_status run(const struct spin_export_job *job)
+static struct spin_splats splats; /* 9 of them */
+
+static spin_status export_clip(const struct spin_export_job *job)
 {
-    struct spin_splats s = {.n = 9};
     void *self = NULL;
     spin_status status = spin_exporter_images.begin(job, &self);
 
@@ -77,7 +77,7 @@ static spin_status run(const struct spin_export_job *job)
     for (int i = 0; i < job->n_frames && status == SPIN_OK; i++) {
         struct spin_frame_info info = {.number = 40 + i, .n = 9};
 
-        status = spin_exporter_images.frame(self, i, &info, &s);
+        status = spin_exporter_images.frame(self, i, &info, &splats);
     }
     if (status == SPIN_OK)
         return spin_exporter_images.end(self);
@@ -105,23 +105,47 @@ static void test_renders(const struct spin_views *views)
     struct spin_plugin_values values = {all};
     struct spin_export_job job = make_job(views, "test", NULL);
 
-    ok(run(&job) == SPIN_OK && n_renders == 2, "renders the held-out views of paired frames");
+    ok(export_clip(&job) == SPIN_OK && n_renders == 2,
+       "renders the held-out views of paired frames");
     ok(pixel_is(job.output, "0/00040.png", 4, 3, 4, 9, 255) &&
            pixel_is(job.output, "0/00042.png", 4, 0, 4, 9, 255),
        "under camera and frame number");
-    ok(run(&job) == SPIN_E_IO && strstr(spin_last_error(), "--force"), "refuses a used folder");
+    ok(export_clip(&job) == SPIN_E_IO && strstr(spin_last_error(), "--force"),
+       "refuses a used folder");
     job.force = true;
-    ok(run(&job) == SPIN_OK, "unless told to");
+    ok(export_clip(&job) == SPIN_OK, "unless told to");
     n_renders = 0;
     job = make_job(views, "all", &values);
-    ok(run(&job) == SPIN_OK && n_renders == 4 &&
+    ok(export_clip(&job) == SPIN_OK && n_renders == 4 &&
            pixel_is(job.output, "3/00040.png", 5, 4, 5, 9, 255),
        "renders all views");
     values.pairs = compare;
     job = make_job(views, "compare", &values);
-    ok(run(&job) == SPIN_OK && pixel_is(job.output, "3/00042.png", 10, 0, 10, 20, 30) &&
+    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "3/00042.png", 10, 0, 10, 20, 30) &&
            pixel_is(job.output, "3/00042.png", 10, 9, 5, 9, 255),
        "puts the data set's image to the left");
+}
+
+/* What the rasteriser could not draw does not come to it, and is counted; what is only large does. */
+static void test_bad_rows(const struct spin_views *views)
+{
+    struct spin_export_report report = {0};
+    struct spin_export_job job = make_job(views, "bad", NULL);
+    struct spin_splats good = splats;
+
+    splats = (struct spin_splats){0};
+    make_frame(&splats, 13, 1, 5);
+    splats.means[3] = NAN;
+    splats.sh[12 * 4 + 11] = -INFINITY;
+    memset(splats.quats + 4 * 7, 0, 4 * sizeof(float));
+    splats.log_scales[3 * 8] = 60;
+    splats.log_scales[3 * 9] = 5;
+    job.report = &report;
+    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "0/00040.png", 4, 0, 4, 9, 255),
+       "draws without NaN, infinity, no rotation and scales beyond float: 4 of 13");
+    ok(report.left_out == 3 * 4, "and counts them, in every frame");
+    spin_splats_free(&splats);
+    splats = good;
 }
 
 static void test_failures(const struct spin_views *views)
@@ -132,17 +156,18 @@ static void test_failures(const struct spin_views *views)
     struct spin_export_job job = make_job(NULL, "never", NULL);
     struct spin_views only_test = *views;
 
-    ok(run(&job) == SPIN_E_USAGE && strstr(spin_last_error(), "--data"), "asks for --data");
+    ok(export_clip(&job) == SPIN_E_USAGE && strstr(spin_last_error(), "--data"), "asks for --data");
     job = make_job(views, "never", &values);
-    ok(run(&job) == SPIN_E_USAGE && strstr(spin_last_error(), "'some'"), "refuses other views");
+    ok(export_clip(&job) == SPIN_E_USAGE && strstr(spin_last_error(), "'some'"),
+       "refuses other views");
     only_test.n = 1;
     values.pairs = train;
     job = make_job(&only_test, "never", &values);
-    ok(run(&job) == SPIN_E_NOT_FOUND && strstr(spin_last_error(), "no train views"),
+    ok(export_clip(&job) == SPIN_E_NOT_FOUND && strstr(spin_last_error(), "no train views"),
        "says when there are no such views");
     renderer_fails = true;
     job = make_job(views, "never", NULL);
-    ok(run(&job) == SPIN_E_DEVICE && !spin_path_exists(job.output),
+    ok(export_clip(&job) == SPIN_E_DEVICE && !spin_path_exists(job.output),
        "leaves nothing when rendering fails");
     renderer_fails = false;
 }
@@ -160,10 +185,13 @@ TAP_MAIN
     spin_log_set_level(-2);
     snprintf(folder, sizeof folder, "%s", check_folder());
     snprintf(image, sizeof image, "%s/source.png", folder);
-    if (!ok(spin_image_write(image, 1, 1, colour) == SPIN_OK, "makes an image"))
+    if (!ok(spin_image_write(image, 1, 1, colour, false) == SPIN_OK, "makes an image"))
         return;
     make_views(&views, image);
+    make_frame(&splats, 9, 0, 3);
     test_renders(&views);
+    test_bad_rows(&views);
     test_failures(&views);
     spin_views_free(&views);
+    spin_splats_free(&splats);
 }

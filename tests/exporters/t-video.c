@@ -6,8 +6,7 @@
 #include "io/file.h"
 #include "io/image.h"
 #include "io/video.h"
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/exporters/frame.h"
 
 extern const struct spin_exporter spin_exporter_video, spin_exporter_images;
 
@@ -45,7 +44,9 @@ static spin_status source_frame(void *of, int frame, struct spin_splats *out)
 {
     (void)of;
     (void)frame;
-    return spin_splats_reserve(out, 4, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0);
+    make_frame(out, 5, 0, 7);
+    out->logit_opacities[2] = NAN; /* 4 can be drawn */
+    return SPIN_OK;
 }
 
 static const char *named(const char *name)
@@ -78,23 +79,25 @@ static void make_views(struct spin_views *views, const char *image)
     }
 }
 
-static spin_status run(const struct spin_exporter *exporter, const struct spin_export_job *job)
+static spin_status export_clip(const struct spin_exporter *exporter,
+                               const struct spin_export_job *job)
 {
-    float means[27] = {0};
-    struct spin_splats s = {.n = 9, .means = means};
+    struct spin_splats s = {0};
     void *self = NULL;
     spin_status status = exporter->begin(job, &self);
 
     n_renders = 0;
-    for (int i = 0; i < 9; i++)
-        means[3 * i] = (float)(i - 4) / 4;
     if (status != SPIN_OK)
         return status;
+    make_frame(&s, 9, 0, 3);
+    for (int i = 0; i < 27; i++)
+        s.means[i] = i % 3 == 0 ? (float)(i / 3 - 4) / 4 : 0;
     for (int i = 0; i < job->n_frames && status == SPIN_OK; i++) {
         struct spin_frame_info info = {.number = 10 + i, .n = 9};
 
         status = exporter->frame(self, i, &info, &s);
     }
+    spin_splats_free(&s);
     if (status == SPIN_OK)
         return exporter->end(self);
     exporter->abort(self);
@@ -131,7 +134,8 @@ static void check_file(const struct spin_export_job *job, const char *what)
     int64_t n = 0;
     double least = 99;
 
-    if (!ok(run(&spin_exporter_video, job) == SPIN_OK, "%s: writes: %s", what, spin_last_error()))
+    if (!ok(export_clip(&spin_exporter_video, job) == SPIN_OK, "%s: writes: %s", what,
+            spin_last_error()))
         return;
     ok(spin_video_info(job->output, &w, &h, &n) == SPIN_OK && w == W && h == H && n == FRAMES,
        "%s: %lld frames of %dx%d", what, (long long)n, w, h);
@@ -149,14 +153,14 @@ static void test_files(struct spin_export_job job)
 
     job.output = named("clip.mp4");
     check_file(&job, "mp4");
-    ok(run(&spin_exporter_video, &job) == SPIN_E_IO && strstr(spin_last_error(), "--force"),
+    ok(export_clip(&spin_exporter_video, &job) == SPIN_E_IO && strstr(spin_last_error(), "--force"),
        "does not overwrite, and names --force");
     job.output = named("clip.webm");
     check_file(&job, "webm");
     ok(seen[0].w2c[11] == 5, "from the held-out camera");
     job.output = named("pair.mp4");
     job.values = &values;
-    ok(run(&spin_exporter_video, &job) == SPIN_OK, "two panels, each frame twice");
+    ok(export_clip(&spin_exporter_video, &job) == SPIN_OK, "two panels, each frame twice");
     ok(spin_video_info(job.output, &w, &h, &n) == SPIN_OK && w == 2 * W && n == 2 * FRAMES,
        "a wide video, twice as long");
     ok(quality(job.output, 3, 6, 4, 0, 2) > 24 && quality(job.output, 3, 7, 9, 1, 2) > 24,
@@ -183,7 +187,7 @@ static void test_orbit(struct spin_export_job job)
 
     job.values = &values;
     job.output = named("orbit");
-    ok(run(&spin_exporter_images, &job) == SPIN_OK && n_renders == 4 * FRAMES,
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 4 * FRAMES,
        "pictures all around the scene");
     ok(spin_path_exists(named("orbit/orbit/00019.png")) &&
            !spin_path_exists(named("orbit/orbit/00020.png")),
@@ -201,7 +205,7 @@ static void test_orbit(struct spin_export_job job)
     near(seen[10].w2c[10], -1, 1e-9, "and from behind half-way");
     values.pairs = spiral;
     job.output = named("spiral");
-    ok(run(&spin_exporter_images, &job) == SPIN_OK, "and in a spiral");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK, "and in a spiral");
     for (int i = 0; i < n_renders; i++) {
         double away = looks_from(&seen[i], &at_middle);
 
@@ -262,7 +266,7 @@ TAP_MAIN
         skip("videos and paths", spin_last_error());
         return;
     }
-    ok(spin_image_write(named("source.png"), 1, 1, colour) == SPIN_OK, "makes an image");
+    ok(spin_image_write(named("source.png"), 1, 1, colour, false) == SPIN_OK, "makes an image");
     make_views(&views, named("source.png"));
     test_orbit(job);
     if (spin_video_start() != SPIN_OK) {

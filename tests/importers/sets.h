@@ -17,7 +17,7 @@ static inline void make_image(const char *folder, const char *name, int width, i
 {
     uint8_t *rgb = calloc((size_t)width * (size_t)height, 3);
 
-    if (!rgb || spin_image_write(path_in(folder, name), width, height, rgb) != SPIN_OK) {
+    if (!rgb || spin_image_write(path_in(folder, name), width, height, rgb, false) != SPIN_OK) {
         printf("# %s\n", spin_last_error());
         exit(1);
     }

@@ -1,4 +1,5 @@
 /* Maps, paths, folders, write-then-rename, peeks.  K: io file */
+#include <errno.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -169,6 +170,40 @@ static size_t n_entries(const char *path)
     return n;
 }
 
+/* In place of the C library's: counts, and fails on demand. */
+static int n_syncs;
+static bool sync_fails;
+
+int fsync(int fd)
+{
+    (void)fd;
+    n_syncs++;
+    errno = EIO;
+    return sync_fails ? -1 : 0;
+}
+
+static void syncs(void)
+{
+    struct spin_out out;
+
+    for (int wanted = 0; wanted < 2; wanted++) {
+        n_syncs = 0;
+        ok(spin_out_open(in_root("out/s"), true, &out) == SPIN_OK && !out.sync,
+           "a writer does not wait for the disk by itself");
+        out.sync = wanted;
+        ok(spin_out_write(&out, "one", 3) == SPIN_OK && spin_out_commit(&out) == SPIN_OK &&
+               n_syncs == wanted,
+           wanted ? "but when told to" : "and does not");
+    }
+    unlink(in_root("out/s"));
+    sync_fails = true;
+    ok(spin_out_open(in_root("out/s"), true, &out) == SPIN_OK, "opens one more");
+    out.sync = true;
+    error_is(spin_out_commit(&out), SPIN_E_IO, "out/s", "a disk that fails then is an error");
+    ok(!spin_path_exists(in_root("out/s")), "which leaves nothing");
+    sync_fails = false;
+}
+
 static void outputs(void)
 {
     struct spin_out out;
@@ -308,6 +343,7 @@ TAP_MAIN
     paths();
     folders();
     outputs();
+    syncs();
     full_disk();
     peeks();
     forgets();

@@ -261,15 +261,15 @@ static void test_round_trip(void)
     for (int i = 0; i < 3 * W * H; i++)
         pixels[i] = (uint8_t)(i * 37 + i / 7);
     snprintf(path, sizeof path, "%s/out.png", folder);
-    ok(spin_image_write(path, W, H, pixels) == SPIN_OK, "writes a PNG");
-    ok(spin_image_write(path, W, H, pixels) == SPIN_OK, "writes it again");
+    ok(spin_image_write(path, W, H, pixels, false) == SPIN_OK, "writes a PNG");
+    ok(spin_image_write(path, W, H, pixels, false) == SPIN_OK, "writes it again");
     if (ok(spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_OK && w == W && h == H,
            "reads it back"))
         check_same_bits(rgb, pixels, sizeof pixels, "the same pixels");
     free(rgb);
     ok(spin_folder_list(folder, &names, &n) == SPIN_OK && n == 1, "leaves nothing beside it");
     spin_folder_list_free(names);
-    ok(spin_image_write("no/such/folder/x.png", W, H, pixels) != SPIN_OK,
+    ok(spin_image_write("no/such/folder/x.png", W, H, pixels, false) != SPIN_OK,
        "cannot write into a missing folder");
 }
 

@@ -69,7 +69,7 @@ static const char *write_clip(unsigned columns, unsigned still,
     fill_meta(&meta, columns, still);
     if (change)
         change(&meta);
-    if (spin_bundle_writer_open(path, false, &w) != SPIN_OK)
+    if (spin_bundle_writer_open(path, false, false, &w) != SPIN_OK)
         exit(1);
     for (int f = 0; f < FRAMES; f++) {
         fill(&s, f, columns, still != 0);
@@ -153,7 +153,7 @@ static void test_copy(void)
     if (!ok(spin_bundle_open(write_clip(all_columns, 0, NULL, NULL), &b) == SPIN_OK,
             "opens a source"))
         return;
-    ok(spin_bundle_writer_open(path, false, &w) == SPIN_OK &&
+    ok(spin_bundle_writer_open(path, false, false, &w) == SPIN_OK &&
            spin_bundle_copy_source(&w, &b) == SPIN_OK &&
            spin_bundle_writer_finish(&w, &b.meta, NULL) == SPIN_OK,
        "copies the source");
@@ -173,7 +173,7 @@ static const char *write_refined(const char *frames, bool network)
     spin_json *extra = NULL;
 
     fill_meta(&meta, SPIN_COL_MEANS, 0);
-    if (spin_bundle_writer_open(path, false, &w) != SPIN_OK)
+    if (spin_bundle_writer_open(path, false, false, &w) != SPIN_OK)
         exit(1);
     for (int f = 0; f < FRAMES; f++) {
         fill(&s, f, SPIN_COL_MEANS, false);
@@ -446,9 +446,9 @@ static void test_overwrite(void)
     struct spin_bundle_writer w;
     struct spin_bundle b;
 
-    ok(spin_bundle_writer_open(path, false, &w) == SPIN_E_IO,
+    ok(spin_bundle_writer_open(path, false, false, &w) == SPIN_E_IO,
        "what exists is not overwritten unasked");
-    ok(spin_bundle_writer_open(path, true, &w) == SPIN_OK, "but it is when asked");
+    ok(spin_bundle_writer_open(path, true, false, &w) == SPIN_OK, "but it is when asked");
     spin_bundle_writer_abandon(&w);
     ok(spin_bundle_open(path, &b) == SPIN_OK, "an abandoned writer leaves it as it was");
     spin_bundle_close(&b);

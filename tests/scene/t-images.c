@@ -52,7 +52,7 @@ static void test_save(const char *path)
     int w = 0, h = 0;
     uint8_t *rgb = NULL;
 
-    ok(spin_image_save(path, 4, 1, image) == SPIN_OK, "saves");
+    ok(spin_image_save(path, 4, 1, image, false) == SPIN_OK, "saves");
     if (ok(spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_OK && w == 4 && h == 1,
            "reads it back"))
         check_same_bits(rgb, want, sizeof want, "clamped and rounded");
@@ -73,7 +73,7 @@ TAP_MAIN
     snprintf(other, sizeof other, "%s/b.png", folder);
     for (int i = 0; i < W * H * 3; i++)
         ((uint8_t *)source)[i] = (uint8_t)(i * i * 31 + i * 7);
-    ok(spin_image_write(path, W, H, &source[0][0][0]) == SPIN_OK, "writes the source");
+    ok(spin_image_write(path, W, H, &source[0][0][0], false) == SPIN_OK, "writes the source");
     test_size(path, W, H);
     test_size(path, 6, 3);
     test_size(path, 4, 2);

@@ -162,7 +162,7 @@ static void test_pixels(void)
     for (int i = 0; i < W * H * 3; i++)
         rgb[i] = (uint8_t)(7 * i);
     snprintf(path, sizeof path, "%s/image.png", check_folder());
-    ok(spin_image_write(path, W, H, rgb) == SPIN_OK, "writes an image");
+    ok(spin_image_write(path, W, H, rgb, false) == SPIN_OK, "writes an image");
     v.path = path;
     for (int i = 0; i < 4; i++) {
         v.camera.width = i == 1 ? W / 2 : i == 3 ? W + 3 : W;
