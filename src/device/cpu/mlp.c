@@ -33,11 +33,9 @@ typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alia
 
 /* ---- matrix product -------------------------------------------------------------------------- */
 
-/* Where the sums start. */
-enum start { FROM_ZERO, FROM_BIAS, FROM_C };
-
 /* C [m][n] = start + A B, with A(i, k) = a[i * a_row + k * a_col], rows of B and C ldb and ldc
- * apart. */
+ * apart. Sums start from zero, or from the rows of `from`, from_ld apart: 0 for a bias. n is a
+ * multiple of 16. */
 struct product {
     int m, n, k;
     const float *a;
@@ -46,28 +44,21 @@ struct product {
     size_t ldb;
     float *c;
     size_t ldc;
-    enum start start;
-    const float *bias; /* [n] */
+    const float *from;
+    size_t from_ld;
 };
 
 /* rows and vecs are constants where it is inlined, so the sums live in registers. */
 ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_row, size_t a_col,
-                        const float *a, const float *b, float *c, const float *bias)
+                        const float *a, const float *b, const float *from, float *c)
 {
     vec sum[TILE_ROWS][TILE_VECS];
-    size_t ldb = x->ldb, ldc = x->ldc;
+    size_t ldb = x->ldb, ldc = x->ldc, from_ld = x->from_ld;
     int n_k = x->k;
 
-    for (int i = 0; i < rows; i++) {
-        for (int j = 0; j < vecs; j++) {
-            if (x->start == FROM_BIAS)
-                sum[i][j] = *(const vec_at *)(bias + j * LANES);
-            else if (x->start == FROM_C)
-                sum[i][j] = *(const vec_at *)(c + (size_t)i * ldc + j * LANES);
-            else
-                sum[i][j] = (vec){0};
-        }
-    }
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < vecs; j++)
+            sum[i][j] = *(const vec_at *)(from + (size_t)i * from_ld + j * LANES);
     for (int k = 0; k < n_k; k++) {
         vec right[TILE_VECS];
 
@@ -87,49 +78,71 @@ ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_ro
             *(vec_at *)(c + (size_t)i * ldc + j * LANES) = sum[i][j];
 }
 
-/* All rows of one column of tiles: sixes, then fours, then ones. */
+/* All rows of one column of tiles from n0 on: sixes, then fours, then ones. One of a_row and a_col
+ * is 1 and said so as a constant. */
 ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_t a_col, int n0)
 {
-    const float *b = x->b + n0, *bias = x->bias ? x->bias + n0 : NULL;
+    static const float zeros[TILE_VECS * LANES];
+    const float *a = x->a, *b = x->b + n0, *from = x->from ? x->from + n0 : zeros;
+    float *c = x->c + n0;
     int i = 0;
 
-    for (; i + 6 <= x->m; i += 6)
-        tile(x, 6, vecs, a_row, a_col, x->a + (size_t)i * a_row, b, x->c + (size_t)i * x->ldc + n0,
-             bias);
-    for (; i + 4 <= x->m; i += 4)
-        tile(x, 4, vecs, a_row, a_col, x->a + (size_t)i * a_row, b, x->c + (size_t)i * x->ldc + n0,
-             bias);
-    for (; i < x->m; i++)
-        tile(x, 1, vecs, a_row, a_col, x->a + (size_t)i * a_row, b, x->c + (size_t)i * x->ldc + n0,
-             bias);
-}
-
-/* n is a multiple of 16. One of a_row and a_col is 1 and said so as a constant. */
-ALWAYS_INLINE void columns(const struct product *x, size_t a_row, size_t a_col)
-{
-    int n0 = 0;
-
-    for (; n0 + TILE_VECS * LANES <= x->n; n0 += TILE_VECS * LANES)
-        column(x, TILE_VECS, a_row, a_col, n0);
-    switch ((x->n - n0) / LANES) {
-    case 3:
-        column(x, TILE_VECS < 3 ? TILE_VECS : 3, a_row, a_col, n0);
-        break;
-    case 2:
-        column(x, TILE_VECS < 2 ? TILE_VECS : 2, a_row, a_col, n0);
-        break;
-    case 1:
-        column(x, 1, a_row, a_col, n0);
-        break;
-    default:
-        break;
+    for (; i + 6 <= x->m; i += 6) {
+        tile(x, 6, vecs, a_row, a_col, a, b, from, c);
+        a += 6 * a_row, from += 6 * x->from_ld, c += 6 * x->ldc;
+    }
+    for (; i + 4 <= x->m; i += 4) {
+        tile(x, 4, vecs, a_row, a_col, a, b, from, c);
+        a += 4 * a_row, from += 4 * x->from_ld, c += 4 * x->ldc;
+    }
+    for (; i < x->m; i++) {
+        tile(x, 1, vecs, a_row, a_col, a, b, from, c);
+        a += a_row, from += x->from_ld, c += x->ldc;
     }
 }
 
-static void multiply(const struct product *x) { columns(x, x->a_row, 1); }
+/* A function for each width: in one together the compiler runs out of registers. */
+#define COLUMN(name, vecs, a_row, a_col)                                                           \
+    static __attribute__((noinline)) void name(const struct product *x, int n0)                    \
+    {                                                                                              \
+        column(x, vecs < TILE_VECS ? vecs : TILE_VECS, a_row, a_col, n0);                          \
+    }
+COLUMN(column_1, 1, x->a_row, 1)
+COLUMN(column_2, 2, x->a_row, 1)
+COLUMN(column_3, 3, x->a_row, 1)
+COLUMN(column_4, 4, x->a_row, 1)
+COLUMN(column_turned_1, 1, 1, x->a_col)
+COLUMN(column_turned_2, 2, 1, x->a_col)
+COLUMN(column_turned_3, 3, 1, x->a_col)
+COLUMN(column_turned_4, 4, 1, x->a_col)
+
+typedef void column_fn(const struct product *x, int n0);
+
+static void columns(const struct product *x, column_fn *const of_width[])
+{
+    int n0 = 0, width = TILE_VECS * LANES;
+
+    for (; n0 + width <= x->n; n0 += width)
+        of_width[TILE_VECS - 1](x, n0);
+    if (n0 < x->n)
+        of_width[(x->n - n0) / LANES - 1](x, n0);
+}
+
+static void multiply(const struct product *x)
+{
+    static column_fn *const of_width[] = {column_1, column_2, column_3, column_4};
+
+    columns(x, of_width);
+}
 
 /* A is stored transposed: the sum runs over its rows. */
-static void multiply_transposed(const struct product *x) { columns(x, 1, x->a_col); }
+static void multiply_transposed(const struct product *x)
+{
+    static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
+                                          column_turned_4};
+
+    columns(x, of_width);
+}
 
 /* ---- weights, padded ------------------------------------------------------------------------- */
 
@@ -216,8 +229,10 @@ struct job {
 static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
                                           SPIN_ATTR_OPACITY};
 
-/* y [m][ld] = x [m][n_in, x_ld apart] W + bias of piece w and the one behind it. */
-static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y)
+/* y [m][padded n_out, y_ld apart] = x [m][n_in, x_ld apart] W + bias of piece w and the one behind
+ * it. */
+static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y,
+                  size_t y_ld)
 {
     const struct piece *piece = &job->turned.of[h][w];
     struct product product = {.m = m,
@@ -229,9 +244,8 @@ static void layer(const struct job *job, int h, int w, int m, const float *x, si
                               .b = job->turned_w + piece->at,
                               .ldb = piece->ld,
                               .c = y,
-                              .ldc = piece->ld,
-                              .start = FROM_BIAS,
-                              .bias = job->turned_w + piece[1].at};
+                              .ldc = y_ld,
+                              .from = job->turned_w + piece[1].at};
 
     multiply(&product);
 }
@@ -246,26 +260,45 @@ static void activate(bool relu, size_t n, float *restrict x)
             x[i] = spin_gelu(x[i]);
 }
 
+/* Lines of memory that are needed soon. */
+ALWAYS_INLINE void fetch(const float *from, size_t n, int to_write)
+{
+    for (size_t i = 0; i < n; i += 16) {
+        if (to_write)
+            __builtin_prefetch(from + i, 1);
+        else
+            __builtin_prefetch(from + i);
+    }
+}
+
 static void mlp_task(void *context, int task, int worker)
 {
     const struct job *job = context;
     size_t first = (size_t)task * BLOCK, n_in = (size_t)job->heads->n_in;
     int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
-    size_t hidden_p = padded(job->heads->hidden);
+    size_t ld = padded(job->heads->hidden);
     float *h1 = job->work + (size_t)worker * job->work_floats;
-    float *h2 = h1 + BLOCK * hidden_p, *out = h2 + BLOCK * hidden_p;
+    float *h2 = h1 + BLOCK * ld, *out = h2 + BLOCK * ld;
 
+    fetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
+    if (job->n - first > 2 * BLOCK)
+        fetch(job->z + (first + BLOCK) * n_in, BLOCK * n_in, 0);
     for (int h = 0; h < SPIN_HEADS; h++) {
         size_t n_out = (size_t)job->heads->n_out[h], out_ld = padded(job->heads->n_out[h]);
         float *raw = job->raw + first * SPIN_ATTR + column_of[h];
 
-        layer(job, h, W1, m, job->z + first * n_in, n_in, h1);
-        activate(job->heads->relu, (size_t)m * hidden_p, h1);
-        layer(job, h, W2, m, h1, hidden_p, h2);
-        activate(job->heads->relu, (size_t)m * hidden_p, h2);
-        layer(job, h, W3, m, h2, hidden_p, out);
-        for (int i = 0; i < m; i++)
-            memcpy(raw + (size_t)i * SPIN_ATTR, out + (size_t)i * out_ld, n_out * sizeof *raw);
+        layer(job, h, W1, m, job->z + first * n_in, n_in, h1, ld);
+        activate(job->heads->relu, (size_t)m * ld, h1);
+        layer(job, h, W2, m, h1, ld, h2, ld);
+        activate(job->heads->relu, (size_t)m * ld, h2);
+        if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) { /* later heads overwrite the padding */
+            layer(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
+            continue;
+        }
+        layer(job, h, W3, m, h2, ld, out, out_ld);
+        for (size_t i = 0; i < (size_t)m; i++)
+            for (size_t j = 0; j < n_out; j++)
+                raw[i * SPIN_ATTR + j] = out[i * out_ld + j];
     }
 }
 
@@ -336,9 +369,9 @@ static void activate_both(bool relu, size_t n, float *restrict x, float *restric
             x[i] = spin_gelu_both(x[i], &slope[i]);
 }
 
-/* d_x [m][ld] (+)= d_y [m][d_y_ld] W. */
+/* d_x [m][ld] = d_y [m][d_y_ld] W, or is added to. */
 static void layer_back(const struct job *job, int h, int w, int m, const float *d_y, size_t d_y_ld,
-                       enum start start, float *d_x)
+                       bool add, float *d_x)
 {
     const struct piece *piece = &job->plain.of[h][w];
     struct product product = {.m = m,
@@ -351,7 +384,8 @@ static void layer_back(const struct job *job, int h, int w, int m, const float *
                               .ldb = piece->ld,
                               .c = d_x,
                               .ldc = piece->ld,
-                              .start = start};
+                              .from = add ? d_x : NULL,
+                              .from_ld = add ? piece->ld : 0};
 
     multiply(&product);
 }
@@ -371,7 +405,8 @@ static void weights_back(const struct job *job, int h, int w, int m, const float
                               .ldb = piece->ld,
                               .c = partial + piece->at,
                               .ldc = piece->ld,
-                              .start = FROM_C};
+                              .from = partial + piece->at,
+                              .from_ld = piece->ld};
 
     multiply_transposed(&product);
 }
@@ -396,9 +431,9 @@ static void head_back(const struct job *job, int h, int m, const float *d_raw, c
            out_ld = padded(heads->n_out[h]);
     size_t n_out = (size_t)heads->n_out[h];
 
-    layer(job, h, W1, m, w->z, in_ld, w->a1);
+    layer(job, h, W1, m, w->z, in_ld, w->a1, ld);
     activate_both(heads->relu, (size_t)m * ld, w->a1, w->slope1);
-    layer(job, h, W2, m, w->a1, ld, w->a2);
+    layer(job, h, W2, m, w->a1, ld, w->a2, ld);
     activate_both(heads->relu, (size_t)m * ld, w->a2, w->slope2);
 
     for (int i = 0; i < m; i++) {
@@ -411,13 +446,13 @@ static void head_back(const struct job *job, int h, int m, const float *d_raw, c
         }
     }
     weights_back(job, h, W3, m, w->d_out, out_ld, w->a2, partial);
-    layer_back(job, h, W3, m, w->d_out, out_ld, FROM_ZERO, w->d);
+    layer_back(job, h, W3, m, w->d_out, out_ld, false, w->d);
     through_activation(m, ld, w->d, w->slope2, partial + piece[B2].at);
     weights_back(job, h, W2, m, w->d, ld, w->a1, partial);
-    layer_back(job, h, W2, m, w->d, ld, FROM_ZERO, w->a2);
+    layer_back(job, h, W2, m, w->d, ld, false, w->a2);
     through_activation(m, ld, w->a2, w->slope1, partial + piece[B1].at);
     weights_back(job, h, W1, m, w->a2, ld, w->z, partial);
-    layer_back(job, h, W1, m, w->a2, ld, h == 0 ? FROM_ZERO : FROM_C, w->d_z);
+    layer_back(job, h, W1, m, w->a2, ld, h > 0, w->d_z);
 }
 
 static void block_back(const struct job *job, size_t first, const struct work *w, float *partial)
