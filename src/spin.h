@@ -443,6 +443,9 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
 
 /* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. */
 enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT };
+/* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
+ * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
+enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
 enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 
 /* NONE: not even the contraction; splats outside the unit cube share one set of attributes. */
@@ -473,8 +476,10 @@ struct spin_retrain_options {
     bool camera_colour;    /* learn a gain and offset of every training camera */
     double lr_camera;      /* their rate; 1e-3 */
     double lr_head_factor; /* on the four head rates; 1 */
-    double scale_bias;     /* -5; NaN: auto, log of the median distance to 3 neighbours */
-    bool relu;             /* ReLU in the heads instead of GELU */
+    enum spin_residual residual; /* what the network adds to */
+    double lr_residual;          /* on 3DGS's rates for a splat's own values; 1; 0: they stay */
+    double scale_bias;           /* -5; NaN: auto, log of the median distance to 3 neighbours */
+    bool relu;                   /* ReLU in the heads instead of GELU */
     enum spin_normalise normalise;
     double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
     int views_per_frame;                          /* of a batch taken from one frame; 1 */

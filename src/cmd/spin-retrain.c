@@ -8,6 +8,7 @@
 static struct spin_retrain_options options;
 static struct spin_opt_common common;
 static struct spin_opt_ints test_cameras;
+static const char *residual = "off";
 static const char *method = "network", *refine_start = "points", *densify = "on";
 static const char *activation = "gelu";
 
@@ -205,6 +206,12 @@ static const struct spin_opt_row rows[] = {
                     "move and scale the scene where it enters the network; none: without the "
                     "contraction (off)",
                     &options, parse_normalise),
+    SPIN_OPT("residual", 0, "off|points|source",
+             "let the network add to values of every splat's own: off, from points' spacing and "
+             "colour, from the source's attributes or the refined frame's (off)",
+             SPIN_OPT_CHOICE, &residual, 0, 0),
+    SPIN_OPT("lr-residual", 0, "F", "on 3DGS's rates for these values; 0: they stay (1)",
+             SPIN_OPT_DOUBLE, &options.lr_residual, 0, 1000),
     SPIN_OPT("activation", 0, "gelu|relu", "of the heads (gelu)", SPIN_OPT_CHOICE, &activation, 0,
              0),
     SPIN_OPT_HEADING("Machine"),
@@ -342,6 +349,10 @@ int main(int argc, char **argv)
     if (!strcmp(refine_start, "source"))
         options.refine_start = SPIN_REFINE_FROM_SOURCE;
     options.no_densify = !strcmp(densify, "off");
+    if (!strcmp(residual, "points"))
+        options.residual = SPIN_RESIDUAL_POINTS;
+    if (!strcmp(residual, "source"))
+        options.residual = SPIN_RESIDUAL_SOURCE;
     options.relu = !strcmp(activation, "relu");
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;

@@ -10,6 +10,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "core/knn.h"
+#include "scene/bundle.h"
 #include "math/attr.h"
 #include "math/rng.h"
 
@@ -87,6 +88,25 @@ spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const
     for (size_t i = 0; i < n; i++)
         start_point(&out->point[i].p, pos_w + 3 * i, rgb ? rgb + 3 * i : NULL, dist2[i]);
 out:
+    free(block);
+    return status;
+}
+
+spin_status spin_refine_init_from_colours(const struct spin_splats *s,
+                                          struct spin_refine_cloud *out)
+{
+    size_t width = spin_column_width(SPIN_COL_SH, s->sh_degree);
+    void *block = NULL;
+    float *rgb;
+    spin_status status;
+
+    if (s->rgb || !s->sh)
+        return spin_refine_init_from_points(NULL, s->n, s->means, s->rgb, out);
+    SPIN_TRY(spin_alloc(3 * s->n + 1, sizeof(float), &block));
+    rgb = block;
+    for (size_t i = 0; i < 3 * s->n; i++)
+        rgb[i] = (float)(sh_c0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
+    status = spin_refine_init_from_points(NULL, s->n, s->means, rgb, out);
     free(block);
     return status;
 }

@@ -36,6 +36,9 @@ void spin_refine_cloud_free(struct spin_refine_cloud *cloud);
  * rotation, opacity 0.1. pos_w [n][3] must be finite; rgb [n][3] is 0..1, or NULL for mid grey. */
 spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const float *pos_w,
                                          const float *rgb, struct spin_refine_cloud *out);
+/* The same from splats with rgb, with SH of which the first coefficient is a colour, or with neither. */
+spin_status spin_refine_init_from_colours(const struct spin_splats *splats,
+                                          struct spin_refine_cloud *out);
 /* The start from finished splats with all attribute columns; SH beyond the first is left behind. */
 spin_status spin_refine_init_from_splats(const struct spin_splats *splats,
                                          struct spin_refine_cloud *out);

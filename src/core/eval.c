@@ -106,7 +106,7 @@ static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *ou
             out->source += member->packed_size;
         else if (begins(member->name, "refined/"))
             out->refined += member->packed_size;
-        else if (begins(member->name, "network/means/"))
+        else if (begins(member->name, "network/means/") || begins(member->name, "network/own/"))
             out->positions += member->packed_size;
         else if (begins(member->name, "network/table"))
             out->table += member->packed_size;

@@ -146,6 +146,18 @@ void spin_model_clear_sh(const struct spin_model *model, float *heads)
     memset(w3 + n_out * hidden + 3, 0, (n_out - 3) * sizeof *w3);
 }
 
+void spin_model_clear_heads(const struct spin_model *model, float *heads)
+{
+    const struct spin_heads *h = &model->heads;
+    size_t hidden = (size_t)h->hidden;
+
+    for (int k = 0; k < SPIN_HEADS; k++) {
+        size_t n = (size_t)h->n_out[k] * (hidden + 1);
+
+        memset(heads + h->offset[k + 1] - n, 0, n * sizeof *heads);
+    }
+}
+
 float spin_model_time(const struct spin_model *model, double time)
 {
     double span = model->time_last - model->time_first;
@@ -354,7 +366,8 @@ void spin_decode_close(struct spin_decode *w, const struct spin_model *model)
 }
 
 void spin_decode_forward(struct spin_decode *w, const struct spin_model *model, float *table,
-                         const float *heads, size_t n, const float *pos_w, float t)
+                         const float *heads, size_t n, const float *pos_w, float t,
+                         const float *own)
 {
     struct spin_device *d = w->device;
 
@@ -365,12 +378,14 @@ void spin_decode_forward(struct spin_decode *w, const struct spin_model *model, 
     else
         SPIN_TIMED(d, SPIN_OP_GRID, d->op->grid(d, &model->grid, table, n, w->x_u, w->z));
     SPIN_TIMED(d, SPIN_OP_MLP, d->op->mlp(d, &model->heads, heads, n, w->z, w->raw));
+    if (own)
+        SPIN_TIMED(d, SPIN_OP_ATTR, d->op->own(d, n, own, w->raw));
     SPIN_TIMED(d, SPIN_OP_ATTR, d->op->attr(d, n, w->raw, w->attr));
 }
 
 void spin_decode_backward(struct spin_decode *w, const struct spin_model *model, const float *table,
                           const float *heads, size_t n, const float *pos_w, float *d_table,
-                          float *d_heads, float *d_pos_w)
+                          float *d_heads, float *d_pos_w, float *d_own)
 {
     struct spin_device *d = w->device;
     size_t n_rows;
@@ -378,6 +393,8 @@ void spin_decode_backward(struct spin_decode *w, const struct spin_model *model,
     SPIN_TIMED(d, SPIN_OP_ACTIVE, n_rows = d->op->active(d, n, w->d_attr, d_pos_w, w->rows));
     SPIN_TIMED(d, SPIN_OP_ATTR_BACK,
                d->op->attr_back(d, n_rows, w->rows, w->raw, w->d_attr, w->d_raw));
+    if (d_own)
+        SPIN_TIMED(d, SPIN_OP_ATTR_BACK, d->op->own_back(d, n, n_rows, w->rows, w->d_raw, d_own));
     SPIN_TIMED(
         d, SPIN_OP_MLP_BACK,
         d->op->mlp_back(d, &model->heads, heads, n_rows, w->rows, w->z, w->d_raw, d_heads, w->d_z));

@@ -28,6 +28,8 @@ void spin_model_init(const struct spin_model *model, uint64_t seed, double scale
 /* First values of a run in which the degrees of SH join one after the other: the colour head says 0 for
  * every coefficient but the first, as 3DGS begins. They have no gradient, and stay, until they join. */
 void spin_model_clear_sh(const struct spin_model *model, float *heads);
+/* First values of a network that adds to what splats have of their own: nothing, at first. */
+void spin_model_clear_heads(const struct spin_model *model, float *heads);
 
 /* t of a frame in 0..1 (method.md 3.2). */
 float spin_model_time(const struct spin_model *model, double time);
@@ -60,14 +62,16 @@ spin_status spin_decode_open(struct spin_decode *decode, struct spin_device *dev
                              const struct spin_model *model, size_t capacity, bool training);
 void spin_decode_close(struct spin_decode *decode, const struct spin_model *model);
 
-/* attr = network(pos_w, t). Of a lazy table, the lines that are needed are brought up to date. */
+/* attr = network(pos_w, t) + own; own [SPIN_OWN n] or NULL. Of a lazy table, the lines that are needed
+ * are brought up to date. */
 void spin_decode_forward(struct spin_decode *decode, const struct spin_model *model, float *table,
-                         const float *heads, size_t n, const float *pos_w, float t);
-/* From d_attr and the d_pos_w gathered so far: d_table +=, d_heads +=, d_pos_w +=. Splats without any
- * gradient are skipped, which changes nothing: theirs is exactly zero. */
+                         const float *heads, size_t n, const float *pos_w, float t,
+                         const float *own);
+/* From d_attr and the d_pos_w gathered so far: d_table +=, d_heads +=, d_pos_w +=, d_own += (or NULL).
+ * Splats without any gradient are skipped, which changes nothing: theirs is exactly zero. */
 void spin_decode_backward(struct spin_decode *decode, const struct spin_model *model,
                           const float *table, const float *heads, size_t n, const float *pos_w,
-                          float *d_table, float *d_heads, float *d_pos_w);
+                          float *d_table, float *d_heads, float *d_pos_w, float *d_own);
 
 /* Rows of raw and finished attributes -> columns of a struct spin_splats, and columns -> finished rows
  * (host memory; n and sh_degree of the splats count). */

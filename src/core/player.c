@@ -79,7 +79,7 @@ out:
 
 spin_status spin_player_open_live(struct spin_player *p, struct spin_device *device,
                                   const struct spin_model *model, float *table, float *heads,
-                                  float *const *live_pos)
+                                  float *const *live_pos, float *const *live_own)
 {
     memset(p, 0, sizeof *p);
     p->device = device;
@@ -88,6 +88,7 @@ spin_status spin_player_open_live(struct spin_player *p, struct spin_device *dev
     p->table = table;
     p->heads = heads;
     p->live_pos = live_pos;
+    p->live_own = live_own;
     p->now_frame = -1;
     return SPIN_OK;
 }
@@ -110,7 +111,8 @@ static void release_frame(struct spin_player *p)
     spin_decode_close(&p->decode, &p->model);
     d->op->release(d, p->pos, p->capacity * 3 * sizeof(float));
     d->op->release(d, p->attr, p->capacity * SPIN_ATTR * sizeof(float));
-    p->pos = p->attr = NULL;
+    d->op->release(d, p->own, p->capacity * SPIN_OWN * sizeof(float));
+    p->pos = p->attr = p->own = NULL;
     free(p->staging);
     p->staging = NULL;
     spin_raster_close(&p->raster);
@@ -161,10 +163,10 @@ static spin_status need(struct spin_player *p, size_t n)
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void **)&p->attr);
 }
 
-static void decode(struct spin_player *p, const float *pos, size_t n, double time)
+static void decode(struct spin_player *p, const float *pos, const float *own, size_t n, double time)
 {
     spin_decode_forward(&p->decode, &p->model, p->table, p->heads, n, pos,
-                        spin_model_time(&p->model, time));
+                        spin_model_time(&p->model, time), own);
     p->now_pos = pos;
     p->now_attr = p->decode.attr;
     p->now_n = n;
@@ -186,6 +188,32 @@ static spin_status read_means(struct spin_player *p, int index, struct spin_spla
     return SPIN_OK;
 }
 
+/* Own values of a frame's splats, if they have some, to the device. */
+static spin_status read_own(struct spin_player *p, int index, size_t n, const float **own)
+{
+    static const size_t width[SPIN_HEADS] = {3, 4, 3, 1};
+    struct spin_device *d = p->device;
+    char name[64];
+    struct spin_array a;
+    int64_t shape[2] = {(int64_t)n, SPIN_OWN};
+    float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR, *to = groups;
+
+    *own = NULL;
+    snprintf(name, sizeof name, "network/own/%05d", index);
+    if (!spin_npz_has(&p->bundle->npz, name))
+        return SPIN_OK;
+    SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
+    if (!p->own)
+        SPIN_TRY(d->op->reserve(d, p->capacity * SPIN_OWN * sizeof(float), (void **)&p->own));
+    spin_array_to_f32(&a, 0, n * SPIN_OWN, rows);
+    for (size_t k = 0, first = 0; k < SPIN_HEADS; first += width[k++])
+        for (size_t i = 0; i < n; i++, to += width[k])
+            memcpy(to, rows + i * SPIN_OWN + first, width[k] * sizeof(float));
+    d->op->up(d, p->own, groups, n * SPIN_OWN * sizeof(float));
+    *own = p->own;
+    return SPIN_OK;
+}
+
 /* Columns as they are stored. */
 static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
@@ -196,6 +224,7 @@ static spin_status read_stored(struct spin_player *p, int index, unsigned column
 spin_status spin_player_show(struct spin_player *p, int index)
 {
     size_t n = spin_bundle_count(p->bundle, index, p->from);
+    const float *own;
 
     if (p->now_frame == index)
         return SPIN_OK;
@@ -207,7 +236,8 @@ spin_status spin_player_show(struct spin_player *p, int index)
         SPIN_TRY(need(p, n));
         SPIN_TRY(read_means(p, index, &p->splats));
         p->device->op->up(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
-        decode(p, p->pos, n, p->bundle->meta.frame[index].time);
+        SPIN_TRY(read_own(p, index, n, &own));
+        decode(p, p->pos, own, n, p->bundle->meta.frame[index].time);
     }
     p->now_frame = index;
     return SPIN_OK;
@@ -220,7 +250,7 @@ spin_status spin_player_show_live(struct spin_player *p, int index, size_t n, do
         return spin_player_show_splats(p, &p->splats);
     }
     SPIN_TRY(need(p, n));
-    decode(p, p->live_pos[index], n, time);
+    decode(p, p->live_pos[index], p->live_own ? p->live_own[index] : NULL, n, time);
     p->now_frame = index;
     return SPIN_OK;
 }

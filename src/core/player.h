@@ -18,11 +18,13 @@ struct spin_player {
     float *table, *heads; /* device */
     bool owns_network;
     float *const *live_pos;   /* [frames of the clip] positions on the device, or NULL */
+    float *const *live_own;   /* [frames of the clip] own values on the device, or NULL */
     spin_player_read_fn read; /* live: where splats come from when not from a network, or NULL */
     void *context;
     struct spin_decode decode;
     struct spin_raster raster;
-    float *pos, *attr;    /* device: what is shown when not live or not decoded */
+    float *pos, *attr; /* device: what is shown when not live or not decoded */
+    float *own; /* device [SPIN_OWN capacity], when the network's splats have values of theirs */
     float *shown, *truth; /* device [3][h][w], for measuring */
     float *staging;       /* host [capacity][SPIN_ATTR] */
     size_t capacity, pixels, tiles;
@@ -38,10 +40,10 @@ bool spin_bundle_has_network(const struct spin_bundle *bundle);
 /* From an open bundle; from is not SPIN_FROM_BEST. */
 spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
                              struct spin_bundle *bundle, enum spin_from from);
-/* From a network in training; table, heads, live_pos stay the caller's. */
+/* From a network in training; table, heads, live_pos and live_own (NULL: none) stay the caller's. */
 spin_status spin_player_open_live(struct spin_player *p, struct spin_device *device,
                                   const struct spin_model *model, float *table, float *heads,
-                                  float *const *live_pos);
+                                  float *const *live_pos, float *const *live_own);
 /* From splats that are neither in a bundle nor a network's. */
 void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
                              spin_player_read_fn read, void *context);

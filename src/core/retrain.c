@@ -68,6 +68,8 @@ static spin_status write_network(struct spin_retraining *r, struct spin_bundle_w
 
     for (int f = 0; f < r->clip.n_frames; f++)
         SPIN_TRY(write_means(r, w, f));
+    for (int f = 0; spin_retrain_has_own(r) && f < r->clip.n_frames; f++)
+        SPIN_TRY(spin_retrain_write_own(r, w, f));
     SPIN_TRY(spin_retrain_write_array(r, &w->zip, "network/table", 2, table,
                                       spin_trainer_take_table(t), t->table.n));
     spin_trainer_put_back(t);
@@ -240,7 +242,8 @@ static spin_status prepare(struct spin_retraining *r)
     r->truth = block;
     SPIN_TRY(spin_retrain_sort(r));
     SPIN_TRY(spin_trainer_open(&r->trainer, &r->device, &r->model, r->clip.n_frames, r->counts,
-                               r->max_pixels, r->max_tiles, o->camera_colour ? r->n_cameras : 0));
+                               r->max_pixels, r->max_tiles, o->camera_colour ? r->n_cameras : 0,
+                               spin_retrain_has_own(r)));
     for (int f = 0; f < r->clip.n_frames; f++)
         r->trainer.frame[f].time = spin_retrain_info(r, f)->time;
     rates->table = o->lr_table;
@@ -249,6 +252,7 @@ static spin_status prepare(struct spin_retraining *r)
     rates->head[SPIN_HEAD_SH] = o->lr_sh * o->lr_head_factor;
     rates->head[SPIN_HEAD_OPACITY] = o->lr_opacity * o->lr_head_factor;
     rates->position = o->lr_position * r->extent;
+    spin_retrain_own_rates(r, rates->own);
     rates->tint = o->lr_camera;
     rates->end = 1e-7;
     rates->iterations = o->iterations;

@@ -1,6 +1,7 @@
-/* One retraining under way, in five files: retrain.c from start to end and the output,
- * retrain_plan.c options to shapes, memory and time, retrain_state.c save and resume,
- * retrain_refine.c the frame-wise stage, retrain_loop.c the iterations of the network. Nothing outside of them needs this. */
+/* One retraining under way, in six files: retrain.c from start to end and the output, retrain_plan.c
+ * options to shapes, memory and time, retrain_state.c save and resume, retrain_own.c what splats have of
+ * their own, retrain_refine.c the frame-wise stage, retrain_loop.c the iterations of the network.
+ * Nothing outside of them needs this. */
 #ifndef SPIN_CORE_RETRAIN_H
 #define SPIN_CORE_RETRAIN_H
 
@@ -84,6 +85,16 @@ spin_status spin_retrain_load(struct spin_retraining *r);
 spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
                                      const char *name, int n_dims, const uint64_t *shape,
                                      const float *at, size_t n);
+
+/* ---- retrain_own.c ---- */
+
+/* Splats have values of their own, to which the network adds. */
+bool spin_retrain_has_own(const struct spin_retraining *r);
+void spin_retrain_own_rates(const struct spin_retraining *r, double rate[SPIN_HEADS]);
+/* First values of a frame. */
+spin_status spin_retrain_own_begin(struct spin_retraining *r, int frame);
+spin_status spin_retrain_write_own(struct spin_retraining *r, struct spin_bundle_writer *w,
+                                   int frame);
 
 /* ---- retrain_refine.c ---- */
 

@@ -191,15 +191,21 @@ static spin_status show_network(struct spin_retraining *r, struct spin_quality *
 {
     struct spin_player live;
     char label[40];
+    size_t n = (size_t)r->clip.n_frames;
     void *block = NULL;
+    float **pos, **own;
     spin_status status;
 
-    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof(float *), &block));
-    for (int f = 0; f < r->clip.n_frames; f++)
-        ((float **)block)[f] = r->trainer.frame[f].pos;
+    SPIN_TRY(spin_alloc(2 * n, sizeof(float *), &block));
+    pos = block;
+    own = pos + n;
+    for (size_t f = 0; f < n; f++) {
+        pos[f] = r->trainer.frame[f].pos;
+        own[f] = r->trainer.frame[f].own;
+    }
     SPIN_TRY_OUT(spin_player_open_live(&live, &r->device, &r->model,
                                        spin_trainer_take_table(&r->trainer), r->trainer.heads.p,
-                                       block));
+                                       pos, own));
     snprintf(label, sizeof label, "iteration_%07lld", (long long)r->trainer.iteration);
     status = spin_retrain_measure(r, &live, r->counts, "evaluating", q);
     if (status == SPIN_OK)

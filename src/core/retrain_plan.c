@@ -38,6 +38,7 @@ void spin_retrain_defaults(struct spin_retrain_options *o)
     o->lr_position = 1.6e-4;
     o->lr_camera = 1e-3;
     o->lr_head_factor = 1;
+    o->lr_residual = 1;
     o->scale_bias = -5;
     o->views_per_frame = 1;
     o->device = "auto";
@@ -145,6 +146,12 @@ spin_status spin_retrain_open_clip(struct spin_retraining *r)
     void *block = NULL;
 
     SPIN_TRY(spin_clip_open(&c, &r->clip));
+    if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_retrain_has_source(r))
+        return spin_fail(
+            SPIN_E_NOT_FOUND,
+            "'%s' has no attributes of its source: let the network add to its points, with "
+            "--residual points",
+            o->input);
     SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->counts, &block));
     r->counts = block;
     for (int f = 0; f < r->clip.n_frames; f++)
@@ -290,7 +297,8 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
 
         pixels_cache += 3 * (size_t)c->width * (size_t)c->height;
     }
-    needed = spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels) +
+    needed = spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels,
+                                spin_retrain_has_own(r)) +
              spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with host copies */
              3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
              (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) +

@@ -28,9 +28,15 @@ static bool is_explicit(const struct spin_retraining *r)
     return r->o->method == SPIN_METHOD_EXPLICIT;
 }
 
+/* All of a refined frame is wanted, not only where its points lie. */
+static bool needs_whole(const struct spin_retraining *r)
+{
+    return is_explicit(r) || r->o->residual == SPIN_RESIDUAL_SOURCE;
+}
+
 static unsigned kept_columns(const struct spin_retraining *r)
 {
-    return is_explicit(r) ? whole : SPIN_COL_MEANS | SPIN_COL_RGB;
+    return needs_whole(r) ? whole : SPIN_COL_MEANS | SPIN_COL_RGB;
 }
 
 static bool starts_from_source(const struct spin_retraining *r)
@@ -144,7 +150,7 @@ static bool input_has(struct spin_retraining *r, int f)
     unsigned columns = bundle->refined.columns;
     int index = spin_retrain_index(r, f);
 
-    if (!(columns & SPIN_COL_MEANS) || (is_explicit(r) && (whole & ~columns)) ||
+    if (!(columns & SPIN_COL_MEANS) || (needs_whole(r) && (whole & ~columns)) ||
         !(columns & (SPIN_COL_RGB | SPIN_COL_SH)))
         return false;
     key = spin_json_string(spin_json_get(spin_json_at(frames, (size_t)index), "key"));
@@ -273,10 +279,6 @@ static spin_status load_start(struct job *job)
 {
     struct spin_retraining *r = job->stage->r;
     struct spin_splats *s = &job->splats;
-    void *block = NULL;
-    float *rgb;
-    size_t width;
-    spin_status status;
 
     SPIN_TRY(
         spin_bundle_frame(&r->clip.bundle, spin_retrain_index(r, job->frame), start_columns(r), s));
@@ -285,16 +287,7 @@ static spin_status load_start(struct job *job)
         spin_refine_prune(&job->cloud, 0); /* values that are not finite */
         return SPIN_OK;
     }
-    if (s->rgb || !s->sh)
-        return spin_refine_init_from_points(NULL, s->n, s->means, s->rgb, &job->cloud);
-    SPIN_TRY(spin_alloc(3 * s->n + 1, sizeof(float), &block));
-    rgb = block;
-    width = spin_column_width(SPIN_COL_SH, s->sh_degree);
-    for (size_t i = 0; i < 3 * s->n; i++)
-        rgb[i] = (float)(sh_c0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
-    status = spin_refine_init_from_points(NULL, s->n, s->means, rgb, &job->cloud);
-    free(block);
-    return status;
+    return spin_refine_init_from_colours(s, &job->cloud);
 }
 
 static spin_status load(struct job *job)
@@ -591,7 +584,7 @@ spin_json *spin_retrain_refined_to_json(const struct spin_retraining *r)
         spin_json_push(frames, frame);
     }
     spin_json_set(j, "columns", spin_column_names(kept_columns(r)));
-    spin_json_set_integer(j, "sh_degree", is_explicit(r) ? 0 : -1);
+    spin_json_set_integer(j, "sh_degree", needs_whole(r) ? 0 : -1);
     spin_json_set(j, "options", spin_retrain_refine_settings(r));
     spin_json_set(j, "frames", frames);
     return j;

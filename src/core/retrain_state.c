@@ -51,6 +51,12 @@ static spin_json *options_to_json(const struct spin_retraining *r)
     spin_json_set_number(j, "lr_head_factor", o->lr_head_factor);
     if (o->sh_every > 0)
         spin_json_set_integer(j, "sh_every", o->sh_every);
+    if (spin_retrain_has_own(r)) {
+        bool source = o->residual == SPIN_RESIDUAL_SOURCE;
+
+        spin_json_set_string(j, "residual", source ? "source" : "points");
+        spin_json_set_number(j, "lr_residual", o->lr_residual);
+    }
     spin_json_set_bool(j, "camera_colour", o->camera_colour);
     spin_json_set_number(j, "lr_camera", o->lr_camera);
     spin_json_set_number(j, "scale_bias", r->scale_bias);
@@ -129,6 +135,8 @@ spin_status spin_retrain_begin(struct spin_retraining *r)
     spin_model_init(&r->model, r->o->seed, r->scale_bias, host, host + t->table.n);
     if (r->o->sh_every > 0)
         spin_model_clear_sh(&r->model, host + t->table.n);
+    if (spin_retrain_has_own(r))
+        spin_model_clear_heads(&r->model, host + t->table.n);
     d->op->up(d, t->table.p, host, t->table.n * sizeof(float));
     d->op->up(d, t->heads.p, host + t->table.n, t->heads.n * sizeof(float));
     for (int f = 0; f < r->clip.n_frames; f++) {
@@ -141,6 +149,12 @@ spin_status spin_retrain_begin(struct spin_retraining *r)
         for (size_t i = 0; i < r->counts[f]; i++)
             memcpy(host + 3 * i, r->splats.means + 3 * (size_t)r->order[f][i], 3 * sizeof(float));
         d->op->up(d, t->frame[f].pos, host, r->counts[f] * 3 * sizeof(float));
+        if (spin_retrain_has_own(r))
+            status = spin_retrain_own_begin(r, f);
+        if (status != SPIN_OK) {
+            free(block);
+            return status;
+        }
     }
     free(block);
     return SPIN_OK;
@@ -162,7 +176,7 @@ static spin_status list_pieces(struct spin_retraining *r, struct piece **out, si
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(10 + 3 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(10 + 6 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < 3; i++) {
         float *at[3] = {param[i]->p, param[i]->m, param[i]->v};
@@ -182,6 +196,15 @@ static spin_status list_pieces(struct spin_retraining *r, struct piece **out, si
             snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/%c", f, "pmv"[j]);
             piece[k].at = at[j];
             piece[k].n = 3 * t->frame[f].n;
+        }
+    }
+    for (int f = 0; f < t->n_frames && spin_retrain_has_own(r); f++) {
+        float *at[3] = {t->frame[f].own, t->frame[f].own_m, t->frame[f].own_v};
+
+        for (int j = 0; j < 3; j++, k++) {
+            snprintf(piece[k].name, sizeof piece[k].name, "own/%05d/%c", f, "pmv"[j]);
+            piece[k].at = at[j];
+            piece[k].n = SPIN_OWN * t->frame[f].n;
         }
     }
     *out = piece;

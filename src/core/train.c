@@ -39,21 +39,21 @@ static void close_param(struct spin_device *d, struct spin_param *param)
 }
 
 size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
-                          size_t max_pixels)
+                          size_t max_pixels, bool own)
 {
-    size_t points = 0, n_max = 0;
+    size_t points = 0, n_max = 0, width = own ? 3 + SPIN_OWN : 3;
 
     for (int f = 0; f < n_frames; f++) {
         points += counts[f];
         n_max = counts[f] > n_max ? counts[f] : n_max;
     }
-    return (4 * (model->n_table + model->n_heads) + 9 * points + 3 * n_max) * sizeof(float) +
+    return (4 * (model->n_table + model->n_heads) + width * (3 * points + n_max)) * sizeof(float) +
            spin_decode_bytes(model, n_max, true) + spin_raster_bytes(n_max, max_pixels, true);
 }
 
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
                               const struct spin_model *model, int n_frames, const size_t *counts,
-                              size_t max_pixels, size_t max_tiles, int n_tints)
+                              size_t max_pixels, size_t max_tiles, int n_tints, bool own)
 {
     spin_status status;
     void *block = NULL;
@@ -83,8 +83,15 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
         SPIN_TRY_OUT(reserve(device, frame->n * 3, &frame->pos));
         SPIN_TRY_OUT(reserve(device, frame->n * 3, &frame->m));
         SPIN_TRY_OUT(reserve(device, frame->n * 3, &frame->v));
+        if (!own)
+            continue;
+        SPIN_TRY_OUT(reserve(device, frame->n * SPIN_OWN, &frame->own));
+        SPIN_TRY_OUT(reserve(device, frame->n * SPIN_OWN, &frame->own_m));
+        SPIN_TRY_OUT(reserve(device, frame->n * SPIN_OWN, &frame->own_v));
     }
     SPIN_TRY_OUT(reserve(device, t->n_max * 3, &t->d_pos));
+    if (own)
+        SPIN_TRY_OUT(reserve(device, t->n_max * SPIN_OWN, &t->d_own));
     SPIN_TRY_OUT(spin_decode_open(&t->decode, device, model, t->n_max, true));
     SPIN_TRY_OUT(spin_raster_open(&t->raster, device, t->n_max, max_pixels, max_tiles, true));
     return SPIN_OK;
@@ -119,8 +126,12 @@ void spin_trainer_close(struct spin_trainer *t)
         d->op->release(d, frame->pos, frame->n * 3 * sizeof(float));
         d->op->release(d, frame->m, frame->n * 3 * sizeof(float));
         d->op->release(d, frame->v, frame->n * 3 * sizeof(float));
+        d->op->release(d, frame->own, frame->n * SPIN_OWN * sizeof(float));
+        d->op->release(d, frame->own_m, frame->n * SPIN_OWN * sizeof(float));
+        d->op->release(d, frame->own_v, frame->n * SPIN_OWN * sizeof(float));
     }
     d->op->release(d, t->d_pos, t->n_max * 3 * sizeof(float));
+    d->op->release(d, t->d_own, t->n_max * SPIN_OWN * sizeof(float));
     spin_decode_close(&t->decode, &t->model);
     spin_raster_close(&t->raster);
     free(t->tint_host);
@@ -257,6 +268,19 @@ static void step_param(struct spin_trainer *t, struct spin_param *param, size_t 
                                    param->m + first, param->v + first, lr, t->iteration));
 }
 
+/* A splat's own values, each group at its rate. */
+static void step_own(struct spin_trainer *t, struct spin_train_frame *frame)
+{
+    static const size_t width[SPIN_HEADS] = {3, 4, 3, 1};
+    struct spin_device *d = t->device;
+
+    for (size_t k = 0, at = 0; k < SPIN_HEADS; at += width[k++] * frame->n)
+        SPIN_TIMED(d, SPIN_OP_ADAM,
+                   d->op->adam(d, width[k] * frame->n, frame->own + at, t->d_own + at,
+                               frame->own_m + at, frame->own_v + at,
+                               rate_at(t, t->rates.own[k], t->iteration), frame->steps));
+}
+
 static void clear(struct spin_trainer *t, size_t n)
 {
     t->device->op->zero(t->device, t->decode.d_attr, n * SPIN_ATTR * sizeof(float));
@@ -270,11 +294,12 @@ static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item
     struct spin_device *d = t->device;
     const struct spin_train_rates *r = &t->rates;
     struct spin_train_frame *frame = &t->frame[items[first].frame];
+    bool own = frame->own && r->own[SPIN_HEAD_SCALE] > 0;
 
     if (frame->n == 0)
         return SPIN_OK;
     spin_decode_forward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
-                        spin_model_time(&t->model, frame->time));
+                        spin_model_time(&t->model, frame->time), frame->own);
     SPIN_TIMED(d, SPIN_OP_CLEAR, clear(t, frame->n));
     for (int i = first; i < n; i++) {
         double loss;
@@ -287,10 +312,12 @@ static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item
     }
     t->decode.still = r->position == 0;
     spin_decode_backward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
-                         t->table.g, t->heads.g, t->d_pos);
+                         t->table.g, t->heads.g, t->d_pos, own ? t->d_own : NULL);
+    frame->steps++;
+    if (own)
+        step_own(t, frame);
     if (t->decode.still)
         return SPIN_OK;
-    frame->steps++;
     SPIN_TIMED(d, SPIN_OP_ADAM,
                d->op->adam(d, frame->n * 3, frame->pos, t->d_pos, frame->m, frame->v,
                            rate_at(t, r->position, t->iteration), frame->steps));

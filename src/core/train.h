@@ -17,13 +17,15 @@ struct spin_param {
  * batch (method.md section 6). */
 struct spin_train_frame {
     size_t n;
-    double time;        /* in the source's unit */
-    float *pos, *m, *v; /* [n][3] on the device */
+    double time;                /* in the source's unit */
+    float *pos, *m, *v;         /* [n][3] on the device */
+    float *own, *own_m, *own_v; /* [SPIN_OWN n], or NULL: splats have nothing of their own */
     int64_t steps;
 };
 
 struct spin_train_rates {
     double table, head[SPIN_HEADS], position, tint, end;
+    double own[SPIN_HEADS]; /* 0: own values stay as they are */
     int64_t warmup, iterations;
 };
 
@@ -43,6 +45,7 @@ struct spin_trainer {
     struct spin_decode decode;
     struct spin_raster raster;
     float *d_pos;     /* [n_max][3] */
+    float *d_own;     /* [SPIN_OWN n_max], when splats have values of their own */
     float *tinted;    /* [3][max_pixels], when cameras have colours */
     float *tint_host; /* [tint.n] host */
 };
@@ -61,17 +64,17 @@ struct spin_train_values {
 };
 
 /* Reserve everything for frames of counts[f] splats, pictures up to max_pixels, and the colours of
- * n_tints cameras (0: none are learned). The caller then fills parameters, positions, times and rates
- * through the device. */
+ * n_tints cameras (0: none are learned), and values of every splat's own if so. The caller then fills
+ * parameters, positions, own values, times and rates through the device. */
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
                               const struct spin_model *model, int n_frames, const size_t *counts,
-                              size_t max_pixels, size_t max_tiles, int n_tints);
+                              size_t max_pixels, size_t max_tiles, int n_tints, bool own);
 /* Leave lines of the table alone until they are needed. Before the first step; rates are set. */
 spin_status spin_trainer_be_lazy(struct spin_trainer *t);
 void spin_trainer_close(struct spin_trainer *t);
 /* Bytes that open will reserve, and about as much as the ops' scratch comes to. */
 size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
-                          size_t max_pixels);
+                          size_t max_pixels, bool own);
 
 /* One iteration: the mean loss of the items, its gradient, one Adam step. Items of one frame share
  * one decoding. Fails only when the rasteriser's lists cannot grow, or the device failed. */

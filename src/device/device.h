@@ -21,6 +21,7 @@ enum {
     SPIN_ATTR_SH = 7,
     SPIN_ATTR_OPACITY = 55,
     SPIN_ATTR = 56,
+    SPIN_OWN = 11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
     SPIN_TILE = 16, /* pixels; part of the result, method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
@@ -150,6 +151,12 @@ struct spin_device_ops {
     void (*mlp_back)(struct spin_device *d, const struct spin_heads *heads, const float *param,
                      size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
                      float *d_param, float *d_z);
+
+    /* raw [n][SPIN_ATTR] += a splat's own values, raw as well; the colour is the first coefficient.
+     * own [SPIN_OWN n] is four groups: [n][3], [n][4], [n][3], [n]. Back: d_own [SPIN_OWN n] += */
+    void (*own)(struct spin_device *d, size_t n, const float *own, float *raw);
+    void (*own_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
+                     const float *d_raw, float *d_own);
 
     /* attr [n][SPIN_ATTR] = finish(raw) */
     void (*attr)(struct spin_device *d, size_t n, const float *raw, float *attr);

@@ -389,6 +389,7 @@ static spin_status check_network(struct spin_bundle *b)
     int64_t features, shape[2] = {-1, -1};
     struct spin_array array;
     char key[64];
+    bool own;
 
     if (!network)
         return SPIN_OK;
@@ -398,11 +399,16 @@ static spin_status check_network(struct spin_bundle *b)
     shape[1] = features;
     SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
     SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
+    own = spin_npz_has(&b->npz, "network/own/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
         shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_NETWORK);
         shape[1] = 3;
         snprintf(key, sizeof key, "network/means/%05d", f);
         SPIN_TRY(find_array(b, key, false, 2, shape, &array));
+        shape[1] = 11;
+        snprintf(key, sizeof key, "network/own/%05d", f);
+        if (own)
+            SPIN_TRY(find_array(b, key, false, 2, shape, &array));
     }
     return SPIN_OK;
 }

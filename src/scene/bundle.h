@@ -5,6 +5,7 @@
  *   source/<column>.npy                      a column that is the same in every frame
  *   refined/<column>/<index>.npy             one frame of splats refined on their own
  *   network/means/<index>.npy                positions after retraining
+ *   network/own/<index>.npy                  what the network's outputs are added to, if anything
  *   network/table.npy  network/heads.npy ... what core/model keeps
  *
  * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];

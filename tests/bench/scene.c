@@ -144,7 +144,7 @@ static spin_status open_trainer(struct bench_scene *s, int log2_rows)
     SPIN_TRY(spin_model_plan(&model, 16, 4, log2_rows, 64, 3, base, finest));
     model.time_last = 1;
     SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &model, 1, &s->n, WIDTH * HEIGHT,
-                               (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y, 0));
+                               (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y, 0, false));
     s->trainer.frame[0].time = 0.37;
     s->trainer.lambda_dssim = 0.2f;
     set_rates(&s->trainer.rates);

@@ -80,6 +80,49 @@ ok $? "and spin-eval decodes it the same way"
 run "$bin/spin-retrain" "$in" -o "$work/x.spin" $small --activation tanh
 fails 2 spin-retrain "no such activation"
 
+# Splats with values of their own: the network begins by adding nothing to them.
+run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 1 --residual source --lr-residual 0 \
+    --lr-position 0 --lr-table 0 --head-lr-factor 0 --sh-degree 0 --json
+is "$code" 0 "retrains with the source's values to add to"
+before=$(sed -n '/"before": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+after=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+"$bin/spin-export" "$in" --to ply --sh 0 -o "$work/source" -q 2>"$work/err"
+"$bin/spin-export" "$work/own.spin" --to ply -o "$work/added" -q 2>"$work/err"
+if command -v python3 >/dev/null 2>&1 && python3 -c 'import numpy' 2>/dev/null; then
+    python3 -c 'import glob, sys
+import numpy as np
+def read(path):
+    raw = open(path, "rb").read()
+    end = raw.index(b"end_header\n") + 11
+    names = [l.split()[2] for l in raw[:end].decode().splitlines() if l.startswith("property")]
+    a = np.frombuffer(raw, "<f4", -1, end).reshape(-1, len(names))
+    return {n: a[:, i] for i, n in enumerate(names)}
+def unit(v):
+    q = np.stack([v["rot_%d" % i] for i in range(4)])
+    return q / np.linalg.norm(q, axis=0)
+for a, b in zip(sorted(glob.glob(sys.argv[1] + "/*.ply")), sorted(glob.glob(sys.argv[2] + "/*.ply"))):
+    a, b = read(a), read(b)
+    for k in a:
+        if not k.startswith("rot_"):
+            assert np.allclose(a[k], b[k], rtol=0, atol=1e-6), k
+    assert np.allclose(unit(a), unit(b), rtol=0, atol=1e-6)
+' "$work/source" "$work/added" 2>"$work/err"
+    ok $? "nothing added: the source's attributes come out"
+else
+    skip "nothing added" "no python3 with numpy"
+fi
+[ -n "$before" ] && [ -n "$after" ]
+ok $? "measured before ($before dB) and after ($after dB)"
+run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 6 --residual points --force --json \
+    --threads 1
+is "$code" 0 "retrains with points' values to add to"
+learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+run "$bin/spin-eval" "$work/own.spin" --json
+awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
+ok $? "and spin-eval adds them as well"
+run "$bin/spin-retrain" "$in" -o "$work/own2.spin" $small --iterations 6 --residual points --threads 3
+same_frames "$work/own.spin" "$work/own2.spin" "one thread and three give the same bits"
+
 # Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
 # with one that was never stopped. SIGNAL CODE
 stopped() {
@@ -112,6 +155,12 @@ steps=200
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps
 is "$code" 0 "retrains $steps steps"
 stopped KILL 137
+plain=$small
+small="$small --residual points"
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
+stopped KILL 137
+small=$plain
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped TERM 143
 # A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
 stopped INT 130

@@ -161,7 +161,7 @@ static void run(struct fixture *f, int n_threads, struct result *r)
     load_model(f, &r->model);
     if (!f->heads0)
         f->heads0 = load_heads(f, &r->model);
-    ok(spin_trainer_open(&t, d, &r->model, FRAMES, counts, W * H, 4 * 3, 0) == SPIN_OK, "opens");
+    ok(spin_trainer_open(&t, d, &r->model, FRAMES, counts, W * H, 4 * 3, 0, false) == SPIN_OK, "opens");
     fill_trainer(f, &t);
     for (int i = 0; i < STEPS; i++) {
         struct spin_train_item items[BATCH];
@@ -180,7 +180,7 @@ static void run(struct fixture *f, int n_threads, struct result *r)
             struct spin_train_frame *frame = &t.frame[items[0].frame];
 
             spin_decode_forward(&t.decode, &t.model, t.table.p, t.heads.p, POINTS, frame->pos,
-                                spin_model_time(&t.model, frame->time));
+                                spin_model_time(&t.model, frame->time), NULL);
             if (spin_raster_forward(&t.raster, &cam, POINTS, frame->pos, t.decode.attr, 3,
                                     t.background) == SPIN_OK) {
                 r->image0 = malloc(3 * W * H * sizeof(float));

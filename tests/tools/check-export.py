@@ -84,6 +84,11 @@ def decode(bundle, meta, frame, nudge=0):
     x = np.clip(x, 0, 1)
     table = bundle["network/table"].astype(np.float64)
     scale, rotation, sh, opacity = heads(bundle["network/heads"], net, encode(table, net, x))
+    own = f"network/own/{frame:05d}"
+    if own in bundle:  # raw values of every splat, to which the network adds
+        own = bundle[own].astype(np.float64)
+        scale, rotation, opacity = scale + own[:, :3], rotation + own[:, 3:7], opacity + own[:, 10:]
+        sh[:, :3] += own[:, 7:10]
     rotation /= np.maximum(np.linalg.norm(rotation, axis=1, keepdims=True), 1e-12)
     sh = sh.reshape(-1, 16, 3)
     sh[:, (net["sh_degree"] + 1) ** 2:] = 0  # unused by a network of a lower degree

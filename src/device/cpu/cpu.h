@@ -101,6 +101,10 @@ void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *i
                     const float *truth, float lambda_dssim, float weight, double values[3],
                     float *d_image);
 
+/* own.c */
+void SPIN_CPU(own)(struct spin_device *d, size_t n, const float *own, float *raw);
+void SPIN_CPU(own_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
+                        const float *d_raw, float *d_own);
 /* tint.c */
 void SPIN_CPU(tint)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
                     float *out);

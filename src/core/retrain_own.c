@@ -1,0 +1,121 @@
+/* --residual: every splat has raw values of its own, and the network adds to them. They begin as 3DGS
+ * would begin from the points, or as the source (or the refined frame) has them. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "core/densify.h"
+#include "core/retrain.h"
+
+static const size_t width[SPIN_HEADS] = {3, 4, 3, 1}; /* of the groups on the device */
+
+bool spin_retrain_has_own(const struct spin_retraining *r)
+{
+    return r->o->residual != SPIN_RESIDUAL_OFF;
+}
+
+void spin_retrain_own_rates(const struct spin_retraining *r, double rate[SPIN_HEADS])
+{
+    static const double of_3dgs[SPIN_HEADS] = {5e-3, 1e-3, 2.5e-3, 0.05};
+
+    for (int k = 0; k < SPIN_HEADS; k++)
+        rate[k] = of_3dgs[k] * r->o->lr_residual;
+}
+
+/* A frame's splats as they begin, in the source's order. */
+static spin_status read_start(struct spin_retraining *r, int frame, struct spin_refine_cloud *cloud)
+{
+    bool whole = r->o->residual == SPIN_RESIDUAL_SOURCE;
+    unsigned there = r->clip.bundle.meta.columns, columns = SPIN_COL_MEANS;
+
+    if (whole)
+        columns |= SPIN_COL_ATTRIBUTES;
+    else if (r->is_refined)
+        columns |= SPIN_COL_RGB;
+    else
+        columns |= there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH;
+    if (r->is_refined)
+        SPIN_TRY(spin_retrain_refined(r, frame, columns, &r->splats));
+    else
+        SPIN_TRY(
+            spin_bundle_frame(&r->clip.bundle, spin_retrain_index(r, frame), columns, &r->splats));
+    if (whole)
+        return spin_refine_init_from_splats(&r->splats, cloud);
+    return spin_refine_init_from_colours(&r->splats, cloud);
+}
+
+static bool is_finite(const struct spin_refine_row *p)
+{
+    float sum = p->logit_opacity;
+
+    for (int k = 0; k < 3; k++)
+        sum += p->log_scale[k] + p->dc[k];
+    for (int k = 0; k < 4; k++)
+        sum += p->rotation[k];
+    return isfinite(sum);
+}
+
+/* What stands for a splat whose values are not all finite: small, grey and faint. */
+static void make_finite(struct spin_refine_row *p)
+{
+    static const struct spin_refine_row none = {
+        .logit_opacity = -2.1972246f, .log_scale = {-5, -5, -5}, .rotation = {1, 0, 0, 0}};
+
+    if (!is_finite(p))
+        *p = none;
+}
+
+spin_status spin_retrain_own_begin(struct spin_retraining *r, int frame)
+{
+    struct spin_refine_cloud cloud = {0};
+    size_t n = r->counts[frame];
+    void *block = NULL;
+    float *to;
+    spin_status status;
+
+    SPIN_TRY_OUT(read_start(r, frame, &cloud));
+    SPIN_TRY_OUT(spin_alloc(SPIN_OWN * n + 1, sizeof(float), &block));
+    to = block;
+    for (size_t k = 0; k < SPIN_HEADS; k++)
+        for (size_t i = 0; i < n; i++, to += width[k]) {
+            struct spin_refine_row *p = &cloud.point[r->order[frame][i]].p;
+            const float *from[SPIN_HEADS] = {p->log_scale, p->rotation, p->dc, &p->logit_opacity};
+
+            make_finite(p);
+            memcpy(to, from[k], width[k] * sizeof(float));
+        }
+    r->device.op->up(&r->device, r->trainer.frame[frame].own, block, SPIN_OWN * n * sizeof(float));
+out:
+    free(block);
+    spin_refine_cloud_free(&cloud);
+    return status;
+}
+
+/* Rows of a splat each, in the source's order. */
+spin_status spin_retrain_write_own(struct spin_retraining *r, struct spin_bundle_writer *w,
+                                   int frame)
+{
+    size_t n = r->counts[frame];
+    uint64_t shape[2] = {n, SPIN_OWN};
+    char name[64];
+    void *block = NULL;
+    const float *from;
+    float *rows;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(2 * SPIN_OWN * n + 1, sizeof(float), &block));
+    from = block;
+    rows = (float *)block + SPIN_OWN * n;
+    r->device.op->down(&r->device, block, r->trainer.frame[frame].own,
+                       SPIN_OWN * n * sizeof(float));
+    for (size_t k = 0, first = 0; k < SPIN_HEADS; first += width[k++])
+        for (size_t i = 0; i < n; i++, from += width[k])
+            memcpy(rows + (size_t)r->order[frame][i] * SPIN_OWN + first, from,
+                   width[k] * sizeof(float));
+    snprintf(name, sizeof name, "network/own/%05d", frame);
+    status = spin_npz_write(&w->zip, name, "<f4", 2, shape, rows);
+    free(block);
+    return status;
+}
