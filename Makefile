@@ -215,9 +215,9 @@ tsan: ## the threaded tests under ThreadSanitizer
 valgrind: all ## every command once under valgrind: no leak at exit
 	@sh tests/valgrind.sh $(B)/bin
 
-test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  BUNDLE=own.spin
+test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1  BUNDLE=own.spin
 	@$(MAKE) --no-print-directory -j$(JOBS) all
-	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
+	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short,$(if $(IMPORTERS),importers))
 
 lint: ## includes, headers, lists, manual, format
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done

@@ -306,10 +306,10 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
         return spin_fail(
             SPIN_E_USAGE,
             "cannot pair frames: the clip was made of %d frames, the data set has %d, and "
-            "%s no frame numbers; --pair order pairs them from the first on",
+            "%s frame numbers; --pair order pairs them from the first on",
             meta->n_source_frames, views->n_rows,
-            views->numbered  ? "the clip has"
-            : meta->numbered ? "the data set has"
+            views->numbered  ? "the clip has no"
+            : meta->numbered ? "the data set has no"
                              : "neither has");
     return pair_by_order(views, meta, row_of_frame);
 }

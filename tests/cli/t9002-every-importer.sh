@@ -2,23 +2,7 @@
 # K: import export ply realtime4dgs 4dgaussian retrain
 # A run of every importer in the list goes out as PLY; two that are defined at any time are retrained too.
 . tests/cli/lib.sh
-
-run_of() { # IMPORTER: one of its runs
-    case $1 in
-    4dgaussian) echo 4dgaussian/dnerf_like/model ;;
-    3dgstream) echo 3dgstream ;;
-    d3dgs) echo d3dgs/cloud ;;
-    dash) echo dash/levels16_dim4/model ;;
-    deformable3dgs) echo deformable3dgs/real_small/model ;;
-    grid4d) echo grid4d/dnerf_like/model ;;
-    modecgs) echo modecgs/default_like/model ;;
-    omg4) echo omg4/comp_xz ;;
-    ply) echo ply/inria_sh3 ;;
-    realtime4dgs) echo realtime4dgs/rot4d_sht ;;
-    rotor4dgs) echo rotor4dgs/dnerf_like ;;
-    tc3dgs) echo tc3dgs/trained ;;
-    esac
-}
+. tests/runs.sh
 
 # The file is as long as its header says, and its rows are floats that are numbers.
 ply_is_whole() { # FILE SPLATS NAME
@@ -45,9 +29,7 @@ goes_out() { # BUNDLE FRAMES NAME
     is "$code $(member from) $(member frames)" "0 ply $2" "$3: comes back"
 }
 
-run "$bin/spin-import" --list --json
-tr -d '\n' <"$work/out" | sed 's/},/}\n/g' |
-    sed -n 's/.*"name": "\([^"]*\)".*"tracks": true.*/\1/p' >"$work/names"
+importers_of_runs "$bin" >"$work/names"
 ok "$([ -s "$work/names" ]; echo $?)" "there are importers"
 while read -r name; do
     path=$(run_of "$name")
@@ -72,26 +54,6 @@ done <"$work/names"
 
 # ---- Retrained ------------------------------------------------------------------------------------
 
-# Cameras on a circle of this radius that look at the middle, each at three times, as n3v2blender.py
-# writes them; the first is held out.
-cameras() { # FOLDER RADIUS LAST_TIME
-    for split in train test; do
-        awk -v radius="$2" -v last="$3" -v test="$([ $split = test ]; echo $?)" 'BEGIN {
-            print "{\"w\": 160, \"h\": 90, \"fl_x\": 150, \"fl_y\": 150, \"cx\": 80, \"cy\": 45, \"frames\": ["
-            first = test == 0 ? 0 : 1
-            for (camera = first; camera < (test == 0 ? 1 : 6); camera++) {
-                s = sin(1.05 * camera); c = cos(1.05 * camera)
-                for (t = 0; t < 3; t++) {
-                    printf "%s{\"file_path\": \"images/cam%02d_%04d\", \"time\": %g,\n", \
-                        comma++ ? "," : "", camera, t, last * t / 2
-                    printf " \"transform_matrix\": [[%.9g, 0, %.9g, %.9g], [0, 1, 0, 0],", c, s, radius * s
-                    printf " [%.9g, 0, %.9g, %.9g], [0, 0, 0, 1]]}\n", -s, c, radius * c
-                }
-            }
-            print "]}" }' >"$1/transforms_$split.json"
-    done
-}
-
 # The clip as its own method has it, rendered, is what the network is trained on. Any picture stands for
 # the data set until then.
 retrained() { # IMPORTER RADIUS LAST_TIME
@@ -101,13 +63,8 @@ retrained() { # IMPORTER RADIUS LAST_TIME
         skip "$1: retrained" "no fixture '$in'"
         return
     fi
-    mkdir -p "$data/images"
+    stand_in "$data" "$clip/ims/0/000008.jpg"
     cameras "$data" "$2" "$3"
-    for camera in 0 1 2 3 4 5; do
-        for frame in 0 1 2; do
-            cp "$clip/ims/0/000008.jpg" "$data/images/cam0${camera}_000$frame.jpg"
-        done
-    done
     run "$bin/spin-import" "$in" --data "$data" --data-from transforms:ending=.jpg -o "$work/$1-a.spin"
     is "$code" 0 "$1: with cameras"
     run "$bin/spin-export" "$work/$1-a.spin" --to images --views all -o "$work/$1-images"

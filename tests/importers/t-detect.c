@@ -1,12 +1,14 @@
-/* Which importer every fixture is recognised as, without --from.
+/* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs grid4d dash 4dgaussian modecgs 3dgstream realtime4dgs
- * K: rotor4dgs omg4 ply */
+ * K: rotor4dgs omg4 ply panoptic colmap dynerf transforms */
 #include "tests/importers/runs.h"
 
-/* A '*' stands for every folder there. */
-static const struct {
+struct known {
     const char *path, *importer; /* NULL: none */
-} known[] = {
+};
+
+/* A '*' stands for every folder there. */
+static const struct known runs[] = {
     {"tc3dgs/trained", "tc3dgs"},
     {"tc3dgs/trained/params.npz", "tc3dgs"},
     {"d3dgs/cloud", "d3dgs"},
@@ -31,16 +33,34 @@ static const struct {
     {"ply/brush_sh1", "ply"},
     {"ply/supersplat_compressed", "ply"},
     {"datasets/panoptic_mini", NULL},
+    {"datasets/colmap_mini", NULL},
+    {"datasets/dynerf_mini", NULL},
+    {"datasets/dynerf_mini/n3v2blender", NULL},
+    {"datasets/blender_mini", NULL},
+    {"court-mini", "d3dgs"}, /* a run and its data in one folder */
+    {"torch_container/good", NULL},
+    {"core", NULL},
 };
 
-static void check(const char *path, const char *name, const char *importer)
+static const struct known data_sets[] = {
+    {"datasets/panoptic_mini", "panoptic"},
+    {"datasets/colmap_mini", "colmap"},
+    {"datasets/dynerf_mini", "dynerf"},
+    {"datasets/dynerf_mini/n3v2blender", "transforms"},
+    {"datasets/blender_mini", "transforms"},
+    {"court-mini", "panoptic"},
+    {"d3dgs/cloud", NULL},
+    {"4dgaussian/dnerf_like/model", NULL},
+};
+
+static void check(const char *path, const char *name, const char *importer, bool data)
 {
     const struct spin_importer *found = NULL;
-    spin_status status = spin_importer_find(path, NULL, false, &found);
+    spin_status status = spin_importer_find(path, NULL, data, &found);
     bool good = importer ? status == SPIN_OK && strcmp(found->name, importer) == 0
                          : status == SPIN_E_NOT_RECOGNISED;
 
-    ok(good, "%s: %s", name, importer ? importer : "is no run");
+    ok(good, "%s%s: %s", name, data ? ", data" : "", importer ? importer : "is none");
     if (!good)
         printf("#   %s\n", status == SPIN_OK ? found->name : spin_last_error());
 }
@@ -59,25 +79,33 @@ static void check_all(const char *root, const char *first, const char *rest, con
 
         snprintf(name, sizeof name, "%s/%s%s", first, names[i], rest);
         if (spin_path_is_folder(path))
-            check(rest[0] ? path_in(path, rest + 1) : path, name, importer);
+            check(rest[0] ? path_in(path, rest + 1) : path, name, importer, false);
     }
     spin_folder_list_free(names);
 }
 
 TAP_MAIN
 {
-    for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
-        const char *star = strstr(known[i].path, "/*"), *root;
+    for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
+        const char *star = strstr(runs[i].path, "/*"), *root;
         char first[100];
 
         snprintf(first, sizeof first, "%.*s",
-                 star ? (int)(star - known[i].path) : (int)strlen(known[i].path), known[i].path);
+                 star ? (int)(star - runs[i].path) : (int)strlen(runs[i].path), runs[i].path);
         root = check_fixture(first);
         if (!root)
-            skip(known[i].path, "it is not here");
+            skip(runs[i].path, "it is not here");
         else if (star)
-            check_all(root, first, star + 2, known[i].importer);
+            check_all(root, first, star + 2, runs[i].importer);
         else
-            check(root, known[i].path, known[i].importer);
+            check(root, runs[i].path, runs[i].importer, false);
+    }
+    for (size_t i = 0; i < sizeof data_sets / sizeof *data_sets; i++) {
+        const char *root = check_fixture(data_sets[i].path);
+
+        if (root)
+            check(root, data_sets[i].path, data_sets[i].importer, true);
+        else
+            skip(data_sets[i].path, "it is not here");
     }
 }

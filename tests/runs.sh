@@ -1,0 +1,55 @@
+# shellcheck shell=sh
+# What the scripts of several rooms know of the fixtures: source it.
+
+# Importers of runs, a name a line, as the command itself lists them.
+importers_of_runs() { # BIN_DIR
+    "$1/spin-import" --list --json | tr -d '\n' | sed 's/},/}\n/g' |
+        sed -n 's/.*"name": "\([^"]*\)".*"tracks": true.*/\1/p'
+}
+
+run_of() { # IMPORTER: one of its runs, inside the large fixtures
+    case $1 in
+    4dgaussian) echo 4dgaussian/dnerf_like/model ;;
+    3dgstream) echo 3dgstream ;;
+    d3dgs) echo d3dgs/cloud ;;
+    dash) echo dash/levels16_dim4/model ;;
+    deformable3dgs) echo deformable3dgs/real_small/model ;;
+    grid4d) echo grid4d/dnerf_like/model ;;
+    modecgs) echo modecgs/default_like/model ;;
+    omg4) echo omg4/comp_xz ;;
+    ply) echo ply/inria_sh3 ;;
+    realtime4dgs) echo realtime4dgs/rot4d_sht ;;
+    rotor4dgs) echo rotor4dgs/dnerf_like ;;
+    tc3dgs) echo tc3dgs/trained ;;
+    esac
+}
+
+# Cameras on a circle of this radius that look at the middle, each at three times, as n3v2blender.py
+# writes them; the first is held out. The pictures are to be images/cam<0C>_000<T>, C to 5 and T to 2.
+cameras() { # FOLDER RADIUS LAST_TIME
+    for split in train test; do
+        awk -v radius="$2" -v last="$3" -v test="$([ $split = test ]; echo $?)" 'BEGIN {
+            print "{\"w\": 160, \"h\": 90, \"fl_x\": 150, \"fl_y\": 150, \"cx\": 80, \"cy\": 45, \"frames\": ["
+            first = test == 0 ? 0 : 1
+            for (camera = first; camera < (test == 0 ? 1 : 6); camera++) {
+                s = sin(1.05 * camera); c = cos(1.05 * camera)
+                for (t = 0; t < 3; t++) {
+                    printf "%s{\"file_path\": \"images/cam%02d_%04d\", \"time\": %g,\n", \
+                        comma++ ? "," : "", camera, t, last * t / 2
+                    printf " \"transform_matrix\": [[%.9g, 0, %.9g, %.9g], [0, 1, 0, 0],", c, s, radius * s
+                    printf " [%.9g, 0, %.9g, %.9g], [0, 0, 0, 1]]}\n", -s, c, radius * c
+                }
+            }
+            print "]}" }' >"$1/transforms_$split.json"
+    done
+}
+
+# A picture of 160 x 90 that stands for every one of those.
+stand_in() { # FOLDER PICTURE
+    mkdir -p "$1/images"
+    for camera in 0 1 2 3 4 5; do
+        for frame in 0 1 2; do
+            cp "$2" "$1/images/cam0${camera}_000$frame.jpg"
+        done
+    done
+}
