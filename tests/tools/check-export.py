@@ -145,4 +145,5 @@ def main():
     sys.exit(0 if good and files else 1)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -7,6 +7,10 @@
 # (A:B:STEP). With `short` the first only, in small pictures; with `importers` a PLY of every importer's run
 # instead (importers.sh).
 #
+# The frames of BUNDLE are also written by NumPy and splat-transform, where Python has NumPy, and what these
+# known-good files reach in a viewer is the limit where it is below the bench's own: a scene whose splats
+# reach beside and behind the camera is drawn by each viewer in its own way.
+#
 # What is missing (Node, Chromium, the packages and no network to fetch them) skips everything, by name.
 bin=$(cd "${1:-build/release/bin}" && pwd) || exit 1
 short= every=
@@ -80,6 +84,38 @@ use_page() {
         fail "$1: the page does not do what it should"
 }
 
+# python: one that has NumPy.
+python() {
+    for p in python3 /usr/bin/python3; do
+        "$p" -c 'import numpy' 2>/dev/null && { echo "$p"; return; }
+    done
+}
+
+# calibrate SAMPLE OPTION...: the frames in SAMPLE/ply once more, by others, in SAMPLE-known; what they reach
+# in SAMPLE-known-shots/report.json.
+calibrate() {
+    sample=$1
+    shift
+    python=$(python)
+    [ -n "$python" ] || { echo "viewers: skipped: known-good files of $sample: no NumPy"; return 1; }
+    numbers=$(cd "$sample/ply" && ls frame_*.ply | sed 's/frame_0*\([0-9].*\)\.ply/\1/')
+    rm -rf "$sample-known"
+    # shellcheck disable=SC2086
+    "$python" "$here/known-good.py" "$sample.spin" "$sample-known" $numbers || return 1
+    mkdir "$sample-known/compressed-ply" "$sample-known/gltf"
+    for file in "$sample-known"/ply/*.ply; do
+        name=$(basename "$file" .ply)
+        for to in compressed-ply/$name.compressed.ply gltf/$name.glb; do
+            node "$here/node_modules/@playcanvas/splat-transform/bin/cli.mjs" -q "$file" \
+                "$sample-known/$to" || return 1
+        done
+    done
+    echo "-- $sample, known-good files by NumPy and splat-transform"
+    # shellcheck disable=SC2086
+    node "$here/bench.mjs" $size --out "$sample-known-shots" "$@" --calibrate "$sample-known/ply" \
+        "$sample-known/compressed-ply" "$sample-known/spz" "$sample-known/splat" "$sample-known/gltf"
+}
+
 # show SAMPLE [OPTION...]: everything that was exported, in every viewer that opens it.
 show() {
     sample=$1
@@ -87,8 +123,13 @@ show() {
     echo
     echo "== $sample"
     export_all "$sample" || return
+    known=
+    if [ "$sample.spin" = "$(basename "$bundle")" ]; then
+        calibrate "$sample" "$@" && known="--known $sample-known-shots/report.json"
+        echo "-- $sample"
+    fi
     # shellcheck disable=SC2086
-    node "$here/bench.mjs" --expect-motion $size --out "$sample-shots" "$@" "$sample/ply" \
+    node "$here/bench.mjs" --expect-motion $size $known --out "$sample-shots" "$@" "$sample/ply" \
         "$sample/compressed-ply" "$sample/spz" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
         fail "$sample: a viewer disagrees"
     use_page "$sample"
