@@ -3,7 +3,8 @@
 #
 # frame: one frame of a million splats with SH of degree 3, to PLY, GLB, compressed PLY and SPZ, beside
 #        splat-transform on the same frame, the two in turns.
-# clip:  150 frames of 100,000 splats to PLY, beside cp of the same files.
+# clip:  150 frames of 100,000 splats to PLY, beside cp of the same files, both left to the system to write
+#        out and both waited for, in turns.
 #
 # RUNS=5: runs of each, of which the median counts. FRAMES=150: of the clip. WORK: a folder with room, 3 GB for the frame and 12 GB
 # for the clip (a temporary one). BIN: the commands (build/release/bin). SPLAT_TRANSFORM: its cli.mjs (that
@@ -85,16 +86,21 @@ frame() {
 clip() {
     "$clip" "$work/clip" "$frames" 100000 3 >"$work/out" 2>&1 || exit 1
     "$bin/spin-import" -q "$work/clip" -o "$work/clip.spin" >/dev/null || exit 1
-    rm -rf "$work/clip" "$work/clip.ours" "$work/clip.cp" "$work/clip.sync"
+    rm -rf "$work/clip" "$work"/clip.*.log
     i=0
     while [ $i -lt "$runs" ]; do
         i=$((i + 1))
         rm -rf "$work/frames" && sync
-        measure "$work/clip.ours" "$bin/spin-export" -q "$work/clip.spin" --to ply -o "$work/frames"
+        measure "$work/clip.wait.log" "$bin/spin-export" -q "$work/clip.spin" --to ply --sync \
+            -o "$work/frames"
+        rm -rf "$work/frames" && sync
+        measure "$work/clip.ours.log" "$bin/spin-export" -q "$work/clip.spin" --to ply \
+            -o "$work/frames"
         rm -rf "$work/copy" && sync
-        measure "$work/clip.cp" cp -r "$work/frames" "$work/copy"
+        measure "$work/clip.cp.log" cp -r "$work/frames" "$work/copy"
         rm -rf "$work/copy" && sync
-        measure "$work/clip.sync" sh -c 'cp -r "$1" "$2" && sync "$2"/*' sh "$work/frames" "$work/copy"
+        measure "$work/clip.sync.log" sh -c 'cp -r "$1" "$2" && sync "$2"/*' sh "$work/frames" \
+            "$work/copy"
         rm -rf "$work/copy"
     done
     bytes=$(cat "$work/frames"/*.ply | wc -c)
@@ -102,8 +108,9 @@ clip() {
     echo
     echo "| | wall s | CPU s | peak MB | GB/s |"
     echo "|---|---|---|---|---|"
-    for row in "ours:spin-export --to ply, flushed to disk" "cp:cp" "sync:cp, then flushed to disk"; do
-        log=$work/clip.${row%%:*}
+    for row in "ours:spin-export --to ply" "cp:cp" "wait:spin-export --to ply --sync" \
+        "sync:cp, then sync"; do
+        log=$work/clip.${row%%:*}.log
         awk -v name="${row#*:}" -v wall="$(median "$log" '$1')" -v cpu="$(median "$log" '$2 + $3')" \
             -v peak="$(median "$log" '$4 / 1000')" -v bytes="$bytes" 'BEGIN {
             printf "| %s | %.2f | %.2f | %.0f | %.2f |\n", name, wall, cpu, peak, bytes / wall / 1e9 }'

@@ -1,12 +1,13 @@
 #!/bin/sh
 # import.sh [FOLDER [FRAMES [SPLATS]]]: how fast runs come in, beside what the machine does with the same
 # bytes. Makes a Dynamic 3D Gaussians run as np.savez writes it (150 frames of 100,000: 606 MB) in FOLDER
-# (a new one below $TMPDIR or /tmp, removed afterwards), then times, five times each:
+# (a new one below $TMPDIR or /tmp, removed afterwards), then times, five times each, in turns:
 #
 #     cat        the run read to nowhere
 #     cp         the run copied
+#     import     the run to a bundle
 #     cp, sync   the run copied and on the disk
-#     import     the run to a bundle, which is on the disk before it has its name
+#     --sync     the run to a bundle, which is on the disk before it has its name
 #
 # and prints medians, rates and the import's peak memory; then opens a checkpoint of 450 MB of which two
 # thirds are optimiser moments, and the same without them. SPIN_BIN says where the commands are. Needs python3 and GNU time.
@@ -77,29 +78,25 @@ clear() {
     sync -f "$folder"
 }
 
-# One kind after the other, not in turn: how fast the system finds memory for a file depends on what was
-# written before, and should be the same for all.
+# In turns: how fast the system finds memory for a file changes by the minute.
 rm -f "$folder"/*.times
 for _ in 1 2 3 4 5; do
     seconds cat cat "$run"
-done
-for _ in 1 2 3 4 5; do
     clear
     seconds cp cp "$run" "$folder/copy"
-done
-for _ in 1 2 3 4 5; do
-    clear
-    seconds sync sh -c "cp '$run' '$folder/copy' && sync '$folder/copy'"
-done
-for _ in 1 2 3 4 5; do
     clear
     seconds import "$bin/spin-import" -q "$run" -o "$folder/out.spin"
+    clear
+    seconds sync sh -c "cp '$run' '$folder/copy' && sync '$folder/copy'"
+    clear
+    seconds wait "$bin/spin-import" -q "$run" --sync -o "$folder/out.spin"
 done
 echo "$frames frames of $splats splats, $bytes bytes; medians of 5"
 row cat cat
 row cp cp
-row sync "cp, sync"
 row import import
+row sync "cp, sync"
+row wait "--sync"
 clear
 
 # A checkpoint as Realtime-4DGS saves it, with two moments for every number: twice as many bytes that
