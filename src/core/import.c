@@ -340,12 +340,14 @@ static spin_status write_frame(void *context, int i, const struct spin_splats *s
                                    splats);
 }
 
+/* What is the same in every frame is written with the first one, and not read again. */
 static spin_status relay_frame(struct import *im, int i)
 {
+    unsigned again = i == 0 ? 0 : im->meta.still_columns;
     struct spin_splats *slot;
 
     SPIN_TRY(spin_relay_slot(&im->relay, &slot));
-    SPIN_TRY(read_frame(im, i, im->meta.columns, slot));
+    SPIN_TRY(read_frame(im, i, im->meta.columns & ~again, slot));
     spin_relay_send(&im->relay, i);
     return SPIN_OK;
 }
