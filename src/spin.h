@@ -493,6 +493,8 @@ struct spin_retrain_options {
 
 /* The paper's defaults. */
 void spin_retrain_defaults(struct spin_retrain_options *o);
+/* "paper": these. "short": what does best in minutes. SPIN_E_USAGE when there is no such preset. */
+spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
 
 /* LPIPS networks, and the place of each in arrays. */
 enum { SPIN_LPIPS_VGG, SPIN_LPIPS_ALEX, SPIN_N_LPIPS };

@@ -8,7 +8,7 @@
 static struct spin_retrain_options options;
 static struct spin_opt_common common;
 static struct spin_opt_ints test_cameras;
-static const char *residual = "off";
+static const char *preset = "paper", *residual;
 static const char *method = "network", *refine_start = "points", *densify = "on";
 static const char *activation = "gelu";
 
@@ -39,6 +39,19 @@ static int parse_numbers(const char *text, double *out, int room)
             return 0;
     }
     return n;
+}
+
+/* --preset is looked up before all else, so that the other options change it wherever they stand. */
+static const char *preset_of(int argc, char **argv)
+{
+    const char *found = "paper";
+
+    for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++)
+        if (!strcmp(argv[i], "--preset") && i + 1 < argc)
+            found = argv[i + 1];
+        else if (!strncmp(argv[i], "--preset=", 9))
+            found = argv[i] + 9;
+    return found;
 }
 
 static bool parse_scale_bias(const char *text, void *into)
@@ -139,6 +152,9 @@ static const struct spin_opt_row rows[] = {
     SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
              SPIN_OPT_COLOUR, options.background, 0, 0),
     SPIN_OPT_HEADING("Training"),
+    SPIN_OPT("preset", 0, "paper|short",
+             "where all options start: the paper's settings, or what does best in minutes (paper)",
+             SPIN_OPT_CHOICE, &preset, 0, 0),
     SPIN_OPT("iterations", 0, "N", "steps (40000)", SPIN_OPT_INT, &options.iterations, 1, MANY),
     SPIN_OPT("batch", 0, "N", "images a step (3)", SPIN_OPT_INT, &options.batch, 1, 1024),
     SPIN_OPT("views-per-frame", 0, "N", "images of a step taken from one frame (1)", SPIN_OPT_INT,
@@ -335,7 +351,8 @@ int main(int argc, char **argv)
     struct spin_retrain_report report = {0};
     int code;
 
-    spin_retrain_defaults(&options);
+    if (spin_retrain_preset(preset_of(argc, argv), &options) != SPIN_OK)
+        spin_retrain_defaults(&options); /* parsing says that there is no such */
     if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
         return code;
     code = check(&words);
@@ -349,10 +366,10 @@ int main(int argc, char **argv)
     if (!strcmp(refine_start, "source"))
         options.refine_start = SPIN_REFINE_FROM_SOURCE;
     options.no_densify = !strcmp(densify, "off");
-    if (!strcmp(residual, "points"))
-        options.residual = SPIN_RESIDUAL_POINTS;
-    if (!strcmp(residual, "source"))
-        options.residual = SPIN_RESIDUAL_SOURCE;
+    if (residual)
+        options.residual = !strcmp(residual, "points")   ? SPIN_RESIDUAL_POINTS
+                           : !strcmp(residual, "source") ? SPIN_RESIDUAL_SOURCE
+                                                         : SPIN_RESIDUAL_OFF;
     options.relu = !strcmp(activation, "relu");
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;

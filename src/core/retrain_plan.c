@@ -44,6 +44,31 @@ void spin_retrain_defaults(struct spin_retrain_options *o)
     o->device = "auto";
 }
 
+/* What a budget of minutes wants. A frame is visited some hundred times, not some thousand: rates are
+ * higher, the views of a batch share one run of the network, and the splats begin with what is known. */
+static void preset_short(struct spin_retrain_options *o)
+{
+    o->iterations = 1500;
+    o->views_per_frame = 3;
+    o->hash_log2 = 19;
+    o->normalise = SPIN_NORMALISE_AUTO;
+    o->residual = SPIN_RESIDUAL_POINTS;
+    o->lr_residual = 8;
+    o->lr_position = 1e-3;
+    o->lr_table = 4e-2;
+    o->lr_head_factor = 4;
+}
+
+spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o)
+{
+    spin_retrain_defaults(o);
+    if (!strcmp(name, "short"))
+        preset_short(o);
+    else if (strcmp(name, "paper") != 0)
+        return spin_fail(SPIN_E_USAGE, "no preset '%s': paper or short", name);
+    return SPIN_OK;
+}
+
 spin_status spin_retrain_check(const struct spin_retrain_options *o)
 {
     if (!o->input || (!o->output && !o->dry_run))

@@ -123,6 +123,21 @@ ok $? "and spin-eval adds them as well"
 run "$bin/spin-retrain" "$in" -o "$work/own2.spin" $small --iterations 6 --residual points --threads 3
 same_frames "$work/own.spin" "$work/own2.spin" "one thread and three give the same bits"
 
+# A preset is where options start: what stands before it on the line counts as well.
+run "$bin/spin-retrain" "$in" -o "$work/preset.spin" $small --iterations 2 --preset short
+is "$code" 0 "retrains with a preset"
+if command -v python3 >/dev/null 2>&1; then
+    python3 -c 'import json, sys, zipfile
+o = json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["network"]["options"]
+sys.exit(not (o["iterations"] == 2 and o["hash_log2"] == 10 and o["residual"] == "points" and
+              o["lr_table"] == 0.04 and o["views_per_frame"] == 3))' "$work/preset.spin"
+    ok $? "its own options, and those given"
+else
+    skip "what a preset sets" "no python3"
+fi
+run "$bin/spin-retrain" "$in" -o "$work/x.spin" --preset long
+fails 2 spin-retrain "no such preset"
+
 # Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
 # with one that was never stopped. SIGNAL CODE
 stopped() {
