@@ -55,29 +55,38 @@ static struct place place_of(const struct spin_cam *cam, int tile)
 }
 
 /* Pairs of the tile, made ready: offsets from the tile's first pixel, the exponent's coefficients,
- * the rows and registers that alpha can reach. Arrays, so that the compiler makes vectors of the
- * loop that fills them. */
+ * the registers of a row that alpha can reach, and what tells which rows (rows_set). Arrays, so
+ * that the compiler makes vectors of the loop that fills them. */
 struct ready {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH], colour[3][BATCH];
-    int32_t row0[BATCH], row1[BATCH], vec0[BATCH], vec1[BATCH];
+    float peak[BATCH];  /* largest exponent of a row: at dx = peak dy */
+    float least[BATCH]; /* exponent without the opacity: below it a pixel does not count */
+    int32_t vec0[BATCH], vec1[BATCH];
 };
 
 /* v truncated, within 0..n */
 SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf(v, 0), n); }
 
-/* `reach` is padded by 0.01, so 0.999 stands for rounding up. */
-static void reach_of(struct ready *r, const struct place *p)
+/* `reach` is padded by 0.01, so 0.999 stands for rounding up. `least` has a margin for the rounding
+ * of an exponent's terms anywhere in the tile; where the coefficients are of no use, none is below
+ * it. */
+static void reach_of(struct ready *r)
 {
-    float height = (float)p->height;
-
     for (int i = 0; i < BATCH; i++) {
-        float reach_x, reach_y;
+        float reach_x, reach_y, a, b, c, x, y, terms;
+        int usable;
+
         r->opacity[i] = spin_blend_scale(&r->a[i], &r->b[i], &r->c[i], r->opacity[i]);
-        spin_blend_reach(r->a[i], r->b[i], r->c[i], r->opacity[i], &reach_x, &reach_y);
-        r->row0[i] = clamp_to(r->v[i] - reach_y + 0.999f, height);
-        r->row1[i] = clamp_to(r->v[i] + reach_y + 1, height);
+        a = r->a[i], b = r->b[i], c = r->c[i];
+        spin_blend_reach(a, b, c, r->opacity[i], &reach_x, &reach_y);
         r->vec0[i] = clamp_to(r->u[i] - reach_x + 0.999f, SIDE) / LANES;
         r->vec1[i] = (clamp_to(r->u[i] + reach_x + 1, SIDE) + LANES - 1) / LANES;
+        x = spin_maxf(fabsf(r->u[i]), fabsf(r->u[i] - SIDE));
+        y = spin_maxf(fabsf(r->v[i]), fabsf(r->v[i] - SIDE));
+        terms = fabsf(a) * x * x + fabsf(b) * x * y + fabsf(c) * y * y;
+        usable = a < -1e-20f && fabsf(b) < 1e10f;
+        r->peak[i] = usable ? -0.5f * b / a : 0;
+        r->least[i] = usable ? SPIN_ALPHA_MIN_LOG2 - r->opacity[i] - 1e-4f - 2e-6f * terms : -1e30f;
     }
 }
 
@@ -95,7 +104,7 @@ static void make_ready(const struct spin_splat2d *splat2d, const struct place *p
         for (int c = 0; c < 3; c++)
             r->colour[c][i] = s->colour[c];
     }
-    reach_of(r, p);
+    reach_of(r);
 }
 
 static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
@@ -110,22 +119,65 @@ static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
     return s;
 }
 
+/* What the exponent needs of every row of the tile: the distance, and the term without dx. In
+ * memory, as a register is filled with one of them for nothing when it is loaded. */
+struct rows {
+    float dy[SIDE], c[SIDE];
+    int begin, end; /* rows with a pixel that may count; an ellipse leaves no gap */
+};
+
+SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int height)
+{
+    spin_lanes lowest = spin_lanes_all(r->u[i] - (SIDE - 1)), highest = spin_lanes_all(r->u[i]);
+    uint32_t bits = 0;
+
+    for (int k = 0; k < VECS; k++) {
+        spin_lanes dy = r->v[i] - (spin_lanes_count() + (float)(k * LANES)), c = r->c[i] * dy;
+        spin_lanes dx = spin_lanes_min(spin_lanes_max(r->peak[i] * dy, lowest), highest);
+
+        spin_lanes_store(rows->dy + k * LANES, dy);
+        c *= dy;
+        spin_lanes_store(rows->c + k * LANES, c);
+        c += (r->a[i] * dx + r->b[i] * dy) * dx;
+        bits |= spin_mask_bits(spin_lanes_ge(c, spin_lanes_all(r->least[i]))) << (k * LANES);
+    }
+    bits &= (1u << height) - 1;
+    rows->begin = bits ? __builtin_ctz(bits) : 0;
+    rows->end = bits ? 32 - __builtin_clz(bits) : 0;
+}
+
 /* ---- Forward --------------------------------------------------------------------------------- */
 
 struct front {
-    float t[SIDE * SIDE], colour[3][SIDE * SIDE];
+    __attribute__((aligned(64))) float t[SIDE * SIDE], colour[3][SIDE * SIDE];
     int32_t used[SIDE * SIDE];
     spin_mask live[SIDE * VECS];
     int n_live; /* registers with a live pixel */
 };
 
+/* Where the tile's pixels will be written: brought near while they are computed. */
+static void fetch_pixels(const struct job *job, const struct place *p)
+{
+    size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
+
+    for (int y = 0; y < p->height; y++) {
+        size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)p->x0;
+
+        for (size_t c = 0; c < 3; c++)
+            __builtin_prefetch(job->image + c * plane + at, 1);
+        __builtin_prefetch(job->final_t + at, 1);
+        __builtin_prefetch(job->n_used + at, 1);
+    }
+}
+
 static void front_begin(struct front *f, const struct place *p)
 {
     f->n_live = 0;
-    for (int i = 0; i < SIDE * SIDE; i++) {
-        f->t[i] = 1;
-        f->colour[0][i] = f->colour[1][i] = f->colour[2][i] = 0;
-        f->used[i] = 0;
+    for (int i = 0; i < SIDE * VECS; i++) {
+        spin_lanes_store(f->t + i * LANES, spin_lanes_all(1));
+        for (int c = 0; c < 3; c++)
+            spin_lanes_store(f->colour[c] + i * LANES, spin_lanes_all(0));
+        spin_lanes_store_i(f->used + i * LANES, (spin_lanes_i){0});
     }
     for (int i = 0; i < SIDE * VECS; i++) {
         int pixels = i / VECS < p->height ? p->width - i % VECS * LANES : 0;
@@ -136,10 +188,10 @@ static void front_begin(struct front *f, const struct place *p)
 }
 
 /* One register of pixels takes one splat: spin_blend_step. `power` is without the opacity. */
-SPIN_FN void front_step(struct front *f, const struct spin_blend_splat *s, int vec,
+SPIN_FN void front_step(struct front *f, spin_lanes log2_opacity, const spin_lanes *colour, int vec,
                         spin_lanes power, int32_t place)
 {
-    spin_lanes exponent = power + s->log2_opacity;
+    spin_lanes exponent = power + log2_opacity;
     spin_mask counts = spin_mask_and(
         f->live[vec], spin_mask_and(spin_lanes_ge(spin_lanes_all(0), power),
                                     spin_lanes_ge(exponent, spin_lanes_all(SPIN_ALPHA_MIN_LOG2))));
@@ -157,10 +209,9 @@ SPIN_FN void front_step(struct front *f, const struct spin_blend_splat *s, int v
     weight = spin_lanes_keep(on, weight);
     for (int c = 0; c < 3; c++)
         spin_lanes_store(f->colour[c] + at,
-                         spin_lanes_load(f->colour[c] + at) + weight * s->colour[c]);
+                         spin_lanes_load(f->colour[c] + at) + weight * colour[c]);
     spin_lanes_store(f->t + at, spin_lanes_pick(on, after, t));
-    spin_lanes_store_i(f->used + at,
-                       spin_lanes_pick_i(on, place + 1, spin_lanes_load_i(f->used + at)));
+    spin_lanes_put_i(f->used + at, on, place + 1 - (spin_lanes_i){0});
     counts = spin_mask_without(counts, on);
     if (spin_mask_any(counts)) {
         f->live[vec] = spin_mask_without(f->live[vec], counts);
@@ -168,17 +219,43 @@ SPIN_FN void front_step(struct front *f, const struct spin_blend_splat *s, int v
     }
 }
 
-static void front_splat(struct front *f, const struct ready *r, uint32_t i, int32_t place)
+static void front_splat(struct front *f, const struct ready *r, uint32_t i, int height,
+                        int32_t place)
 {
-    struct spin_blend_splat s = splat_of(r, i);
+    spin_lanes colour[3], log2_opacity = spin_lanes_all(r->opacity[i]);
+    struct rows rows;
 
+    rows_set(&rows, r, i, height);
+    for (int c = 0; c < 3; c++)
+        colour[c] = spin_lanes_all(r->colour[c][i]);
     for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
-        spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
-        spin_lanes a = s.a * dx * dx, b = s.b * dx;
-        for (int row = r->row0[i]; row < r->row1[i]; row++) {
-            float dy = s.v_px - (float)row;
-            front_step(f, &s, row * VECS + k, a + b * dy + s.c * dy * dy, place);
-        }
+        spin_lanes dx = r->u[i] - (float)(k * LANES) - spin_lanes_count();
+        spin_lanes a = r->a[i] * dx * dx, b = r->b[i] * dx;
+        for (int row = rows.begin; row < rows.end; row++)
+            front_step(f, log2_opacity, colour, row * VECS + k, a + b * rows.dy[row] + rows.c[row],
+                       place);
+    }
+}
+
+/* A row of pixels, out of the tile. */
+SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane, int width, int i,
+                     size_t at)
+{
+    const float *restrict t = f->t + i;
+    const int32_t *restrict used = f->used + i;
+    float *restrict final_t = job->final_t + at;
+    int32_t *restrict n_used = job->n_used + at;
+
+    for (size_t c = 0; c < 3; c++) {
+        const float *restrict colour = f->colour[c] + i;
+        float *restrict image = job->image + c * plane + at, background = job->background[c];
+
+        for (int x = 0; x < width; x++)
+            image[x] = colour[x] + t[x] * background;
+    }
+    for (int x = 0; x < width; x++) {
+        final_t[x] = t[x];
+        n_used[x] = used[x];
     }
 }
 
@@ -188,14 +265,11 @@ static void front_end(const struct job *job, const struct front *f, const struct
 
     for (int y = 0; y < p->height; y++) {
         size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)p->x0;
-        for (int x = 0; x < p->width; x++) {
-            int i = y * SIDE + x;
-            for (int c = 0; c < 3; c++)
-                job->image[(size_t)c * plane + at + (size_t)x] =
-                    f->colour[c][i] + f->t[i] * job->background[c];
-            job->final_t[at + (size_t)x] = f->t[i];
-            job->n_used[at + (size_t)x] = f->used[i];
-        }
+
+        if (p->width == SIDE) /* so that the compiler knows */
+            row_out(job, f, plane, SIDE, y * SIDE, at);
+        else
+            row_out(job, f, plane, p->width, y * SIDE, at);
     }
 }
 
@@ -209,12 +283,13 @@ static void blend_task(void *context, int tile, int worker)
     struct front f;
 
     (void)worker;
+    fetch_pixels(job, &p);
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
         uint32_t count = n - first < BATCH ? n - first : BATCH;
         make_ready(job->splat2d, &p, pairs + first, count, &ready);
         for (uint32_t i = 0; i < count && f.n_live; i++)
-            front_splat(&f, &ready, i, (int32_t)(first + i));
+            front_splat(&f, &ready, i, p.height, (int32_t)(first + i));
     }
     front_end(job, &f, &p);
 }
@@ -245,29 +320,49 @@ struct back {
     int32_t most;                  /* of the tile */
 };
 
+/* A row of pixels, into the tile. */
+SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int width, int i,
+                    size_t at)
+{
+    const float *restrict final_t = job->final_t_in + at;
+    const int32_t *restrict n_used = job->n_used_in + at;
+    float through[SIDE] = {0}, *restrict t = b->t + i, *restrict s = b->s + i;
+    float *restrict used = b->used + i;
+
+    for (size_t c = 0; c < 3; c++) {
+        const float *restrict d_image = job->d_image + c * plane + at;
+        float *restrict g = b->g[c] + i, background = job->background[c];
+
+        for (int x = 0; x < width; x++) {
+            g[x] = d_image[x];
+            through[x] += g[x] * background;
+        }
+    }
+    for (int x = 0; x < width; x++) {
+        t[x] = final_t[x];
+        s[x] = t[x] * through[x];
+        used[x] = (float)n_used[x];
+    }
+    for (int x = 0; x < width; x++)
+        if (n_used[x] > b->vec_used[(i + x) / LANES])
+            b->vec_used[(i + x) / LANES] = n_used[x];
+}
+
 static void back_begin(const struct job *job, struct back *b, const struct place *p)
 {
     size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
 
     memset(b, 0, sizeof *b);
-    for (int y = 0; y < p->height; y++)
-        for (int x = 0; x < p->width; x++) {
-            size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)(p->x0 + x);
-            int i = y * SIDE + x;
-            int32_t used = job->n_used_in[at];
-            float through = 0;
-            for (int c = 0; c < 3; c++) {
-                b->g[c][i] = job->d_image[(size_t)c * plane + at];
-                through += b->g[c][i] * job->background[c];
-            }
-            b->t[i] = job->final_t_in[at];
-            b->s[i] = b->t[i] * through;
-            b->used[i] = (float)used;
-            if (used > b->vec_used[i / LANES])
-                b->vec_used[i / LANES] = used;
-            if (used > b->most)
-                b->most = used;
-        }
+    for (int y = 0; y < p->height; y++) {
+        size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)p->x0;
+
+        if (p->width == SIDE)
+            row_in(job, b, plane, SIDE, y * SIDE, at);
+        else
+            row_in(job, b, plane, p->width, y * SIDE, at);
+    }
+    for (int k = 0; k < SIDE * VECS; k++)
+        b->most = b->vec_used[k] > b->most ? b->vec_used[k] : b->most;
 }
 
 /* Sums of one splat over the rows; those with dx follow from them, since dx is the same in all. */
@@ -332,23 +427,23 @@ static void add_sums(const struct sums *sums, spin_lanes dx, struct spin_blend_s
 }
 
 static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, uint32_t i,
-                                         int32_t place)
+                                         int height, int32_t place)
 {
     struct spin_blend_splat s = splat_of(r, i);
     struct spin_blend_sums out = {{0}, 0, 0, 0, 0, 0, 0};
+    struct rows rows;
 
+    rows_set(&rows, r, i, height);
     for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
         spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
         spin_lanes a = s.a * dx * dx, slope = s.b * dx;
         struct sums sums;
 
         memset(&sums, 0, sizeof sums);
-        for (int row = r->row0[i]; row < r->row1[i]; row++) {
-            float dy = s.v_px - (float)row;
+        for (int row = rows.begin; row < rows.end; row++)
             if (b->vec_used[row * VECS + k] > place)
-                back_step(b, &s, row * VECS + k, a + slope * dy + s.c * dy * dy, dy, (float)place,
-                          &sums);
-        }
+                back_step(b, &s, row * VECS + k, a + slope * rows.dy[row] + rows.c[row],
+                          rows.dy[row], (float)place, &sums);
         add_sums(&sums, dx, &out);
     }
     return out;
@@ -386,7 +481,7 @@ static void back_task(void *context, int tile, int worker)
             __builtin_prefetch(slot[i], 1);
         }
         for (uint32_t i = n_batch; i-- > 0;)
-            *slot[i] = back_splat(&b, &ready, i, (int32_t)(first + i));
+            *slot[i] = back_splat(&b, &ready, i, p.height, (int32_t)(first + i));
         end = first;
     }
 }

@@ -66,6 +66,7 @@ SPIN_FN spin_mask spin_lanes_ge(spin_lanes a, spin_lanes b)
     return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_GE_OQ);
 }
 SPIN_FN int spin_mask_any(spin_mask m) { return m != 0; }
+SPIN_FN uint32_t spin_mask_bits(spin_mask m) { return m; } /* lane i is bit i */
 SPIN_FN spin_mask spin_mask_and(spin_mask a, spin_mask b) { return (spin_mask)(a & b); }
 SPIN_FN spin_mask spin_mask_without(spin_mask a, spin_mask b) { return (spin_mask)(a & ~b); }
 SPIN_FN spin_mask spin_mask_first(int n) { return (spin_mask)((1u << n) - 1); }
@@ -73,9 +74,10 @@ SPIN_FN spin_lanes spin_lanes_pick(spin_mask m, spin_lanes yes, spin_lanes no)
 {
     return (spin_lanes)_mm512_mask_blend_ps(m, (__m512)no, (__m512)yes);
 }
-SPIN_FN spin_lanes_i spin_lanes_pick_i(spin_mask m, int32_t yes, spin_lanes_i no)
+/* Only the lanes of the mask; `to` is aligned. */
+SPIN_FN void spin_lanes_put_i(int32_t *to, spin_mask m, spin_lanes_i v)
 {
-    return (spin_lanes_i)_mm512_mask_set1_epi32((__m512i)no, m, yes);
+    _mm512_mask_store_epi32(to, m, (__m512i)v);
 }
 SPIN_FN spin_lanes spin_lanes_keep(spin_mask m, spin_lanes v)
 {
@@ -84,6 +86,10 @@ SPIN_FN spin_lanes spin_lanes_keep(spin_mask m, spin_lanes v)
 SPIN_FN spin_lanes spin_lanes_min(spin_lanes a, spin_lanes b)
 {
     return (spin_lanes)_mm512_min_ps((__m512)a, (__m512)b);
+}
+SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
+{
+    return (spin_lanes)_mm512_max_ps((__m512)a, (__m512)b);
 }
 /* 1/v: an estimate of 14 bits and one Newton step, 1e-7 */
 SPIN_FN spin_lanes spin_lanes_inverse(spin_lanes v)
@@ -105,35 +111,50 @@ SPIN_FN spin_lanes spin_lanes_pick(spin_mask m, spin_lanes yes, spin_lanes no)
 {
     return (spin_lanes)((m & (spin_lanes_i)yes) | (~m & (spin_lanes_i)no));
 }
-SPIN_FN spin_lanes_i spin_lanes_pick_i(spin_mask m, int32_t yes, spin_lanes_i no)
+SPIN_FN void spin_lanes_put_i(int32_t *to, spin_mask m, spin_lanes_i v)
 {
-    return (m & yes) | (~m & no);
+    spin_lanes_store_i(to, (m & v) | (~m & spin_lanes_load_i(to)));
 }
 SPIN_FN spin_lanes spin_lanes_inverse(spin_lanes v) { return 1.0f / v; }
 
 #if defined(__AVX__)
-SPIN_FN int spin_mask_any(spin_mask m) { return _mm256_movemask_ps((__m256)m) != 0; }
+SPIN_FN uint32_t spin_mask_bits(spin_mask m) { return (uint32_t)_mm256_movemask_ps((__m256)m); }
+SPIN_FN int spin_mask_any(spin_mask m) { return spin_mask_bits(m) != 0; }
 SPIN_FN spin_lanes spin_lanes_min(spin_lanes a, spin_lanes b)
 {
     return (spin_lanes)_mm256_min_ps((__m256)a, (__m256)b);
 }
+SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
+{
+    return (spin_lanes)_mm256_max_ps((__m256)a, (__m256)b);
+}
 #elif defined(__SSE2__)
-SPIN_FN int spin_mask_any(spin_mask m) { return _mm_movemask_ps((__m128)m) != 0; }
+SPIN_FN uint32_t spin_mask_bits(spin_mask m) { return (uint32_t)_mm_movemask_ps((__m128)m); }
+SPIN_FN int spin_mask_any(spin_mask m) { return spin_mask_bits(m) != 0; }
 SPIN_FN spin_lanes spin_lanes_min(spin_lanes a, spin_lanes b)
 {
     return (spin_lanes)_mm_min_ps((__m128)a, (__m128)b);
 }
-#else
-SPIN_FN int spin_mask_any(spin_mask m)
+SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
 {
-    int any = 0;
-    for (int i = 0; i < SPIN_LANES; i++)
-        any |= m[i];
-    return any != 0;
+    return (spin_lanes)_mm_max_ps((__m128)a, (__m128)b);
 }
+#else
+SPIN_FN uint32_t spin_mask_bits(spin_mask m)
+{
+    uint32_t bits = 0;
+    for (int i = 0; i < SPIN_LANES; i++)
+        bits |= (uint32_t)(m[i] & 1) << i;
+    return bits;
+}
+SPIN_FN int spin_mask_any(spin_mask m) { return spin_mask_bits(m) != 0; }
 SPIN_FN spin_lanes spin_lanes_min(spin_lanes a, spin_lanes b)
 {
     return spin_lanes_pick((spin_mask)(a < b), a, b);
+}
+SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
+{
+    return spin_lanes_pick((spin_mask)(a > b), a, b);
 }
 #endif
 
