@@ -19,6 +19,7 @@ enum {
     MAX_PARTS = 16,
     PART = 4096, /* splats of a part, while there are not more than MAX_PARTS */
     BATCH = 64,
+    AHEAD = 16, /* splats whose rectangles are fetched before they are needed */
     PASSES = 3,
     MAX_BUCKETS = 1 << 11 /* three digits of 11 bits hold any key */
 };
@@ -217,8 +218,9 @@ static void digit_move_task(void *context, int part, int worker)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
 
-/* Counts [parts][n] to first places: bucket by bucket, within a bucket part by part. */
-static uint32_t counts_to_places(const struct job *job, size_t n, uint32_t *start)
+/* Counts of n buckets, `stride` from part to part, to first places: bucket by bucket, within a
+ * bucket part by part. */
+static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride, uint32_t *start)
 {
     uint32_t place = 0, *count = job->count;
 
@@ -226,8 +228,8 @@ static uint32_t counts_to_places(const struct job *job, size_t n, uint32_t *star
         if (start)
             start[k] = place;
         for (int part = 0; part < job->parts; part++) {
-            uint32_t here = count[(size_t)part * n + k];
-            count[(size_t)part * n + k] = place;
+            uint32_t here = count[(size_t)part * stride + k];
+            count[(size_t)part * stride + k] = place;
             place += here;
         }
     }
@@ -246,7 +248,7 @@ static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highe
         struct entry *swap = job->from;
         job->shift = pass * job->digit;
         spin_pool_run(spin_cpu_pool(d), job->parts, digit_count_task, job);
-        counts_to_places(job, (size_t)1 << job->digit, NULL);
+        counts_to_places(job, (size_t)1 << job->digit, (size_t)1 << job->digit, NULL);
         spin_pool_run(spin_cpu_pool(d), job->parts, digit_move_task, job);
         job->from = job->to;
         job->to = swap;
@@ -329,28 +331,50 @@ static inline void walk_on(struct walk *w)
     w->left--;
 }
 
+/* Corners of tiles: one more than tiles each way. */
+static size_t corners_of(const struct spin_cam *cam)
+{
+    return ((size_t)cam->tiles_x + 1) * ((size_t)cam->tiles_y + 1);
+}
+
+/* How often each tile is covered: every rectangle leaves its four corners, and the sums over what is
+ * left and above of a tile are counts. They go where the corners were, without those beyond the
+ * tiles. */
 static void tile_count_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    size_t tiles_x = (size_t)job->cam->tiles_x, n_tiles = tiles_x * (size_t)job->cam->tiles_y;
-    uint32_t *count = job->count + (size_t)part * n_tiles;
-    size_t end = part_begin(job, job->n_sorted, part + 1);
+    size_t tiles_x = (size_t)job->cam->tiles_x, tiles_y = (size_t)job->cam->tiles_y;
+    size_t wide = tiles_x + 1, end = part_begin(job, job->n_sorted, part + 1);
+    uint32_t *count = job->count + (size_t)part * corners_of(job->cam);
 
     (void)worker;
-    memset(count, 0, n_tiles * sizeof *count);
+    memset(count, 0, corners_of(job->cam) * sizeof *count);
     for (size_t i = part_begin(job, job->n_sorted, part); i < end; i++) {
-        struct walk w = walk_begin(job->rect[job->from[i].splat], tiles_x);
+        struct rect r = job->rect[job->from[i].splat];
+        uint32_t *top = count + r.y0 * wide, *bottom = count + r.y1 * wide;
 
-        for (; w.left > 0; walk_on(&w))
-            count[w.tile]++;
+        if (i + AHEAD < end)
+            __builtin_prefetch(&job->rect[job->from[i + AHEAD].splat]);
+        top[r.x0]++;
+        top[r.x1]--;
+        bottom[r.x0]--;
+        bottom[r.x1]++;
+    }
+    for (size_t y = 0; y < tiles_y; y++) {
+        uint32_t sum = 0;
+
+        for (size_t x = 0; x < tiles_x; x++) {
+            sum += count[y * wide + x];
+            count[y * tiles_x + x] = sum + (y > 0 ? count[(y - 1) * tiles_x + x] : 0);
+        }
     }
 }
 
 static void tile_move_task(void *context, int part, int worker)
 {
     struct job *job = context;
-    size_t tiles_x = (size_t)job->cam->tiles_x, n_tiles = tiles_x * (size_t)job->cam->tiles_y;
-    uint32_t *place = job->count + (size_t)part * n_tiles, *pairs = job->tiles->pairs;
+    size_t tiles_x = (size_t)job->cam->tiles_x;
+    uint32_t *place = job->count + (size_t)part * corners_of(job->cam), *pairs = job->tiles->pairs;
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
     (void)worker;
@@ -358,6 +382,8 @@ static void tile_move_task(void *context, int part, int worker)
         uint32_t splat = job->from[i].splat;
         struct walk w = walk_begin(job->rect[splat], tiles_x);
 
+        if (i + AHEAD < end)
+            __builtin_prefetch(&job->rect[job->from[i + AHEAD].splat]);
         for (; w.left > 0; walk_on(&w))
             pairs[place[w.tile]++] = splat;
     }
@@ -375,8 +401,8 @@ void SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size
     job.from = sorted->entry;
     job.rect = sorted->rect;
     job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
-                                      (size_t)MAX_PARTS * n_tiles * sizeof *job.count);
+                                      MAX_PARTS * corners_of(cam) * sizeof *job.count);
     spin_pool_run(spin_cpu_pool(d), job.parts, tile_count_task, &job);
-    tiles->start[n_tiles] = counts_to_places(&job, n_tiles, tiles->start);
+    tiles->start[n_tiles] = counts_to_places(&job, n_tiles, corners_of(cam), tiles->start);
     spin_pool_run(spin_cpu_pool(d), job.parts, tile_move_task, &job);
 }
