@@ -5,16 +5,15 @@ bin=${1:-build/release/bin}
 clip=fixtures/court-mini
 out=demo-out
 
-# What fits into a few minutes on two cores. The paper's numbers are the defaults of spin-retrain.
-ITERATIONS=2000
-BATCH=3
+# What fits into a minute on two cores: a small network for a small clip. The paper's numbers are the
+# defaults of spin-retrain.
+ITERATIONS=1000
 LEVELS=8
 HASH_LOG2=15
 BASE=8,8,8,2
 FINEST=128,128,128,8
 SH_DEGREE=1
-HEAD_LR_FACTOR=4
-SCALE_BIAS=auto
+LR_RESIDUAL=3
 
 fail() {
     echo "demo: $*" >&2
@@ -37,10 +36,9 @@ echo "   PSNR $(number psnr $out/before.json)  SSIM $(number ssim $out/before.js
 
 echo
 echo "3. retrain the attributes: $ITERATIONS iterations"
-"$bin/spin-retrain" $out/court.spin -o $out/better.spin --device cpu --iterations $ITERATIONS \
-    --batch $BATCH --levels $LEVELS --hash-log2 $HASH_LOG2 --base-resolution $BASE \
-    --finest-resolution $FINEST --sh-degree $SH_DEGREE --head-lr-factor $HEAD_LR_FACTOR \
-    --scale-bias $SCALE_BIAS ||
+"$bin/spin-retrain" $out/court.spin -o $out/better.spin --device cpu --preset short \
+    --iterations $ITERATIONS --levels $LEVELS --hash-log2 $HASH_LOG2 --base-resolution $BASE \
+    --finest-resolution $FINEST --sh-degree $SH_DEGREE --lr-residual $LR_RESIDUAL ||
     fail "the retraining failed"
 
 echo
