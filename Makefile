@@ -217,7 +217,7 @@ valgrind: all ## every command once under valgrind: no leak at exit
 
 test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1  BUNDLE=own.spin
 	@$(MAKE) --no-print-directory -j$(JOBS) all
-	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short,$(if $(IMPORTERS),importers))
+	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
 lint: ## includes, headers, lists, manual, format
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done

@@ -26,6 +26,11 @@ run() {
     code=$?
 }
 
+# strace OPTION... COMMAND. Two cannot trace a program at once, so LeakSanitizer must not try.
+traced() {
+    ASAN_OPTIONS=${ASAN_OPTIONS:-}:detect_leaks=0 strace "$@"
+}
+
 # ok TRUTH NAME: TRUTH is the exit status of what was tried.
 ok() {
     count=$((count + 1))

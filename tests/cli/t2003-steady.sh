@@ -42,7 +42,7 @@ esac
 calls() { awk '$NF == "total" {print $4}' "$1"; }
 if strace -f -c -o "$work/strace.$few" true 2>/dev/null; then
     for n in $few $many; do
-        strace -f -c -o "$work/strace.$n" "$bin/spin-retrain" "$in" -o "$work/out.spin" $small \
+        traced -f -c -o "$work/strace.$n" "$bin/spin-retrain" "$in" -o "$work/out.spin" $small \
             --iterations $n -q >/dev/null 2>"$work/err"
         is $? 0 "counts the system calls of $n steps"
     done

@@ -7,7 +7,7 @@ in=$work/in.spin
 
 # syncs COMMAND...: how often it waits.
 syncs() {
-    strace -f -qq -e trace=fsync,fdatasync -o "$work/strace" "$@" >"$work/out" 2>"$work/err"
+    traced -f -qq -e trace=fsync,fdatasync -o "$work/strace" "$@" >"$work/out" 2>"$work/err"
     grep -c 'sync([0-9]' "$work/strace"
 }
 if ! strace -f -o "$work/strace" true 2>/dev/null; then

@@ -1,5 +1,9 @@
 /* LPIPS against an independent implementation (tests/tools/lpips-reference.py) with made-up weights,
  * which this test writes as checkpoints in torch's layout; finding the files; what is refused.
+ *
+ * LeakSanitizer's own tracer dies of a signal 11 when it reads the thread-local storage of oneDNN's threads,
+ * after every check here has passed. So it is told not to look there, and that what the loader keeps there,
+ * the last dlerror(), is no leak for that. All else is searched.
  * K: eval lpips */
 #include "core/lpips.h"
 
@@ -8,6 +12,13 @@
 #include "tests/check.h"
 #include "tests/importers/models.h"
 #include "tests/tap.h"
+
+const char *__lsan_default_options(void);
+const char *__lsan_default_suppressions(void);
+
+const char *__lsan_default_options(void) { return "use_tls=0:print_suppressions=0"; }
+
+const char *__lsan_default_suppressions(void) { return "leak:_dlerror_run\n"; }
 
 /* As in the script. */
 static void noise(uint32_t stream, size_t n, float *out)

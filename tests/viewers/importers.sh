@@ -1,5 +1,6 @@
 # shellcheck shell=sh
-# A frame of every importer's run in the viewers; run.sh sources it for `make test-viewers IMPORTERS=1`.
+# A frame of every importer's run in the viewers; run.sh sources it for `make test-viewers IMPORTERS=1`, or
+# IMPORTERS='realtime4dgs points' for some of them.
 #
 # The run goes import -> bundle -> PLY; the frame in the middle is drawn by every viewer and held to the
 # reference, with the camera that the bench fits to it. A run of positions only has no PLY before it is
@@ -74,15 +75,24 @@ show_importer() { # NAME
     draw "run-$1" "$1" "$path" "$drawn"
 }
 
-show_importers() {
-    rm -f importers.rows
-    for name in $(importers_of_runs "$bin"); do
-        show_importer "$name"
-    done
+show_points() {
     echo
-    echo "== ply: plain points"
+    echo "== plain points"
     plain_points points
     learn run-points points 2 && draw run-points ply 'plain points' 'positions, retrained'
+}
+
+show_importers() {
+    rm -f importers.rows
+    names=$IMPORTERS
+    [ "$names" = 1 ] && names="$(importers_of_runs "$bin") points"
+    for name in $names; do
+        if [ "$name" = points ]; then
+            show_points
+        else
+            show_importer "$name"
+        fi
+    done
     echo
     cat importers.rows
 }

@@ -1,11 +1,11 @@
 #!/bin/sh
-# run.sh BIN_DIR [short | importers]: export samples in every format and open them in real viewers.
+# run.sh BIN_DIR [short]: export samples in every format and open them in real viewers.
 #
 # Samples: a short retraining of the bundled clip; the bundled Dynamic 3D Gaussians run; where the large
 # fixtures are at hand (SPIN_FIXTURES, else ../shared/fixtures), a 4DGaussians and a Realtime-4DGS run;
 # and the bundle named in BUNDLE, with the camera in CAMERA (options of bench.mjs) and the frames in RANGE
-# (A:B:STEP). With `short` the first only, in small pictures; with `importers` a PLY of every importer's run
-# instead (importers.sh).
+# (A:B:STEP). With `short` the first only, in small pictures. With IMPORTERS=1 instead of all that a PLY of
+# every importer's run (importers.sh).
 #
 # The frames of BUNDLE are also written by NumPy and splat-transform, where Python has NumPy, and what these
 # known-good files reach in a viewer is the limit where it is below the bench's own: a scene whose splats
@@ -13,11 +13,7 @@
 #
 # What is missing (Node, Chromium, the packages and no network to fetch them) skips everything, by name.
 bin=$(cd "${1:-build/release/bin}" && pwd) || exit 1
-short= every=
-case ${2:-} in
-short) short=1 ;;
-importers) every=1 ;;
-esac
+short=${2:-}
 root=$(cd "$(dirname "$0")/../.." && pwd)
 here=$root/tests/viewers
 out=$root/build/viewers
@@ -151,10 +147,10 @@ matrix=$(node "$here/bench.mjs" --matrix)
 [ "$(sed -n '/^<!-- matrix -->$/,/^$/p' "$root/docs/viewers.md" | grep '^|')" = "$matrix" ] ||
     fail "docs/viewers.md: the table is not what 'node tests/viewers/bench.mjs --matrix' prints"
 
-if [ -n "$every" ]; then
+if [ -n "${IMPORTERS:-}" ]; then
     . "$here/importers.sh"
     show_importers
-    [ $failed = 0 ] && echo "viewers: every importer's frame is drawn (pictures in build/viewers/run-*-shots)"
+    [ $failed = 0 ] && echo "viewers: every frame is drawn as it should be (pictures in build/viewers/run-*-shots)"
     exit $failed
 fi
 
