@@ -48,7 +48,7 @@ struct options {
     int tables[MAX_LIST], n_tables;
     int rounds, frame;
     const char *mode, *points;
-    bool json;
+    bool alone, json;
 };
 
 /* ---- the stages ------------------------------------------------------------------------------ */
@@ -457,9 +457,15 @@ static void print_ceilings(int n_threads, const struct bench_ceilings *c)
 
 /* ---- one scene ------------------------------------------------------------------------------- */
 
+/* What is lazy has nothing to do the second time, and a step is no stage. */
+static bool repeats(const struct stage *stage)
+{
+    return !strstr(stage->name, "lazy") && strcmp(stage->name, "step") != 0;
+}
+
 static bool wanted(const struct options *o, const struct stage *stage)
 {
-    return !o->mode || strcmp(o->mode, stage->name) == 0;
+    return (!o->mode || strcmp(o->mode, stage->name) == 0) && (!o->alone || repeats(stage));
 }
 
 static spin_status fill_lists(struct bench_scene *s)
@@ -495,6 +501,17 @@ static void report(const struct options *o, const struct row *row, spin_json *in
         print_row(row);
 }
 
+/* Each stage over and over, as kernels are measured on their own: its data is where it left them. */
+static void time_alone(const struct options *o, struct bench_scene *s, struct timing *timing)
+{
+    zero_gradients(s);
+    for (int i = 0; i < N_STAGES; i++)
+        time_stage(&stages[i], s, &timing[i], 0);
+    for (int i = 0; i < N_STAGES; i++)
+        for (int round = 0; round < o->rounds && wanted(o, &stages[i]); round++)
+            time_stage(&stages[i], s, &timing[i], round);
+}
+
 static spin_status measure(const struct options *o, struct bench_scene *s, int n_threads,
                            int log2_rows, const struct bench_ceilings *c, spin_json *runs)
 {
@@ -504,7 +521,9 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
 
     SPIN_TRY(fill_lists(s)); /* grows what grows */
     pairs = bench_scene_pairs(s);
-    for (int round = 0; round < o->rounds; round++) {
+    if (o->alone)
+        time_alone(o, s, timing);
+    for (int round = 0; round < o->rounds && !o->alone; round++) {
         zero_gradients(s);
         for (int i = 0; i < N_STAGES; i++)
             time_stage(&stages[i], s, &timing[i], round);
@@ -580,6 +599,7 @@ static void help(void)
     for (int i = 0; i < N_STAGES; i++)
         printf(" %s", stages[i].name);
     printf(" step step_lazy\n"
+           "  --alone               each stage repeated by itself, not in its place in a step\n"
            "  --rounds 7            up to %d; the least and the median are shown\n"
            "  --points FILE.spin    the points of a bundle's frame instead of the made-up ones\n"
            "  --frame 0             which\n"
@@ -616,11 +636,10 @@ static bool known_mode(const char *mode)
 
 static bool read_options(int argc, char **argv, struct options *o)
 {
-    static const struct option known[] = {{"threads", 1, 0, 't'}, {"gaussians", 1, 0, 'g'},
-                                          {"table", 1, 0, 'k'},   {"mode", 1, 0, 'm'},
-                                          {"rounds", 1, 0, 'r'},  {"points", 1, 0, 'p'},
-                                          {"frame", 1, 0, 'f'},   {"json", 0, 0, 'j'},
-                                          {"help", 0, 0, 'h'},    {0, 0, 0, 0}};
+    static const struct option known[] = {
+        {"threads", 1, 0, 't'}, {"gaussians", 1, 0, 'g'}, {"table", 1, 0, 'k'}, {"mode", 1, 0, 'm'},
+        {"rounds", 1, 0, 'r'},  {"points", 1, 0, 'p'},    {"frame", 1, 0, 'f'}, {"json", 0, 0, 'j'},
+        {"help", 0, 0, 'h'},    {"alone", 0, 0, 'a'},     {0, 0, 0, 0}};
     int c;
 
     while ((c = getopt_long(argc, argv, "", known, NULL)) != -1) {
@@ -646,6 +665,9 @@ static bool read_options(int argc, char **argv, struct options *o)
             break;
         case 'f':
             o->frame = atoi(optarg);
+            break;
+        case 'a':
+            o->alone = true;
             break;
         case 'j':
             o->json = true;
