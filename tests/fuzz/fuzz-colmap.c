@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static char folder[64];
 
@@ -41,7 +42,9 @@ static void make_folder(void)
     char path[128];
 
     spin_log_set_level(-2);
-    snprintf(folder, sizeof folder, "/tmp/fuzz-colmap-XXXXXX");
+    /* In memory where there is such a place: a disk would take most of the time. */
+    snprintf(folder, sizeof folder, "%s/fuzz-colmap-XXXXXX",
+             access("/dev/shm", W_OK) == 0 ? "/dev/shm" : "/tmp");
     if (!mkdtemp(folder))
         abort();
     atexit(clean_up);
