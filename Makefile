@@ -66,7 +66,8 @@ SHIMS    += $(B)/lib/spin-conv.so
 endif
 
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
-VIDEO    ?= $(shell printf '\#include <libavformat/avformat.h>\n\#include <libswscale/swscale.h>\n' | $(CC) -E -x c - >/dev/null 2>&1 && echo yes || echo no)
+VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
+            $(CC) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
 ifeq ($(VIDEO),yes)
 SHIMS    += $(B)/lib/spin-video.so
 TOOLS    := $(B)/tests/tools/make-video
