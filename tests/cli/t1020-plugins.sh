@@ -101,7 +101,7 @@ fails 2 spin-import "an option of another importer"
 mkdir "$work/broken"
 variant() {
     sed "$2" "$work/example/points-csv.c" >"$work/broken/$1.c"
-    "$CC" -std=gnu11 -fPIC -shared -w $SPIN_CFLAGS -o "$work/broken/$1.so" "$work/broken/$1.c"
+    $CC -std=gnu11 -fPIC -shared -w $SPIN_CFLAGS -o "$work/broken/$1.so" "$work/broken/$1.c"
 }
 # refused NAME WORDS: left out with a warning that has WORDS; an error when asked for.
 refused() {
@@ -195,7 +195,7 @@ static const struct spin_importer two_cameras = {.abi = SPIN_PLUGIN_ABI, .name =
 const struct spin_plugin spin_plugin = {.abi = SPIN_PLUGIN_ABI,
     .importers = (const struct spin_importer *const[]){&two_cameras, NULL}};
 C
-"$CC" -std=gnu11 -fPIC -shared -w -include stdlib.h $SPIN_CFLAGS -o "$work/two-cameras.so" "$work/two-cameras.c"
+$CC -std=gnu11 -fPIC -shared -w -include stdlib.h $SPIN_CFLAGS -o "$work/two-cameras.so" "$work/two-cameras.c"
 ok $? "a plug-in that reads data sets"
 export SPIN_PLUGIN_PATH="$work/two-cameras.so"
 run "$bin/spin-import" "$clip" --data "$clip" --data-from two-cameras:z=4 -o "$work/clip.spin"
@@ -221,7 +221,7 @@ if command -v pkg-config >/dev/null 2>&1 && [ "$(basename "${SPIN_BUILD:-release
         echo 'return 0; }'
     } >"$work/use.c"
     export PKG_CONFIG_PATH="$prefix/lib/pkgconfig"
-    run "$CC" -o "$work/use" "$work/use.c" $(pkg-config --cflags --libs spin4d)
+    run $CC -o "$work/use" "$work/use.c" $(pkg-config --cflags --libs spin4d)
     is "$code" 0 "a program links the installed library"
     run "$work/use"
     is "$(cat "$work/out")" "2 splats" "and reads a bundle"
