@@ -120,6 +120,15 @@ learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
 run "$bin/spin-eval" "$work/own.spin" --json
 awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
 ok $? "and spin-eval adds them as well"
+run "$bin/spin-retrain" "$in" -o "$work/own0.spin" $small --iterations 6 --residual points --lr-residual 0
+if command -v python3 >/dev/null 2>&1; then
+    python3 -c 'import sys, zipfile
+a, b = (zipfile.ZipFile(f).read("network/own/00000.npy") for f in sys.argv[1:])
+sys.exit(len(a) != len(b) or a == b)' "$work/own0.spin" "$work/own.spin"
+    ok $? "these values are trained, and with --lr-residual 0 they stay"
+else
+    skip "these values are trained" "no python3"
+fi
 run "$bin/spin-retrain" "$in" -o "$work/own2.spin" $small --iterations 6 --residual points --threads 3
 same_frames "$work/own.spin" "$work/own2.spin" "one thread and three give the same bits"
 
