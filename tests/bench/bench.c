@@ -25,6 +25,7 @@ static const char *const unit_names[UNITS] = {"Gaussian", "pair", "pixel", "para
 
 struct work {
     double flop, bytes, lookups;
+    double lines; /* of 64 bytes, wherever they lie: each is a random read by itself */
 };
 
 struct stage {
@@ -200,9 +201,21 @@ static double lookups_of(const struct bench_scene *s)
     return (double)s->n * s->trainer.model.grid.n_levels * 16;
 }
 
+/* Lines of the table that the points of the scene need, after a look at it as a lazy one. */
+static double lines_of(const struct bench_scene *s)
+{
+    const struct spin_lazy *lazy = &s->lazy.lazy;
+    double n = 0;
+
+    for (size_t i = 0; i < s->lazy.n_lines; i++)
+        n += lazy->last[i] > 0;
+    return n;
+}
+
 static struct work work_grid(const struct bench_scene *s)
 {
-    return (struct work){.lookups = lookups_of(s), .bytes = 16 * lookups_of(s)};
+    return (struct work){
+        .lookups = lookups_of(s), .bytes = 16 * lookups_of(s), .lines = lines_of(s)};
 }
 
 /* Read, add and write the gradient; read the table for the positions. */
@@ -294,6 +307,7 @@ static int by_value(const void *a, const void *b)
 struct row {
     const struct stage *stage;
     double cpu_ms, cpu_median_ms, wall_ms, each_ns, gflops, gbytes, share, ratio, peers;
+    double lines, lines_ms; /* of the table, and the time of as many random reads */
 };
 
 static int reference_place(size_t n)
@@ -352,6 +366,8 @@ static struct row row_of(const struct stage *stage, struct timing *t, int rounds
     row.gflops = work.flop / seconds / 1e9;
     row.gbytes = work.bytes / seconds / 1e9;
     row.share = share_of(stage, &work, seconds, s, c);
+    row.lines = work.lines;
+    row.lines_ms = 1e3 * work.lines / bench_lookups(c, 4 * s->trainer.table.n);
     if (at >= 0 && n_threads == 1 && stage->allowed > 0 && (!stage->uses_table || log2_rows == 21))
         row.ratio = row.cpu_ms / stage->reference_ms[at];
     if (at >= 0 && n_threads == 1 && stage->run == run_step && log2_rows == 21)
@@ -384,6 +400,9 @@ static void print_row(const struct row *r)
            r->ratio <= 0                   ? ""
            : r->ratio <= r->stage->allowed ? ""
                                            : "  OVER");
+    if (r->lines > 0 && r->ratio > 0)
+        printf("  %-22s %9.2f ms to read its %.2f M lines of 64 bytes at random\n", "", r->lines_ms,
+               r->lines / 1e6);
     if (r->peers > 0)
         printf("  %-22s %9.1f times the peers' speed\n", "", r->peers);
 }
@@ -414,6 +433,10 @@ static spin_json *row_to_json(const struct row *r)
         spin_json_set_number(j, "gbyte_per_s", r->gbytes);
     if (r->share > 0)
         spin_json_set_number(j, "of_ceiling", r->share);
+    if (r->lines > 0) {
+        spin_json_set_number(j, "lines", r->lines);
+        spin_json_set_number(j, "lines_ms", r->lines_ms);
+    }
     if (r->ratio > 0) {
         spin_json_set_number(j, "of_reference", r->ratio);
         spin_json_set_bool(j, "within", r->ratio <= r->stage->allowed);

@@ -2,8 +2,9 @@
  *
  * Points go in blocks of 64. For one level, the rows and weights of all corners of a block are
  * computed first, in loops over points that become vector code; then every corner is one short
- * vector of the table. Nothing here is fused (-ffp-contract=off), so every code path gives the
- * same bits.
+ * vector of the table. While it is worked on, the rows of what comes next (a level further, or a
+ * block) are asked for: waiting for memory is most of the encoder's time. Nothing here is fused
+ * (-ffp-contract=off), so every code path gives the same bits.
  *
  * Backward: a level belongs to one task, which visits the points in order, so sums into the table
  * do not depend on the number of threads. Gradients to the positions are kept per level and added
@@ -248,6 +249,27 @@ static void corners_set(struct corners *c, const struct points *p, const struct 
     }
 }
 
+/* What comes next: its rows in up to two tables. c NULL: nothing. */
+struct ahead {
+    const struct corners *c;
+    const float *first, *second;
+};
+
+/* Asks for the rows of point b, as far as the second-level cache: in the first they would be in the
+ * way of those that are read now. */
+static inline __attribute__((always_inline)) void fetch(const struct ahead *a, int b, int width)
+{
+    if (!a->c)
+        return;
+    for (int k = 0; k < CORNERS; k++) {
+        size_t at = (size_t)a->c->row[k][b] * (size_t)width;
+
+        __builtin_prefetch(a->first + at, 0, 2);
+        if (a->second)
+            __builtin_prefetch(a->second + at, 0, 2);
+    }
+}
+
 /* ---- forward --------------------------------------------------------------------------------- */
 
 struct grid_job {
@@ -262,15 +284,30 @@ struct grid_job {
     float *p, *m, *v; /* of a lazy table */
 };
 
+/* Up to 64 points of a job, and their corners in one level. */
+struct block {
+    int m;
+    struct points p;
+    struct corners c;
+};
+
+static void block_set(struct block *b, const struct grid_job *job, const struct level *at,
+                      size_t first)
+{
+    b->m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+    points_set(&b->p, job->x_u, job->rows, first, b->m);
+    corners_set(&b->c, &b->p, at);
+}
+
 /* One group of `lanes` features of every row of `width` floats. */
-static inline __attribute__((always_inline)) void gather(const float *table,
-                                                         const struct corners *c,
-                                                         const struct points *p, int m, int width,
-                                                         int lanes, float *z, size_t z_width)
+static inline __attribute__((always_inline)) void
+gather(const float *table, const struct corners *c, const struct points *p, int m, int width,
+       int lanes, float *z, size_t z_width, const struct ahead *next)
 {
     for (int b = 0; b < m; b++) {
         quad sum = {0, 0, 0, 0};
 
+        fetch(next, b, width);
         if (p->inside[b])
             for (int k = 0; k < CORNERS; k++)
                 sum += c->weight[k][b] *
@@ -281,25 +318,27 @@ static inline __attribute__((always_inline)) void gather(const float *table,
 
 /* z of one level and the m points of a block, whose corners are set. */
 static void gather_level(const struct grid_job *job, int level, const struct level *at,
-                         const struct corners *c, const struct points *p, size_t first, int m)
+                         const struct corners *c, const struct points *p, size_t first, int m,
+                         const struct ahead *next)
 {
+    static const struct ahead nothing;
     size_t width = (size_t)job->grid->n_features, z_width = (size_t)job->grid->n_levels * width;
     const float *table = job->table + at->first_row * width;
     float *z = job->z + first * z_width + (size_t)level * width;
 
     switch (job->grid->n_features) {
     case 1:
-        gather(table, c, p, m, 1, 1, z, z_width);
+        gather(table, c, p, m, 1, 1, z, z_width, next);
         break;
     case 2:
-        gather(table, c, p, m, 2, 2, z, z_width);
+        gather(table, c, p, m, 2, 2, z, z_width, next);
         break;
     case 4:
-        gather(table, c, p, m, 4, 4, z, z_width);
+        gather(table, c, p, m, 4, 4, z, z_width, next);
         break;
     default:
-        gather(table, c, p, m, 8, 4, z, z_width);
-        gather(table + 4, c, p, m, 8, 4, z + 4, z_width);
+        gather(table, c, p, m, 8, 4, z, z_width, next);
+        gather(table + 4, c, p, m, 8, 4, z + 4, z_width, &nothing);
     }
 }
 
@@ -309,16 +348,24 @@ static void grid_task(void *context, int task, int worker)
     size_t first = (size_t)task * BLOCK;
     int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
     struct points p;
-    struct corners c;
+    struct corners c[2];
+    struct level at[2];
 
     (void)worker;
     points_set(&p, job->x_u, NULL, first, m);
+    level_set(&at[0], job->grid, 0);
+    corners_set(&c[0], &p, &at[0]);
     for (int level = 0; level < job->grid->n_levels; level++) {
-        struct level at;
+        int now = level & 1;
+        struct ahead next = {0};
 
-        level_set(&at, job->grid, level);
-        corners_set(&c, &p, &at);
-        gather_level(job, level, &at, &c, &p, first, m);
+        if (level + 1 < job->grid->n_levels) {
+            level_set(&at[!now], job->grid, level + 1);
+            corners_set(&c[!now], &p, &at[!now]);
+            next.c = &c[!now];
+            next.first = job->table + at[!now].first_row * (size_t)job->grid->n_features;
+        }
+        gather_level(job, level, &at[now], &c[now], &p, first, m, &next);
     }
 }
 
@@ -347,7 +394,7 @@ static void bring(const struct grid_job *job, float from, size_t at)
 
 /* Lines that the corners of a block need. `line` is the first one of the level. */
 static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
-                 size_t begin, size_t line)
+                 size_t begin, size_t line, const struct ahead *next)
 {
     float mark = (float)(job->lazy->done + 1), done = (float)job->lazy->done;
     uint32_t width = (uint32_t)job->grid->n_features;
@@ -355,6 +402,9 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
     for (int b = 0; b < m; b++) {
         size_t before = SIZE_MAX;
 
+        for (int k = 0; k < CORNERS && next->c; k++)
+            __builtin_prefetch(
+                job->lazy->last + line + (size_t)next->c->row[k][b] * width / SPIN_LINE, 0, 2);
         if (!p->inside[b])
             continue;
         for (int k = 0; k < CORNERS; k++) {
@@ -383,19 +433,23 @@ static void grid_lazy_task(void *context, int task, int worker)
     size_t width = (size_t)grid->n_features, begin = grid->offset[lazy_level] * width;
     unsigned before = spin_denormals_off();
     struct level at;
-    struct points p;
-    struct corners c;
+    struct block block[2];
 
     (void)worker;
     level_set(&at, grid, level);
-    for (size_t first = 0; first < job->n; first += BLOCK) {
-        int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
+    block_set(&block[0], job, &at, 0);
+    for (size_t first = 0, i = 0; first < job->n; first += BLOCK, i++) {
+        struct block *b = &block[i & 1], *after = &block[~i & 1];
+        struct ahead next = {0};
 
-        points_set(&p, job->x_u, NULL, first, m);
-        corners_set(&c, &p, &at);
+        if (first + BLOCK < job->n) {
+            block_set(after, job, &at, first + BLOCK);
+            next.c = &after->c;
+            next.first = job->table + at.first_row * width;
+        }
         if (level >= lazy_level)
-            need(job, &c, &p, m, begin, (at.first_row * width - begin) / SPIN_LINE);
-        gather_level(job, level, &at, &c, &p, first, m);
+            need(job, &b->c, &b->p, b->m, begin, (at.first_row * width - begin) / SPIN_LINE, &next);
+        gather_level(job, level, &at, &b->c, &b->p, first, b->m, &next);
     }
     spin_denormals_back(before);
 }
@@ -453,11 +507,12 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
 /* As gather, the other way. d_x (may be NULL) is added to, slopes included. */
 static inline __attribute__((always_inline)) void
 scatter(const float *table, float *d_table, const struct corners *c, const struct points *p, int m,
-        int width, int lanes, const float *d_z, size_t z_width, quad *d_x)
+        int width, int lanes, const float *d_z, size_t z_width, quad *d_x, const struct ahead *next)
 {
     for (int b = 0; b < m; b++) {
         quad g = quad_load(d_z + (size_t)b * z_width, lanes);
 
+        fetch(next, b, width);
         if (!p->inside[b])
             continue;
         for (int k = 0; k < CORNERS; k++) {
@@ -481,36 +536,44 @@ static void grid_back_task(void *context, int task, int worker)
     const struct spin_grid *grid = job->grid;
     int level = grid->n_levels - 1 - task; /* finest first: they take longest */
     size_t width = (size_t)grid->n_features, z_width = (size_t)grid->n_levels * width;
+    static const struct ahead nothing;
+    const float *table = job->table;
+    float *d_table = job->d_table;
     struct level at;
-    struct points p;
-    struct corners c;
+    struct block block[2];
 
     (void)worker;
     level_set(&at, grid, level);
-    for (size_t first = 0; first < job->n; first += BLOCK) {
-        int m = job->n - first < BLOCK ? (int)(job->n - first) : BLOCK;
-        const float *table = job->table + at.first_row * width;
+    table += at.first_row * width;
+    d_table += at.first_row * width;
+    block_set(&block[0], job, &at, 0);
+    for (size_t first = 0, i = 0; first < job->n; first += BLOCK, i++) {
+        const struct corners *c = &block[i & 1].c;
+        const struct points *p = &block[i & 1].p;
+        int m = block[i & 1].m;
         const float *d_z = job->d_z + first * z_width + (size_t)level * width;
-        float *d_table = job->d_table + at.first_row * width;
         quad *d_x = job->d_x ? job->d_x + (size_t)level * job->n + first : NULL;
+        struct ahead next = {0};
 
-        points_set(&p, job->x_u, job->rows, first, m);
-        corners_set(&c, &p, &at);
+        if (first + BLOCK < job->n) {
+            block_set(&block[~i & 1], job, &at, first + BLOCK);
+            next = (struct ahead){&block[~i & 1].c, d_table, d_x ? table : NULL};
+        }
         if (d_x)
             memset(d_x, 0, (size_t)m * sizeof *d_x);
         switch (grid->n_features) {
         case 1:
-            scatter(table, d_table, &c, &p, m, 1, 1, d_z, z_width, d_x);
+            scatter(table, d_table, c, p, m, 1, 1, d_z, z_width, d_x, &next);
             break;
         case 2:
-            scatter(table, d_table, &c, &p, m, 2, 2, d_z, z_width, d_x);
+            scatter(table, d_table, c, p, m, 2, 2, d_z, z_width, d_x, &next);
             break;
         case 4:
-            scatter(table, d_table, &c, &p, m, 4, 4, d_z, z_width, d_x);
+            scatter(table, d_table, c, p, m, 4, 4, d_z, z_width, d_x, &next);
             break;
         default:
-            scatter(table, d_table, &c, &p, m, 8, 4, d_z, z_width, d_x);
-            scatter(table + 4, d_table + 4, &c, &p, m, 8, 4, d_z + 4, z_width, d_x);
+            scatter(table, d_table, c, p, m, 8, 4, d_z, z_width, d_x, &next);
+            scatter(table + 4, d_table + 4, c, p, m, 8, 4, d_z + 4, z_width, d_x, &nothing);
         }
     }
 }
