@@ -167,6 +167,7 @@ spin_status spin_check_render(struct spin_check *check, const struct spin_rows *
     if (!job->renderer || back->n == 0)
         return SPIN_OK;
     turn_back(rows, back);
+    back->antialias = rows->splats->antialias;
     SPIN_TRY(spin_alloc(n, 2 * sizeof *image, (void **)&image));
     SPIN_TRY_OUT(spin_render(job->renderer, rows->splats, &camera, job->background, image));
     SPIN_TRY_OUT(spin_render(job->renderer, back, &camera, job->background, image + n));

@@ -540,6 +540,7 @@ const struct spin_exporter spin_exporter_compressed_ply = {
     .summary = "a folder with one compressed PLY per frame, for SuperSplat and PlayCanvas",
     .options = options,
     .checks = true,
+    .antialias = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = compressed_begin,
     .frame = spin_frames_frame,

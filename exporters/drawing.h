@@ -239,6 +239,7 @@ static inline spin_status spin_drawing_choose(struct spin_drawing *d,
         return SPIN_OK;
     SPIN_TRY(spin_splats_reserve(room, d->rows.n_kept, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                                  s->sh_degree));
+    room->antialias = s->antialias;
     spin_drawing_keep(&d->rows, 3, s->means, room->means);
     spin_drawing_keep(&d->rows, 4, s->quats, room->quats);
     spin_drawing_keep(&d->rows, 3, s->log_scales, room->log_scales);

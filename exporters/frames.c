@@ -82,6 +82,7 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     x->job = job;
     x->source = job->source;
     x->retrained = job->retrained;
+    x->antialias = job->antialias;
     x->fps = job->fps;
     if (x->format->begin)
         SPIN_TRY(x->format->begin(x, job));
@@ -430,6 +431,9 @@ size_t spin_frames_comments(const struct spin_frames *x, const struct spin_frame
         at += (size_t)snprintf(text + at, room - at,
                                "comment turned by w x y z %.9g %.9g %.9g %.9g\n", q[0], q[1], q[2],
                                q[3]);
+    if (x->antialias) /* as Postshot and Brush say it */
+        at += (size_t)snprintf(text + at, room - at,
+                               "comment antialiased 1\ncomment SplatRenderMode: mip\n");
     if (x->rows.up)
         at += (size_t)snprintf(text + at, room - at, "comment Vertical axis: y\n");
     return at;

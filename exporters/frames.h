@@ -65,7 +65,7 @@ struct spin_frames {
     bool force, skip_complete;
     const struct spin_export_job *job;
     const char *source;
-    bool retrained;
+    bool retrained, antialias;
     double fps;
     struct spin_frames_entry *entry; /* [room] */
     size_t n_entries, room;

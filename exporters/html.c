@@ -35,6 +35,7 @@ struct version {
     const char *name, *label;
     int sh_degree; /* written */
     int n_sh;      /* bytes a splat above degree 0 */
+    bool antialias;
     struct spin_html_frame now, key;
     int key_frame;          /* of `key`, or -1 */
     size_t *n_rows;         /* [frames of the job] written */
@@ -217,8 +218,10 @@ static void write_vector(FILE *out, const char *name, const double v[3])
 
 static void write_version(FILE *out, const struct version *v, int n)
 {
-    fprintf(out, "{\"name\":\"%s\",\"label\":\"%s\",\"degree\":%d,\"sh\":%d,\"splats\":[", v->name,
-            v->label, v->sh_degree, v->n_sh);
+    fprintf(out,
+            "{\"name\":\"%s\",\"label\":\"%s\",\"degree\":%d,\"sh\":%d,\"antialias\":%s,"
+            "\"splats\":[",
+            v->name, v->label, v->sh_degree, v->n_sh, v->antialias ? "true" : "false");
     for (int i = 0; i < n; i++)
         fprintf(out, "%s%zu", i ? "," : "", v->n_rows[i]);
     fprintf(out, "],");
@@ -325,7 +328,8 @@ static spin_status parse_options(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status add_version(struct export *x, const char *name, const char *label, int degree)
+static spin_status add_version(struct export *x, const char *name, const char *label, int degree,
+                               bool antialias)
 {
     struct version *v = &x->version[x->n_versions++];
     const char *sh = spin_plugin_value(x->job->values, "sh", "1");
@@ -334,6 +338,7 @@ static spin_status add_version(struct export *x, const char *name, const char *l
     v->name = name;
     v->label = label;
     v->key_frame = -1;
+    v->antialias = antialias;
     SPIN_TRY(spin_rows_parse_sh(sh, degree, &v->sh_degree));
     if (v->sh_degree > degree)
         v->sh_degree = degree < 0 ? 0 : degree;
@@ -351,11 +356,11 @@ static spin_status add_versions(struct export *x)
     if (only && !before && strcmp(only, "after") != 0)
         return spin_fail(SPIN_E_USAGE, "--only '%s': expected after or before", only);
     if (!job->source_frame)
-        return add_version(x, "clip", "As it is", job->sh_degree);
+        return add_version(x, "clip", "As it is", job->sh_degree, job->antialias);
     if (!before)
-        SPIN_TRY(add_version(x, "after", "After", job->sh_degree));
+        SPIN_TRY(add_version(x, "after", "After", job->sh_degree, job->antialias));
     if (!only || before)
-        SPIN_TRY(add_version(x, "before", "Before", job->source_sh_degree));
+        SPIN_TRY(add_version(x, "before", "Before", job->source_sh_degree, job->source_antialias));
     return SPIN_OK;
 }
 
@@ -484,6 +489,7 @@ const struct spin_exporter spin_exporter_html = {
     .summary = "one page that plays the clip in a browser, before and after, with no server",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .antialias = true,
     .begin = html_begin,
     .frame = html_frame,
     .end = html_end,

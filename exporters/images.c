@@ -191,6 +191,7 @@ const struct spin_exporter spin_exporter_images = {
     .summary = "PNG renders from the data set's cameras or around the scene",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .antialias = true,
     .needs_renderer = true,
     .begin = images_begin,
     .frame = images_frame,

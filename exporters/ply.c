@@ -192,6 +192,7 @@ const struct spin_exporter spin_exporter_ply = {
     .summary = "a folder with one 3D Gaussian Splatting PLY per frame, for every viewer",
     .options = options,
     .checks = true,
+    .antialias = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = ply_begin,
     .frame = spin_frames_frame,

@@ -26,6 +26,7 @@
 #define MAX_WIDTH 45 /* bytes of one stream a row */
 #define BATCH 16     /* blocks of rows coded at a time */
 #define HEADER 16
+#define ANTIALIASED 1 /* of the header's flags */
 #define SQRT2 1.41421356237309505f
 
 static const struct spin_plugin_option options[] = {
@@ -228,7 +229,8 @@ static spin_status choose_fraction(struct export *x, int number)
 static spin_status write_header(struct export *x)
 {
     uint32_t word[3] = {MAGIC, 3, (uint32_t)x->frames.rows.n_kept};
-    unsigned char rest[4] = {(unsigned char)x->frames.rows.sh_degree, (unsigned char)x->fraction};
+    unsigned char rest[4] = {(unsigned char)x->frames.rows.sh_degree, (unsigned char)x->fraction,
+                             x->frames.antialias ? ANTIALIASED : 0};
 
     spin_rows_little_endian(word, 3);
     SPIN_TRY(spin_gzip_write(x->gzip, word, sizeof word));
@@ -416,6 +418,7 @@ const struct spin_exporter spin_exporter_spz = {
     .summary = "a folder with one SPZ (version 3) per frame: about a tenth of a PLY",
     .options = options,
     .checks = true,
+    .antialias = true,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = spz_begin,
     .frame = spin_frames_frame,

@@ -175,6 +175,7 @@ const struct spin_exporter spin_exporter_video = {
     .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .antialias = true,
     .needs_renderer = true,
     .begin = video_begin,
     .frame = video_frame,

@@ -506,9 +506,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
     for (size_t i = 0; i < ply->n_comments; i++) {
         if (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
             strcmp(ply->comment[i], "antialiased 1") == 0) {
-            add_note(track, "trained with an anti-aliasing rasteriser: will look a little "
-                            "different here\n");
-            spin_warn("'%s' was trained with an anti-aliasing rasteriser", ply->path);
+            add_note(track, "trained with an anti-aliasing rasteriser, and drawn so here\n");
+            track->antialias = true;
         }
     }
     if (has(c->vertex, "filter_3D")) {

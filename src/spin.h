@@ -124,6 +124,7 @@ struct spin_splats {
     size_t n;               /* rows */
     size_t capacity;        /* rows there is room for in every allocated column */
     int sh_degree;          /* of the sh column, 0..3 */
+    bool antialias;         /* meant to be drawn antialiased */
     float *means;           /* [n][3] */
     float *quats;           /* [n][4] or NULL */
     float *log_scales;      /* [n][3] or NULL */
@@ -134,7 +135,7 @@ struct spin_splats {
     size_t held[6];         /* private: bytes behind each column */
 };
 
-/* Set n and sh_degree and make the wanted columns at least that large; others become NULL-valued
+/* Set n and sh_degree, antialias to false, and make the wanted columns at least that large; others become NULL-valued
  * only if they were never asked for. Contents are not kept. SPIN_E_MEMORY. */
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
@@ -175,7 +176,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 7; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 2
+#define SPIN_PLUGIN_ABI 3
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
@@ -213,6 +214,7 @@ struct spin_track {
     unsigned columns;       /* what frame() can fill */
     unsigned still_columns; /* the part of it that is the same in every frame */
     int sh_degree;          /* -1: no SH */
+    bool antialias;         /* its splats were trained to be drawn antialiased */
     bool continuous;        /* any time may be asked for, in [time_first, time_last] */
     double time_first, time_last;
     bool half_open;    /* frame i of n of a data set without times is at i/n of it, not i/(n-1) */
@@ -257,6 +259,7 @@ struct spin_export_job {
     double fps;         /* 0: unknown */
     const char *source; /* name of the method the clip came from */
     int sh_degree;      /* of the splats that will come */
+    bool antialias;     /* they are meant to be drawn antialiased */
     const struct spin_plugin_values *values;
     const struct spin_views *views; /* NULL when the bundle has no data set at hand */
     const int *row_of_frame;        /* [n_frames] the data set's row of each frame, or -1 */
@@ -268,6 +271,7 @@ struct spin_export_job {
     spin_status (*source_frame)(void *source_of, int frame, struct spin_splats *out);
     void *source_of;
     int source_sh_degree;
+    bool source_antialias;
     bool retrained;                    /* the attributes are the network's */
     const size_t *counts;              /* [n_frames] splats of each frame, or NULL */
     struct spin_export_report *report; /* an exporter adds to bytes and left_out, and
@@ -292,6 +296,8 @@ struct spin_exporter {
     const struct spin_plugin_option *options;
     unsigned wants; /* columns it cannot do without */
     bool checks;    /* can read back what it wrote */
+    bool
+        antialias; /* what it writes says, or shows, when splats are meant to be drawn antialiased */
     bool needs_renderer;
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their
@@ -451,6 +457,7 @@ enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 /* NONE: not even the contraction; splats outside the unit cube share one set of attributes. */
 enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO, SPIN_NORMALISE_NONE };
 
+#define SPIN_TABLE_RANGE 1e-4 /* as in Instant NGP */
 struct spin_retrain_options {
     const char *input, *output;
     const char *data, *data_from, *pair;
@@ -469,6 +476,10 @@ struct spin_retrain_options {
     int base_resolution[4];              /* 8 8 8 8 */
     int finest_resolution[4];            /* 2048 2048 2048 0; 0: max(16, frames) */
     double lambda_dssim;                 /* 0.2 */
+    double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
+    double moving_weight;                /* how often a pixel that moves counts; 1 */
+    bool antialias;                      /* draw antialiased, and so train */
+    double table_range;                  /* first values of the table lie within; 1e-4 */
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */

@@ -56,7 +56,7 @@ gl.linkProgram(program);
 if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
 gl.useProgram(program);
 const where = (name) => gl.getUniformLocation(program, name);
-const at = Object.fromEntries(['splats', 'harmonics', 'turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words'].map((n) => [n, where(n)]));
+const at = Object.fromEntries(['splats', 'harmonics', 'turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias'].map((n) => [n, where(n)]));
 const order = gl.createBuffer();
 gl.bindBuffer(gl.ARRAY_BUFFER, order);
 gl.enableVertexAttribArray(0);
@@ -108,6 +108,7 @@ function draw() {
     gl.uniform1f(at.near, clip.near / clip.size);
     gl.uniform1i(at.degree, clip.versions[shown.version].degree);
     gl.uniform1i(at.words, shown.words);
+    gl.uniform1i(at.antialias, clip.versions[shown.version].antialias ? 1 : 0);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, shown.count);
 }
 

@@ -528,6 +528,7 @@ static spin_status run_import(struct import *im)
         meta->columns &= SPIN_COL_MEANS | SPIN_COL_RGB;
     meta->still_columns = im->track.still_columns & meta->columns;
     meta->sh_degree = meta->columns & SPIN_COL_SH ? im->track.sh_degree : -1;
+    meta->antialias = im->track.antialias && meta->columns & SPIN_COL_ATTRIBUTES;
     if (o->output) {
         SPIN_TRY(spin_bundle_writer_open(o->output, o->force, o->sync, &im->writer));
         im->writing = true;

@@ -104,12 +104,12 @@ static void fill_uniform(float *out, size_t n, uint64_t seed, uint32_t stream, u
         out[i] = bound * (2.0f * spin_rng_uniform(seed, stream, first + i) - 1.0f);
 }
 
-void spin_model_init(const struct spin_model *model, uint64_t seed, double scale_bias, float *table,
-                     float *heads)
+void spin_model_init(const struct spin_model *model, uint64_t seed, double range, double scale_bias,
+                     float *table, float *heads)
 {
     const struct spin_heads *h = &model->heads;
 
-    fill_uniform(table, model->n_table, seed, STREAM_TABLE, 0, 1e-4f);
+    fill_uniform(table, model->n_table, seed, STREAM_TABLE, 0, (float)range);
     for (int k = 0; k < SPIN_HEADS; k++) {
         float *p = heads + h->offset[k];
         size_t hidden = (size_t)h->hidden, n_in = (size_t)h->n_in, n_out = (size_t)h->n_out[k];
@@ -195,6 +195,8 @@ spin_json *spin_model_to_json(const struct spin_model *model)
         spin_json_set_bool(norm, "raw", true);
     if (model->heads.relu)
         spin_json_set_string(j, "activation", "relu");
+    if (model->antialias)
+        spin_json_set_bool(j, "antialias", true);
     spin_json_set_integer(j, "levels", model->grid.n_levels);
     spin_json_set_integer(j, "features", model->grid.n_features);
     spin_json_set_integer(j, "hidden", model->heads.hidden);
@@ -274,6 +276,7 @@ spin_status spin_model_from_json(const spin_json *json, struct spin_model *out)
         return spin_fail(SPIN_E_UNSUPPORTED, "meta.json: the network's activation is '%.32s'",
                          activation);
     spin_json_bool(spin_json_get(norm, "raw"), &out->norm.raw);
+    spin_json_bool(spin_json_get(json, "antialias"), &out->antialias);
     count_parameters(out);
     for (size_t i = 0; i < 3; i++)
         if (!get_float(spin_json_at(spin_json_get(norm, "centre"), i), -1e30, 1e30,
@@ -391,6 +394,8 @@ void spin_decode_backward(struct spin_decode *w, const struct spin_model *model,
     size_t n_rows;
 
     SPIN_TIMED(d, SPIN_OP_ACTIVE, n_rows = d->op->active(d, n, w->d_attr, d_pos_w, w->rows));
+    if (w->d_scale != 0 || w->d_opacity != 0)
+        d->op->shrink(d, n_rows, w->rows, w->d_scale, w->d_opacity, w->d_attr);
     SPIN_TIMED(d, SPIN_OP_ATTR_BACK,
                d->op->attr_back(d, n_rows, w->rows, w->raw, w->d_attr, w->d_raw));
     if (d_own)

@@ -13,6 +13,7 @@ struct spin_model {
     struct spin_norm norm;
     double time_first, time_last; /* of the clip, in the source's unit */
     int sh_degree;
+    bool antialias;          /* its splats are meant to be drawn antialiased */
     size_t n_table, n_heads; /* floats */
 };
 
@@ -20,10 +21,10 @@ struct spin_model {
 spin_status spin_model_plan(struct spin_model *model, int levels, int features, int hash_log2,
                             int hidden, int sh_degree, const int base[4], const int finest[4]);
 
-/* First values, a function of the seed alone: table uniform(-1e-4, 1e-4), Linear layers
+/* First values, a function of the seed alone: table uniform(-range, range), Linear layers
  * uniform(+-1/sqrt(fan_in)), last biases as method.md 3.4 with this scale bias. Host arrays. */
-void spin_model_init(const struct spin_model *model, uint64_t seed, double scale_bias, float *table,
-                     float *heads);
+void spin_model_init(const struct spin_model *model, uint64_t seed, double range, double scale_bias,
+                     float *table, float *heads);
 
 /* First values of a run in which the degrees of SH join one after the other: the colour head says 0 for
  * every coefficient but the first, as 3DGS begins. They have no gradient, and stay, until they join. */
@@ -55,7 +56,8 @@ struct spin_decode {
 
     const struct spin_lazy *lazy; /* NULL, or the table is lazy and these are its moments */
     float *m, *v;
-    bool still; /* positions are not trained: d_pos_w gets nothing from the encoder */
+    bool still;               /* positions are not trained: d_pos_w gets nothing from the encoder */
+    float d_scale, d_opacity; /* of the loss by any scale and opacity of a splat that is seen */
 };
 size_t spin_decode_bytes(const struct spin_model *model, size_t capacity, bool training);
 spin_status spin_decode_open(struct spin_decode *decode, struct spin_device *device,

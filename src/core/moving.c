@@ -259,30 +259,66 @@ void spin_moving_close(struct spin_moving *m)
 {
     for (size_t i = 0; i < m->n_medians; i++)
         free(m->median[i].rgb);
+    for (size_t i = 0; m->kept && i < m->views->n; i++)
+        free(m->kept[i]);
+    free(m->kept);
     free(m->median);
     free(m->image);
     free(m->mask);
     memset(m, 0, sizeof *m);
 }
 
-spin_status spin_moving_find(struct spin_moving *m, size_t view, const float *truth, size_t *n)
+spin_status spin_moving_keep(struct spin_moving *m)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(m->views->n, sizeof *m->kept, &block));
+    m->kept = block;
+    return SPIN_OK;
+}
+
+static spin_status keep(struct spin_moving *m, size_t view, size_t plane)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(plane / 8 + 1, 1, &block));
+    m->kept[view] = block;
+    for (size_t i = 0; i < plane; i++)
+        m->kept[view][i / 8] |= (uint8_t)(m->mask[i] << i % 8);
+    return SPIN_OK;
+}
+
+static spin_status find(struct spin_moving *m, size_t view, const float *truth)
 {
     const struct spin_view *v = &m->views->view[view];
-    size_t plane = (size_t)v->camera.width * (size_t)v->camera.height;
     const uint8_t *median = NULL;
+
+    if (m->from == SPIN_MOVING_MASKS)
+        return read_mask(m, v);
+    SPIN_TRY(find_median(m, v->camera_id, &median));
+    if (median)
+        spin_moving_rule(v->camera.width, v->camera.height, truth, median, m->mask + m->room,
+                         m->mask);
+    return SPIN_OK;
+}
+
+spin_status spin_moving_find(struct spin_moving *m, size_t view, const float *truth, size_t *n)
+{
+    const struct spin_camera *camera = &m->views->view[view].camera;
+    size_t plane = (size_t)camera->width * (size_t)camera->height;
+    const uint8_t *kept = m->kept ? m->kept[view] : NULL;
 
     *n = 0;
     if (m->from == SPIN_MOVING_OFF)
         return SPIN_OK;
     memset(m->mask, 0, plane);
-    if (m->from == SPIN_MOVING_MASKS) {
-        SPIN_TRY(read_mask(m, v));
-    } else {
-        SPIN_TRY(find_median(m, v->camera_id, &median));
-        if (median)
-            spin_moving_rule(v->camera.width, v->camera.height, truth, median, m->mask + m->room,
-                             m->mask);
-    }
+    if (kept)
+        for (size_t i = 0; i < plane; i++)
+            m->mask[i] = kept[i / 8] >> i % 8 & 1;
+    else
+        SPIN_TRY(find(m, view, truth));
+    if (m->kept && !kept)
+        SPIN_TRY(keep(m, view, plane));
     for (size_t i = 0; i < plane; i++)
         *n += m->mask[i];
     return SPIN_OK;

@@ -15,9 +15,10 @@ struct spin_moving {
     enum spin_moving_from from; /* MASKS, IMAGES or OFF */
     struct spin_median *median; /* [n_medians] of the cameras met so far */
     size_t n_medians;
-    float *image;  /* scratch of one picture */
-    uint8_t *mask; /* [h][w] 0 or 1, of the view last asked for */
-    size_t room;   /* pixels there is room for */
+    float *image;   /* scratch of one picture */
+    uint8_t *mask;  /* [h][w] 0 or 1, of the view last asked for */
+    size_t room;    /* pixels there is room for */
+    uint8_t **kept; /* [views] masks met so far, a bit a pixel; NULL: none are kept */
 };
 
 /* AUTO becomes MASKS when all of these views have one, else IMAGES when some camera stands still and
@@ -26,6 +27,8 @@ spin_status spin_moving_open(const struct spin_views *views, struct spin_pixels 
                              enum spin_moving_from from, const struct spin_pair *pairs,
                              size_t n_pairs, struct spin_moving *out);
 void spin_moving_close(struct spin_moving *m);
+/* Keep what is found, for views that are asked for again and again: a bit a pixel. */
+spin_status spin_moving_keep(struct spin_moving *m);
 
 /* Sets m->mask, at the size of the view's camera; truth is the view's picture. *n: moving pixels. A
  * camera without a median has none. */

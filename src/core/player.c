@@ -171,6 +171,7 @@ static void decode(struct spin_player *p, const float *pos, const float *own, si
     p->now_attr = p->decode.attr;
     p->now_n = n;
     p->now_sh_degree = p->model.sh_degree;
+    p->now_antialias = p->model.antialias;
 }
 
 static spin_status read_means(struct spin_player *p, int index, struct spin_splats *out)
@@ -265,6 +266,7 @@ spin_status spin_player_show_splats(struct spin_player *p, const struct spin_spl
     p->now_attr = p->attr;
     p->now_n = s->n;
     p->now_sh_degree = s->sh_degree;
+    p->now_antialias = s->antialias;
     p->now_frame = -1;
     return SPIN_OK;
 }
@@ -280,6 +282,7 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
     SPIN_TRY(spin_player_show(p, index));
     SPIN_TRY(p->device->op->wait(p->device));
     SPIN_TRY(spin_splats_reserve(out, p->now_n, columns, p->model.sh_degree));
+    out->antialias = p->model.antialias;
     if (columns & SPIN_COL_MEANS)
         p->device->op->down(p->device, out->means, p->now_pos, p->now_n * 3 * sizeof(float));
     raw = p->staging;
@@ -316,6 +319,7 @@ spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *ca
     struct spin_cam cam = spin_cam_from(camera);
     size_t bytes = 3 * (size_t)cam.width * (size_t)cam.height * sizeof(float);
 
+    cam.antialias = p->now_antialias;
     SPIN_TRY(need_pictures(p, &cam));
     SPIN_TRY(spin_raster_forward(&p->raster, &cam, p->now_n, p->now_pos, p->now_attr,
                                  p->now_sh_degree, background));
@@ -337,7 +341,7 @@ spin_status spin_player_compare(struct spin_player *p, int width, int height, fl
     out->psnr_channel_mean = spin_psnr_channel_mean(image, truth, pixels, 0);
     d->op->up(d, p->shown, image, 3 * pixels * sizeof(float));
     d->op->up(d, p->truth, truth, 3 * pixels * sizeof(float));
-    d->op->loss(d, width, height, p->shown, p->truth, 1.0f, 0.0f, values, NULL);
+    d->op->loss(d, width, height, p->shown, p->truth, NULL, 1.0f, 0.0f, values, NULL);
     out->ssim = values[2];
     return d->op->wait(d);
 }

@@ -32,6 +32,7 @@ struct spin_player {
     const float *now_pos, *now_attr; /* of the frame shown */
     size_t now_n;
     int now_sh_degree, now_frame;
+    bool now_antialias;
 };
 
 /* What spin_player_open() needs to know about the network of a bundle. */

@@ -19,7 +19,7 @@ size_t spin_raster_bytes(size_t n, size_t pixels, bool training)
 
     if (training) {
         splat += sizeof(struct spin_splat2d_grad) + 6 * 12 * 4;
-        pixel += 6 * 4 + 15 * 4; /* truth, gradient, and the loss's bands */
+        pixel += 7 * 4 + 15 * 4; /* truth, gradient, weights, and the loss's bands */
     }
     return n * splat + pixels * pixel;
 }
@@ -44,6 +44,7 @@ spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, 
         SPIN_TRY_OUT(take(device, n * sizeof *r->d_splat2d, &r->d_splat2d));
         SPIN_TRY_OUT(take(device, 3 * pixels * sizeof(float), &r->truth));
         SPIN_TRY_OUT(take(device, 3 * pixels * sizeof(float), &r->d_image));
+        SPIN_TRY_OUT(take(device, pixels * sizeof(float), &r->weight));
     }
     return SPIN_OK;
 out:
@@ -65,6 +66,7 @@ void spin_raster_close(struct spin_raster *r)
     d->op->release(d, r->d_splat2d, r->capacity * sizeof *r->d_splat2d);
     d->op->release(d, r->truth, 3 * r->pixels * sizeof(float));
     d->op->release(d, r->d_image, 3 * r->pixels * sizeof(float));
+    d->op->release(d, r->weight, r->pixels * sizeof(float));
     d->op->release(d, r->tiles.pairs, r->pairs_capacity * sizeof *r->tiles.pairs);
     memset(r, 0, sizeof *r);
 }

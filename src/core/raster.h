@@ -15,6 +15,7 @@ struct spin_raster {
     float *final_t;         /* [h][w] */
     int32_t *n_used;        /* [h][w] */
     float *truth, *d_image; /* [3][h][w] (training) */
+    float *weight;          /* [h][w] (training) */
 };
 
 /* Room for n splats and pictures of `pixels`; the lists of pairs grow with what is seen. */

@@ -14,7 +14,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "core/ops.h"
-#include "core/raster.h"
+#include "core/tints.h"
 #include "math/adam.h"
 #include "math/rng.h"
 
@@ -46,6 +46,7 @@ struct refine {
     float *raw, *attr, *d_raw, *d_attr; /* device [n][SPIN_ATTR] */
     uint32_t *rows;                     /* device [n] with a gradient */
     struct spin_raster raster;
+    struct spin_tints tints;      /* a view's own */
     float *host_group;            /* [n * SPIN_REFINE_WIDTH] */
     float *host_raw;              /* [n][SPIN_ATTR] SH beyond the first coefficient stays zero */
     float *host_d_raw;            /* [n][SPIN_ATTR] */
@@ -89,6 +90,8 @@ static spin_status check_options(const struct spin_refine_options *o)
                          o->lr_position, o->lr_position_end);
     if (!(o->lambda_dssim >= 0 && o->lambda_dssim <= 1))
         return spin_fail(SPIN_E_USAGE, "lambda-dssim %g is not in 0 to 1", o->lambda_dssim);
+    if (!(o->lr_tint >= 0 && o->lambda_scale >= 0 && o->lambda_opacity >= 0))
+        return spin_fail(SPIN_E_USAGE, "rates and weights of refining are not negative numbers");
     if (!o->densify_at && o->densify_every < 1)
         return spin_fail(SPIN_E_USAGE, "densify-every must be at least 1, not %d",
                          o->densify_every);
@@ -324,8 +327,13 @@ static void fetch_cloud(struct refine *r)
 static void gather_gradients(struct refine *r)
 {
     struct spin_device *d = r->device;
+    const struct spin_refine_options *o = r->o;
     size_t n_rows = d->op->active(d, r->n, r->d_attr, r->g, r->rows), skip = r->n * 3;
 
+    if (o->lambda_scale > 0 || o->lambda_opacity > 0)
+        d->op->shrink(d, n_rows, r->rows,
+                      (float)(o->lambda_scale / (3 * o->densify.extent * (double)r->n)),
+                      (float)(o->lambda_opacity / (double)r->n), r->d_attr);
     SPIN_TIMED(d, SPIN_OP_ATTR_BACK,
                d->op->attr_back(d, n_rows, r->rows, r->raw, r->d_attr, r->d_raw));
     d->op->down(d, r->host_rows, r->rows, n_rows * sizeof *r->rows);
@@ -373,20 +381,17 @@ static int choose_view(struct refine *r, const int *order, int iteration)
 }
 
 /* Render, loss, backward: leaves d_attr, d_splat2d and the positions' gradients. */
-static spin_status draw(struct refine *r, const struct spin_refine_view *view,
-                        const struct spin_cam *cam, double *loss)
+static spin_status draw(struct refine *r, int view, const struct spin_cam *cam, double *loss)
 {
     const struct spin_refine_options *o = r->o;
+    const struct spin_refine_view *v = &r->views[view];
+    const struct spin_taken taken = {&v->camera, view, v->truth, v->weight};
     struct spin_device *d = r->device;
-    size_t bytes = 3 * (size_t)cam->width * (size_t)cam->height * sizeof(float);
     double values[3];
 
     SPIN_TIMED(d, SPIN_OP_ATTR, d->op->attr(d, r->n, r->raw, r->attr));
     SPIN_TRY(spin_raster_forward(&r->raster, cam, r->n, r->p, r->attr, 0, o->background));
-    d->op->up(d, r->raster.truth, view->truth, bytes);
-    SPIN_TIMED(d, SPIN_OP_LOSS,
-               d->op->loss(d, cam->width, cam->height, r->raster.image, r->raster.truth,
-                           (float)o->lambda_dssim, 1, values, r->raster.d_image));
+    spin_tints_loss(&r->tints, &r->raster, &taken, (float)o->lambda_dssim, 1, values);
     d->op->zero(d, r->d_attr, r->n * SPIN_ATTR * sizeof(float));
     spin_raster_backward(&r->raster, cam, r->n, r->p, r->attr, 0, o->background, r->d_attr, r->g);
     *loss = values[0];
@@ -457,21 +462,21 @@ static spin_status densify(struct refine *r, struct spin_refine_step *now)
 static spin_status iterate(struct refine *r, const int *order, int iteration)
 {
     struct spin_refine_step now = {.iteration = iteration, .n = r->n};
-    const struct spin_refine_view *view;
     struct spin_cam cam;
 
     if (spin_cancelled())
         return spin_fail_cancelled();
     now.view = choose_view(r, order, iteration);
-    view = &r->views[now.view];
-    cam = spin_cam_from(&view->camera);
-    SPIN_TRY(draw(r, view, &cam, &now.loss));
+    cam = spin_cam_from(&r->views[now.view].camera);
+    cam.antialias = r->o->antialias;
+    SPIN_TRY(draw(r, now.view, &cam, &now.loss));
     if (densify_ahead(r->o, iteration))
         add_statistics(r, &cam);
     if (densify_due(r->o, iteration))
         SPIN_TRY(densify(r, &now));
     else
         step(r, iteration);
+    spin_tints_step(&r->tints, r->device, r->o->lr_tint, iteration);
     SPIN_TRY(r->device->op->wait(r->device));
     if (iteration == 1)
         r->stats.loss_first = now.loss;
@@ -508,6 +513,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
     r.sequence = block;
     r.stats.n_first = cloud->n;
     start_afresh(cloud);
+    SPIN_TRY_OUT(spin_tints_open(&r.tints, device, o->lr_tint > 0 ? n_views : 0, r.max_pixels));
     SPIN_TRY_OUT(send_cloud(&r));
     for (int i = 1; i <= o->iterations && r.n > 0; i++)
         SPIN_TRY_OUT(iterate(&r, order, i));
@@ -519,6 +525,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
         *stats = r.stats;
 out:
     release(&r);
+    spin_tints_close(&r.tints, device);
     free(block);
     return status;
 }

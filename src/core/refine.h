@@ -9,7 +9,8 @@
 /* One training picture of the frame. */
 struct spin_refine_view {
     struct spin_camera camera;
-    const float *truth; /* host [3][h][w] */
+    const float *truth;  /* host [3][h][w] */
+    const float *weight; /* host [h][w] how often a pixel counts; or NULL: once */
 };
 
 /* What an iteration did. */
@@ -25,7 +26,10 @@ struct spin_refine_options {
     int iterations;                                  /* 2000 */
     double lr_position, lr_position_end;             /* times the extent; 1.6e-4, 1.6e-6 */
     double lr_dc, lr_opacity, lr_scale, lr_rotation; /* 2.5e-3, 0.05, 5e-3, 1e-3 */
-    double lambda_dssim;                             /* 0.2 */
+    double lr_tint;      /* of a gain and offset of every view, forgotten afterwards; 0: none */
+    double lambda_dssim; /* 0.2 */
+    double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
+    bool antialias;
     float background[3];
     int densify_from, densify_until, densify_every; /* -1: min(500, K/5); -1: 3K/4; 100 */
     const int *densify_at;                          /* [n_densify_at] exactly these, or NULL */

@@ -53,6 +53,7 @@ static spin_status fill_meta(struct spin_retraining *r, struct spin_bundle_meta 
     meta->columns = from->columns;
     meta->still_columns = from->still_columns;
     meta->sh_degree = from->sh_degree;
+    meta->antialias = from->antialias;
     memcpy(meta->data_from, r->clip.data_from, sizeof meta->data_from);
     SPIN_TRY(spin_path_folder(r->o->output, &folder));
     status = spin_path_relative(folder, r->clip.data_path, &meta->data_path);
@@ -93,18 +94,19 @@ static void set_quality(spin_json *j, const char *key, const struct spin_quality
 /* What was learned of the cameras: by id, the log of the gain and the offset, r g b each. */
 static spin_status cameras_to_json(struct spin_retraining *r, spin_json **out)
 {
+    const struct spin_param *tint = &r->trainer.tints.param;
     spin_json *all = spin_json_array();
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc(r->trainer.tint.n + 1, sizeof(float), &block));
-    r->device.op->down(&r->device, block, r->trainer.tint.p, r->trainer.tint.n * sizeof(float));
-    for (size_t i = 0; i < r->trainer.tint.n / 6; i++) {
+    SPIN_TRY(spin_alloc(tint->n + 1, sizeof(float), &block));
+    r->device.op->down(&r->device, block, tint->p, tint->n * sizeof(float));
+    for (size_t i = 0; i < tint->n / 6; i++) {
         spin_json *one = spin_json_object(), *gain = spin_json_array(), *offset = spin_json_array();
-        const float *tint = (const float *)block + 6 * i;
+        const float *row = (const float *)block + 6 * i;
 
         for (int c = 0; c < 3; c++) {
-            spin_json_push_number(gain, (double)tint[c]);
-            spin_json_push_number(offset, (double)tint[3 + c]);
+            spin_json_push_number(gain, (double)row[c]);
+            spin_json_push_number(offset, (double)row[3 + c]);
         }
         spin_json_set_integer(one, "camera", r->camera[i]);
         spin_json_set(one, "log_gain", gain);
@@ -258,6 +260,8 @@ static spin_status prepare(struct spin_retraining *r)
     rates->iterations = o->iterations;
     rates->warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40;
     r->trainer.lambda_dssim = (float)o->lambda_dssim;
+    r->trainer.lambda_scale = (float)(o->lambda_scale / r->extent);
+    r->trainer.lambda_opacity = (float)o->lambda_opacity;
     r->trainer.sh_every = o->sh_every;
     memcpy(r->trainer.background, o->background, sizeof r->trainer.background);
     if (spin_retrain_is_lazy(r))
@@ -274,6 +278,25 @@ static spin_status open_log(struct spin_retraining *r)
     r->log = fopen(r->o->log, r->o->resume ? "a" : "w");
     if (!r->log)
         return spin_fail(SPIN_E_IO, "cannot write '%s'", r->o->log);
+    return SPIN_OK;
+}
+
+/* --moving-weight: find what moves. */
+static spin_status open_weights(struct spin_retraining *r)
+{
+    void *block = NULL;
+
+    if (r->o->moving_weight == 1)
+        return SPIN_OK;
+    SPIN_TRY(spin_moving_open(&r->clip.views, &r->pixels, SPIN_MOVING_AUTO, r->train, r->n_train,
+                              &r->moving));
+    if (r->moving.from == SPIN_MOVING_OFF)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "--moving-weight: the data set has no foreground masks, and no camera "
+                         "stands still for three frames");
+    SPIN_TRY(spin_moving_keep(&r->moving));
+    SPIN_TRY(spin_alloc((size_t)r->o->batch * r->max_pixels, sizeof(float), &block));
+    r->weight = block;
     return SPIN_OK;
 }
 
@@ -375,6 +398,7 @@ static spin_status work(struct spin_retraining *r)
     SPIN_TRY(check_memory(r));
     SPIN_TRY(spin_pixels_open(&r->clip.views, r->report->bytes_available / 3, r->o->background,
                               &r->pixels));
+    SPIN_TRY(open_weights(r));
     SPIN_TRY(open_log(r));
     SPIN_TRY(refine(r));
     SPIN_TRY(r->o->method == SPIN_METHOD_NETWORK ? train_network(r) : keep_frames(r));
@@ -399,6 +423,8 @@ static void close_all(struct spin_retraining *r)
     free(r->counts);
     free(r->camera);
     free(r->truth);
+    free(r->weight);
+    spin_moving_close(&r->moving);
     free(r->train);
     free(r->test);
     free(r->sequence);

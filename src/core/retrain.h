@@ -8,6 +8,7 @@
 #include <stdio.h>
 
 #include "core/measure.h"
+#include "core/moving.h"
 #include "core/ops.h"
 #include "core/shelf.h"
 #include "core/train.h"
@@ -34,9 +35,11 @@ struct spin_retraining {
     int n_cameras;
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
-    uint32_t *sequence; /* [n_train] of the present epoch; [2 n_train] more for making it */
-    int64_t epoch;      /* sequence belongs to; -1 none */
-    float *truth;       /* [batch][3][max pixels] host */
+    uint32_t *sequence;        /* [n_train] of the present epoch; [2 n_train] more for making it */
+    int64_t epoch;             /* sequence belongs to; -1 none */
+    float *truth;              /* [batch][3][max pixels] host */
+    float *weight;             /* [batch][max pixels] host; NULL: all pixels count alike */
+    struct spin_moving moving; /* where they do not */
     size_t max_pixels, max_tiles;
     double extent, scale_bias;
     struct spin_refined *refined; /* [frames], or NULL: frames are not refined */
@@ -117,6 +120,9 @@ spin_json *spin_retrain_refined_to_json(const struct spin_retraining *r);
 
 /* All iterations that are left. */
 spin_status spin_retrain_loop(struct spin_retraining *r);
+/* How often the pixels of a view count, [h][w]; only with --moving-weight. Not for two threads. */
+spin_status spin_retrain_weigh(struct spin_retraining *r, size_t view, const float *truth,
+                               float *weight);
 /* The bundle has all attributes of its source. */
 bool spin_retrain_has_source(const struct spin_retraining *r);
 /* Quality on the test views: of what a player shows. live_counts as in measure.h. */

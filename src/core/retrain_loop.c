@@ -67,6 +67,18 @@ static void plan_epoch(struct spin_retraining *r, int64_t epoch)
     }
 }
 
+spin_status spin_retrain_weigh(struct spin_retraining *r, size_t view, const float *truth,
+                               float *weight)
+{
+    const struct spin_camera *camera = &r->clip.views.view[view].camera;
+    size_t n = (size_t)camera->width * (size_t)camera->height, moving;
+
+    SPIN_TRY(spin_moving_find(&r->moving, view, truth, &moving));
+    for (size_t i = 0; i < n; i++)
+        weight[i] = moving > 0 && r->moving.mask[i] ? (float)r->o->moving_weight : 1;
+    return SPIN_OK;
+}
+
 /* Items of iteration i (from 0), pixels loaded. The last incomplete batch of an epoch is dropped. */
 static spin_status plan_batch(struct spin_retraining *r, int64_t i, struct spin_train_item *items,
                               const struct spin_pair **pairs)
@@ -84,9 +96,14 @@ static spin_status plan_batch(struct spin_retraining *r, int64_t i, struct spin_
 
         SPIN_TRY(spin_pixels_get(&r->pixels, pair->view, truth));
         items[k].frame = pair->frame;
-        items[k].camera = &r->clip.views.view[pair->view].camera;
-        items[k].tint = spin_retrain_camera(r, r->clip.views.view[pair->view].camera_id);
-        items[k].truth = truth;
+        items[k].taken.camera = &r->clip.views.view[pair->view].camera;
+        items[k].taken.tint = spin_retrain_camera(r, r->clip.views.view[pair->view].camera_id);
+        items[k].taken.truth = truth;
+        items[k].taken.weight = NULL;
+        if (r->weight) {
+            items[k].taken.weight = r->weight + k * r->max_pixels;
+            SPIN_TRY(spin_retrain_weigh(r, pair->view, truth, r->weight + k * r->max_pixels));
+        }
         pairs[k] = pair;
     }
     return SPIN_OK;

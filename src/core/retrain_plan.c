@@ -29,6 +29,8 @@ void spin_retrain_defaults(struct spin_retrain_options *o)
         o->finest_resolution[d] = d < 3 ? 2048 : 0;
     }
     o->lambda_dssim = 0.2;
+    o->moving_weight = 1;
+    o->table_range = SPIN_TABLE_RANGE;
     o->warmup = -1;
     o->lr_table = 8e-3;
     o->lr_sh = 1e-3;
@@ -77,6 +79,9 @@ spin_status spin_retrain_check(const struct spin_retrain_options *o)
         return spin_fail(SPIN_E_USAGE, "iterations, batch and views per frame must be at least 1");
     if (!(o->lambda_dssim >= 0 && o->lambda_dssim <= 1))
         return spin_fail(SPIN_E_USAGE, "lambda-dssim %g is not in 0 to 1", o->lambda_dssim);
+    if (!(o->lambda_scale >= 0 && o->lambda_opacity >= 0 && o->moving_weight > 0 &&
+          o->table_range >= 0))
+        return spin_fail(SPIN_E_USAGE, "weights and ranges are not negative numbers");
     if (!(o->image_scale > 0 && o->image_scale <= 1))
         return spin_fail(SPIN_E_USAGE, "image scale %g is not in (0, 1]", o->image_scale);
     if (o->refine < 0 || o->max_points < 0)
@@ -311,6 +316,7 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
     SPIN_TRY(spin_model_plan(&r->model, o->levels, o->features, o->hash_log2, o->hidden,
                              o->sh_degree, o->base_resolution, finest));
     r->model.heads.relu = o->relu;
+    r->model.antialias = o->antialias;
     r->model.norm.raw = o->normalise == SPIN_NORMALISE_NONE;
     r->model.time_first = spin_retrain_info(r, 0)->time;
     r->model.time_last = spin_retrain_info(r, r->clip.n_frames - 1)->time;

@@ -75,6 +75,16 @@ spin_json *spin_retrain_refine_settings(const struct spin_retraining *r)
     spin_json_set_string(j, "seed", seed);
     spin_json_set_number(j, "image_scale", o->image_scale);
     spin_json_set_number(j, "spatial_extent", r->extent);
+    if (o->camera_colour) /* said only where it is not as 3DGS does it, as what follows */
+        spin_json_set_number(j, "lr_camera", o->lr_camera);
+    if (o->lambda_scale > 0)
+        spin_json_set_number(j, "lambda_scale", o->lambda_scale);
+    if (o->lambda_opacity > 0)
+        spin_json_set_number(j, "lambda_opacity", o->lambda_opacity);
+    if (o->antialias)
+        spin_json_set_bool(j, "antialias", true);
+    if (o->moving_weight != 1)
+        spin_json_set_number(j, "moving_weight", o->moving_weight);
     return j;
 }
 
@@ -212,7 +222,7 @@ struct job {
     struct spin_refine_view *view; /* [n_views] */
     const struct spin_pair **pair; /* [n_views] */
     int n_views;
-    float *truth;
+    float *truth, *weight;
     struct spin_refine_cloud cloud;
     struct spin_splats splats;
 };
@@ -251,7 +261,7 @@ static void watch(void *context, const struct spin_refine_step *step)
 static spin_status load_views(struct job *job)
 {
     struct spin_retraining *r = job->stage->r;
-    void *view = NULL, *pair = NULL, *truth = NULL;
+    void *view = NULL, *pair = NULL, *truth = NULL, *weight = NULL;
     size_t n = 0;
 
     for (size_t i = 0; i < r->n_train; i++)
@@ -262,6 +272,10 @@ static spin_status load_views(struct job *job)
     job->pair = pair;
     SPIN_TRY(spin_alloc(n * 3 * r->max_pixels + 1, sizeof(float), &truth));
     job->truth = truth;
+    if (r->weight) {
+        SPIN_TRY(spin_alloc(n * r->max_pixels + 1, sizeof(float), &weight));
+        job->weight = weight;
+    }
     for (size_t i = 0; i < r->n_train; i++) {
         float *at = job->truth + (size_t)job->n_views * 3 * r->max_pixels;
 
@@ -269,6 +283,12 @@ static spin_status load_views(struct job *job)
             continue;
         SPIN_TRY(spin_pixels_get(&r->pixels, r->train[i].view, at));
         job->pair[job->n_views] = &r->train[i];
+        if (r->weight) {
+            float *w = job->weight + (size_t)job->n_views * r->max_pixels;
+
+            SPIN_TRY(spin_retrain_weigh(r, r->train[i].view, at, w));
+            job->view[job->n_views].weight = w;
+        }
         job->view[job->n_views].camera = r->clip.views.view[r->train[i].view].camera;
         job->view[job->n_views++].truth = at;
     }
@@ -362,6 +382,7 @@ static void refine_task(void *context, int task, int hand)
     free(job.view);
     free(job.pair);
     free(job.truth);
+    free(job.weight);
     spin_refine_cloud_free(&job.cloud);
     spin_splats_free(&job.splats);
 }
@@ -379,6 +400,10 @@ static void set_options(struct stage *stage)
     memcpy(o->background, from->background, sizeof o->background);
     if (from->no_densify)
         o->densify_until = 0;
+    o->lr_tint = from->camera_colour ? from->lr_camera : 0;
+    o->lambda_scale = from->lambda_scale;
+    o->lambda_opacity = from->lambda_opacity;
+    o->antialias = from->antialias;
     o->densify.extent = stage->r->extent;
     o->densify.max_points = (size_t)from->max_points;
     o->densify.seed = from->seed;
@@ -391,7 +416,7 @@ size_t spin_retrain_refine_bytes(const struct spin_retraining *r)
     for (size_t i = 0; i < r->n_train; i++)
         n_views += r->train[i].frame == r->train[0].frame;
     return spin_refine_bytes(2 * r->clip.n_max, r->max_pixels) +
-           n_views * 3 * r->max_pixels * sizeof(float);
+           n_views * (r->o->moving_weight != 1 ? 4 : 3) * r->max_pixels * sizeof(float);
 }
 
 /* Which frames are still to be done. */
@@ -508,7 +533,11 @@ static bool can_be_drawn(const struct spin_retraining *r)
 
 static spin_status read_whole(void *context, int frame, struct spin_splats *out)
 {
-    return spin_retrain_refined(context, frame, whole, out);
+    const struct spin_retraining *r = context;
+
+    SPIN_TRY(spin_retrain_refined(context, frame, whole, out));
+    out->antialias = r->o->antialias;
+    return SPIN_OK;
 }
 
 static spin_status look(struct spin_retraining *r)
@@ -585,6 +614,8 @@ spin_json *spin_retrain_refined_to_json(const struct spin_retraining *r)
     }
     spin_json_set(j, "columns", spin_column_names(kept_columns(r)));
     spin_json_set_integer(j, "sh_degree", needs_whole(r) ? 0 : -1);
+    if (r->o->antialias)
+        spin_json_set_bool(j, "antialias", true);
     spin_json_set(j, "options", spin_retrain_refine_settings(r));
     spin_json_set(j, "frames", frames);
     return j;

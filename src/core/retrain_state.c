@@ -49,8 +49,16 @@ static spin_json *options_to_json(const struct spin_retraining *r)
     spin_json_set_number(j, "lr_opacity", o->lr_opacity);
     spin_json_set_number(j, "lr_position", o->lr_position);
     spin_json_set_number(j, "lr_head_factor", o->lr_head_factor);
-    if (o->sh_every > 0)
+    if (o->sh_every > 0) /* said only where it is not as in the paper, as what follows */
         spin_json_set_integer(j, "sh_every", o->sh_every);
+    if (o->table_range != SPIN_TABLE_RANGE)
+        spin_json_set_number(j, "table_range", o->table_range);
+    if (o->lambda_scale > 0)
+        spin_json_set_number(j, "lambda_scale", o->lambda_scale);
+    if (o->lambda_opacity > 0)
+        spin_json_set_number(j, "lambda_opacity", o->lambda_opacity);
+    if (o->moving_weight != 1)
+        spin_json_set_number(j, "moving_weight", o->moving_weight);
     if (spin_retrain_has_own(r)) {
         bool source = o->residual == SPIN_RESIDUAL_SOURCE;
 
@@ -132,7 +140,8 @@ spin_status spin_retrain_begin(struct spin_retraining *r)
     floats = floats > r->clip.n_max * 3 ? floats : r->clip.n_max * 3;
     SPIN_TRY(spin_alloc(floats, sizeof(float), &block));
     host = block;
-    spin_model_init(&r->model, r->o->seed, r->scale_bias, host, host + t->table.n);
+    spin_model_init(&r->model, r->o->seed, r->o->table_range, r->scale_bias, host,
+                    host + t->table.n);
     if (r->o->sh_every > 0)
         spin_model_clear_sh(&r->model, host + t->table.n);
     if (spin_retrain_has_own(r))
@@ -170,7 +179,7 @@ struct piece {
 static spin_status list_pieces(struct spin_retraining *r, struct piece **out, size_t *n)
 {
     struct spin_trainer *t = &r->trainer;
-    struct spin_param *param[3] = {&t->table, &t->heads, &t->tint};
+    struct spin_param *param[3] = {&t->table, &t->heads, &t->tints.param};
     const char *param_name[3] = {"table", "heads", "tint"};
     void *block = NULL;
     struct piece *piece;

@@ -188,6 +188,13 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
                              SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
 }
 
+static bool is_antialiased(const struct export *x)
+{
+    return x->from == SPIN_FROM_NETWORK   ? x->player.model.antialias
+           : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
+                                          : x->clip.bundle.meta.antialias;
+}
+
 static int sh_degree_of(const struct export *x)
 {
     if (x->from == SPIN_FROM_NETWORK)
@@ -228,6 +235,7 @@ static spin_status begin_export(struct export *x)
         .fps = clip_fps(&x->clip),
         .source = x->clip.bundle.meta.from,
         .sh_degree = sh_degree_of(x),
+        .antialias = is_antialiased(x),
         .values = &values,
         .views = x->clip.has_views ? &x->clip.views : NULL,
         .row_of_frame = x->clip.row,
@@ -236,6 +244,7 @@ static spin_status begin_export(struct export *x)
         .n_threads = o->n_threads,
         .source_of = x,
         .source_sh_degree = x->clip.bundle.meta.sh_degree,
+        .source_antialias = x->clip.bundle.meta.antialias,
         .retrained = x->from == SPIN_FROM_NETWORK,
         .report = x->report,
         .check = o->check,
@@ -250,6 +259,10 @@ static spin_status begin_export(struct export *x)
     for (int f = 0; f < x->clip.n_frames; f++)
         x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
     job.counts = x->counts;
+    if (job.antialias && !x->exporter->antialias)
+        spin_warn("these splats are meant to be drawn antialiased, and '%s' has no word for it: "
+                  "switch it on in the viewer",
+                  o->to);
     SPIN_TRY(x->exporter->begin(&job, &x->self));
     status = write_frames(x);
     if (status != SPIN_OK) {

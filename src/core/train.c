@@ -15,29 +15,6 @@ static spin_status reserve(struct spin_device *d, size_t floats, float **out)
     return d->op->reserve(d, floats * sizeof(float), (void **)out);
 }
 
-/* The first float lies `pad` floats into its block. */
-static spin_status open_param(struct spin_device *d, size_t n, size_t pad, struct spin_param *param)
-{
-    float **at[4] = {&param->p, &param->g, &param->m, &param->v};
-
-    param->n = n;
-    param->pad = pad;
-    for (int i = 0; i < 4; i++) {
-        SPIN_TRY(reserve(d, n + pad, at[i]));
-        *at[i] += pad;
-    }
-    return SPIN_OK;
-}
-
-static void close_param(struct spin_device *d, struct spin_param *param)
-{
-    float *at[4] = {param->p, param->g, param->m, param->v};
-
-    for (int i = 0; i < 4; i++)
-        if (at[i])
-            d->op->release(d, at[i] - param->pad, (param->n + param->pad) * sizeof(float));
-}
-
 size_t spin_trainer_bytes(const struct spin_model *model, int n_frames, const size_t *counts,
                           size_t max_pixels, bool own)
 {
@@ -66,15 +43,9 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *t->frame, &block));
     t->frame = block;
     t->n_frames = n_frames;
-    SPIN_TRY_OUT(open_param(device, model->n_table, spin_lazy_pad(model), &t->table));
-    SPIN_TRY_OUT(open_param(device, model->n_heads, 0, &t->heads));
-    SPIN_TRY_OUT(open_param(device, 6 * (size_t)n_tints, 0, &t->tint));
-    if (n_tints > 0) {
-        SPIN_TRY_OUT(reserve(device, 3 * max_pixels, &t->tinted));
-        block = NULL;
-        SPIN_TRY_OUT(spin_alloc(t->tint.n, sizeof(float), &block));
-        t->tint_host = block;
-    }
+    SPIN_TRY_OUT(spin_param_open(&t->table, device, model->n_table, spin_lazy_pad(model)));
+    SPIN_TRY_OUT(spin_param_open(&t->heads, device, model->n_heads, 0));
+    SPIN_TRY_OUT(spin_tints_open(&t->tints, device, n_tints, max_pixels));
     for (int f = 0; f < n_frames; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
@@ -116,10 +87,9 @@ void spin_trainer_close(struct spin_trainer *t)
     if (!d)
         return;
     spin_lazy_close(&t->lazy, d);
-    close_param(d, &t->table);
-    close_param(d, &t->heads);
-    close_param(d, &t->tint);
-    d->op->release(d, t->tinted, 3 * t->max_pixels * sizeof(float));
+    spin_param_close(&t->table, d);
+    spin_param_close(&t->heads, d);
+    spin_tints_close(&t->tints, d);
     for (int f = 0; f < t->n_frames; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
@@ -134,7 +104,6 @@ void spin_trainer_close(struct spin_trainer *t)
     d->op->release(d, t->d_own, t->n_max * SPIN_OWN * sizeof(float));
     spin_decode_close(&t->decode, &t->model);
     spin_raster_close(&t->raster);
-    free(t->tint_host);
     free(t->frame);
     memset(t, 0, sizeof *t);
 }
@@ -144,46 +113,6 @@ static double rate_at(const struct spin_trainer *t, double lr0, int64_t iteratio
     const struct spin_train_rates *r = &t->rates;
 
     return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
-}
-
-/* The picture as this item's camera would have taken it, and its loss. d_image is the gradient with
- * respect to the picture before that. */
-static void compare_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
-                         double v[3])
-{
-    struct spin_device *d = t->device;
-    int width = item->camera->width, height = item->camera->height;
-    size_t n_pixels = (size_t)width * (size_t)height, at = 6 * (size_t)item->tint;
-    float *image = t->raster.image, weight = 1.0f / (float)n;
-
-    d->op->up(d, t->raster.truth, item->truth, 3 * n_pixels * sizeof(float));
-    if (t->tint.n) {
-        d->op->tint(d, n_pixels, t->tint.p + at, t->raster.image, t->tinted);
-        image = t->tinted;
-    }
-    d->op->loss(d, width, height, image, t->raster.truth, t->lambda_dssim, weight, v,
-                t->raster.d_image);
-    if (t->tint.n)
-        d->op->tint_back(d, n_pixels, t->tint.p + at, t->raster.image, t->raster.d_image,
-                         t->tint.g + at);
-}
-
-/* Gauge: the mean camera has gain 1 and offset 0, so held-out views are drawn in its colours. */
-static void centre_tint(struct spin_trainer *t)
-{
-    size_t n = t->tint.n / 6;
-    float *tint = t->tint_host;
-
-    t->device->op->down(t->device, tint, t->tint.p, t->tint.n * sizeof(float));
-    for (size_t k = 0; k < 6; k++) {
-        double mean = 0;
-
-        for (size_t i = 0; i < n; i++)
-            mean += (double)tint[6 * i + k] / (double)n;
-        for (size_t i = 0; i < n; i++)
-            tint[6 * i + k] -= (float)mean;
-    }
-    t->device->op->up(t->device, t->tint.p, tint, t->tint.n * sizeof(float));
 }
 
 int spin_trainer_sh_degree(const struct spin_trainer *t)
@@ -199,15 +128,15 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 static spin_status draw_item(struct spin_trainer *t, const struct spin_train_item *item, int n,
                              struct spin_train_values *values, double *loss)
 {
-    struct spin_device *d = t->device;
     const struct spin_train_frame *frame = &t->frame[item->frame];
-    struct spin_cam cam = spin_cam_from(item->camera);
+    struct spin_cam cam = spin_cam_from(item->taken.camera);
     int sh_degree = spin_trainer_sh_degree(t);
     double v[3];
 
+    cam.antialias = t->model.antialias;
     SPIN_TRY(spin_raster_forward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, sh_degree,
                                  t->background));
-    SPIN_TIMED(d, SPIN_OP_LOSS, compare_item(t, item, n, v));
+    spin_tints_loss(&t->tints, &t->raster, &item->taken, t->lambda_dssim, 1.0f / (float)n, v);
     spin_raster_backward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, sh_degree,
                          t->background, t->decode.d_attr, t->d_pos);
     values->loss += v[0] / n;
@@ -294,6 +223,7 @@ static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item
     struct spin_device *d = t->device;
     const struct spin_train_rates *r = &t->rates;
     struct spin_train_frame *frame = &t->frame[items[first].frame];
+    float share = 0; /* of the batch's pictures */
     bool own = frame->own && r->own[SPIN_HEAD_SCALE] > 0;
 
     if (frame->n == 0)
@@ -309,8 +239,11 @@ static spin_status do_frame(struct spin_trainer *t, const struct spin_train_item
         SPIN_TRY(draw_item(t, &items[i], n, values, &loss));
         if (values->each)
             values->each[i] = loss;
+        share += 1.0f / (float)n;
     }
     t->decode.still = r->position == 0;
+    t->decode.d_scale = share * t->lambda_scale / (3 * (float)frame->n);
+    t->decode.d_opacity = share * t->lambda_opacity / (float)frame->n;
     spin_decode_backward(&t->decode, &t->model, t->table.p, t->heads.p, frame->n, frame->pos,
                          t->table.g, t->heads.g, t->d_pos, own ? t->d_own : NULL);
     frame->steps++;
@@ -346,9 +279,6 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_it
     step_table(t);
     for (int k = 0; k < SPIN_HEADS; k++)
         step_param(t, &t->heads, offset[k], offset[k + 1], t->rates.head[k]);
-    if (t->tint.n) {
-        step_param(t, &t->tint, 0, t->tint.n, t->rates.tint);
-        centre_tint(t);
-    }
+    spin_tints_step(&t->tints, t->device, rate_at(t, t->rates.tint, t->iteration), t->iteration);
     return t->device->op->wait(t->device);
 }

@@ -6,12 +6,7 @@
 #include "core/lazy.h"
 #include "core/model.h"
 #include "core/raster.h"
-
-/* Parameters with their gradient and Adam's moments, on the device. */
-struct spin_param {
-    float *p, *g, *m, *v; /* [n] */
-    size_t n, pad;        /* pad: floats reserved before each */
-};
+#include "core/tints.h"
 
 /* Positions of one frame. Their moments and step counter stand still while the frame is not in the
  * batch (method.md section 6). */
@@ -33,29 +28,26 @@ struct spin_trainer {
     struct spin_device *device;
     struct spin_model model;
     struct spin_param table, heads;
-    struct spin_param tint;         /* [cameras][6], math/tint.h; n 0: cameras are all alike */
+    struct spin_tints tints;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
     struct spin_lazy_table lazy; /* of the table, when that pays */
     float lambda_dssim, background[3];
+    float lambda_scale, lambda_opacity; /* on the mean scale and opacity of what a step sees */
     int sh_every;      /* steps until the next degree of SH joins; 0: all from the start */
     int64_t iteration; /* steps done */
     struct spin_decode decode;
     struct spin_raster raster;
-    float *d_pos;     /* [n_max][3] */
-    float *d_own;     /* [SPIN_OWN n_max], when splats have values of their own */
-    float *tinted;    /* [3][max_pixels], when cameras have colours */
-    float *tint_host; /* [tint.n] host */
+    float *d_pos; /* [n_max][3] */
+    float *d_own; /* [SPIN_OWN n_max], when splats have values of their own */
 };
 
 /* One picture of a batch. */
 struct spin_train_item {
     int frame;
-    const struct spin_camera *camera;
-    int tint;           /* its place in the trainer's tint */
-    const float *truth; /* host [3][h][w] */
+    struct spin_taken taken;
 };
 
 struct spin_train_values {

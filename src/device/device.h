@@ -81,6 +81,8 @@ struct spin_cam {
     float r[9], t[3];       /* w2c */
     float centre[3];        /* in the world */
     float limit_x, limit_y; /* 1.3 tan of the half field of view */
+    bool
+        antialias; /* splats smaller than a pixel are drawn fainter, not only wider; spin_cam_from: no */
 };
 struct spin_cam spin_cam_from(const struct spin_camera *camera);
 
@@ -164,6 +166,10 @@ struct spin_device_ops {
     void (*attr_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows, const float *raw,
                       const float *d_attr, float *d_raw);
 
+    /* d_attr [rows] += the gradient of d_scale (sum of the three scales) + d_opacity opacity. */
+    void (*shrink)(struct spin_device *d, size_t n_rows, const uint32_t *rows, float d_scale,
+                   float d_opacity, float *d_attr);
+
     /* splat2d [n] = ; sh_degree 0..3 */
     void (*project)(struct spin_device *d, const struct spin_cam *cam, size_t n, const float *pos_w,
                     const float *attr, int sh_degree, struct spin_splat2d *splat2d);
@@ -192,11 +198,13 @@ struct spin_device_ops {
                        const int32_t *n_used, const float *d_image,
                        struct spin_splat2d_grad *d_splat2d);
 
-    /* loss = (1 - lambda) L1 + lambda (1 - SSIM); d_image = weight * its gradient (NULL: none). The
-     * three numbers come back on the host: values[0] loss, [1] L1, [2] SSIM, unweighted. */
+    /* loss = (1 - lambda) L1 + lambda (1 - SSIM); d_image = weight * its gradient (NULL: none). L1 and
+     * SSIM are means over the pixels, each counted as often as pixel_weight [h][w] says (at least 0, not
+     * all 0; NULL: 1). The three numbers come back on the host: values[0] loss, [1] L1, [2] SSIM, not
+     * times weight. */
     void (*loss)(struct spin_device *d, int width, int height, const float *image,
-                 const float *truth, float lambda_dssim, float weight, double values[3] /* host */,
-                 float *d_image);
+                 const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
+                 double values[3] /* host */, float *d_image);
 
     /* A camera's gain and offset, math/tint.h: out [3][n_pixels] = exp(tint[c]) image + tint[3 + c].
      * Back: d_image is scaled in place, d_tint [6] +=. */

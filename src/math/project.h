@@ -122,6 +122,57 @@ SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
     return e;
 }
 
+/* Antialiased: the dilation spreads what a splat covers over more pixels, so its opacity falls in
+ * turn, by the square root of the ratio of the determinants without and with it. The limit is that
+ * of the 3DGS rasteriser. */
+#define SPIN_PROJECT_FAINTEST 2.5e-5f
+
+struct spin_fade {
+    spin_vec3 k0, k1;
+    float aa, b, cc; /* of k k^T */
+    float area, det; /* determinants without and with the dilation */
+    float fade;      /* on the opacity, 0.005 to 1 */
+    int at_limit;
+};
+
+SPIN_FN struct spin_fade spin_fade_from(const struct spin_footprint *f)
+{
+    struct spin_fade s;
+    float dil = SPIN_PROJECT_DILATION, ratio;
+    spin_vec3 n;
+
+    s.k0 = spin_v3(f->k[0][0], f->k[0][1], f->k[0][2]);
+    s.k1 = spin_v3(f->k[1][0], f->k[1][1], f->k[1][2]);
+    n = spin_v3(s.k0.y * s.k1.z - s.k0.z * s.k1.y, s.k0.z * s.k1.x - s.k0.x * s.k1.z,
+                s.k0.x * s.k1.y - s.k0.y * s.k1.x);
+    s.aa = spin_dot3(s.k0, s.k0);
+    s.b = spin_dot3(s.k0, s.k1);
+    s.cc = spin_dot3(s.k1, s.k1);
+    s.area = spin_dot3(n, n);
+    s.det = s.area + dil * (s.aa + s.cc) + dil * dil;
+    ratio = s.area / s.det;
+    s.at_limit = !(ratio > SPIN_PROJECT_FAINTEST);
+    s.fade = sqrtf(s.at_limit ? SPIN_PROJECT_FAINTEST : ratio);
+    return s;
+}
+
+/* d_k [2][3] += from the gradient of fade = sqrt(area / det). */
+SPIN_FN void spin_fade_adj(const struct spin_footprint *f, float d_fade, float d_k[2][3])
+{
+    struct spin_fade s = spin_fade_from(f);
+    float dil = SPIN_PROJECT_DILATION;
+    float d_ratio = s.at_limit ? 0 : 0.5f * d_fade / s.fade;
+    float d_area = d_ratio * (s.det - s.area) / (s.det * s.det);
+    float d_trace = -d_ratio * s.area * dil / (s.det * s.det);
+
+    for (int j = 0; j < 3; j++) {
+        float k0 = f->k[0][j], k1 = f->k[1][j];
+
+        d_k[0][j] += 2 * (d_area * (s.cc * k0 - s.b * k1) + d_trace * k0);
+        d_k[1][j] += 2 * (d_area * (s.aa * k1 - s.b * k0) + d_trace * k1);
+    }
+}
+
 /* d_k [2][3] = from the gradient of the conic. The conic is the inverse of C = k k^T + dilation,
  * so dL/dC = -conic G conic. In double: for a needle of aspect 100 these products cancel to 1e-4
  * of their terms. */
@@ -146,12 +197,13 @@ SPIN_FN void spin_conic_adj(const struct spin_footprint *f, const float *d_conic
     }
 }
 
-/* From the gradient of u, v and the conic: d_scale [3] +=, d_q [4] +=, d_pos_w [3] +=. Where x or
+/* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_q [4] +=, d_pos_w [3] +=. Where x or
  * y was clamped in the Jacobian it counts as a constant, as in 3DGS: no gradient through p.x or
  * p.y there. */
 SPIN_FN void spin_ellipse_adj(const struct spin_lens *lens, const struct spin_footprint *f,
                               const float *scale, const float *q, float d_u, float d_v,
-                              const float *d_conic, float *d_scale, float *d_q, float *d_pos_w)
+                              const float *d_conic, float d_fade, float *d_scale, float *d_q,
+                              float *d_pos_w)
 {
     const float *r = lens->r;
     float d_k[2][3], d_a[2][3], d_j[2][3], d_m[3][3], d_rot[3][3];
@@ -160,6 +212,8 @@ SPIN_FN void spin_ellipse_adj(const struct spin_lens *lens, const struct spin_fo
     float dp[3];
 
     spin_conic_adj(f, d_conic, d_k);
+    if (d_fade != 0)
+        spin_fade_adj(f, d_fade, d_k);
     for (int j = 0; j < 3; j++)
         for (int i = 0; i < 3; i++) {
             d_m[i][j] = f->a[0][i] * d_k[0][j] + f->a[1][i] * d_k[1][j];

@@ -168,8 +168,9 @@ static spin_status read_columns(const spin_json *root, const char *key, unsigned
     return SPIN_OK;
 }
 
-/* The columns that splats have, means at least, and the degree of their colours. */
-static spin_status read_splat_columns(const spin_json *object, unsigned *columns, int *sh_degree)
+/* The columns that splats have, means at least, the degree of their colours, how to draw them. */
+static spin_status read_splat_columns(const spin_json *object, unsigned *columns, int *sh_degree,
+                                      bool *antialias)
 {
     int64_t degree;
 
@@ -180,6 +181,7 @@ static spin_status read_splat_columns(const spin_json *object, unsigned *columns
     if ((*columns & SPIN_COL_SH) && degree < 0)
         return spin_fail(SPIN_E_MALFORMED, "meta.json: column 'sh' with an 'sh_degree' of -1");
     *sh_degree = (int)degree;
+    spin_json_bool(spin_json_get(object, "antialias"), antialias);
     return SPIN_OK;
 }
 
@@ -249,7 +251,7 @@ static spin_status read_meta(struct spin_bundle_meta *meta, const spin_json *roo
     read_text(root, "variant", meta->variant, sizeof meta->variant);
     if (!spin_json_bool(spin_json_get(root, "numbered"), &meta->numbered))
         return fail_key("numbered", "true or false");
-    SPIN_TRY(read_splat_columns(root, &meta->columns, &meta->sh_degree));
+    SPIN_TRY(read_splat_columns(root, &meta->columns, &meta->sh_degree, &meta->antialias));
     SPIN_TRY(read_columns(root, "still_columns", &meta->still_columns));
     if (meta->still_columns & ~meta->columns)
         return spin_fail(SPIN_E_MALFORMED,
@@ -290,16 +292,19 @@ struct group {
     const char *name;
     unsigned columns, still_columns;
     int sh_degree;
+    bool antialias;
 };
 
 static struct group source_of(const struct spin_bundle *b)
 {
-    return (struct group){"source", b->meta.columns, b->meta.still_columns, b->meta.sh_degree};
+    return (struct group){"source", b->meta.columns, b->meta.still_columns, b->meta.sh_degree,
+                          b->meta.antialias};
 }
 
 static struct group refined_of(const struct spin_bundle *b)
 {
-    return (struct group){"refined", b->refined.columns, 0, b->refined.sh_degree};
+    return (struct group){"refined", b->refined.columns, 0, b->refined.sh_degree,
+                          b->refined.antialias};
 }
 
 static spin_status find_column(struct spin_bundle *b, const struct group *group, int i, int frame,
@@ -363,7 +368,8 @@ static spin_status check_refined(struct spin_bundle *b)
         return SPIN_OK;
     if (!spin_json_is_object(refined))
         return fail_key("refined", "an object");
-    SPIN_TRY(read_splat_columns(refined, &b->refined.columns, &b->refined.sh_degree));
+    SPIN_TRY(read_splat_columns(refined, &b->refined.columns, &b->refined.sh_degree,
+                                &b->refined.antialias));
     list = spin_json_get(refined, "frames");
     if (!list || spin_json_length(list) != (size_t)b->meta.n_frames)
         return fail_key("frames", "a list as long as the clip's");
@@ -524,6 +530,7 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
                               size_t n, unsigned columns, struct spin_splats *out)
 {
     SPIN_TRY(spin_splats_reserve(out, n, columns, group->sh_degree < 0 ? 0 : group->sh_degree));
+    out->antialias = group->antialias;
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
         struct spin_array array;
@@ -546,6 +553,7 @@ static spin_status view_group(struct spin_bundle *bundle, const struct group *gr
     struct spin_splats view = {.n = n, .capacity = n, .mapped = true};
 
     view.sh_degree = group->sh_degree < 0 ? 0 : group->sh_degree;
+    view.antialias = group->antialias;
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
         struct spin_array array;
@@ -767,6 +775,8 @@ static spin_json *meta_json(const struct spin_bundle_meta *meta, spin_json *extr
     spin_json_set(root, "columns", spin_column_names(meta->columns));
     spin_json_set(root, "still_columns", spin_column_names(meta->still_columns));
     spin_json_set_integer(root, "sh_degree", meta->sh_degree);
+    if (meta->antialias)
+        spin_json_set_bool(root, "antialias", true);
     if (meta->data_path) {
         spin_json *data = spin_json_object();
 

@@ -29,6 +29,7 @@ struct spin_bundle_meta {
     bool numbered;                 /* frame numbers are the source's own */
     unsigned columns, still_columns;
     int sh_degree;       /* -1: none */
+    bool antialias;      /* meant to be drawn antialiased */
     char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
     char data_from[128]; /* as spin_views_open() takes it */
 };
@@ -40,6 +41,7 @@ void spin_bundle_meta_free(struct spin_bundle_meta *meta);
 struct spin_bundle_refined {
     unsigned columns; /* 0: there are none */
     int sh_degree;    /* -1: none */
+    bool antialias;   /* meant to be drawn antialiased */
     size_t *n;        /* [n_frames] */
 };
 

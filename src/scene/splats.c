@@ -51,6 +51,7 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
         *s = (struct spin_splats){0};
     s->n = 0;
     s->sh_degree = sh_degree;
+    s->antialias = false;
     s->capacity = SIZE_MAX;
     for (int i = 0; i < N_COLUMNS; i++) {
         float **column = column_at(s, i);

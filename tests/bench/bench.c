@@ -121,8 +121,8 @@ static void run_loss(struct bench_scene *s)
     struct spin_raster *r = &s->trainer.raster;
     double values[3];
 
-    s->device.op->loss(&s->device, s->cam.width, s->cam.height, r->image, r->truth, 0.2f, 1.0f,
-                       values, r->d_image);
+    s->device.op->loss(&s->device, s->cam.width, s->cam.height, r->image, r->truth, NULL, 0.2f,
+                       1.0f, values, r->d_image);
 }
 
 static void run_blend_back(struct bench_scene *s)
@@ -187,7 +187,7 @@ static void run_adam(struct bench_scene *s)
 
 static void run_step(struct bench_scene *s)
 {
-    struct spin_train_item item = {.frame = 0, .camera = &s->camera, .truth = s->truth};
+    struct spin_train_item item = {.taken = {.camera = &s->camera, .truth = s->truth}};
     struct spin_train_values values = {0};
 
     if (spin_trainer_step(&s->trainer, &item, 1, &values) != SPIN_OK)

@@ -113,7 +113,7 @@ static spin_status put_network(struct bench_scene *s)
     SPIN_TRY(spin_alloc(t->table.n + t->heads.n, sizeof(float), &block));
     table = block;
     heads = table + t->table.n;
-    spin_model_init(&t->model, 1, log(3.4 / sqrt((double)s->n)), table, heads);
+    spin_model_init(&t->model, 1, 1e-4, log(3.4 / sqrt((double)s->n)), table, heads);
     for (size_t i = 0; i < t->table.n; i++)
         table[i] *= 5e3f;
     last_bias(&t->model.heads, heads, SPIN_HEAD_OPACITY)[0] = -1.2f;

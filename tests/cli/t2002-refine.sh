@@ -62,6 +62,22 @@ run "$bin/spin-retrain" "$in" -o "$work/capped.spin" $one --method explicit \
 greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
 ok $? "--max-points is kept, and frames start from the source's attributes"
 
+# What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
+for more in '--camera-colour --lr-camera 1e-2' --antialias '--moving-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
+    # shellcheck disable=SC2086
+    run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method explicit --densify off $more --force --json
+    is "$code" 0 "refines with $more"
+    learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+    # shellcheck disable=SC2086
+    run "$bin/spin-retrain" "$in" -o "$work/more3.spin" $few --method explicit --densify off $more --force --threads 3
+    same "$work/more.spin" "$work/more3.spin" "$more: the same bytes on three threads"
+    run "$bin/spin-eval" "$work/more.spin" --scale 0.25 --json
+    awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
+    ok $? "$more: measured as trained"
+    run "$bin/spin-retrain" "$work/more.spin" -o "$work/without.spin" $few --method explicit --densify off --force
+    err_has "refining 2 of 2 frames" "$more: not taken for frames refined without"
+done
+
 # Refined frames, then the network.
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $few $net
 is "$code" 0 "refines, then trains the network"

@@ -47,4 +47,33 @@ is "$(head -c 15 "$work/clip.html")" "<!doctype html>" "it is a page"
 run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
 fails 1 spin-export "a page: does not overwrite"
 
+# Splats trained antialiased: formats that have a word for it say so, others are warned of, and what was
+# written as PLY is drawn the same when it comes back.
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/clip.spin"
+run "$bin/spin-retrain" "$work/clip.spin" -o "$work/anti.spin" --device cpu --scale 0.25 --method explicit \
+    --refine 20 --antialias
+is "$code" 0 "refines antialiased"
+for to in ply compressed-ply spz html; do
+    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti.$to"
+    is "$code" 0 "antialiased: exports $to"
+    grep -q 'meant to be drawn antialiased' "$work/err"
+    is $? 1 "antialiased: $to needs no warning"
+done
+grep -aq '^comment antialiased 1$' "$work/anti.ply/frame_00000.ply"
+ok $? "antialiased: PLY says so"
+is "$(gzip -dc "$work/anti.spz/frame_00000.spz" | od -An -tu1 -j14 -N1 | tr -d ' ')" 1 "antialiased: SPZ has the flag"
+is "$(gzip -dc "$work/spz/frame_00000.spz" | od -An -tu1 -j14 -N1 | tr -d ' ')" 0 "and others have not"
+grep -q '"antialias":true' "$work/anti.html"
+ok $? "antialiased: so has the page"
+for to in splat gltf; do
+    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti.$to"
+    err_has 'meant to be drawn antialiased' "antialiased: a warning with $to"
+done
+run "$bin/spin-eval" "$work/anti.spin" --scale 0.25 --json
+first=$(member psnr)
+run "$bin/spin-import" --from ply "$work/anti.ply" --data $clip --pair order -o "$work/back.spin"
+is "$code" 0 "antialiased: the PLY comes back"
+run "$bin/spin-eval" "$work/back.spin" --pair order --scale 0.25 --json
+is "$(member psnr)" "$first" "antialiased: and looks the same"
+
 done_testing

@@ -161,10 +161,11 @@ static void run(struct fixture *f, int n_threads, struct result *r)
     load_model(f, &r->model);
     if (!f->heads0)
         f->heads0 = load_heads(f, &r->model);
-    ok(spin_trainer_open(&t, d, &r->model, FRAMES, counts, W * H, 4 * 3, 0, false) == SPIN_OK, "opens");
+    ok(spin_trainer_open(&t, d, &r->model, FRAMES, counts, W * H, 4 * 3, 0, false) == SPIN_OK,
+       "opens");
     fill_trainer(f, &t);
     for (int i = 0; i < STEPS; i++) {
-        struct spin_train_item items[BATCH];
+        struct spin_train_item items[BATCH] = {0};
         struct spin_train_values v = {0};
 
         for (int k = 0; k < BATCH; k++) {
@@ -172,11 +173,11 @@ static void run(struct fixture *f, int n_threads, struct result *r)
             int camera = (int)f->order[(i * BATCH + k) * 2 + 1];
 
             items[k].frame = frame;
-            items[k].camera = &f->camera[camera];
-            items[k].truth = f->truth + (size_t)(frame * 2 + camera) * 3 * H * W;
+            items[k].taken.camera = &f->camera[camera];
+            items[k].taken.truth = f->truth + (size_t)(frame * 2 + camera) * 3 * H * W;
         }
         if (i == 0) { /* the first picture, before any step */
-            struct spin_cam cam = spin_cam_from(items[0].camera);
+            struct spin_cam cam = spin_cam_from(items[0].taken.camera);
             struct spin_train_frame *frame = &t.frame[items[0].frame];
 
             spin_decode_forward(&t.decode, &t.model, t.table.p, t.heads.p, POINTS, frame->pos,

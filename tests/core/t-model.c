@@ -18,8 +18,10 @@ static void check_plan(void)
     ok(m.grid.offset[16] == 24223187 || fabs(m.grid.offset[16] - 24.2e6) < 0.1e6,
        "24.2 M rows at 2^21 with time 150 (got %u)", m.grid.offset[16]);
     ok(m.n_heads == 36920, "36,920 parameters in the heads (got %zu)", m.n_heads);
-    ok(m.grid.res[15][0] == 2048 && m.grid.res[15][3] == 150, "the finest level is exactly as asked");
-    ok(spin_model_plan(&m, 16, 4, 21, 64, 3, base, bad) == SPIN_E_USAGE, "finest below base: usage");
+    ok(m.grid.res[15][0] == 2048 && m.grid.res[15][3] == 150,
+       "the finest level is exactly as asked");
+    ok(spin_model_plan(&m, 16, 4, 21, 64, 3, base, bad) == SPIN_E_USAGE,
+       "finest below base: usage");
     ok(spin_model_plan(&m, 16, 3, 21, 64, 3, base, finest) == SPIN_E_USAGE, "3 features: usage");
     ok(spin_model_plan(&m, 33, 4, 21, 64, 3, base, finest) == SPIN_E_USAGE, "33 levels: usage");
     ok(spin_model_plan(&m, 16, 4, 40, 64, 3, base, finest) == SPIN_E_USAGE, "2^40 rows: usage");
@@ -35,11 +37,11 @@ static void check_first_values(void)
     table = malloc(2 * m.n_table * sizeof *table);
     heads = malloc(2 * m.n_heads * sizeof *heads);
     again = heads + m.n_heads;
-    spin_model_init(&m, 7, -5, table, heads);
-    spin_model_init(&m, 7, -5, table + m.n_table, again);
+    spin_model_init(&m, 7, 1e-4, -5, table, heads);
+    spin_model_init(&m, 7, 1e-4, -5, table + m.n_table, again);
     check_same_bits(table, table + m.n_table, m.n_table * sizeof *table, "the same seed, table");
     check_same_bits(heads, again, m.n_heads * sizeof *heads, "the same seed, heads");
-    spin_model_init(&m, 8, -5, table + m.n_table, again);
+    spin_model_init(&m, 8, 1e-4, -5, table + m.n_table, again);
     ok(memcmp(table, table + m.n_table, m.n_table * sizeof *table) != 0, "another seed differs");
     for (size_t i = 0; i < m.n_table; i++)
         worst = fmaxf(worst, fabsf(table[i]));
@@ -71,7 +73,8 @@ static void check_json(void)
     check_same_bits(&m.grid, &back.grid, sizeof m.grid, "the same grid");
     check_same_bits(&m.norm, &back.norm, sizeof m.norm, "the same norm");
     ok(back.norm.raw && back.heads.relu, "what the ablations change");
-    ok(back.n_heads == m.n_heads && back.n_table == m.n_table && back.sh_degree == 2, "the same sizes");
+    ok(back.n_heads == m.n_heads && back.n_table == m.n_table && back.sh_degree == 2,
+       "the same sizes");
     spin_json_free(parsed);
     spin_json_set_integer(j, "hidden", 1 << 20);
     ok(spin_model_from_json(j, &back) == SPIN_E_MALFORMED, "a huge hidden width is malformed");

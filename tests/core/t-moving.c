@@ -112,6 +112,19 @@ static void check_from(enum spin_moving_from from, int camera, int grown, const 
         sum += n;
     }
     ok(wrong == 0, "%s: every pixel of %d pictures is right", what, ROWS);
+    if (spin_moving_keep(&m) != SPIN_OK)
+        exit(1);
+    for (int round = 0; round < 2; round++)
+        for (int row = 0; row < ROWS; row++) {
+            if (round == 0 && spin_pixels_get(&pixels, pair[row].view, image) != SPIN_OK)
+                exit(1);
+            for (size_t i = 0; round == 1 && i < 3 * PLANE; i++)
+                image[i] = 0.5f; /* not looked at: it was found before */
+            if (spin_moving_find(&m, pair[row].view, image, &n) != SPIN_OK)
+                exit(1);
+            wrong += wrong_pixels(&m, row, grown);
+        }
+    ok(wrong == 0, "%s: and again when what is found is kept", what);
     ok(sum > 0 && sum <= ROWS * (SIDE + 2) * (SIDE + 2), "%s: %zu pixels move", what, sum);
     spin_moving_close(&m);
     spin_pixels_close(&pixels);

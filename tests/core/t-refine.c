@@ -311,6 +311,102 @@ static void window_and_cap(struct fixture *f)
     spin_refine_cloud_free(&c);
 }
 
+/* Cameras that see other colours: with gains and offsets of their own the frame fits them better, and
+ * keeps the colours of the mean camera; the same bits for any number of threads. */
+static void camera_colours(struct fixture *f)
+{
+    static const float gain[VIEWS] = {1.6f, 1, 1 / 1.6f};
+    enum { PIXELS = W * H };
+    struct fixture tinted = *f;
+    struct log log = {0}, own = {0};
+    struct spin_refine_options o = plain_options(&log);
+    struct spin_refine_cloud c, many;
+    double without = 0, with = 0;
+
+    tinted.truth = malloc((size_t)VIEWS * 3 * PIXELS * sizeof(float));
+    for (int k = 0; k < VIEWS; k++) {
+        tinted.view[k].truth = tinted.truth + (size_t)k * 3 * PIXELS;
+        for (size_t i = 0; i < 3 * PIXELS; i++)
+            tinted.truth[(size_t)k * 3 * PIXELS + i] = gain[k] * f->view[k].truth[i];
+    }
+    o.iterations = 300;
+    ok(run(&tinted, &o, NULL, 2, &log, &c, NULL) == SPIN_OK, "views of other colours");
+    spin_refine_cloud_free(&c);
+    o.lr_tint = 1e-2;
+    o.context = &own;
+    ok(run(&tinted, &o, NULL, 2, &own, &c, NULL) == SPIN_OK, "with colours of their own");
+    for (int i = 300 - 3 * VIEWS; i < 300; i++) {
+        without += log.step[i].loss;
+        with += own.step[i].loss;
+    }
+    if (!ok(with < 0.9 * without, "the loss comes lower"))
+        printf("#   %.4f without, %.4f with\n", without / (3 * VIEWS), with / (3 * VIEWS));
+    ok(run(&tinted, &o, NULL, 3, &own, &many, NULL) == SPIN_OK && many.n == c.n, "three threads");
+    check_same_bits(many.point, c.point, c.n * sizeof *c.point, "and the same bits");
+    spin_refine_cloud_free(&c);
+    spin_refine_cloud_free(&many);
+    free(tinted.truth);
+}
+
+static double mean_of(const struct spin_refine_cloud *c, bool opacity)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < c->n; i++) {
+        const struct spin_refine_row *p = &c->point[i].p;
+
+        if (opacity)
+            sum += 1 / (1 + exp(-(double)p->logit_opacity));
+        for (int k = 0; !opacity && k < 3; k++)
+            sum += exp((double)p->log_scale[k]) / 3;
+    }
+    return sum / (double)c->n;
+}
+
+/* Each option does what it is for. */
+static void options_act(struct fixture *f)
+{
+    static float weight[W * H];
+    struct log log = {0}, weighted = {0}, faint = {0};
+    struct spin_refine_options o = plain_options(&log);
+    struct spin_refine_cloud plain, c;
+
+    o.densify_until = 0;
+    ok(run(f, &o, NULL, 2, &log, &plain, NULL) == SPIN_OK, "as it is");
+    o.lambda_opacity = 10;
+    o.watch = NULL;
+    ok(run(f, &o, NULL, 2, &log, &c, NULL) == SPIN_OK &&
+           mean_of(&c, true) < 0.9 * mean_of(&plain, true),
+       "a weight on the opacity lowers it");
+    spin_refine_cloud_free(&c);
+    o.lambda_opacity = 0;
+    o.lambda_scale = 10;
+    ok(run(f, &o, NULL, 2, &log, &c, NULL) == SPIN_OK &&
+           mean_of(&c, false) < 0.99 * mean_of(&plain, false),
+       "a weight on the scale makes splats smaller");
+    spin_refine_cloud_free(&c);
+    o.lambda_scale = 0;
+    o.watch = watch;
+    o.context = &faint;
+    o.antialias = true;
+    ok(run(f, &o, NULL, 2, &faint, &c, NULL) == SPIN_OK && faint.step[0].loss != log.step[0].loss,
+       "antialiasing draws other pictures");
+    spin_refine_cloud_free(&c);
+    o.antialias = false;
+    o.context = &weighted;
+    for (int i = 0; i < W * H; i++)
+        weight[i] = i < W * H / 2 ? 1 : 0;
+    for (int k = 0; k < VIEWS; k++)
+        f->view[k].weight = weight;
+    ok(run(f, &o, NULL, 2, &weighted, &c, NULL) == SPIN_OK &&
+           weighted.step[0].loss != log.step[0].loss,
+       "weights of pixels change the loss");
+    for (int k = 0; k < VIEWS; k++)
+        f->view[k].weight = NULL;
+    spin_refine_cloud_free(&c);
+    spin_refine_cloud_free(&plain);
+}
+
 static void refuses(struct fixture *f)
 {
     struct log log = {0};
@@ -365,6 +461,8 @@ TAP_MAIN
     against_reference(&f);
     random_views(&f);
     window_and_cap(&f);
+    camera_colours(&f);
+    options_act(&f);
     refuses(&f);
     spin_refine_cloud_free(&f.start);
     free(f.truth);

@@ -69,7 +69,7 @@ static void golden_pair(struct spin_device *d, struct spin_npz *npz, int pair)
     h = (int)info.shape[1];
     w = (int)info.shape[2];
     d_image = calloc(info.count, sizeof(float));
-    d->op->loss(d, w, h, image, truth, 0.2f, 1, values, d_image);
+    d->op->loss(d, w, h, image, truth, NULL, 0.2f, 1, values, d_image);
     check_value(npz, pair, "loss", values[0]);
     check_value(npz, pair, "l1", values[1]);
     check_value(npz, pair, "ssim", values[2]);
@@ -78,7 +78,7 @@ static void golden_pair(struct spin_device *d, struct spin_npz *npz, int pair)
     check_gradient(pair, d_image, want, (size_t)info.count, key);
     free(want);
     /* lambda 1 leaves only SSIM: its gradient with the sign turned */
-    d->op->loss(d, w, h, image, truth, 1, -1, values, d_image);
+    d->op->loss(d, w, h, image, truth, NULL, 1, -1, values, d_image);
     snprintf(key, sizeof key, "%d_grad_ssim", pair);
     want = check_load(npz, key, NULL);
     check_gradient(pair, d_image, want, (size_t)info.count, key);
@@ -107,11 +107,13 @@ static void golden(struct spin_device *d)
     spin_npz_close(&npz);
 }
 
-/* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v */
-static void differences(struct spin_device *d)
+/* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v; all pixels alike, or
+ * each with a weight of its own. */
+static void differences(struct spin_device *d, bool weighted)
 {
     enum { W = 37, H = 29, N = 3 * W * H };
     float *x = take(N, 4), *y = take(N, 4), *v = take(N, 4), *moved = take(N, 4), *g = take(N, 4);
+    float *weights = take(W * H, 4), *w = weighted ? weights : NULL;
     double low[3], high[3], values[3], along = 0;
     const float step = 2e-3f;
     uint64_t state = 7;
@@ -121,22 +123,73 @@ static void differences(struct spin_device *d)
         x[i] = y[i] + (random_f(&state) < 0.5f ? -1 : 1) * random_between(&state, 0.05f, 0.2f);
         v[i] = random_between(&state, -1, 1);
     }
-    d->op->loss(d, W, H, x, y, 0.2f, 3, values, g);
+    for (int i = 0; i < W * H; i++)
+        weights[i] = i % 5 == 0 ? 0 : random_between(&state, 0.5f, 4);
+    d->op->loss(d, W, H, x, y, w, 0.2f, 3, values, g);
     for (int i = 0; i < N; i++) {
         along += (double)g[i] * v[i];
         moved[i] = x[i] + step * v[i];
     }
-    d->op->loss(d, W, H, moved, y, 0.2f, 3, high, NULL);
+    d->op->loss(d, W, H, moved, y, w, 0.2f, 3, high, NULL);
     for (int i = 0; i < N; i++)
         moved[i] = x[i] - step * v[i];
-    d->op->loss(d, W, H, moved, y, 0.2f, 3, low, NULL);
+    d->op->loss(d, W, H, moved, y, w, 0.2f, 3, low, NULL);
     near(along, 3 * (high[0] - low[0]) / (2 * step), 1e-3 * fabs(along) + 1e-4,
-         "the gradient is 3 times the slope of the loss");
+         weighted ? "and so when pixels count more or less often"
+                  : "the gradient is 3 times the slope of the loss");
+    free(weights);
     free(x);
     free(y);
     free(v);
     free(moved);
     free(g);
+}
+
+/* What weights mean: 1 is as none, a common factor does nothing, L1 is the weighted mean, and a picture
+ * of which only a window counts is not told apart by what lies outside of it. */
+static void weights(struct spin_device *d)
+{
+    enum { W = 50, H = 61, N = 3 * W * H };
+    float *x = take(N, 4), *y = take(N, 4), *g = take(N, 4), *other = take(N, 4);
+    float *one = take(W * H, 4), *some = take(W * H, 4);
+    double plain[3], values[3], sum = 0, mass = 0, worst = 0, outside = 0;
+    uint64_t state = 3;
+
+    for (int i = 0; i < N; i++) {
+        x[i] = random_f(&state);
+        y[i] = random_f(&state);
+    }
+    for (int i = 0; i < W * H; i++) {
+        one[i] = 1;
+        some[i] = i % W > 20 && i % W < 30 ? (float)(i % 3 + 1) : 0;
+    }
+    d->op->loss(d, W, H, x, y, NULL, 0.2f, 1, plain, g);
+    d->op->loss(d, W, H, x, y, one, 0.2f, 1, values, other);
+    check_same_bits(values, plain, sizeof plain, "weights of 1: the loss without");
+    check_same_bits(other, g, N * sizeof *g, "weights of 1: the gradient without");
+
+    d->op->loss(d, W, H, x, y, some, 0.2f, 1, plain, g);
+    for (int i = 0; i < N; i++) {
+        float w = some[i % (W * H)];
+
+        sum += (double)w * fabs((double)x[i] - (double)y[i]);
+        mass += (double)w;
+    }
+    near(plain[1], sum / mass, 1e-6, "L1 is the weighted mean");
+    for (int i = 0; i < W * H; i++)
+        one[i] = 4 * some[i];
+    d->op->loss(d, W, H, x, y, one, 0.2f, 1, values, other);
+    for (int i = 0; i < N; i++)
+        worst = fmax(worst, fabs((double)other[i] - (double)g[i]));
+    ok(values[0] == plain[0] && worst == 0, "a common factor of four changes nothing");
+    for (int i = 0; i < N; i++)
+        if (some[i % (W * H)] == 0 && (i % W <= 20 - 5 || i % W >= 30 + 5)) {
+            outside = fmax(outside, fabs((double)g[i]));
+            x[i] = 0.5f;
+        }
+    d->op->loss(d, W, H, x, y, some, 0.2f, 1, values, NULL);
+    ok(outside == 0 && values[0] == plain[0], "what counts nowhere has no gradient and no part");
+    free(x), free(y), free(g), free(other), free(one), free(some);
 }
 
 static void same_bits(const char *path)
@@ -153,7 +206,7 @@ static void same_bits(const char *path)
     for (int n = 1; n <= 8; n = n < 3 ? n + 1 : n + 5) {
         struct spin_device *d = device_of_path(path, n);
         char what[64];
-        d->op->loss(d, W, H, x, y, 0.2f, 1, n == 1 ? first : values, n == 1 ? one : more);
+        d->op->loss(d, W, H, x, y, NULL, 0.2f, 1, n == 1 ? first : values, n == 1 ? one : more);
         if (n > 1) {
             snprintf(what, sizeof what, "%s: values are the same with %d threads", path, n);
             check_same_bits(values, first, sizeof first, what);
@@ -180,11 +233,11 @@ static void extremes(struct spin_device *d)
         x[i] = 100.3f;
         y[i] = 0.7f;
     }
-    d->op->loss(d, W, H, x, y, 0.2f, 1, values, g);
+    d->op->loss(d, W, H, x, y, NULL, 0.2f, 1, values, g);
     for (int i = 0; i < N; i++)
         finite &= isfinite(g[i]);
     ok(finite && isfinite(values[0]), "flat images of 100 and 0.7 have a finite loss and gradient");
-    d->op->loss(d, 1, 1, x, x, 0.2f, 1, values, g);
+    d->op->loss(d, 1, 1, x, x, NULL, 0.2f, 1, values, g);
     near(values[0], 0, 1e-6, "one pixel equal to itself has no loss");
     near(values[2], 1, 1e-6, "and SSIM 1");
     free(x);
@@ -200,7 +253,9 @@ TAP_MAIN
             continue;
         printf("# code path %s\n", cpu_paths[i]);
         golden(d);
-        differences(d);
+        differences(d, false);
+        differences(d, true);
+        weights(d);
         extremes(d);
         check_device_free(d);
         same_bits(cpu_paths[i]);

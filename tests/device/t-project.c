@@ -207,7 +207,7 @@ static void differences_of(struct spin_device *d, struct view *v, const struct g
     near(worst, 0, 1e-2, group->name);
 }
 
-static void differences(struct spin_device *d)
+static void differences(struct spin_device *d, bool antialias)
 {
     static const struct group groups[] = {
         {"positions by differences", -1, 3, 2e-3f},
@@ -219,7 +219,9 @@ static void differences(struct spin_device *d)
     struct spin_camera camera = camera_of(96, 80, 90);
     struct view v;
 
-    view_random(&v, &camera, 12, 5, 3);
+    printf("# %s\n", antialias ? "antialiased, about a pixel large" : "plain");
+    view_random(&v, &camera, 12, antialias ? 0.7f : 5, 3);
+    v.cam.antialias = antialias;
     for (int i = 0; i < v.n; i++)
         for (int c = 0; c < 3; c++)
             v.attr[SPIN_ATTR * i + SPIN_ATTR_SH + c] = 1; /* no channel near its clamp */
@@ -230,6 +232,43 @@ static void differences(struct spin_device *d)
     for (size_t g = 0; g < sizeof groups / sizeof groups[0]; g++)
         differences_of(d, &v, groups + g);
     view_free(&v);
+}
+
+/* The fade of round splats in the middle of the view is known: s^2 / (s^2 + 0.3) with s in pixels; the
+ * rest of the record is as without. */
+static void fades(struct spin_device *d)
+{
+    struct spin_camera camera = camera_of(96, 80, 90);
+    struct view plain, faint;
+    double worst = 0;
+    int same = 1;
+
+    view_random(&plain, &camera, 30, 1, 9);
+    view_random(&faint, &camera, 30, 1, 9);
+    faint.cam.antialias = true;
+    for (int i = 0; i < 30; i++)
+        for (int k = 0; k < 3; k++) {
+            float size_px = 0.02f * (float)((i + 1) * (i + 1)), z = plain.pos_w[3 * i + 2];
+
+            plain.attr[SPIN_ATTR * i + k] = faint.attr[SPIN_ATTR * i + k] =
+                size_px * z / plain.cam.fx;
+            if (k < 2)
+                plain.pos_w[3 * i + k] = faint.pos_w[3 * i + k] = 0;
+        }
+    d->op->project(d, &plain.cam, 30, plain.pos_w, plain.attr, 3, plain.splat2d);
+    d->op->project(d, &faint.cam, 30, faint.pos_w, faint.attr, 3, faint.splat2d);
+    for (int i = 0; i < 30; i++) {
+        double s = 0.02 * (i + 1) * (i + 1), want = s * s / (s * s + 0.3);
+
+        want = fmax(want, 0.005) * (double)plain.splat2d[i].opacity;
+        worst = fmax(worst, fabs((double)faint.splat2d[i].opacity - want));
+        faint.splat2d[i].opacity = plain.splat2d[i].opacity;
+        same &= memcmp(&faint.splat2d[i], &plain.splat2d[i], sizeof *plain.splat2d) == 0;
+    }
+    near(worst, 0, 1e-6, "opacity fades by s^2 / (s^2 + 0.3), to 0.005 at the least");
+    ok(same, "nothing else changes");
+    view_free(&plain);
+    view_free(&faint);
 }
 
 static void same_bits(const char *path)
@@ -308,7 +347,9 @@ TAP_MAIN
         printf("# code path %s\n", cpu_paths[i]);
         for (size_t k = 0; k < sizeof names / sizeof names[0]; k++)
             golden(d, names[k], strcmp(names[k], "render_e") == 0 ? 1 : 3);
-        differences(d);
+        differences(d, false);
+        differences(d, true);
+        fades(d);
         bad_numbers(d);
         check_device_free(d);
         same_bits(cpu_paths[i]);

@@ -116,3 +116,34 @@ size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, co
     }
     return total;
 }
+
+struct shrink {
+    const uint32_t *rows;
+    size_t n_rows;
+    float d_scale, d_opacity;
+    float *d_attr;
+};
+
+static void shrink_task(void *context, int task, int worker)
+{
+    const struct shrink *job = context;
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
+
+    (void)worker;
+    for (size_t i = first; i < end; i++) {
+        float *g = job->d_attr + (size_t)job->rows[i] * SPIN_ATTR;
+
+        for (int k = 0; k < 3; k++)
+            g[SPIN_ATTR_SCALE + k] += job->d_scale;
+        g[SPIN_ATTR_OPACITY] += job->d_opacity;
+    }
+}
+
+void SPIN_CPU(shrink)(struct spin_device *d, size_t n_rows, const uint32_t *rows, float d_scale,
+                      float d_opacity, float *d_attr)
+{
+    struct shrink job = {rows, n_rows, d_scale, d_opacity, d_attr};
+
+    spin_pool_run(spin_cpu_pool(d), n_chunks(n_rows), shrink_task, &job);
+}

@@ -110,6 +110,7 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .mlp_back = SPIN_CPU(mlp_back),
     .attr = SPIN_CPU(attr),
     .attr_back = SPIN_CPU(attr_back),
+    .shrink = SPIN_CPU(shrink),
     .project = SPIN_CPU(project),
     .project_back = SPIN_CPU(project_back),
     .tile_count = SPIN_CPU(tile_count),

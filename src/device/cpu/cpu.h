@@ -63,6 +63,8 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
 void SPIN_CPU(attr)(struct spin_device *d, size_t n, const float *raw, float *attr);
 void SPIN_CPU(attr_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
                          const float *raw, const float *d_attr, float *d_raw);
+void SPIN_CPU(shrink)(struct spin_device *d, size_t n_rows, const uint32_t *rows, float d_scale,
+                      float d_opacity, float *d_attr);
 size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, const float *d_pos_w,
                         uint32_t *rows);
 /* adam.c */
@@ -98,8 +100,8 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_cam *cam, siz
                           const float *d_image, struct spin_splat2d_grad *d_splat2d);
 /* loss.c */
 void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *image,
-                    const float *truth, float lambda_dssim, float weight, double values[3],
-                    float *d_image);
+                    const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
+                    double values[3], float *d_image);
 
 /* own.c */
 void SPIN_CPU(own)(struct spin_device *d, size_t n, const float *own, float *raw);

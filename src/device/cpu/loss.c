@@ -20,13 +20,13 @@ static const float window[HALF + 1] = SPIN_SSIM_WINDOW;
 struct job {
     int width, height, bands;
     size_t stride; /* of a padded row */
-    const float *image, *truth;
+    const float *image, *truth, *pixel_weight;
     float *d_image;
     float *slope[3];    /* planes [3][h][w] of the map's slopes */
     float *rows;        /* per worker, see struct band */
     size_t rows_floats; /* per worker */
     float scale_l1, scale_ssim;
-    double *l1, *ssim; /* [3 * bands] */
+    double *l1, *ssim, *mass; /* [3 * bands] sums; mass: of the pixels' weights */
 };
 
 /* to [w] = the vertical window of rows from[0..TAPS-1]. */
@@ -148,12 +148,18 @@ ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
     }
 }
 
+static void times_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_RESTRICT row)
+{
+    for (int x = 0; x < w; x++)
+        row[x] *= weight[x];
+}
+
 static void forward_task(void *context, int task, int worker)
 {
     const struct job *job = context;
     struct band b = band_of(job, task, worker);
     float *line = b.line;
-    double l1 = 0, ssim = 0;
+    double l1 = 0, ssim = 0, mass = 0;
 
     for (int r = b.first - HALF; r < b.first + HALF; r++)
         if (r >= 0 && r < job->height)
@@ -162,18 +168,28 @@ static void forward_task(void *context, int task, int worker)
         const float *x = b.x + (size_t)row * (size_t)job->width;
         const float *y = b.y + (size_t)row * (size_t)job->width;
         size_t at = b.at + (size_t)row * (size_t)job->width;
+        const float *weight =
+            job->pixel_weight ? job->pixel_weight + (size_t)row * (size_t)job->width : NULL;
         if (row + HALF < job->height)
             multiply_row(job, &b, row + HALF);
         window_rows_down(job, &b, row);
         ssim_row(job->width, b.padded[0], b.padded[1], b.padded[2], b.padded[3], line,
                  job->slope[0] + at, job->slope[1] + at, job->slope[2] + at);
+        for (int m = 0; weight && m < 3; m++)
+            times_row(job->width, weight, job->slope[m] + at);
+        if (weight)
+            times_row(job->width, weight, line);
         ssim += sum_row(line, job->width);
         for (int i = 0; i < job->width; i++)
             line[i] = fabsf(x[i] - y[i]);
+        if (weight)
+            times_row(job->width, weight, line);
         l1 += sum_row(line, job->width);
+        mass += weight ? sum_row(weight, job->width) : job->width;
     }
     job->l1[task] = l1;
     job->ssim[task] = ssim;
+    job->mass[task] = mass;
 }
 
 static void backward_row(const struct job *job, const struct band *b, int row)
@@ -182,11 +198,16 @@ static void backward_row(const struct job *job, const struct band *b, int row)
     size_t in_plane = (size_t)row * (size_t)job->width;
     const float *SPIN_RESTRICT x = b->x + in_plane, *SPIN_RESTRICT y = b->y + in_plane;
     float *SPIN_RESTRICT d = job->d_image + b->at + in_plane;
+    float *SPIN_RESTRICT l1 = b->line;
 
+    for (int i = 0; i < job->width; i++)
+        l1[i] = job->scale_l1;
+    if (job->pixel_weight)
+        times_row(job->width, job->pixel_weight + in_plane, l1);
     for (int i = 0; i < job->width; i++) {
         float slope =
             window_across(p0, i) + 2 * x[i] * window_across(p1, i) + y[i] * window_across(p2, i);
-        d[i] = job->scale_l1 * spin_sign(x[i] - y[i]) + job->scale_ssim * slope;
+        d[i] = l1[i] * spin_sign(x[i] - y[i]) + job->scale_ssim * slope;
     }
 }
 
@@ -213,28 +234,31 @@ static void backward_task(void *context, int task, int worker)
 static size_t round_up(size_t n) { return (n + 15) / 16 * 16; }
 
 void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *image,
-                    const float *truth, float lambda_dssim, float weight, double values[3],
-                    float *d_image)
+                    const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
+                    double values[3], float *d_image)
 {
-    struct job job = {.width = width, .height = height, .image = image, .truth = truth};
+    struct job job = {.width = width,
+                      .height = height,
+                      .image = image,
+                      .truth = truth,
+                      .pixel_weight = pixel_weight};
     size_t values_n = 3 * (size_t)width * (size_t)height, plane = round_up(values_n), sums;
     size_t workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
-    double l1 = 0, ssim = 0;
+    double l1 = 0, ssim = 0, mass = 0;
     float *scratch;
 
     job.bands = (height + BAND - 1) / BAND;
     job.stride = round_up((size_t)width) + 2 * PAD;
     job.rows_floats = (MAPS + 2 * TAPS + 2) * job.stride;
     job.d_image = d_image;
-    job.scale_l1 = (1 - lambda_dssim) * weight / (float)values_n;
-    job.scale_ssim = -lambda_dssim * weight / (float)values_n;
     sums = round_up(3 * (size_t)job.bands);
     scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS,
-                                    2 * sums * sizeof(double) +
+                                    3 * sums * sizeof(double) +
                                         (3 * plane + workers * job.rows_floats) * sizeof(float));
     job.l1 = (double *)scratch;
     job.ssim = job.l1 + sums;
-    scratch = (float *)(job.ssim + sums);
+    job.mass = job.ssim + sums;
+    scratch = (float *)(job.mass + sums);
     for (int m = 0; m < 3; m++)
         job.slope[m] = scratch + (size_t)m * plane;
     job.rows = scratch + 3 * plane;
@@ -243,9 +267,12 @@ void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *i
     for (int i = 0; i < 3 * job.bands; i++) {
         l1 += job.l1[i];
         ssim += job.ssim[i];
+        mass += job.mass[i];
     }
-    values[1] = l1 / (double)values_n;
-    values[2] = ssim / (double)values_n;
+    values[1] = l1 / mass;
+    values[2] = ssim / mass;
+    job.scale_l1 = (1 - lambda_dssim) * weight / (float)mass;
+    job.scale_ssim = -lambda_dssim * weight / (float)mass;
     values[0] = (1 - (double)lambda_dssim) * values[1] + (double)lambda_dssim * (1 - values[2]);
     if (d_image)
         spin_pool_run(spin_cpu_pool(d), 3 * job.bands, backward_task, &job);

@@ -61,6 +61,8 @@ static inline void project_one(const struct job *job, int degree, const float *p
     s->v_px = e.v_px;
     memcpy(s->conic, e.conic, sizeof s->conic);
     s->opacity = attr[SPIN_ATTR_OPACITY];
+    if (cam->antialias)
+        s->opacity *= spin_fade_from(&f).fade;
     s->depth = p.z;
     s->radius_px = (int32_t)e.radius_px;
     s->x0 = (uint16_t)x0;
@@ -119,7 +121,7 @@ static inline void project_back_one(const struct job *job, int degree, size_t i)
     const float *pos_w = job->pos_w + 3 * i, *attr = job->attr + SPIN_ATTR * i;
     const float *scale = attr + SPIN_ATTR_SCALE, *q = attr + SPIN_ATTR_ROTATION;
     float *d_attr = job->d_attr + SPIN_ATTR * i, *d_pos_w = job->d_pos_w + 3 * i;
-    float d_colour[3], distance;
+    float d_colour[3], distance, fade = 1, d_fade = 0;
     struct spin_footprint f;
     spin_vec3 view, d_view;
 
@@ -128,14 +130,18 @@ static inline void project_back_one(const struct job *job, int degree, size_t i)
     spin_footprint_from(&job->lens,
                         spin_to_camera(cam->r, cam->t, spin_v3(pos_w[0], pos_w[1], pos_w[2])),
                         scale, q, &f);
-    spin_ellipse_adj(&job->lens, &f, scale, q, g->u_px, g->v_px, g->conic, d_attr + SPIN_ATTR_SCALE,
-                     d_attr + SPIN_ATTR_ROTATION, d_pos_w);
+    if (cam->antialias) {
+        fade = spin_fade_from(&f).fade;
+        d_fade = g->opacity * attr[SPIN_ATTR_OPACITY];
+    }
+    spin_ellipse_adj(&job->lens, &f, scale, q, g->u_px, g->v_px, g->conic, d_fade,
+                     d_attr + SPIN_ATTR_SCALE, d_attr + SPIN_ATTR_ROTATION, d_pos_w);
     for (int c = 0; c < 3; c++)
         d_colour[c] = s->flags >> c & 1 ? 0 : g->colour[c];
     view = spin_view_direction(cam->centre, pos_w, &distance);
     d_view = spin_sh_colour_adj(degree, view, attr + SPIN_ATTR_SH, d_colour, d_attr + SPIN_ATTR_SH);
     spin_view_direction_adj(view, distance, d_view, d_pos_w);
-    d_attr[SPIN_ATTR_OPACITY] += g->opacity;
+    d_attr[SPIN_ATTR_OPACITY] += g->opacity * fade;
 }
 
 static inline void project_back_range(const struct job *job, int degree, size_t first, size_t last)
