@@ -26,7 +26,7 @@ struct spin_refine_options {
     int iterations;                                  /* 2000 */
     double lr_position, lr_position_end;             /* times the extent; 1.6e-4, 1.6e-6 */
     double lr_dc, lr_opacity, lr_scale, lr_rotation; /* 2.5e-3, 0.05, 5e-3, 1e-3 */
-    double lr_tint;      /* of a gain and offset of every view, forgotten afterwards; 0: none */
+    double lr_tint;      /* of every view's gain and offset, forgotten afterwards; 0: none */
     double lambda_dssim; /* 0.2 */
     double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
     bool antialias;

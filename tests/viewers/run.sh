@@ -68,16 +68,18 @@ export_all() {
         { fail "$1.spin does not export to one GLB"; return 1; }
 }
 
-# use_page SAMPLE: the clip as one page, opened from the disk and used by clicks. Its first picture is held
-# to the PLY of the same frame, at the SH degree that a page has unless told otherwise.
+# use_page SAMPLE [OPTION...]: the clip as one page, opened from the disk and used by clicks. Its first
+# picture is held to the PLY of the same frame, at the SH degree that a page has unless told otherwise.
 use_page() {
+    sample=$1
+    shift
     # shellcheck disable=SC2086
-    "$bin/spin-export" -q $range "$1.spin" --to html -o "$1/page.html" &&
-        "$bin/spin-export" -q $range "$1.spin" --to ply --sh 1 -o "$1/truth" ||
-        { fail "$1.spin does not export to html"; return 1; }
+    "$bin/spin-export" -q $range "$sample.spin" --to html -o "$sample/page.html" &&
+        "$bin/spin-export" -q $range "$sample.spin" --to ply --sh 1 -o "$sample/truth" ||
+        { fail "$sample.spin does not export to html"; return 1; }
     echo "page.html"
-    node "$here/page.mjs" --out "$1-shots" --truth "$1/truth" "$1/page.html" ||
-        fail "$1: the page does not do what it should"
+    node "$here/page.mjs" "$@" --out "$sample-shots" --truth "$sample/truth" "$sample/page.html" ||
+        fail "$sample: the page does not do what it should"
 }
 
 # python: one that has NumPy.
@@ -166,6 +168,18 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
         --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 --sh-degree 1 \
         --head-lr-factor 4 --scale-bias auto &&
     show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41
+
+# Splats that are meant to be drawn antialiased: the page does, as the PLY says. They are small and so is
+# the window, so that it matters: a plain picture would agree to 38 dB.
+rm -rf anti anti.spin
+echo
+echo "== anti"
+if "$bin/spin-retrain" -q mini-source.spin -o anti.spin --device cpu --method explicit --refine 100 \
+    --densify off --antialias --lambda-scale 300; then
+    mkdir -p anti && use_page anti --size 160,100 --min-psnr 43
+else
+    fail "antialiased splats cannot be made"
+fi
 
 if [ -z "$short" ]; then
     import d3dgs --from d3dgs "$root/fixtures/d3dgs/trained" && show d3dgs
