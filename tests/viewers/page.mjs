@@ -16,11 +16,12 @@ const HELP = `usage: node page.mjs [options] PAGE.html
   --truth DIR       the clip as PLY frames, of the version that the page shows first
   --min-psnr DB     least agreement with the truth (28)
   --size W,H        of the window (640,400)
+  --picture-only    look at the first picture and do no more
 Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
 
 let opt, args;
 try {
-    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, help: { type: 'boolean', short: 'h' } } }));
+    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, 'picture-only': { type: 'boolean' }, help: { type: 'boolean', short: 'h' } } }));
     if (opt.help) { console.log(HELP); process.exit(0); }
     if (args.length !== 1) throw new Error('name one page');
 } catch (e) {
@@ -64,16 +65,8 @@ function held(shot, cam) {
     ok(dB >= Number(opt['min-psnr']), `the picture is that of ${files[0]}: ${dB.toFixed(1)} dB (${model})`);
 }
 
-try {
-    await tab.setViewportSize({ width, height });
-    await tab.goto(pathToFileURL(path.resolve(args[0])).href, { timeout: LONG });
-    await until(() => document.documentElement.dataset.shown);
-    const { numbers, versions } = await tab.evaluate(() => ({ numbers: window.spin4d.clip.numbers, versions: window.spin4d.clip.versions.map((v) => v.name) }));
-    const first = await picture('first'), drawn = 100 * drawnShare(first, [0, 0, 0]);
-    ok(drawn > 0.5, `opens from the disk: ${numbers.length} frames, ${versions.join(' and ')}, ${drawn.toFixed(1)} % drawn`);
-    if (opt.truth) held(first, await tab.evaluate(() => window.spin4d.camera()));
-    await tab.screenshot({ path: `${stem}-page.png` });
-
+// As a person would: play, scrub, switch, turn, zoom.
+async function use(first, numbers, versions) {
     if (numbers.length > 1) {
         const before = await shown(), t0 = Date.now();
         await tab.click('#play');
@@ -115,6 +108,18 @@ try {
     await tab.click('#home');
     await tab.waitForTimeout(500);
     ok(!differ(first, await picture('home')), 'comes back to the first view');
+}
+
+try {
+    await tab.setViewportSize({ width, height });
+    await tab.goto(pathToFileURL(path.resolve(args[0])).href, { timeout: LONG });
+    await until(() => document.documentElement.dataset.shown);
+    const { numbers, versions } = await tab.evaluate(() => ({ numbers: window.spin4d.clip.numbers, versions: window.spin4d.clip.versions.map((v) => v.name) }));
+    const first = await picture('first'), drawn = 100 * drawnShare(first, [0, 0, 0]);
+    ok(drawn > 0.5, `opens from the disk: ${numbers.length} frames, ${versions.join(' and ')}, ${drawn.toFixed(1)} % drawn`);
+    if (opt.truth) held(first, await tab.evaluate(() => window.spin4d.camera()));
+    await tab.screenshot({ path: `${stem}-page.png` });
+    if (!opt['picture-only']) await use(first, numbers, versions);
 } catch (e) {
     ok(false, e.message.split('\n')[0]);
 } finally {

@@ -176,7 +176,7 @@ echo
 echo "== anti"
 if "$bin/spin-retrain" -q mini-source.spin -o anti.spin --device cpu --method explicit --refine 100 \
     --densify off --antialias --lambda-scale 300; then
-    mkdir -p anti && use_page anti --size 160,100 --min-psnr 43
+    mkdir -p anti && use_page anti --picture-only --size 160,100 --min-psnr 43
 else
     fail "antialiased splats cannot be made"
 fi
