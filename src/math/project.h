@@ -97,21 +97,38 @@ SPIN_FN void spin_footprint_from(const struct spin_lens *lens, spin_vec3 p, cons
                 f->a[i][0] * f->m[0][j] + f->a[i][1] * f->m[1][j] + f->a[i][2] * f->m[2][j];
 }
 
-/* With the rows k0, k1 of the footprint the determinant is |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2:
- * a sum of positive terms, where a c - b^2 would cancel for needles. */
-SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
-                                              const struct spin_footprint *f)
+/* The 2-D covariance is k k^T + dilation. With its rows k0, k1 the determinant is
+ * |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2: a sum of positive terms, where a c - b^2 would cancel for
+ * needles. */
+struct spin_gram {
+    float aa, b, cc; /* k k^T */
+    float area, det; /* determinants without and with the dilation */
+};
+
+SPIN_FN struct spin_gram spin_gram_from(const struct spin_footprint *f)
 {
-    struct spin_ellipse e;
+    struct spin_gram g;
     spin_vec3 k0 = spin_v3(f->k[0][0], f->k[0][1], f->k[0][2]);
     spin_vec3 k1 = spin_v3(f->k[1][0], f->k[1][1], f->k[1][2]);
     spin_vec3 n =
         spin_v3(k0.y * k1.z - k0.z * k1.y, k0.z * k1.x - k0.x * k1.z, k0.x * k1.y - k0.y * k1.x);
     float dil = SPIN_PROJECT_DILATION;
-    float aa = spin_dot3(k0, k0), b = spin_dot3(k0, k1), cc = spin_dot3(k1, k1);
-    float a = aa + dil, c = cc + dil;
-    float det = spin_dot3(n, n) + dil * (aa + cc) + dil * dil;
-    float half = 0.5f * (aa - cc), mid = 0.5f * (a + c), inv = 1 / det;
+
+    g.aa = spin_dot3(k0, k0);
+    g.b = spin_dot3(k0, k1);
+    g.cc = spin_dot3(k1, k1);
+    g.area = spin_dot3(n, n);
+    g.det = g.area + dil * (g.aa + g.cc) + dil * dil;
+    return g;
+}
+
+SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
+                                              const struct spin_footprint *f)
+{
+    struct spin_ellipse e;
+    struct spin_gram g = spin_gram_from(f);
+    float a = g.aa + SPIN_PROJECT_DILATION, b = g.b, c = g.cc + SPIN_PROJECT_DILATION;
+    float half = 0.5f * (g.aa - g.cc), mid = 0.5f * (a + c), inv = 1 / g.det;
 
     e.u_px = lens->fx * f->p.x / f->p.z + lens->cx - 0.5f;
     e.v_px = lens->fy * f->p.y / f->p.z + lens->cy - 0.5f;
@@ -127,49 +144,29 @@ SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
  * of the 3DGS rasteriser. */
 #define SPIN_PROJECT_FAINTEST 2.5e-5f
 
-struct spin_fade {
-    spin_vec3 k0, k1;
-    float aa, b, cc; /* of k k^T */
-    float area, det; /* determinants without and with the dilation */
-    float fade;      /* on the opacity, 0.005 to 1 */
-    int at_limit;
-};
-
-SPIN_FN struct spin_fade spin_fade_from(const struct spin_footprint *f)
+/* On the opacity: 0.005 to 1. */
+SPIN_FN float spin_fade(const struct spin_footprint *f)
 {
-    struct spin_fade s;
-    float dil = SPIN_PROJECT_DILATION, ratio;
-    spin_vec3 n;
+    struct spin_gram g = spin_gram_from(f);
+    float ratio = g.area / g.det;
 
-    s.k0 = spin_v3(f->k[0][0], f->k[0][1], f->k[0][2]);
-    s.k1 = spin_v3(f->k[1][0], f->k[1][1], f->k[1][2]);
-    n = spin_v3(s.k0.y * s.k1.z - s.k0.z * s.k1.y, s.k0.z * s.k1.x - s.k0.x * s.k1.z,
-                s.k0.x * s.k1.y - s.k0.y * s.k1.x);
-    s.aa = spin_dot3(s.k0, s.k0);
-    s.b = spin_dot3(s.k0, s.k1);
-    s.cc = spin_dot3(s.k1, s.k1);
-    s.area = spin_dot3(n, n);
-    s.det = s.area + dil * (s.aa + s.cc) + dil * dil;
-    ratio = s.area / s.det;
-    s.at_limit = !(ratio > SPIN_PROJECT_FAINTEST);
-    s.fade = sqrtf(s.at_limit ? SPIN_PROJECT_FAINTEST : ratio);
-    return s;
+    return sqrtf(ratio > SPIN_PROJECT_FAINTEST ? ratio : SPIN_PROJECT_FAINTEST);
 }
 
-/* d_k [2][3] += from the gradient of fade = sqrt(area / det). */
+/* d_k [2][3] += from the gradient of the fade. At its limit there is none. */
 SPIN_FN void spin_fade_adj(const struct spin_footprint *f, float d_fade, float d_k[2][3])
 {
-    struct spin_fade s = spin_fade_from(f);
-    float dil = SPIN_PROJECT_DILATION;
-    float d_ratio = s.at_limit ? 0 : 0.5f * d_fade / s.fade;
-    float d_area = d_ratio * (s.det - s.area) / (s.det * s.det);
-    float d_trace = -d_ratio * s.area * dil / (s.det * s.det);
+    struct spin_gram g = spin_gram_from(f);
+    float ratio = g.area / g.det, dil = SPIN_PROJECT_DILATION;
+    float d_ratio = ratio > SPIN_PROJECT_FAINTEST ? 0.5f * d_fade / sqrtf(ratio) : 0;
+    float d_area = d_ratio * (g.det - g.area) / (g.det * g.det);
+    float d_trace = -d_ratio * g.area * dil / (g.det * g.det);
 
     for (int j = 0; j < 3; j++) {
         float k0 = f->k[0][j], k1 = f->k[1][j];
 
-        d_k[0][j] += 2 * (d_area * (s.cc * k0 - s.b * k1) + d_trace * k0);
-        d_k[1][j] += 2 * (d_area * (s.aa * k1 - s.b * k0) + d_trace * k1);
+        d_k[0][j] += 2 * (d_area * (g.cc * k0 - g.b * k1) + d_trace * k0);
+        d_k[1][j] += 2 * (d_area * (g.aa * k1 - g.b * k0) + d_trace * k1);
     }
 }
 

@@ -62,7 +62,7 @@ static inline void project_one(const struct job *job, int degree, const float *p
     memcpy(s->conic, e.conic, sizeof s->conic);
     s->opacity = attr[SPIN_ATTR_OPACITY];
     if (cam->antialias)
-        s->opacity *= spin_fade_from(&f).fade;
+        s->opacity *= spin_fade(&f);
     s->depth = p.z;
     s->radius_px = (int32_t)e.radius_px;
     s->x0 = (uint16_t)x0;
@@ -131,7 +131,7 @@ static inline void project_back_one(const struct job *job, int degree, size_t i)
                         spin_to_camera(cam->r, cam->t, spin_v3(pos_w[0], pos_w[1], pos_w[2])),
                         scale, q, &f);
     if (cam->antialias) {
-        fade = spin_fade_from(&f).fade;
+        fade = spin_fade(&f);
         d_fade = g->opacity * attr[SPIN_ATTR_OPACITY];
     }
     spin_ellipse_adj(&job->lens, &f, scale, q, g->u_px, g->v_px, g->conic, d_fade,
