@@ -2,16 +2,10 @@
  * rates, shapes, files. Runs the command and reads its log and its bundle.
  * K: retrain options */
 #include <signal.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "core/model.h"
-#include "io/file.h"
-#include "io/json.h"
-#include "io/npy.h"
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/cmd/command.h"
 
 enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
 
@@ -20,9 +14,6 @@ static const char base[] =
     "--device cpu --threads 1 --range 1:3 --scale 0.25 --levels 4 --hash-log2 10 "
     "--finest-resolution 32 --hidden 16 --iterations 4 -q";
 static const int training[TRAINING] = {3, 7, 12, 19, 23, 27}, testing[TESTING] = {0, 15};
-static const char clip[] = "fixtures/court-mini";
-static const char *folder, *bin;
-static char said[4096]; /* by the last command, on both streams */
 
 struct step {
     double loss, l1, ssim;
@@ -43,27 +34,6 @@ struct run {
 };
 
 /* ---- Running ----------------------------------------------------------------------------------- */
-
-/* Exit code of a shell command; what it said is in `said`. */
-__attribute__((format(printf, 1, 2))) static int shell(const char *format, ...)
-{
-    char command[2000], path[600];
-    va_list args;
-    FILE *f;
-    int n, status;
-
-    va_start(args, format);
-    n = vsnprintf(command, sizeof command, format, args);
-    va_end(args);
-    snprintf(path, sizeof path, "%s/said", folder);
-    snprintf(command + n, sizeof command - (size_t)n, " >%s 2>&1 </dev/null", path);
-    status = system(command);
-    f = fopen(path, "r");
-    said[f ? fread(said, 1, sizeof said - 1, f) : 0] = '\0';
-    if (f)
-        fclose(f);
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
 
 static void read_step(struct run *r, const spin_json *line)
 {
@@ -112,20 +82,6 @@ static void free_run(struct run *r)
     memset(r, 0, sizeof *r);
 }
 
-/* A member as JSON, or NULL. */
-static spin_json *json_in(const struct spin_npz *npz, const char *name)
-{
-    const struct spin_zip_member *member = spin_zip_find(&npz->zip, name);
-    const unsigned char *text = NULL;
-    void *owned = NULL;
-    spin_json *j = NULL;
-
-    if (member && spin_zip_read(&npz->zip, member, true, 1 << 20, &text, &owned) == SPIN_OK)
-        spin_json_parse(name, (const char *)text, member->size, &j);
-    free(owned);
-    return j;
-}
-
 static void read_bundle(struct run *r, const char *path)
 {
     struct spin_array info = {0};
@@ -168,47 +124,6 @@ static void drop(struct run *r)
 {
     free_run(r);
     free(r);
-}
-
-static double number(const spin_json *object, const char *key)
-{
-    double value = NAN;
-
-    spin_json_number(spin_json_get(object, key), &value);
-    return value;
-}
-
-static double number_at(const spin_json *object, const char *key, size_t i)
-{
-    double value = NAN;
-
-    spin_json_number(spin_json_at(spin_json_get(object, key), i), &value);
-    return value;
-}
-
-/* A number on the top level of what the last command said. */
-static double said_number(const char *key)
-{
-    spin_json *j = NULL;
-    double value;
-
-    spin_json_parse("stdout", said, strlen(said), &j);
-    value = number(j, key);
-    spin_json_free(j);
-    return value;
-}
-
-static bool said_text(const char *key, const char *want)
-{
-    spin_json *j = NULL;
-    const char *text;
-    bool same;
-
-    spin_json_parse("stdout", said, strlen(said), &j);
-    text = spin_json_string(spin_json_get(j, key));
-    same = text && strstr(text, want);
-    spin_json_free(j);
-    return same;
 }
 
 /* Largest difference of two arrays. */
@@ -722,24 +637,6 @@ static void test_sh_every(void)
 
 /* ---- Files, plans, the machine ------------------------------------------------------------------ */
 
-/* Width and height of a PNG; 0 when there is none. */
-static bool is_png(const char *name, int width, int height)
-{
-    unsigned char head[24] = {0};
-    char path[700];
-    FILE *f;
-
-    snprintf(path, sizeof path, "%s/preview/%s", folder, name);
-    f = fopen(path, "rb");
-    if (f && fread(head, 1, 24, f) == 24) {
-        fclose(f);
-        return head[18] * 256 + head[19] == width && head[22] * 256 + head[23] == height;
-    }
-    if (f)
-        fclose(f);
-    return false;
-}
-
 static void test_files(void)
 {
     char more[700];
@@ -757,7 +654,7 @@ static void test_files(void)
 
             snprintf(name, sizeof name, "frame_00002_cam_%02d_iteration_%07d.png", testing[c],
                      i < 6 ? i : 5);
-            ok(is_png(name, 3 * 40 + 2 * 4, 23), "--preview: %s", name);
+            ok(is_png("preview", name, 3 * 40 + 2 * 4, 23), "--preview: %s", name);
         }
     ok(shell("test $(ls %s/preview | wc -l) = 6", folder) == 0, "and no other picture");
     drop(one);
@@ -943,13 +840,7 @@ static void test_refine(void)
 
 TAP_MAIN
 {
-    bin = getenv("SPIN_BIN") ? getenv("SPIN_BIN") : "build/release/bin";
-    folder = check_folder();
-    if (!ok(shell("%s/spin-import %s --data %s -o %s/in.spin", bin, clip, clip, folder) == 0,
-            "imports the clip")) {
-        printf("#   %s\n", said);
-        return;
-    }
+    begin_commands();
     test_views();
     test_loss();
     test_rates();
