@@ -318,16 +318,26 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
-/* One frame, in place i of the bundle. */
+/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. */
 static spin_status read_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
     struct spin_bundle_meta *meta = &im->meta;
 
+    if (!columns) {
+        meta->frame[i].n = meta->frame[0].n;
+        return SPIN_OK;
+    }
     SPIN_TRY(
         im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns, out));
     SPIN_TRY(check_frame(im, i, columns, out));
     meta->frame[i].n = out->n;
-    widen_bounds(im->report, out);
+    if (im->writing && meta->still_columns && out->n != meta->frame[0].n)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the importer '%s' gives %zu splats in frame %d and %zu in frame 0, but "
+                         "says that columns are the same in both",
+                         im->importer->name, out->n, i, meta->frame[0].n);
+    if (columns & SPIN_COL_MEANS)
+        widen_bounds(im->report, out);
     return SPIN_OK;
 }
 
