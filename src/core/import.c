@@ -49,8 +49,9 @@ static spin_status open_data(struct import *im)
     if (!o->data)
         return SPIN_OK;
     SPIN_TRY(spin_path_absolute(o->data, &im->data));
-    return spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
-                           sizeof im->meta.data_from);
+    SPIN_TRY(spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
+                             sizeof im->meta.data_from));
+    return spin_views_check_cameras(&im->views);
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
