@@ -417,8 +417,16 @@ struct spin_import_camera {
     char file[48];           /* the PNG, in the folder that was asked for */
 };
 
+/* A camera in the view in which it sees the fewest points of a frame. */
+struct spin_import_share {
+    int camera, frame; /* camera_id, frame number */
+    double in_front, inside;
+    bool apart; /* far fewer than other views see: it may be wrong */
+};
+
 #define SPIN_IMPORT_MAX_RANGES 12
-#define SPIN_IMPORT_MAX_CAMERAS 12
+#define SPIN_IMPORT_MAX_CAMERAS 16
+#define SPIN_IMPORT_MAX_SHARES 256
 
 struct spin_import_report {
     char from[32], upstream[160];
@@ -433,7 +441,10 @@ struct spin_import_report {
     struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
     int n_ranges;
     struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
-    int n_cameras;
+    int n_cameras; /* that were drawn */
+    struct spin_import_share share[SPIN_IMPORT_MAX_SHARES]; /* of every camera, to the first 256 */
+    int n_shares;
+    double median_in_front, median_inside; /* of all views */
     size_t splats_min, splats_max;
     double splats_mean;
     double time_first, time_last;
