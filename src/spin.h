@@ -380,6 +380,11 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from 
 
 /* ---- 6. Calls behind the commands ------------------------------------------------------------ */
 
+/* For programs: catch SIGBUS, which reading from a mapped file raises when somebody cuts it short. One
+ * line that begins with `command` then names the file on stderr, what is half-written is removed, and
+ * the process ends with exit code 1. Without this call the signal ends it. */
+void spin_catch_cut_files(const char *command);
+
 /* Half-open frame numbers A:B:STEP; {0} means all. */
 struct spin_range {
     bool given;
@@ -441,7 +446,7 @@ struct spin_import_report {
     struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
     int n_ranges;
     struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
-    int n_cameras; /* that were drawn */
+    int n_cameras;                                          /* that were drawn */
     struct spin_import_share share[SPIN_IMPORT_MAX_SHARES]; /* of every camera, to the first 256 */
     int n_shares;
     double median_in_front, median_inside; /* of all views */
