@@ -601,6 +601,7 @@ struct spin_eval_report {
     int n_frames;
     bool network, refined;        /* what was measured; neither: the source */
     enum spin_moving_from moving; /* where the moving regions came from; OFF: nowhere */
+    uint64_t left_out;            /* splats that cannot be drawn, over all frames */
     double seconds_decode;        /* one frame: positions and network to splats */
     double seconds_draw;          /* one view of a decoded frame */
     struct spin_bundle_bytes storage;
