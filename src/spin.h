@@ -380,6 +380,11 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from 
 
 /* ---- 6. Calls behind the commands ------------------------------------------------------------ */
 
+/* For programs: catch SIGBUS, which reading from a mapped file raises when somebody cuts it short. One
+ * line that begins with `command` then names the file on stderr, what is half-written is removed, and
+ * the process ends with exit code 1. Without this call the signal ends it. */
+void spin_catch_cut_files(const char *command);
+
 /* Half-open frame numbers A:B:STEP; {0} means all. */
 struct spin_range {
     bool given;
@@ -417,8 +422,16 @@ struct spin_import_camera {
     char file[48];           /* the PNG, in the folder that was asked for */
 };
 
+/* A camera in the view in which it sees the fewest points of a frame. */
+struct spin_import_share {
+    int camera, frame; /* camera_id, frame number */
+    double in_front, inside;
+    bool apart; /* far fewer than other views see: it may be wrong */
+};
+
 #define SPIN_IMPORT_MAX_RANGES 12
-#define SPIN_IMPORT_MAX_CAMERAS 12
+#define SPIN_IMPORT_MAX_CAMERAS 16
+#define SPIN_IMPORT_MAX_SHARES 256
 
 struct spin_import_report {
     char from[32], upstream[160];
@@ -433,7 +446,10 @@ struct spin_import_report {
     struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
     int n_ranges;
     struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
-    int n_cameras;
+    int n_cameras;                                          /* that were drawn */
+    struct spin_import_share share[SPIN_IMPORT_MAX_SHARES]; /* of every camera, to the first 256 */
+    int n_shares;
+    double median_in_front, median_inside; /* of all views */
     size_t splats_min, splats_max;
     double splats_mean;
     double time_first, time_last;
@@ -585,6 +601,7 @@ struct spin_eval_report {
     int n_frames;
     bool network, refined;        /* what was measured; neither: the source */
     enum spin_moving_from moving; /* where the moving regions came from; OFF: nowhere */
+    uint64_t left_out;            /* splats that cannot be drawn, over all frames */
     double seconds_decode;        /* one frame: positions and network to splats */
     double seconds_draw;          /* one view of a decoded frame */
     struct spin_bundle_bytes storage;

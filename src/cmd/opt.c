@@ -751,6 +751,7 @@ bool spin_opt_parse(const struct spin_opt_command *command, int argc, char **arg
     }
     spin_set_verbosity(common->quiet ? -1 : common->verbose > 4 ? 4 : common->verbose);
     catch_signals();
+    spin_catch_cut_files(command->name);
     return true;
 }
 

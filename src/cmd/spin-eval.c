@@ -165,6 +165,7 @@ static void report_json(const struct spin_eval_report *r)
     spin_print_number("fps_draw", 1 / r->seconds_draw);
     spin_print_number("seconds_decode", r->seconds_decode);
     spin_print_number("seconds_draw", r->seconds_draw);
+    spin_print_integer("left_out", (long long)r->left_out);
     print_storage(r);
     spin_print_open("frames", '[');
     for (size_t i = 0; i < r->n_views; i = next_frame(r, i)) {

@@ -185,6 +185,23 @@ static void print_cameras(const struct spin_import_report *r)
         spin_print_close('}');
     }
     spin_print_close(']');
+    spin_print_open("shares", '{');
+    spin_print_number("in_front", r->median_in_front);
+    spin_print_number("inside", r->median_inside);
+    spin_print_open("cameras", '[');
+    for (int i = 0; i < r->n_shares; i++) {
+        const struct spin_import_share *s = &r->share[i];
+
+        spin_print_open(NULL, '{');
+        spin_print_integer("camera", s->camera);
+        spin_print_integer("frame", s->frame);
+        spin_print_number("least_in_front", s->in_front);
+        spin_print_number("least_inside", s->inside);
+        spin_print_bool("apart", s->apart);
+        spin_print_close('}');
+    }
+    spin_print_close(']');
+    spin_print_close('}');
 }
 
 static void report_json(const struct spin_import_report *r)
@@ -277,6 +294,13 @@ static void text_cameras(const struct spin_import_report *r)
                "%s/%s\n",
                r->camera[i].frame, r->camera[i].camera, 100 * r->camera[i].in_front,
                100 * r->camera[i].inside, options.check_cameras, r->camera[i].file);
+    for (int i = 0; i < r->n_shares; i++)
+        printf("camera %-4d at least %.1f %% of the points in front, %.1f %% inside%s\n",
+               r->share[i].camera, 100 * r->share[i].in_front, 100 * r->share[i].inside,
+               r->share[i].apart ? ": far fewer than others" : "");
+    if (r->n_shares > 0)
+        printf("median      %.1f %% of the points in front, %.1f %% inside, of all views\n",
+               100 * r->median_in_front, 100 * r->median_inside);
 }
 
 static void report_text(const struct spin_import_report *r)

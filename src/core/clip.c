@@ -61,6 +61,8 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     clip->data_path = path;
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
+    if (o->needs_views)
+        SPIN_TRY(spin_views_check_cameras(&clip->views));
     if (o->n_test_cameras > 0)
         SPIN_TRY(spin_views_split(&clip->views, o->test_cameras, o->n_test_cameras));
     if (o->image_scale > 0 && o->image_scale != 1.0)

@@ -194,6 +194,7 @@ static spin_status run_eval(struct eval *e)
     m.view = report->view;
     memcpy(m.lpips, e->lpips, sizeof m.lpips);
     SPIN_TRY(spin_measure_run(&m, &report->mean));
+    report->left_out = e->player.n_bad;
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;
     report->moving = e->moving.from;

@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "core/cameras.h"
 #include "core/clip.h"
 #include "core/describe.h"
 #include "core/overlay.h"
@@ -19,7 +20,10 @@
 /* --check-cameras draws this many views of this many frames. */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
-_Static_assert(CHECKED_FRAMES *CHECKED_VIEWS <= SPIN_IMPORT_MAX_CAMERAS, "the report has room");
+/* And the worst of the cameras that see far less than the others. */
+#define CHECKED_APART 4
+_Static_assert(CHECKED_FRAMES *CHECKED_VIEWS + CHECKED_APART <= SPIN_IMPORT_MAX_CAMERAS,
+               "the report has room");
 
 struct import {
     const struct spin_import_options *o;
@@ -49,8 +53,9 @@ static spin_status open_data(struct import *im)
     if (!o->data)
         return SPIN_OK;
     SPIN_TRY(spin_path_absolute(o->data, &im->data));
-    return spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
-                           sizeof im->meta.data_from);
+    SPIN_TRY(spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
+                             sizeof im->meta.data_from));
+    return spin_views_check_cameras(&im->views);
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
@@ -200,6 +205,18 @@ static int spread(int k, int most, int n)
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
 }
 
+/* "frame00008_cam012.png", or with _2, _3 when a data set has that camera more than once. */
+static void name_picture(const struct spin_import_report *report, struct spin_import_camera *out)
+{
+    int before = 0;
+
+    for (int i = 0; i < report->n_cameras; i++)
+        before += report->camera[i].frame == out->frame && report->camera[i].camera == out->camera;
+    snprintf(out->file, sizeof out->file,
+             before ? "frame%05d_cam%03d_%d.png" : "frame%05d_cam%03d.png", out->frame, out->camera,
+             before + 1);
+}
+
 static spin_status check_view(struct import *im, int frame, size_t view)
 {
     struct spin_import_report *report = im->report;
@@ -211,7 +228,7 @@ static spin_status check_view(struct import *im, int frame, size_t view)
 
     out->frame = im->meta.frame[frame].number;
     out->camera = v->camera_id;
-    snprintf(out->file, sizeof out->file, "frame%05d_cam%03d.png", out->frame, out->camera);
+    name_picture(report, out);
     SPIN_TRY(spin_path_join(im->o->check_cameras, out->file, &path));
     if (!im->o->force && spin_path_exists(path))
         status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
@@ -246,11 +263,70 @@ static void judge_cameras(const struct spin_import_report *report)
             100 * inside);
 }
 
+static spin_status read_points(struct import *im, int frame)
+{
+    unsigned columns = im->track.columns & (SPIN_COL_MEANS | SPIN_COL_SH | SPIN_COL_RGB);
+
+    return im->importer->frame(im->self, im->meta.source_index[frame], im->meta.frame[frame].time,
+                               columns, &im->splats);
+}
+
+/* The frame that a row of the data set shows. */
+static int frame_of_row(const struct import *im, int row)
+{
+    int frame = 0;
+
+    while (im->rows[frame] != row)
+        frame++;
+    return frame;
+}
+
+static bool is_drawn(const struct spin_import_report *report, int number, int camera)
+{
+    for (int i = 0; i < report->n_cameras; i++) {
+        if (report->camera[i].frame == number && report->camera[i].camera == camera)
+            return true;
+    }
+    return false;
+}
+
+/* Report every camera; name those that lie apart, and draw the first few of them. */
+static spin_status report_shares(struct import *im, const struct spin_camera_shares *shares)
+{
+    struct spin_import_report *report = im->report;
+    int n_apart = 0;
+
+    report->median_in_front = shares->in_front;
+    report->median_inside = shares->inside;
+    for (size_t k = 0; k < shares->n; k++) {
+        const struct spin_camera_share *c = &shares->camera[k];
+        const struct spin_view *v = &im->views.view[c->view];
+        int frame = frame_of_row(im, v->row), number = im->meta.frame[frame].number;
+
+        if (report->n_shares < SPIN_IMPORT_MAX_SHARES)
+            report->share[report->n_shares++] =
+                (struct spin_import_share){v->camera_id, number, c->in_front, c->inside, c->apart};
+        if (!c->apart)
+            continue;
+        spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
+                  "frame %d, where half of the views have %.0f %% and %.0f %% or more: is its "
+                  "pose right",
+                  v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
+                  100 * shares->inside);
+        if (n_apart++ >= CHECKED_APART || is_drawn(report, number, v->camera_id))
+            continue;
+        SPIN_TRY(read_points(im, frame));
+        SPIN_TRY(check_view(im, frame, c->view));
+    }
+    return SPIN_OK;
+}
+
 static spin_status check_cameras(struct import *im)
 {
     const struct spin_import_options *o = im->o;
-    unsigned columns = im->track.columns & (SPIN_COL_MEANS | SPIN_COL_SH | SPIN_COL_RGB);
     int n = im->meta.n_frames < CHECKED_FRAMES ? im->meta.n_frames : CHECKED_FRAMES;
+    struct spin_camera_shares shares;
+    spin_status status;
 
     if (!o->check_cameras)
         return SPIN_OK;
@@ -260,13 +336,16 @@ static spin_status check_cameras(struct import *im)
         size_t view[CHECKED_VIEWS];
         size_t n_views = spin_overlay_choose(&im->views, im->rows[frame], CHECKED_VIEWS, view);
 
-        SPIN_TRY(im->importer->frame(im->self, im->meta.source_index[frame],
-                                     im->meta.frame[frame].time, columns, &im->splats));
+        SPIN_TRY(read_points(im, frame));
         for (size_t i = 0; i < n_views; i++)
             SPIN_TRY(check_view(im, frame, view[i]));
     }
     judge_cameras(im->report);
-    return SPIN_OK;
+    status = spin_camera_shares(&im->views, im->rows, im->meta.n_frames, &im->splats, &shares);
+    if (status == SPIN_OK)
+        status = report_shares(im, &shares);
+    free(shares.camera);
+    return status;
 }
 
 /* ---- Reading ----------------------------------------------------------------------------------- */
@@ -318,16 +397,26 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
-/* One frame, in place i of the bundle. */
+/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. */
 static spin_status read_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
     struct spin_bundle_meta *meta = &im->meta;
 
+    if (!columns) {
+        meta->frame[i].n = meta->frame[0].n;
+        return SPIN_OK;
+    }
     SPIN_TRY(
         im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns, out));
     SPIN_TRY(check_frame(im, i, columns, out));
     meta->frame[i].n = out->n;
-    widen_bounds(im->report, out);
+    if (im->writing && meta->still_columns && out->n != meta->frame[0].n)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the importer '%s' gives %zu splats in frame %d and %zu in frame 0, but "
+                         "says that columns are the same in both",
+                         im->importer->name, out->n, i, meta->frame[0].n);
+    if (columns & SPIN_COL_MEANS)
+        widen_bounds(im->report, out);
     return SPIN_OK;
 }
 

@@ -56,13 +56,14 @@ static void square(struct canvas *canvas, int u, int v, float depth, const float
     }
 }
 
+/* Every stride-th point; canvas NULL: only counted. */
 static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
-                        const struct spin_splats *s, struct spin_overlay_share *out)
+                        const struct spin_splats *s, size_t stride, struct spin_overlay_share *out)
 {
     const double *m = camera->w2c;
-    size_t in_front = 0, inside = 0;
+    size_t n = 0, in_front = 0, inside = 0;
 
-    for (size_t i = 0; i < s->n; i++) {
+    for (size_t i = 0; i < s->n; i += stride, n++) {
         const float *p = s->means + 3 * i;
         double x = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
         double y = m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7];
@@ -77,11 +78,19 @@ static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
         if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))
             continue;
         inside++;
+        if (!canvas)
+            continue;
         colour_of(s, i, rgb);
         square(canvas, (int)u, (int)v, (float)z, rgb);
     }
-    out->in_front = s->n ? (double)in_front / (double)s->n : 0;
-    out->inside = s->n ? (double)inside / (double)s->n : 0;
+    out->in_front = n ? (double)in_front / (double)n : 0;
+    out->inside = n ? (double)inside / (double)n : 0;
+}
+
+void spin_overlay_measure(const struct spin_camera *camera, const struct spin_splats *s,
+                          size_t most, struct spin_overlay_share *out)
+{
+    draw_points(NULL, camera, s, s->n / most + 1, out);
 }
 
 spin_status spin_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
@@ -98,7 +107,7 @@ spin_status spin_overlay_draw(const struct spin_view *view, const struct spin_sp
         canvas.image[i] *= DARKEN;
     for (size_t i = 0; i < plane; i++)
         canvas.depth[i] = FLT_MAX;
-    draw_points(&canvas, &view->camera, s, out);
+    draw_points(&canvas, &view->camera, s, 1, out);
     SPIN_TRY_OUT(spin_image_save(path, canvas.width, canvas.height, canvas.image, false));
 out:
     free(canvas.image);
@@ -106,15 +115,22 @@ out:
     return status;
 }
 
+size_t spin_overlay_row(const struct spin_views *views, int row, size_t *first)
+{
+    size_t n = 0;
+
+    *first = 0;
+    while (*first < views->n && views->view[*first].row < row)
+        (*first)++;
+    while (*first + n < views->n && views->view[*first + n].row == row)
+        n++;
+    return n;
+}
+
 size_t spin_overlay_choose(const struct spin_views *views, int row, size_t most, size_t *index)
 {
-    size_t first = 0, n = 0, chosen;
+    size_t first, n = spin_overlay_row(views, row, &first), chosen = n < most ? n : most;
 
-    while (first < views->n && views->view[first].row < row)
-        first++;
-    while (first + n < views->n && views->view[first + n].row == row)
-        n++;
-    chosen = n < most ? n : most;
     for (size_t i = 0; i < chosen; i++)
         index[i] = first + i * n / chosen;
     return chosen;

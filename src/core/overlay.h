@@ -13,6 +13,13 @@ struct spin_overlay_share {
 spin_status spin_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
                               const char *path, struct spin_overlay_share *out);
 
+/* The shares alone, of at most `most` points, evenly from all of them. */
+void spin_overlay_measure(const struct spin_camera *camera, const struct spin_splats *s, size_t most,
+                          struct spin_overlay_share *out);
+
+/* The views of one row lie together: how many, and which is the first. */
+size_t spin_overlay_row(const struct spin_views *views, int row, size_t *first);
+
 /* At most `most` of the views of one row, evenly from all of them: indices into views->view. Returns how many. */
 size_t spin_overlay_choose(const struct spin_views *views, int row, size_t most, size_t *index);
 

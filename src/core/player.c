@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "math/loss.h"
 
@@ -31,6 +32,85 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source, en
     return SPIN_OK;
 }
 
+/* ---- Values that are not finite ---------------------------------------------------------------- */
+
+/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
+static float zeros(const float *x, size_t n)
+{
+    float sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += x[i] * 0.0f;
+    return sum;
+}
+
+/* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point. */
+static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
+{
+    const float *scale = s->log_scales + 3 * i;
+
+    return zeros(s->means + 3 * i, 3) + zeros(s->quats + 4 * i, 4) +
+                   zeros(s->sh + n_sh * i, n_sh) ==
+               0.0f &&
+           scale[0] < INFINITY && scale[1] < INFINITY && scale[2] < INFINITY &&
+           !isnan(s->logit_opacities[i]);
+}
+
+static void add_bad(struct spin_player *p, int index, size_t n_bad)
+{
+    p->looked[index] = 1;
+    p->n_bad += n_bad;
+    p->n_bad_frames += n_bad > 0;
+}
+
+static void count_stored(struct spin_player *p, int index, const struct spin_splats *s)
+{
+    size_t n_sh = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1), n_bad = 0;
+
+    if (!p->looked || p->looked[index])
+        return;
+    for (size_t i = 0; i < s->n; i++)
+        n_bad += !is_drawable(s, i, n_sh);
+    add_bad(p, index, n_bad);
+}
+
+/* Of the network's splats: positions and, or NULL, their own values; the rest follows from weights. */
+static void count_network(struct spin_player *p, int index, size_t n, const float *means,
+                          const float *own)
+{
+    size_t n_bad = 0;
+
+    if (!p->looked || p->looked[index])
+        return;
+    for (size_t i = 0; i < n; i++)
+        n_bad += zeros(means + 3 * i, 3) + (own ? zeros(own + SPIN_OWN * i, SPIN_OWN) : 0) != 0.0f;
+    add_bad(p, index, n_bad);
+}
+
+static void warn_bad(const struct spin_player *p)
+{
+    if (p->n_bad == 0 || p->bundle->told_not_finite)
+        return;
+    p->bundle->told_not_finite = true;
+    spin_warn("'%s': %llu splats in %d of its frames have values that are not finite, and are not "
+              "drawn",
+              p->bundle->path, (unsigned long long)p->n_bad, p->n_bad_frames);
+}
+
+static spin_status check_weights(const char *name, const float *values, size_t n)
+{
+    size_t n_bad = 0;
+
+    for (size_t i = 0; i < n; i++)
+        n_bad += !isfinite(values[i]);
+    if (n_bad > 0)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu values that are not finite", name,
+                         n_bad);
+    return SPIN_OK;
+}
+
+/* ---- Opening ----------------------------------------------------------------------------------- */
+
 static spin_status load_array(struct spin_player *p, const char *name, size_t n, float **out)
 {
     struct spin_array a;
@@ -43,12 +123,14 @@ static spin_status load_array(struct spin_player *p, const char *name, size_t n,
                          name, (unsigned long long)a.count, n);
     SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void **)out));
     if (spin_array_f32(&a)) {
+        SPIN_TRY(check_weights(name, spin_array_f32(&a), n));
         p->device->op->up(p->device, *out, spin_array_f32(&a), n * sizeof(float));
         return SPIN_OK;
     }
     status = spin_alloc(n, sizeof(float), &host);
     if (status == SPIN_OK) {
         spin_array_to_f32(&a, 0, n, host);
+        status = check_weights(name, host, n);
         p->device->op->up(p->device, *out, host, n * sizeof(float));
     }
     free(host);
@@ -65,6 +147,8 @@ spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
     p->bundle = bundle;
     p->from = from;
     p->now_frame = -1;
+    if (bundle)
+        SPIN_TRY(spin_alloc((size_t)bundle->meta.n_frames, 1, (void **)&p->looked));
     if (from != SPIN_FROM_NETWORK)
         return SPIN_OK;
     p->owns_network = true;
@@ -134,6 +218,8 @@ void spin_player_close(struct spin_player *p)
 {
     if (!p->device)
         return;
+    warn_bad(p);
+    free(p->looked);
     release_frame(p);
     release_pictures(p);
     if (p->owns_network) {
@@ -231,6 +317,7 @@ spin_status spin_player_show(struct spin_player *p, int index)
         return SPIN_OK;
     if (p->from != SPIN_FROM_NETWORK) {
         SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
+        count_stored(p, index, &p->splats);
         SPIN_TRY(spin_player_show_splats(p, &p->splats));
         spin_bundle_rest(&p->splats);
     } else {
@@ -238,6 +325,7 @@ spin_status spin_player_show(struct spin_player *p, int index)
         SPIN_TRY(read_means(p, index, &p->splats));
         p->device->op->up(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
         SPIN_TRY(read_own(p, index, n, &own));
+        count_network(p, index, n, p->splats.means, own ? p->staging : NULL);
         decode(p, p->pos, own, n, p->bundle->meta.frame[index].time);
     }
     p->now_frame = index;

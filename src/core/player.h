@@ -33,6 +33,9 @@ struct spin_player {
     size_t now_n;
     int now_sh_degree, now_frame;
     bool now_antialias;
+    uint8_t *looked; /* [frames of the bundle] 1: counted below */
+    uint64_t n_bad;  /* splats with values that are not finite, which nothing draws */
+    int n_bad_frames;
 };
 
 /* What spin_player_open() needs to know about the network of a bundle. */
@@ -48,6 +51,7 @@ spin_status spin_player_open_live(struct spin_player *p, struct spin_device *dev
 /* From splats that are neither in a bundle nor a network's. */
 void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
                              spin_player_read_fn read, void *context);
+/* Warns, once for a bundle, when frames that were shown had splats that nothing can draw. */
 void spin_player_close(struct spin_player *p);
 
 /* Make frame `index` of the bundle the one that is shown. In a live player or a reader: frame `index`

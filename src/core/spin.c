@@ -290,6 +290,7 @@ static spin_status run_export(struct export *x)
         return spin_fail(SPIN_E_USAGE, "--check: what '%s' writes cannot be read back", o->to);
     c.needs_views = x->exporter->needs_renderer;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
+    x->clip.bundle.told_not_finite = true; /* exporters say which rows they leave out */
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));

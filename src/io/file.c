@@ -15,6 +15,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/watch.h"
 #include "io/zip.h"
 
 enum { OUT_BUFFER = 1 << 20, PEEK_HEAD = 4096, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
@@ -23,7 +24,10 @@ enum { OUT_BUFFER = 1 << 20, PEEK_HEAD = 4096, PEEK_NAMES = 4096, PEEK_NAMES_BYT
 
 static const char *why(int error)
 {
-    return error == ENOENT ? "no such file or folder" : strerror(error);
+    return error == ENOENT ? "no such file or folder"
+           : error == EFAULT /* bytes that lay in a map */
+               ? "the file that it is made from was cut short while it was in use"
+               : strerror(error);
 }
 
 /* "cannot <verb> 'path': <errno in words>" */
@@ -77,15 +81,23 @@ spin_status spin_map_open(const char *path, struct spin_map *out)
         }
         out->data = data;
         out->size = (size_t)st.st_size;
+        spin_watch_map(data, path, &st);
     }
     close(fd);
     return SPIN_OK;
 }
 
+spin_status spin_map_check(const struct spin_map *map)
+{
+    return map->size > 0 ? spin_watch_check(map->data) : SPIN_OK;
+}
+
 void spin_map_close(struct spin_map *map)
 {
-    if (map->size > 0)
+    if (map->size > 0) {
+        spin_unwatch_map(map->data);
         munmap((void *)(uintptr_t)map->data, map->size);
+    }
     map->data = (const unsigned char *)"";
     map->size = 0;
 }
@@ -408,6 +420,7 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
         goto out;
     }
     setvbuf(out->file, out->temporary + n, _IOFBF, OUT_BUFFER);
+    spin_watch_out(out->temporary);
     return SPIN_OK;
 out:
     free(out->path);
@@ -465,13 +478,21 @@ spin_status spin_out_length(struct spin_out *out, uint64_t *bytes)
     return SPIN_OK;
 }
 
+static void forget_out(struct spin_out *out)
+{
+    if (out->temporary)
+        spin_unwatch_out(out->temporary);
+    free(out->path);
+    free(out->temporary);
+    memset(out, 0, sizeof *out);
+}
+
 /* A file that is closed is not yet on the disk; whether to wait for that is the writer's choice. */
 spin_status spin_out_commit(struct spin_out *out)
 {
     spin_status status = SPIN_OK;
 
-    if (ferror(out->file) || fflush(out->file) != 0 ||
-        (out->sync && fsync(fileno(out->file)) != 0))
+    if (ferror(out->file) || fflush(out->file) != 0 || (out->sync && fsync(fileno(out->file)) != 0))
         status = fail_errno("write", out->path);
     if (fclose(out->file) != 0 && status == SPIN_OK)
         status = fail_errno("write", out->path);
@@ -480,9 +501,7 @@ spin_status spin_out_commit(struct spin_out *out)
         status = fail_errno("write", out->path);
     if (status != SPIN_OK)
         unlink(out->temporary);
-    free(out->path);
-    free(out->temporary);
-    memset(out, 0, sizeof *out);
+    forget_out(out);
     return status;
 }
 
@@ -492,9 +511,7 @@ void spin_out_abandon(struct spin_out *out)
         fclose(out->file);
     if (out->temporary)
         unlink(out->temporary);
-    free(out->path);
-    free(out->temporary);
-    memset(out, 0, sizeof *out);
+    forget_out(out);
 }
 
 /* "name.tmp.4711" of a process that is no more. */

@@ -13,6 +13,9 @@ struct spin_map {
 /* Errors name the path. A folder, a fifo or a missing file is an error. */
 spin_status spin_map_open(const char *path, struct spin_map *out);
 void spin_map_close(struct spin_map *map);
+/* Is the file still as it was? For what is read long after it was opened: reading what was cut off ends
+ * the process (spin_catch_cut_files). */
+spin_status spin_map_check(const struct spin_map *map);
 /* These bytes will not be needed soon: their pages leave the process (they stay in the system's cache,
  * and come back by themselves). So memory stays bounded by what is in use, not by the file. What does
  * not lie in the map is left alone. */

@@ -7,6 +7,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/watch.h"
 
 static spin_status take_existing(const char *path, bool force, struct spin_out_folder *out)
 {
@@ -31,11 +32,16 @@ spin_status spin_out_folder_begin(const char *path, bool force, struct spin_out_
         SPIN_TRY(spin_folder_make(path));
         out->created = true;
     }
-    return spin_strdup(path, &out->path);
+    SPIN_TRY(spin_strdup(path, &out->path));
+    if (out->created)
+        spin_watch_out(out->path);
+    return SPIN_OK;
 }
 
 void spin_out_folder_end(struct spin_out_folder *folder)
 {
+    if (folder->path)
+        spin_unwatch_out(folder->path);
     free(folder->path);
     *folder = (struct spin_out_folder){0};
 }

@@ -4,6 +4,7 @@
  * has. Each function catches everything. */
 #include "io/image_shim.h"
 
+#include <atomic>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -11,6 +12,8 @@
 #include <new>
 #include <string>
 #include <vector>
+
+#include <dlfcn.h>
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
@@ -183,6 +186,42 @@ enum spin_image_result image_encode_png(int width, int height, const uint8_t *rg
 }
 
 } // namespace
+
+/* ---- libpng's own words --------------------------------------------------------------------- */
+
+/* OpenImageIO's handler of libpng's errors keeps the message and returns. libpng then prints it to
+ * stderr, and only after that jumps back. OpenImageIO finds png_set_error_fn() here before it
+ * does in libpng, and so the jump comes before the print. Other handlers stay as they are. */
+namespace
+{
+
+using png_handler = void (*)(void *png, const char *message);
+std::atomic<png_handler> kept;
+
+void on_png_error(void *png, const char *message)
+{
+    static const auto jump =
+        reinterpret_cast<void (*)(void *, int)>(dlsym(RTLD_NEXT, "png_longjmp"));
+
+    kept.load()(png, message);
+    if (jump)
+        jump(png, 1);
+}
+
+} // namespace
+
+extern "C" __attribute__((visibility("default"))) void
+png_set_error_fn(void *png, void *context, png_handler error, png_handler warning)
+{
+    static const auto set = reinterpret_cast<void (*)(void *, void *, png_handler, png_handler)>(
+        dlsym(RTLD_NEXT, "png_set_error_fn"));
+    png_handler first = nullptr;
+
+    if (error && (kept.compare_exchange_strong(first, error) || first == error))
+        error = on_png_error;
+    if (set)
+        set(png, context, error, warning);
+}
 
 extern "C" const struct spin_image_shim spin_image_shim_table = {
     SPIN_IMAGE_SHIM_ABI, OIIO_VERSION_STRING, image_size, image_read, image_encode_png};

@@ -529,6 +529,7 @@ static spin_status read_column(struct spin_bundle *b, const struct group *group,
 static spin_status read_group(struct spin_bundle *bundle, const struct group *group, int frame,
                               size_t n, unsigned columns, struct spin_splats *out)
 {
+    SPIN_TRY(spin_map_check(&bundle->npz.zip.map));
     SPIN_TRY(spin_splats_reserve(out, n, columns, group->sh_degree < 0 ? 0 : group->sh_degree));
     out->antialias = group->antialias;
     for (int i = 0; i < N_COLUMNS; i++) {
@@ -552,6 +553,7 @@ static spin_status view_group(struct spin_bundle *bundle, const struct group *gr
 {
     struct spin_splats view = {.n = n, .capacity = n, .mapped = true};
 
+    SPIN_TRY(spin_map_check(&bundle->npz.zip.map));
     view.sh_degree = group->sh_degree < 0 ? 0 : group->sh_degree;
     view.antialias = group->antialias;
     for (int i = 0; i < N_COLUMNS; i++) {

@@ -52,6 +52,7 @@ struct spin_bundle {
     spin_json *json; /* meta.json, whole */
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
+    bool told_not_finite; /* a warning said how many splats cannot be drawn */
 };
 /* Every member's header is checked against meta.json before this returns. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);

@@ -394,6 +394,37 @@ static spin_status check_aspect(const struct spin_view *view, int width, int hei
         view->path, width, height, view->camera.width, view->camera.height);
 }
 
+spin_status spin_view_check_image(const struct spin_view *view)
+{
+    int width, height, channels;
+    spin_status status = spin_image_size(view->path, &width, &height, &channels);
+
+    if (status == SPIN_OK)
+        status = check_aspect(view, width, height);
+    return status == SPIN_OK ? SPIN_OK : spin_more(status, "camera %d", view->camera_id);
+}
+
+spin_status spin_views_check_cameras(const struct spin_views *views)
+{
+    void *block = NULL;
+    spin_status status = SPIN_OK;
+    int *seen, n = 0;
+
+    SPIN_TRY(spin_alloc(views->n + 1, sizeof *seen, &block));
+    seen = block;
+    for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
+        if (contains(seen, n, views->view[i].camera_id))
+            continue;
+        status = spin_view_check_image(&views->view[i]);
+        if (status == SPIN_OK || status == SPIN_E_UNSUPPORTED)
+            seen[n++] = views->view[i].camera_id;
+        if (status == SPIN_E_NOT_FOUND || status == SPIN_E_UNSUPPORTED)
+            status = SPIN_OK;
+    }
+    free(block);
+    return status;
+}
+
 /* Decoded pixels at the camera's size, still 8-bit, so that a kept image and one decoded anew are the
  * same. Takes *rgb and gives another block where the sizes differ. */
 static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)

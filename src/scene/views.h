@@ -27,6 +27,13 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
  * their mean. */
 double spin_views_extent(const struct spin_views *views);
 
+/* See that the image is there, has a header that can be read, and the shape of its camera. Errors name
+ * both. */
+spin_status spin_view_check_image(const struct spin_view *view);
+/* The same of one image of every camera, the first that is there. Cameras without one, and images that
+ * only a library which is not installed could read, are left to who needs them. */
+spin_status spin_views_check_cameras(const struct spin_views *views);
+
 /* Pixels on demand: decoded once, kept as 8-bit while `budget` bytes last, decoded anew after that.
  * Images are box-filtered to the camera's size where they differ by a whole factor or more; an aspect
  * ratio that does not fit is an error. */

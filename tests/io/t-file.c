@@ -1,9 +1,11 @@
 /* Maps, paths, folders, write-then-rename, peeks.  K: io file */
 #include <errno.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "io/file.h"
+#include "io/folder.h"
 #include "io/zip.h"
 #include "tests/check.h"
 #include "tests/tap.h"
@@ -336,6 +338,100 @@ static void forgets(void)
     free(copy);
 }
 
+/* ---- Files that are cut short while they are mapped ------------------------------------------- */
+
+static void put_bytes(const char *path, size_t n)
+{
+    char *text = malloc(n + 1);
+
+    if (!text)
+        exit(1);
+    memset(text, 'x', n);
+    text[n] = '\0';
+    put_file(path, text);
+    free(text);
+}
+
+static void checks(void)
+{
+    const char *path = in_root("checked");
+    struct spin_map map, empty;
+    struct spin_out out;
+
+    put_bytes(path, 9000);
+    put_file(in_root("empty"), "");
+    if (spin_map_open(path, &map) != SPIN_OK || spin_map_open(in_root("empty"), &empty) != SPIN_OK)
+        exit(1);
+    ok(spin_map_check(&map) == SPIN_OK && spin_map_check(&empty) == SPIN_OK,
+       "files that are as they were");
+    ok(truncate(path, 0) == 0 && spin_out_open(in_root("copy"), false, &out) == SPIN_OK,
+       "one loses everything");
+    error_is(spin_out_write_at(&out, 0, map.data, 9000), SPIN_E_IO,
+             "made from was cut short while it was in use", "copying it fails with the reason");
+    spin_out_abandon(&out);
+    spin_map_close(&map);
+    put_bytes(path, 9000);
+    ok(spin_map_open(path, &map) == SPIN_OK && truncate(path, 8999) == 0, "one loses a byte");
+    error_is(spin_map_check(&map), SPIN_E_IO, "checked': it was cut short", "and is no more");
+    ok(truncate(path, 9000) == 0, "it gets one");
+    error_is(spin_map_check(&map), SPIN_E_IO, "checked': it was changed", "it is another");
+    put_bytes(in_root("other"), 10);
+    ok(rename(in_root("other"), path) == 0 && spin_map_check(&map) == SPIN_OK,
+       "a new file of that name leaves the old one whole");
+    ok(unlink(path) == 0 && spin_map_check(&map) == SPIN_OK, "and so does removing it");
+    spin_map_close(&map);
+    ok(spin_map_check(&map) == SPIN_OK, "a closed map is none");
+}
+
+/* In a child: stderr goes to a file. */
+static void fall(const char *path, const char *out_path)
+{
+    struct spin_out_folder folder;
+    struct spin_out out;
+    struct spin_map map;
+
+    if (!freopen(in_root("stderr"), "w", stderr) || spin_map_open(path, &map) != SPIN_OK ||
+        spin_out_folder_begin(in_root("made"), false, &folder) != SPIN_OK ||
+        spin_out_open(out_path, false, &out) != SPIN_OK)
+        _exit(3);
+    spin_catch_cut_files("tester");
+    if (truncate(path, 0) != 0 || !spin_path_exists(out.temporary))
+        _exit(4);
+    _exit(map.data[8000] ? 5 : 6);
+}
+
+static void cuts(void)
+{
+    const char *path = in_root("cut"), *out_path = in_root("made/half");
+    char line[600] = "", want[600];
+    char **names = NULL;
+    int code = 0, n_lines = 0;
+    size_t n = 0;
+    pid_t child;
+    FILE *file;
+
+    put_bytes(path, 9000);
+    fflush(stdout);
+    child = fork();
+    if (child == 0)
+        fall(path, out_path);
+    ok(child > 0 && waitpid(child, &code, 0) == child && WIFEXITED(code) && WEXITSTATUS(code) == 1,
+       "reading what was cut off ends the process with 1");
+    file = fopen(in_root("stderr"), "r");
+    while (file && fgets(line, sizeof line, file))
+        n_lines++;
+    if (file)
+        fclose(file);
+    snprintf(want, sizeof want,
+             "tester: cannot read '%s': it was cut short while it was in use, or the disk failed\n",
+             path);
+    is_text(line, want, "a line names the file");
+    ok(n_lines == 1, "one line");
+    ok(!spin_path_exists(in_root("made")), "the new folder and the half-written file are gone");
+    ok(spin_folder_list(root, &names, &n) == SPIN_OK && n > 0, "other files are not");
+    spin_folder_list_free(names);
+}
+
 TAP_MAIN
 {
     root = check_folder();
@@ -347,4 +443,6 @@ TAP_MAIN
     full_disk();
     peeks();
     forgets();
+    checks();
+    cuts();
 }

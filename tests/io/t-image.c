@@ -326,8 +326,38 @@ static void test_no_shim(const char *self)
        "without the shim: unsupported, and what to install");
 }
 
+/* In a process of its own, whose stderr is seen: our line is all that it says. */
+static void test_one_line(const char *self)
+{
+    char command[8192], line[1024] = "";
+    unsigned char broken[sizeof rgb16];
+    int n_lines = 0;
+    FILE *pipe;
+
+    memcpy(broken, rgb16, sizeof broken);
+    broken[29] ^= 1; /* the checksum of the header */
+    snprintf(command, sizeof command, "'%s' read '%s' 2>&1", self,
+             write_bytes("broken.png", broken, sizeof broken));
+    pipe = popen(command, "r");
+    while (pipe && fgets(line, sizeof line, pipe))
+        n_lines++;
+    if (pipe)
+        pclose(pipe);
+    ok(n_lines == 1 && strncmp(line, "4 cannot read image", 19) == 0 && strstr(line, "broken.png"),
+       "a damaged PNG is one line, and nothing of libpng's own");
+}
+
 int main(int argc, char **argv)
 {
+    if (argc > 2) {
+        int w, h, status;
+        uint8_t *rgb = NULL;
+
+        status = spin_image_read(argv[2], NULL, &w, &h, &rgb);
+        printf("%d %s\n", status, spin_last_error());
+        free(rgb);
+        return 0;
+    }
     if (argc > 1) {
         int status = spin_image_start();
 
@@ -344,6 +374,7 @@ int main(int argc, char **argv)
     test_backgrounds();
     test_size();
     test_bad_files();
+    test_one_line(argv[0]);
     test_truncated_jpeg();
     test_means();
     test_round_trip();

@@ -146,6 +146,11 @@ static void test_find(void)
 
 enum { W = 8, H = 4 };
 
+static void error_is(spin_status got, spin_status want, const char *word, const char *what)
+{
+    ok(got == want && strstr(spin_last_error(), word), "%s", what);
+}
+
 static void test_pixels(void)
 {
     struct spin_views views = {0};
@@ -186,6 +191,22 @@ static void test_pixels(void)
     near(b[0], (a[0] + a[1] + a[W] + a[W + 1]) / 4, 0.6 / 255, "as the mean of four pixels");
     ok(spin_pixels_get(&tight, 3, b) == SPIN_E_MALFORMED && strstr(spin_last_error(), path),
        "another shape is an error that names the image");
+    for (int i = 0; i < 4; i++)
+        views.view[i].camera_id = i;
+    ok(spin_view_check_image(&views.view[0]) == SPIN_OK &&
+           spin_view_check_image(&views.view[1]) == SPIN_OK,
+       "its header has the camera's shape, at any size");
+    error_is(spin_view_check_image(&views.view[3]), SPIN_E_MALFORMED, "camera 3: image",
+             "another shape names the camera");
+    error_is(spin_views_check_cameras(&views), SPIN_E_MALFORMED, "8 x 4 pixels",
+             "it is found among all cameras");
+    views.view[3].camera_id = 0;
+    ok(spin_views_check_cameras(&views) == SPIN_OK, "one image of a camera is looked at");
+    views.view[0].path[0] = '?';
+    error_is(spin_views_check_cameras(&views), SPIN_E_MALFORMED, "11 x 4",
+             "the first that is there");
+    error_is(spin_view_check_image(&views.view[0]), SPIN_E_NOT_FOUND, "camera 0: image '?",
+             "one that is not there");
     spin_pixels_close(&pixels);
     spin_pixels_close(&tight);
     spin_views_free(&views);

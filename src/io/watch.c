@@ -1,0 +1,174 @@
+/* Reading a page of a map that the file no longer has is SIGBUS. No code can go on after that, least of
+ * all in one thread of many: the handler says which file it was, removes what is half-written and ends
+ * the process. It takes no lock, as a thread that holds one may be the one that fell. */
+#include "io/watch.h"
+
+#include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* What finds no place is not watched. */
+enum { MAPS = 256, OUTS = 64 };
+
+static struct {
+    _Atomic(const unsigned char *) data; /* NULL: free. Set last */
+    char *path;
+    struct stat st;
+} maps[MAPS];
+static _Atomic(const char *) outs[OUTS];
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of who writes to maps */
+static atomic_flag dying = ATOMIC_FLAG_INIT;
+static char name[64]; /* of the command */
+
+void spin_watch_map(const void *data, const char *path, const struct stat *st)
+{
+    pthread_mutex_lock(&mutex);
+    for (int i = 0; i < MAPS; i++) {
+        if (atomic_load(&maps[i].data))
+            continue;
+        maps[i].path = strdup(path);
+        maps[i].st = *st;
+        if (maps[i].path)
+            atomic_store(&maps[i].data, data);
+        break;
+    }
+    pthread_mutex_unlock(&mutex);
+}
+
+static int find_map(const void *data)
+{
+    for (int i = 0; i < MAPS; i++) {
+        if (atomic_load(&maps[i].data) == (const unsigned char *)data)
+            return i;
+    }
+    return -1;
+}
+
+void spin_unwatch_map(const void *data)
+{
+    int i;
+
+    pthread_mutex_lock(&mutex);
+    i = find_map(data);
+    if (i >= 0) {
+        atomic_store(&maps[i].data, NULL);
+        free(maps[i].path);
+    }
+    pthread_mutex_unlock(&mutex);
+}
+
+spin_status spin_watch_check(const void *data)
+{
+    struct stat now;
+    spin_status status = SPIN_OK;
+    int i;
+
+    pthread_mutex_lock(&mutex);
+    i = find_map(data);
+    if (i >= 0 && stat(maps[i].path, &now) == 0 && now.st_dev == maps[i].st.st_dev &&
+        now.st_ino == maps[i].st.st_ino) {
+        const struct stat *then = &maps[i].st;
+
+        if (now.st_size < then->st_size)
+            status = spin_fail(SPIN_E_IO, "cannot read '%s': it was cut short while it was in use",
+                               maps[i].path);
+        else if (now.st_size > then->st_size || now.st_mtim.tv_sec != then->st_mtim.tv_sec ||
+                 now.st_mtim.tv_nsec != then->st_mtim.tv_nsec)
+            status = spin_fail(SPIN_E_IO, "cannot read '%s': it was changed while it was in use",
+                               maps[i].path);
+    }
+    pthread_mutex_unlock(&mutex);
+    return status;
+}
+
+void spin_watch_out(const char *path)
+{
+    for (int i = 0; i < OUTS; i++) {
+        const char *none = NULL;
+
+        if (atomic_compare_exchange_strong(&outs[i], &none, path))
+            return;
+    }
+}
+
+void spin_unwatch_out(const char *path)
+{
+    for (int i = 0; i < OUTS; i++) {
+        const char *same = path;
+
+        if (atomic_compare_exchange_strong(&outs[i], &same, NULL))
+            return;
+    }
+}
+
+/* ---- The signal ------------------------------------------------------------------------------ */
+
+struct line {
+    char text[1024];
+    size_t n;
+};
+
+static void add(struct line *line, const char *text)
+{
+    for (; *text && line->n < sizeof line->text; text++)
+        line->text[line->n++] = *(const unsigned char *)text < 0x20 || *text == 0x7f ? '?' : *text;
+}
+
+static void say(const char *path)
+{
+    struct line line = {{0}, 0};
+    ssize_t n;
+
+    add(&line, name);
+    add(&line, ": cannot read '");
+    add(&line, path);
+    add(&line, "': it was cut short while it was in use, or the disk failed");
+    line.text[line.n < sizeof line.text ? line.n++ : line.n - 1] = '\n';
+    if (isatty(STDERR_FILENO))
+        n = write(STDERR_FILENO, "\r\033[K", 4); /* the progress line */
+    n = write(STDERR_FILENO, line.text, line.n);
+    (void)n;
+}
+
+static void remove_outs(void)
+{
+    for (int pass = 0; pass < 2; pass++) { /* files, then the folders that are empty by then */
+        for (int i = 0; i < OUTS; i++) {
+            const char *path = atomic_load(&outs[i]);
+
+            if (path)
+                (void)(pass ? rmdir(path) : unlink(path));
+        }
+    }
+}
+
+static void on_bus(int number, siginfo_t *info, void *context)
+{
+    uintptr_t at = (uintptr_t)info->si_addr;
+
+    (void)context;
+    for (int i = 0; i < MAPS; i++) {
+        uintptr_t first = (uintptr_t)atomic_load(&maps[i].data);
+
+        if (!first || at < first || at - first >= (uintptr_t)maps[i].st.st_size)
+            continue;
+        while (atomic_flag_test_and_set(&dying)) /* another thread has fallen, too */
+            pause();
+        say(maps[i].path);
+        remove_outs();
+        _exit(1);
+    }
+    signal(number, SIG_DFL); /* no file of ours: it happens again, and ends the process */
+}
+
+void spin_catch_cut_files(const char *command)
+{
+    struct sigaction action = {.sa_sigaction = on_bus, .sa_flags = SA_SIGINFO};
+
+    strncpy(name, command, sizeof name - 1);
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGBUS, &action, NULL);
+}
