@@ -3,6 +3,7 @@
  * K: retrain sound d3dgs */
 #include "base/log.h"
 #include "core/clip.h"
+#include "core/raster.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -212,6 +213,57 @@ static void test_seeds(void)
     remove(output);
 }
 
+/* ---- Memory ------------------------------------------------------------------------------------- */
+
+static size_t no_memory(struct spin_device *d)
+{
+    (void)d;
+    return 0;
+}
+
+/* A splat before the camera, on a device that has no more memory for the lists. */
+static void test_pairs(void)
+{
+    struct spin_camera camera = {.width = 64,
+                                 .height = 64,
+                                 .fx = 60,
+                                 .fy = 60,
+                                 .cx = 32,
+                                 .cy = 32,
+                                 .w2c = {1, 0, 0, 0, 0, 1}};
+    struct spin_device *d = check_device(1), poor;
+    struct spin_device_ops ops;
+    float pos[3] = {0, 0, 3}, attr[SPIN_ATTR] = {0}, black[3] = {0};
+    struct spin_raster raster;
+    struct spin_cam cam;
+
+    if (!d)
+        return;
+    camera.w2c[10] = 1;
+    cam = spin_cam_from(&camera);
+    attr[SPIN_ATTR_SCALE] = attr[SPIN_ATTR_SCALE + 1] = attr[SPIN_ATTR_SCALE + 2] = 1;
+    attr[SPIN_ATTR_ROTATION] = attr[SPIN_ATTR_OPACITY] = 1;
+    for (int k = 0; k < 2; k++) {
+        poor = *d;
+        ops = *d->op;
+        poor.op = &ops;
+        if (k == 1)
+            ops.memory = no_memory;
+        if (!ok(spin_raster_open(&raster, &poor, 1, 64 * 64, 16, true) == SPIN_OK, "opens"))
+            return;
+        if (k == 0)
+            ok(spin_raster_forward(&raster, &cam, 1, pos, attr, 0, black) == SPIN_OK &&
+                   raster.tiles.n_pairs == 16,
+               "a splat over 16 tiles");
+        else
+            ok(spin_raster_forward(&raster, &cam, 1, pos, attr, 0, black) == SPIN_E_MEMORY &&
+                   strstr(spin_last_error(), "16 pairs of splats and tiles") != NULL,
+               "is refused where memory has no room for its pairs: %s", spin_last_error());
+        spin_raster_close(&raster);
+    }
+    check_device_free(d);
+}
+
 TAP_MAIN
 {
     const char *run_of = check_fixture("court-mini/params.npz"),
@@ -220,6 +272,7 @@ TAP_MAIN
     struct spin_import_report report;
 
     spin_log_set_level(-1);
+    test_pairs();
     if (!run_of) {
         skip("retraining", "no fixture court-mini");
         return;
