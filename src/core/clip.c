@@ -1,6 +1,7 @@
 /* Opening a bundle together with its data set. */
 #include "core/clip.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -32,6 +33,41 @@ spin_status spin_range_select(const struct spin_range *range, const struct spin_
     *index = list;
     *n_index = count;
     return SPIN_OK;
+}
+
+static int by_time(const void *a, const void *b)
+{
+    const struct spin_frame_info *x = a, *y = b;
+
+    if (x->time != y->time)
+        return x->time < y->time ? -1 : 1;
+    return (x->number > y->number) - (x->number < y->number);
+}
+
+spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n)
+{
+    void *block = NULL;
+    struct spin_frame_info *sorted;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *sorted, &block));
+    sorted = block;
+    for (int i = 0; i < n && status == SPIN_OK; i++) {
+        sorted[i] = info[index ? index[i] : i];
+        if (!isfinite(sorted[i].time))
+            status = spin_fail(SPIN_E_MALFORMED, "the time of frame %d is not a finite number",
+                               sorted[i].number);
+    }
+    if (status == SPIN_OK)
+        qsort(sorted, (size_t)n, sizeof *sorted, by_time);
+    for (int i = 1; i < n && status == SPIN_OK; i++)
+        if (sorted[i].time == sorted[i - 1].time)
+            status = spin_fail(SPIN_E_MALFORMED,
+                               "frames %d and %d are both at time %g, expected another time for "
+                               "every frame",
+                               sorted[i - 1].number, sorted[i].number, sorted[i].time);
+    free(block);
+    return status;
 }
 
 static spin_status open_views(const struct spin_clip_options *o, struct spin_clip *clip)

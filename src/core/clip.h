@@ -33,6 +33,10 @@ struct spin_clip {
 spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *out);
 void spin_clip_close(struct spin_clip *clip);
 
+/* Frames are told apart by their times: these must be finite, and no two the same, in any order. Of the
+ * frames index[n], or of the first n (NULL). */
+spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n);
+
 /* Frame numbers in the range, as indices into info[n]. SPIN_E_NOT_FOUND when there are none. */
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
                               int n, int **index, int *n_index);

@@ -197,6 +197,16 @@ out:
     return status;
 }
 
+/* A description may have two frames of what does not move; a bundle may not. */
+static spin_status check_times(const struct import *im)
+{
+    spin_status status = SPIN_OK;
+
+    if (im->o->output)
+        status = spin_times_check(im->meta.frame, NULL, im->meta.n_frames);
+    return status != SPIN_OK && im->o->n_times > 0 ? spin_more(SPIN_E_USAGE, "--times") : status;
+}
+
 /* ---- Points over images ------------------------------------------------------------------------ */
 
 /* The kth of `most` things chosen evenly from n, both ends included. */
@@ -606,6 +616,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_track(im));
     SPIN_TRY(open_data(im));
     SPIN_TRY(choose_frames(im));
+    SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));
     SPIN_TRY(check_cameras(im));
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);

@@ -12,13 +12,30 @@ static spin_status take(struct spin_device *d, size_t bytes, void *out)
     return d->op->reserve(d, bytes, (void **)out);
 }
 
+static const size_t pair_gradient = 12 * 4; /* bytes of a pair's share of the gradient */
+
+/* Whether the lists of this view may grow: the system gives more than it has, and kills later. */
+static spin_status check_pairs(const struct spin_raster *r)
+{
+    size_t pair = sizeof *r->tiles.pairs + (r->training ? pair_gradient : 0);
+    size_t needed = r->tiles.n_pairs * pair, free_bytes = r->device->op->memory(r->device);
+
+    if (needed <= free_bytes)
+        return SPIN_OK;
+    return spin_fail(
+        SPIN_E_MEMORY,
+        "cannot draw a view: its %u pairs of splats and tiles need %.1f GB and %.1f GB "
+        "are free: the splats are too large, or the image is",
+        r->tiles.n_pairs, (double)needed / 1e9, (double)free_bytes / 1e9);
+}
+
 size_t spin_raster_bytes(size_t n, size_t pixels, bool training)
 {
     size_t splat = sizeof(struct spin_splat2d) + 6 * 4 * 2; /* and about six pairs, twice */
     size_t pixel = 5 * 4;
 
     if (training) {
-        splat += sizeof(struct spin_splat2d_grad) + 6 * 12 * 4;
+        splat += sizeof(struct spin_splat2d_grad) + 6 * pair_gradient;
         pixel += 7 * 4 + 15 * 4; /* truth, gradient, weights, and the loss's bands */
     }
     return n * splat + pixels * pixel;
@@ -76,19 +93,23 @@ spin_status spin_raster_forward(struct spin_raster *r, const struct spin_cam *ca
                                 const float background[3])
 {
     struct spin_device *d = r->device;
+    spin_status status;
 
     SPIN_TIMED(d, SPIN_OP_PROJECT, d->op->project(d, cam, n, pos_w, attr, sh_degree, r->splat2d));
-    SPIN_TIMED(d, SPIN_OP_TILE, d->op->tile_count(d, cam, n, r->splat2d, &r->tiles));
+    SPIN_TIMED(d, SPIN_OP_TILE, status = d->op->tile_count(d, cam, n, r->splat2d, &r->tiles));
+    SPIN_TRY(status);
     if (r->tiles.n_pairs > r->pairs_capacity) {
         size_t capacity = r->tiles.n_pairs + r->tiles.n_pairs / 2;
 
+        SPIN_TRY(check_pairs(r));
         d->op->release(d, r->tiles.pairs, r->pairs_capacity * sizeof *r->tiles.pairs);
         r->tiles.pairs = NULL;
         r->pairs_capacity = 0;
         SPIN_TRY(take(d, capacity * sizeof *r->tiles.pairs, &r->tiles.pairs));
         r->pairs_capacity = capacity;
     }
-    SPIN_TIMED(d, SPIN_OP_TILE, d->op->tile_fill(d, cam, n, r->splat2d, &r->tiles));
+    SPIN_TIMED(d, SPIN_OP_TILE, status = d->op->tile_fill(d, cam, n, r->splat2d, &r->tiles));
+    SPIN_TRY(status);
     SPIN_TIMED(
         d, SPIN_OP_BLEND,
         d->op->blend(d, cam, r->splat2d, &r->tiles, background, r->image, r->final_t, r->n_used));

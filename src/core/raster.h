@@ -24,7 +24,7 @@ spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, 
 void spin_raster_close(struct spin_raster *r);
 size_t spin_raster_bytes(size_t n, size_t pixels, bool training);
 
-/* image = view of the splats. Fails only when the lists cannot grow. */
+/* image = view of the splats. Fails only when it has too many pairs of splats and tiles. */
 spin_status spin_raster_forward(struct spin_raster *r, const struct spin_cam *cam, size_t n,
                                 const float *pos_w, const float *attr, int sh_degree,
                                 const float background[3]);

@@ -19,6 +19,7 @@
 #include "math/rng.h"
 
 enum { STREAM_VIEWS = 33 }; /* of the random numbers, see math/rng.h */
+enum { CHECK_EVERY = 100 }; /* iterations between looks at the values */
 enum { POSITION, DC, OPACITY, SCALE, ROTATION, N_GROUPS };
 enum { VALUES, MOMENT_1, MOMENT_2 };
 
@@ -323,6 +324,24 @@ static void fetch_cloud(struct refine *r)
     carry(r, VALUES, false);
 }
 
+/* The values in host_group, which must be finite: what is not would be pruned without a word. */
+static spin_status check_finite(const struct refine *r, int iteration)
+{
+    static const char *const name[N_GROUPS] = {"means", "sh", "opacities", "scales", "quats"};
+
+    for (int k = 0; k < N_GROUPS; k++) {
+        const float *at = r->host_group + r->n * groups[k].first;
+
+        for (size_t i = 0; i < r->n * groups[k].width; i++)
+            if (!isfinite(at[i]))
+                return spin_fail(SPIN_E_MALFORMED,
+                                 "array '%s' is not finite in row %zu after iteration %d: look for "
+                                 "bad points",
+                                 name[k], i / groups[k].width, iteration);
+    }
+    return SPIN_OK;
+}
+
 /* d_attr to the groups behind the positions, whose gradients the rasteriser left in place. */
 static void gather_gradients(struct refine *r)
 {
@@ -451,6 +470,7 @@ static spin_status densify(struct refine *r, struct spin_refine_step *now)
 
     now->densified = true;
     fetch_cloud(r);
+    SPIN_TRY(check_finite(r, now->iteration));
     SPIN_TRY(spin_densify(&r->o->densify, now->iteration, r->cloud, &now->change));
     sum->clones += now->change.clones;
     sum->splits += now->change.splits;
@@ -470,12 +490,15 @@ static spin_status iterate(struct refine *r, const int *order, int iteration)
     cam = spin_cam_from(&r->views[now.view].camera);
     cam.antialias = r->o->antialias;
     SPIN_TRY(draw(r, now.view, &cam, &now.loss));
+    r->stats.blind += r->raster.tiles.n_pairs == 0;
     if (densify_ahead(r->o, iteration))
         add_statistics(r, &cam);
     if (densify_due(r->o, iteration))
         SPIN_TRY(densify(r, &now));
     else
         step(r, iteration);
+    if (iteration % CHECK_EVERY == 0 && r->n > 0)
+        SPIN_TRY(check_finite(r, iteration));
     spin_tints_step(&r->tints, r->device, r->o->lr_tint, iteration);
     SPIN_TRY(r->device->op->wait(r->device));
     if (iteration == 1)
@@ -518,6 +541,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
     for (int i = 1; i <= o->iterations && r.n > 0; i++)
         SPIN_TRY_OUT(iterate(&r, order, i));
     fetch_cloud(&r);
+    SPIN_TRY_OUT(check_finite(&r, r.stats.iterations));
     if (!o->keep_faint)
         r.stats.change.pruned += spin_refine_prune(cloud, o->densify.prune_opacity);
     r.stats.n_last = cloud->n;

@@ -45,6 +45,7 @@ void spin_refine_defaults(struct spin_refine_options *o);
 
 struct spin_refine_stats {
     int iterations, densifications;
+    int blind; /* iterations whose view shows no splat */
     size_t n_first, n_last;
     struct spin_densify_change change; /* sums, with the pruning at the end */
     double loss_first, loss_last;

@@ -220,6 +220,9 @@ static spin_status check_output(struct spin_retraining *r, bool *done)
                          "an unfinished run is in '%s': use --resume to go on, or "
                          "--force to start anew",
                          part ? r->part : r->parts);
+    if (o->resume && !part && !parts)
+        spin_warn("nothing to resume: '%s' has no unfinished state, the run starts anew",
+                  o->output);
     return SPIN_OK;
 }
 
@@ -260,7 +263,7 @@ static spin_status prepare(struct spin_retraining *r)
     rates->iterations = o->iterations;
     rates->warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40;
     r->trainer.lambda_dssim = (float)o->lambda_dssim;
-    r->trainer.lambda_scale = (float)(o->lambda_scale / r->extent);
+    r->trainer.lambda_scale = r->extent > 0 ? (float)(o->lambda_scale / r->extent) : 0;
     r->trainer.lambda_opacity = (float)o->lambda_opacity;
     r->trainer.sh_every = o->sh_every;
     memcpy(r->trainer.background, o->background, sizeof r->trainer.background);
@@ -382,6 +385,18 @@ static spin_status plan(struct spin_retraining *r)
     return SPIN_OK;
 }
 
+static void warn_worse(const struct spin_retraining *r)
+{
+    const struct spin_quality *before = &r->report->before, *test = &r->report->test;
+
+    if (before->valid && test->valid && test->psnr < before->psnr)
+        spin_warn("the result is worse than the source, test PSNR %.3f dB after %.3f dB: try %s",
+                  test->psnr, before->psnr,
+                  r->o->method == SPIN_METHOD_EXPLICIT
+                      ? "a larger --refine, or --refine-start source"
+                      : "more --iterations, --preset short, or --residual source");
+}
+
 static spin_status work(struct spin_retraining *r)
 {
     bool done = false;
@@ -396,12 +411,12 @@ static spin_status work(struct spin_retraining *r)
         return SPIN_OK;
     }
     SPIN_TRY(check_memory(r));
-    SPIN_TRY(spin_pixels_open(&r->clip.views, r->report->bytes_available / 3, r->o->background,
-                              &r->pixels));
+    SPIN_TRY(spin_pixels_open(&r->clip.views, r->pixels_budget, r->o->background, &r->pixels));
     SPIN_TRY(open_weights(r));
     SPIN_TRY(open_log(r));
     SPIN_TRY(refine(r));
     SPIN_TRY(r->o->method == SPIN_METHOD_NETWORK ? train_network(r) : keep_frames(r));
+    warn_worse(r);
     SPIN_TRY(write_output(r));
     r->report->bytes_peak = spin_memory_peak();
     remove(r->part);

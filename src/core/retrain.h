@@ -41,6 +41,7 @@ struct spin_retraining {
     float *weight;             /* [batch][max pixels] host; NULL: all pixels count alike */
     struct spin_moving moving; /* where they do not */
     size_t max_pixels, max_tiles;
+    size_t pixels_budget; /* bytes of decoded images that are kept */
     double extent, scale_bias;
     struct spin_refined *refined; /* [frames], or NULL: frames are not refined */
     bool is_refined;              /* that stage is over */
@@ -84,7 +85,9 @@ spin_status spin_retrain_sort(struct spin_retraining *r);
 spin_status spin_retrain_begin(struct spin_retraining *r);
 spin_status spin_retrain_save(struct spin_retraining *r);
 spin_status spin_retrain_load(struct spin_retraining *r);
-/* An array on the device into an archive, piece by piece through the host. */
+/* All parameters are finite; else an error that names the array and the iteration. */
+spin_status spin_retrain_check_finite(struct spin_retraining *r);
+/* An array on the device into an archive, piece by piece through the host. Its values must be finite. */
 spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
                                      const char *name, int n_dims, const uint64_t *shape,
                                      const float *at, size_t n);

@@ -12,6 +12,7 @@
 #include "math/rng.h"
 
 enum { STREAM_SHUFFLE = 16 };           /* of the random numbers, see math/rng.h */
+enum { CHECK_EVERY = 100 };             /* iterations between looks at the values */
 static const double save_seconds = 300; /* between states, when --save-every is not given */
 
 /* ---- The schedule of views --------------------------------------------------------------------- */
@@ -319,6 +320,37 @@ static spin_status stop_or_save(struct spin_retraining *r)
     return SPIN_OK;
 }
 
+/* Steps that showed nothing: all their views look past the splats, and nothing was learned. */
+struct blind {
+    int64_t first, n, done; /* iteration of the first; how many; of how many */
+};
+
+static spin_status count_blind(const struct spin_retraining *r, bool seen, struct blind *b)
+{
+    int64_t epoch = (int64_t)(r->n_train / (size_t)r->o->batch) + 1;
+    bool last = r->trainer.iteration == r->o->iterations;
+
+    b->done++;
+    if (seen)
+        return SPIN_OK;
+    if (b->n++ == 0)
+        b->first = r->trainer.iteration;
+    if (b->n == r->trainer.iteration && (last || b->n == (epoch > 50 ? 2 * epoch : 100)))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "no splat is visible in any view of %lld iterations: do the cameras "
+                         "belong to these points",
+                         (long long)b->n);
+    return SPIN_OK;
+}
+
+static void warn_blind(const struct blind *b)
+{
+    if (b->n > 0)
+        spin_warn("no splat was visible in any view of %lld of %lld iterations, first in "
+                  "iteration %lld: nothing was learned in them",
+                  (long long)b->n, (long long)b->done, (long long)b->first);
+}
+
 spin_status spin_retrain_loop(struct spin_retraining *r)
 {
     struct spin_trainer *t = &r->trainer;
@@ -326,6 +358,7 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
     const struct spin_pair **pairs;
     struct spin_progress progress;
     struct spin_train_values v = {0};
+    struct blind blind = {0};
     double smooth = 0;
     void *block = NULL, *block2 = NULL;
     spin_status status;
@@ -349,6 +382,9 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
                                (long long)t->iteration);
             goto out;
         }
+        if (t->iteration % CHECK_EVERY == 0 || t->iteration == r->o->iterations)
+            SPIN_TRY_OUT(spin_retrain_check_finite(r));
+        SPIN_TRY_OUT(count_blind(r, v.seen, &blind));
         seconds = spin_now_s() - start;
         count_seconds(r, seconds);
         smooth = smooth > 0 ? 0.98 * smooth + 0.02 * v.loss : v.loss;
@@ -361,6 +397,7 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
     }
     r->report->loss_last = smooth;
     status = SPIN_OK;
+    warn_blind(&blind);
 out:
     spin_progress_end(&progress);
     say_seconds(r);

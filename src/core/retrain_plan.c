@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
 #include "core/knn.h"
@@ -159,6 +160,93 @@ static void measure_pictures(struct spin_retraining *r)
     }
 }
 
+/* ---- Where the points are ----------------------------------------------------------------------- */
+
+enum { SAMPLE = 20000 }; /* points of a frame that are looked at, at most */
+
+static int compare_floats(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Points of a frame, evenly from all of them, behind the n that are there. */
+static spin_status sample_means(struct spin_retraining *r, int frame, float *sample, size_t *n)
+{
+    size_t step;
+
+    SPIN_TRY(spin_retrain_means(r, frame));
+    step = r->splats.n / SAMPLE + 1;
+    for (size_t i = 0; i < r->splats.n; i += step)
+        memcpy(sample + 3 * (*n)++, r->splats.means + 3 * i, 3 * sizeof(float));
+    return SPIN_OK;
+}
+
+/* Per-axis medians, and the radius around them that holds nine tenths. value [n] is scratch. */
+static float enclose(const float *sample, size_t n, float *value, float centre[3])
+{
+    for (int c = 0; c < 3; c++) {
+        for (size_t i = 0; i < n; i++)
+            value[i] = sample[3 * i + (size_t)c];
+        qsort(value, n, sizeof *value, compare_floats);
+        centre[c] = value[n / 2];
+    }
+    for (size_t i = 0; i < n; i++) {
+        double d2 = 0;
+
+        for (int c = 0; c < 3; c++)
+            d2 += pow((double)(sample[3 * i + (size_t)c] - centre[c]), 2);
+        value[i] = (float)sqrt(d2);
+    }
+    qsort(value, n, sizeof *value, compare_floats);
+    return value[(size_t)(0.9 * (double)(n - 1))];
+}
+
+static int middle_frame(const struct spin_retraining *r)
+{
+    int f = r->clip.n_frames / 2;
+
+    while (r->counts[f] == 0)
+        f = (f + 1) % r->clip.n_frames;
+    return f;
+}
+
+/* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that all
+ * stand in one place have none. Then it is what a ring of such cameras around the points would have:
+ * 1.1 x the distance from the camera to the median of the points, or 1.1 x the radius that holds nine
+ * tenths of them where that is larger (the camera stands among them). */
+static spin_status plan_extent(struct spin_retraining *r)
+{
+    struct spin_cam cam = spin_cam_from(&r->clip.views.view[r->train[0].view].camera);
+    double extent = spin_views_extent(&r->clip.views), distance = 0, one_place;
+    float centre[3], radius, *sample;
+    void *block = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(4 * SAMPLE, sizeof *sample, &block));
+    sample = block;
+    SPIN_TRY_OUT(sample_means(r, middle_frame(r), sample, &n));
+    radius = enclose(sample, n, sample + 3 * n, centre);
+    for (int c = 0; c < 3; c++)
+        distance += pow((double)cam.centre[c] - (double)centre[c], 2);
+    one_place = 1.1 * fmax(sqrt(distance), (double)radius);
+    r->extent = extent;
+    if (extent <= 1e-6 * one_place || extent == 0) {
+        r->extent = one_place > 0 ? one_place : 1;
+        spin_log(0,
+                 "the training cameras all stand in one place: their extent is taken from the "
+                 "distance to the points, %.4g",
+                 r->extent);
+    }
+    if (!isfinite(r->extent))
+        status = spin_fail(SPIN_E_MALFORMED, "the extent of the training cameras is not finite");
+out:
+    free(block);
+    return status;
+}
+
 spin_status spin_retrain_open_clip(struct spin_retraining *r)
 {
     const struct spin_retrain_options *o = r->o;
@@ -197,40 +285,27 @@ spin_status spin_retrain_open_clip(struct spin_retraining *r)
     r->sequence = block;
     r->epoch = -1;
     SPIN_TRY(list_cameras(r));
-    r->extent = spin_views_extent(&r->clip.views);
+    SPIN_TRY(spin_times_check(r->clip.bundle.meta.frame, r->clip.frame, r->clip.n_frames));
     measure_pictures(r);
-    return SPIN_OK;
+    return plan_extent(r);
 }
 
 /* ---- Planning ---------------------------------------------------------------------------------- */
-
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
 
 /* Centre: per-axis medians over a sample of all frames; radius: the 90th percentile of the distance
  * to it (method.md 3.1). Also the share of points outside the unit ball with the norm in use. */
 static spin_status plan_norm(struct spin_retraining *r)
 {
     const struct spin_retrain_options *o = r->o;
-    size_t per_frame = 20000, n = 0, outside = 0;
+    size_t n = 0, outside = 0;
     void *block = NULL;
     float *sample;
     spin_status status = SPIN_OK;
 
-    SPIN_TRY(spin_alloc(per_frame * (size_t)r->clip.n_frames * 4, sizeof(float), &block));
+    SPIN_TRY(spin_alloc(SAMPLE * (size_t)r->clip.n_frames * 4, sizeof(float), &block));
     sample = block;
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        size_t step;
-
-        SPIN_TRY_OUT(spin_retrain_means(r, f));
-        step = r->splats.n / per_frame + 1;
-        for (size_t i = 0; i < r->splats.n; i += step)
-            memcpy(sample + 3 * n++, r->splats.means + 3 * i, 3 * sizeof(float));
-    }
+    for (int f = 0; f < r->clip.n_frames; f++)
+        SPIN_TRY_OUT(sample_means(r, f, sample, &n));
     if (o->normalise_radius > 0) {
         for (int c = 0; c < 3; c++)
             r->model.norm.centre[c] = (float)o->normalise_centre[c];
@@ -238,21 +313,9 @@ static spin_status plan_norm(struct spin_retraining *r)
     } else if (o->normalise == SPIN_NORMALISE_AUTO) {
         float *value = sample + 3 * n;
 
-        for (int c = 0; c < 3; c++) {
-            for (size_t i = 0; i < n; i++)
-                value[i] = sample[3 * i + (size_t)c];
-            qsort(value, n, sizeof *value, compare_floats);
-            r->model.norm.centre[c] = value[n / 2];
-        }
-        for (size_t i = 0; i < n; i++) {
-            double d2 = 0;
+        float radius = enclose(sample, n, value, r->model.norm.centre);
 
-            for (int c = 0; c < 3; c++)
-                d2 += pow((double)(sample[3 * i + (size_t)c] - r->model.norm.centre[c]), 2);
-            value[i] = (float)sqrt(d2);
-        }
-        qsort(value, n, sizeof *value, compare_floats);
-        r->model.norm.inv_radius = 1.0f / fmaxf(value[(size_t)(0.9 * (double)(n - 1))], 1e-20f);
+        r->model.norm.inv_radius = 1.0f / fmaxf(radius, 1e-20f);
     }
     for (size_t i = 0; i < n; i++) {
         double d2 = 0;
@@ -280,7 +343,7 @@ bool spin_retrain_is_lazy(const struct spin_retraining *r)
 /* Log of the median distance to the three nearest points, in the clip's middle frame with points. */
 static spin_status plan_scale_bias(struct spin_retraining *r)
 {
-    int f = r->clip.n_frames / 2;
+    int f = middle_frame(r);
     struct spin_pool *pool = NULL;
     void *block = NULL;
     float *d2;
@@ -289,8 +352,6 @@ static spin_status plan_scale_bias(struct spin_retraining *r)
     r->scale_bias = r->o->scale_bias;
     if (!isnan(r->scale_bias))
         return SPIN_OK;
-    while (r->counts[f] == 0)
-        f = (f + 1) % r->clip.n_frames;
     SPIN_TRY(spin_retrain_means(r, f));
     SPIN_TRY_OUT(spin_pool_create(r->o->n_threads, &pool));
     SPIN_TRY_OUT(spin_alloc(r->splats.n, sizeof(float), &block));
@@ -304,11 +365,33 @@ out:
     return status;
 }
 
+/* Decoded images are kept while there is room beside what is `needed`, in at most a third of the
+ * memory; what has no room is decoded again. The plan counts no more than that. */
+static size_t plan_pixels(struct spin_retraining *r, size_t needed)
+{
+    size_t all = 0, available = r->report->bytes_available, most = available / 3;
+
+    for (size_t i = 0; i < r->n_train + r->n_test; i++) {
+        size_t view = i < r->n_train ? r->train[i].view : r->test[i - r->n_train].view;
+        const struct spin_camera *c = &r->clip.views.view[view].camera;
+
+        all += 3 * (size_t)c->width * (size_t)c->height;
+    }
+    if (needed >= available)
+        most = 0;
+    else if (most > available - needed)
+        most = available - needed;
+    if (most < r->pixels.held) /* planned anew, when some are there */
+        most = r->pixels.held;
+    r->pixels_budget = r->pixels.budget = most;
+    return all < most ? all : most;
+}
+
 spin_status spin_retrain_plan(struct spin_retraining *r)
 {
     const struct spin_retrain_options *o = r->o;
     int finest[4];
-    size_t pixels_cache = 0, needed;
+    size_t needed;
 
     memcpy(finest, o->finest_resolution, sizeof finest);
     if (finest[3] == 0)
@@ -318,16 +401,13 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
     r->model.heads.relu = o->relu;
     r->model.antialias = o->antialias;
     r->model.norm.raw = o->normalise == SPIN_NORMALISE_NONE;
-    r->model.time_first = spin_retrain_info(r, 0)->time;
-    r->model.time_last = spin_retrain_info(r, r->clip.n_frames - 1)->time;
+    r->model.time_first = r->model.time_last = spin_retrain_info(r, 0)->time;
+    for (int f = 1; f < r->clip.n_frames; f++) {
+        r->model.time_first = fmin(r->model.time_first, spin_retrain_info(r, f)->time);
+        r->model.time_last = fmax(r->model.time_last, spin_retrain_info(r, f)->time);
+    }
     SPIN_TRY(plan_norm(r));
     SPIN_TRY(plan_scale_bias(r));
-    for (size_t i = 0; i < r->n_train + r->n_test; i++) {
-        size_t view = i < r->n_train ? r->train[i].view : r->test[i - r->n_train].view;
-        const struct spin_camera *c = &r->clip.views.view[view].camera;
-
-        pixels_cache += 3 * (size_t)c->width * (size_t)c->height;
-    }
     needed = spin_trainer_bytes(&r->model, r->clip.n_frames, r->counts, r->max_pixels,
                                 spin_retrain_has_own(r)) +
              spin_decode_bytes(&r->model, r->clip.n_max, false) + /* evaluation, with host copies */
@@ -336,8 +416,9 @@ spin_status spin_retrain_plan(struct spin_retraining *r)
              (spin_retrain_is_lazy(r) ? spin_lazy_bytes(&r->model, o->iterations) : 0);
     if (r->refined && (o->method == SPIN_METHOD_EXPLICIT || needed < spin_retrain_refine_bytes(r)))
         needed = spin_retrain_refine_bytes(r);
-    r->report->bytes_needed = needed + pixels_cache + program_bytes;
-    r->report->bytes_available = spin_memory_available();
+    needed += program_bytes;
+    r->report->bytes_available = spin_memory_available() + r->pixels.held;
+    r->report->bytes_needed = needed + plan_pixels(r, needed);
     return SPIN_OK;
 }
 

@@ -210,7 +210,8 @@ struct stage {
     struct spin_device *hand; /* [n_hands] */
     pthread_mutex_t lock;     /* for all that follows, and for files, pixels, progress and log */
     struct spin_progress progress;
-    int64_t done; /* iterations */
+    int64_t done;         /* iterations */
+    int64_t drawn, blind; /* iterations with a view; of them, those that showed no splat */
     double start_s;
     spin_status status; /* of the first that failed */
     char why[512];
@@ -333,6 +334,8 @@ static spin_status keep(struct job *job, const struct spin_refine_stats *stats)
     pthread_mutex_lock(&stage->lock);
     refined->n = job->splats.n;
     stage->done += stage->options.iterations - stats->iterations;
+    stage->drawn += stats->iterations;
+    stage->blind += stats->blind;
     r->report->loss_last += stats->loss_last / stage->n_todo;
     spin_log(1, "frame %d: %zu splats became %zu, loss %.4f became %.4f",
              spin_retrain_info(r, job->frame)->number, stats->n_first, stats->n_last,
@@ -562,6 +565,21 @@ static spin_status look(struct spin_retraining *r)
     return status;
 }
 
+/* Iterations that showed nothing taught nothing. */
+static spin_status judge_blind(const struct stage *stage)
+{
+    if (stage->blind == 0)
+        return SPIN_OK;
+    if (stage->blind == stage->drawn && stage->n_todo == stage->r->clip.n_frames)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "no splat is visible in any view of any frame: do the cameras belong to "
+                         "these points");
+    spin_warn("no splat was visible in %lld of %lld iterations of refining: nothing was learned in "
+              "them",
+              (long long)stage->blind, (long long)stage->drawn);
+    return SPIN_OK;
+}
+
 spin_status spin_retrain_refine(struct spin_retraining *r)
 {
     struct stage stage = {.r = r, .lock = PTHREAD_MUTEX_INITIALIZER, .start_s = spin_now_s()};
@@ -577,6 +595,8 @@ spin_status spin_retrain_refine(struct spin_retraining *r)
                         (long long)stage.n_todo * r->o->refine);
     status = run(&stage);
     spin_progress_end(&stage.progress);
+    if (status == SPIN_OK)
+        status = judge_blind(&stage);
     r->report->refine_seconds = spin_now_s() - stage.start_s;
     if (status == SPIN_OK)
         status = count_splats(r);

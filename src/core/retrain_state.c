@@ -1,6 +1,8 @@
 /* The state of a retraining: first values, fingerprint, save and load.
  *
  * The unfinished state lives beside the output as OUT.part, written whole or not at all. */
+#include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,6 +11,8 @@
 #include "base/mem.h"
 #include "core/morton.h"
 #include "core/retrain.h"
+
+enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 
 static void set_string(spin_json *j, const char *key, const char *format, double v)
 {
@@ -24,6 +28,7 @@ static spin_json *options_to_json(const struct spin_retraining *r)
     const struct spin_retrain_options *o = r->o;
     spin_json *j = spin_json_object(), *base = spin_json_array(), *finest = spin_json_array();
     spin_json *back = spin_json_array(), *test = spin_json_array();
+    char seed[32];
 
     for (int d = 0; d < 4; d++) {
         spin_json_push_number(base, o->base_resolution[d]);
@@ -40,7 +45,8 @@ static spin_json *options_to_json(const struct spin_retraining *r)
     spin_json_set(j, "base_resolution", base);
     spin_json_set(j, "finest_resolution", finest);
     spin_json_set_number(j, "lambda_dssim", o->lambda_dssim);
-    set_string(j, "seed", "%.0f", (double)o->seed);
+    snprintf(seed, sizeof seed, "%" PRIu64, o->seed);
+    spin_json_set_string(j, "seed", seed);
     spin_json_set_integer(j, "warmup", o->warmup);
     spin_json_set_number(j, "lr_table", o->lr_table);
     spin_json_set_number(j, "lr_sh", o->lr_sh);
@@ -221,20 +227,69 @@ static spin_status list_pieces(struct spin_retraining *r, struct piece **out, si
     return SPIN_OK;
 }
 
+/* Values [first, first + n) of an array of the state. */
+static spin_status check_finite(const struct spin_retraining *r, const char *name, size_t first,
+                                const float *v, size_t n)
+{
+    bool bad = false;
+    size_t i = 0;
+
+    for (size_t k = 0; k < n; k++)
+        bad |= !isfinite(v[k]);
+    if (!bad)
+        return SPIN_OK;
+    while (isfinite(v[i]))
+        i++;
+    return spin_fail(SPIN_E_MALFORMED,
+                     "array '%s' is not finite at value %zu after iteration %lld: lower the "
+                     "learning rates, or look for bad points%s%s%s",
+                     name, first + i, (long long)r->trainer.iteration,
+                     spin_path_exists(r->part) ? "; the last good state is '" : "",
+                     spin_path_exists(r->part) ? r->part : "",
+                     spin_path_exists(r->part) ? "'" : "");
+}
+
+spin_status spin_retrain_check_finite(struct spin_retraining *r)
+{
+    size_t n_pieces = 0;
+    struct piece *piece = NULL;
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(list_pieces(r, &piece, &n_pieces));
+    SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
+    for (size_t i = 0; i < n_pieces; i++) {
+        size_t length = strlen(piece[i].name);
+
+        if (piece[i].name[length - 1] != 'p') /* moments go into parameters with the next step */
+            continue;
+        for (size_t first = 0; first < piece[i].n; first += PORTION) {
+            size_t n = piece[i].n - first < PORTION ? piece[i].n - first : PORTION;
+
+            r->device.op->down(&r->device, block, piece[i].at + first, n * sizeof(float));
+            SPIN_TRY_OUT(check_finite(r, piece[i].name, first, block, n));
+        }
+    }
+out:
+    free(piece);
+    free(block);
+    return status;
+}
+
 spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
                                      const char *name, int n_dims, const uint64_t *shape,
                                      const float *at, size_t n)
 {
-    size_t most = (size_t)1 << 20; /* floats a piece */
     void *block = NULL;
     spin_status status;
 
     SPIN_TRY(spin_npz_write_begin(w, name, "<f4", n_dims, shape));
-    SPIN_TRY(spin_alloc(most, sizeof(float), &block));
-    for (size_t first = 0; first < n; first += most) {
-        size_t floats = n - first < most ? n - first : most;
+    SPIN_TRY(spin_alloc(PORTION, sizeof(float), &block));
+    for (size_t first = 0; first < n; first += PORTION) {
+        size_t floats = n - first < PORTION ? n - first : PORTION;
 
         r->device.op->down(&r->device, block, at + first, floats * sizeof(float));
+        SPIN_TRY_OUT(check_finite(r, name, first, block, floats));
         SPIN_TRY_OUT(spin_zip_member_write(w, block, floats * sizeof(float)));
     }
     status = spin_zip_member_end(w);
@@ -329,6 +384,7 @@ static spin_status load_pieces(struct spin_retraining *r, struct spin_npz *npz)
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
         spin_array_to_f32(&a, 0, piece[i].n, block);
+        SPIN_TRY_OUT(check_finite(r, piece[i].name, 0, block, piece[i].n));
         if (piece[i].at == r->trainer.lazy.lazy.last)
             SPIN_TRY_OUT(check_last(block, piece[i].n, r->trainer.iteration));
         r->device.op->up(&r->device, piece[i].at, block, piece[i].n * sizeof(float));

@@ -136,6 +136,7 @@ static spin_status draw_item(struct spin_trainer *t, const struct spin_train_ite
     cam.antialias = t->model.antialias;
     SPIN_TRY(spin_raster_forward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, sh_degree,
                                  t->background));
+    values->seen |= t->raster.tiles.n_pairs > 0;
     spin_tints_loss(&t->tints, &t->raster, &item->taken, t->lambda_dssim, 1.0f / (float)n, v);
     spin_raster_backward(&t->raster, &cam, frame->n, frame->pos, t->decode.attr, sh_degree,
                          t->background, t->decode.d_attr, t->d_pos);
@@ -271,6 +272,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_train_it
     const size_t *offset = t->model.heads.offset;
 
     values->loss = values->l1 = values->ssim = 0;
+    values->seen = false;
     catch_up(t, t->iteration);
     t->iteration++;
     for (int i = 0; i < n; i++)

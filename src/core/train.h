@@ -52,6 +52,7 @@ struct spin_train_item {
 
 struct spin_train_values {
     double loss, l1, ssim; /* means over the batch */
+    bool seen;             /* some view shows a splat */
     double *each;          /* [n] losses, when not NULL */
 };
 

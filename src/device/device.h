@@ -107,6 +107,9 @@ struct spin_splat2d_grad {
     float spare[3];
 };
 
+/* A view has at most this many (splat, tile) pairs; lists of 1 GiB. */
+#define SPIN_MAX_PAIRS ((uint64_t)1 << 28)
+
 /* Where a view's lists live; one struct per view in flight. Sizes are the core's business. */
 struct spin_tiles {
     uint32_t n_pairs; /* set by tile_count */
@@ -179,11 +182,12 @@ struct spin_device_ops {
                          const struct spin_splat2d *splat2d,
                          const struct spin_splat2d_grad *d_splat2d, float *d_attr, float *d_pos_w);
 
-    /* Sets first_slot of every splat and tiles->n_pairs; then, with tiles->pairs large enough, fills. */
-    void (*tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
-                       struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-    void (*tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
-                      const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
+    /* Sets first_slot of every splat and tiles->n_pairs, and fails where these are more than
+     * SPIN_MAX_PAIRS; then, with tiles->pairs large enough, fills. */
+    spin_status (*tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                              struct spin_splat2d *splat2d, struct spin_tiles *tiles);
+    spin_status (*tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                             const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
 
     /* image [3][h][w] =, final_t [h][w] =, n_used [h][w] = (one past the last contributor's place in
      * its tile's list) */

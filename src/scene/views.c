@@ -325,33 +325,81 @@ static void camera_centre(const struct spin_camera *camera, double out[3])
         out[i] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
 }
 
+/* A training camera at one place. */
+struct place {
+    double centre[3];
+    int camera;
+    size_t order; /* of the view */
+};
+
+static int compare_places(const struct place *x, const struct place *y)
+{
+    for (int c = 0; c < 3; c++)
+        if (x->centre[c] != y->centre[c])
+            return x->centre[c] < y->centre[c] ? -1 : 1;
+    return (x->camera > y->camera) - (x->camera < y->camera);
+}
+
+static int by_order(const void *a, const void *b)
+{
+    const struct place *x = a, *y = b;
+
+    return (x->order > y->order) - (x->order < y->order);
+}
+
+static int by_place(const void *a, const void *b)
+{
+    int result = compare_places(a, b);
+
+    return result ? result : by_order(a, b);
+}
+
+/* Every place of every training camera once, in the order of the views. */
+static size_t list_places(const struct spin_views *views, struct place *place)
+{
+    size_t n = 0, n_train = 0, kept = 0;
+
+    for (size_t i = 0; i < views->n; i++)
+        n_train += !views->view[i].test;
+    for (size_t i = 0; i < views->n; i++) {
+        if (n_train > 0 && views->view[i].test)
+            continue;
+        camera_centre(&views->view[i].camera, place[n].centre);
+        place[n].camera = views->view[i].camera_id;
+        place[n++].order = i;
+    }
+    qsort(place, n, sizeof *place, by_place);
+    for (size_t i = 0; i < n; i++)
+        if (kept == 0 || compare_places(&place[i], &place[kept - 1]) != 0)
+            place[kept++] = place[i];
+    qsort(place, kept, sizeof *place, by_order);
+    return kept;
+}
+
 double spin_views_extent(const struct spin_views *views)
 {
-    double mean[3] = {0}, centre[3], largest = 0;
-    size_t n = 0, n_row = 0, n_train = 0;
+    double mean[3] = {0}, largest = 0;
+    struct place *place;
+    void *block = NULL;
+    size_t n;
 
-    while (n_row < views->n && views->view[n_row].row == views->view[0].row)
-        n_train += !views->view[n_row++].test;
-    for (size_t i = 0; i < n_row; i++) {
-        if (n_train > 0 && views->view[i].test)
-            continue;
-        camera_centre(&views->view[i].camera, centre);
+    if (spin_alloc(views->n, sizeof *place, &block) != SPIN_OK)
+        return NAN;
+    place = block;
+    n = list_places(views, place);
+    for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++)
-            mean[c] += centre[c];
-        n++;
-    }
+            mean[c] += place[i].centre[c];
     for (int c = 0; c < 3 && n > 0; c++)
         mean[c] /= (double)n;
-    for (size_t i = 0; i < n_row; i++) {
+    for (size_t i = 0; i < n; i++) {
         double squared = 0;
 
-        if (n_train > 0 && views->view[i].test)
-            continue;
-        camera_centre(&views->view[i].camera, centre);
         for (int c = 0; c < 3; c++)
-            squared += (centre[c] - mean[c]) * (centre[c] - mean[c]);
+            squared += (place[i].centre[c] - mean[c]) * (place[i].centre[c] - mean[c]);
         largest = fmax(largest, sqrt(squared));
     }
+    free(block);
     return 1.1 * largest;
 }
 

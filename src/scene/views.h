@@ -23,8 +23,9 @@ spin_status spin_views_scale(struct spin_views *views, double image_scale);
 spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,
                             const char *pair, int *row_of_frame);
 
-/* 3DGS's spatial_lr_scale: 1.1 x the largest distance of a training camera of the first row from
- * their mean. */
+/* 3DGS's spatial_lr_scale: 1.1 x the largest distance of a training camera from their mean, over all
+ * frames. A camera counts once for every place where it stands. 0: all stand in one place. NAN: out of
+ * memory. */
 double spin_views_extent(const struct spin_views *views);
 
 /* See that the image is there, has a header that can be read, and the shape of its camera. Errors name

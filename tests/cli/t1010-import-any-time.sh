@@ -32,6 +32,10 @@ times_are 0,5 "are spread over the whole time, both ends included"
 run "$bin/spin-import" "$run_in" -o "$work/times.spin" --times 2.565,0.5 --json
 is "$(member frames)" 2 "--times with two of them"
 times_are 2.565,0.5 "in their order"
+run "$bin/spin-import" "$run_in" -o "$work/twice.spin" --times 1,2,1
+fails 2 spin-import "a time that comes twice"
+err_has "frames 0 and 2 are both at time 1" "the frames are named"
+nothing_at "$work/twice" "nothing was written"
 run "$bin/spin-import" "$run_in" -o "$work/part.spin" --frames 6 --range 1:3 --json
 times_are 1,2 "--range leaves out some of those sampled"
 

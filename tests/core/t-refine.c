@@ -437,6 +437,15 @@ static void refuses(struct fixture *f)
        "a frame that loses all its points ends early");
     spin_refine_cloud_free(&c);
     o = plain_options(&log);
+    o.lr_opacity = 1e45; /* sends what is seen out of the range of floats */
+    o.densify_until = 0;
+    o.iterations = 1;
+    ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "array 'opacities' is not finite") != NULL &&
+           strstr(spin_last_error(), "iteration 1:") != NULL,
+       "values that are not finite are not pruned without a word: %s", spin_last_error());
+    spin_refine_cloud_free(&c);
+    o = plain_options(&log);
     log.cancel_at = 4; /* last: a cancelled process stays cancelled */
     log.n = 0;
     ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_E_CANCELLED && log.n == 4,

@@ -190,6 +190,49 @@ static void same_bits(const char *path)
     view_free(&one);
 }
 
+/* n splats over all 4096 x 4096 tiles of a picture, 2^24 pairs each: counted, never listed. */
+static void too_many(struct spin_device *d)
+{
+    struct spin_camera camera = camera_of(16, 16, 20);
+    struct spin_splat2d *s = take(17, sizeof *s);
+    struct spin_tiles tiles = {0};
+    uint32_t rows[4];
+    float nothing[4] = {0};
+
+    camera.width = camera.height = 65536;
+    for (int i = 0; i < 17; i++)
+        s[i] = (struct spin_splat2d){.u_px = 32768,
+                                     .v_px = 32768,
+                                     .conic = {1e-12f, 0, 1e-12f},
+                                     .opacity = 0.9f,
+                                     .depth = 1,
+                                     .radius_px = 1 << 20,
+                                     .x1 = 4096,
+                                     .y1 = 4096};
+    for (size_t n = 16; n <= 17; n++) {
+        struct spin_cam cam = spin_cam_from(&camera);
+        spin_status status = d->op->tile_count(d, &cam, n, s, &tiles);
+
+        ok(n == 16 ? status == SPIN_OK && tiles.n_pairs == SPIN_MAX_PAIRS
+                   : status == SPIN_E_MEMORY && strstr(spin_last_error(), "285212672 pairs"),
+           "%zu times 2^24 pairs: %s", n, n == 16 ? "as many as there may be" : "an error");
+    }
+    camera.width = camera.height = 16;
+    for (int turn = 0; turn < 2; turn++) {
+        struct spin_cam cam = spin_cam_from(&camera);
+        size_t n = (size_t)1 << 56;
+
+        ok(d->op->tile_count(d, &cam, n, s, &tiles) == SPIN_E_MEMORY,
+           "no memory for the lists: an error");
+        ok(d->op->wait(d) == SPIN_OK, "which has been told");
+        ok(d->op->active(d, n, nothing, nothing, rows) == 0, "no memory for the rows: none");
+        ok(d->op->wait(d) == SPIN_E_MEMORY && strstr(spin_last_error(), "bytes"),
+           "and wait() tells it");
+        ok(d->op->wait(d) == SPIN_OK, "once");
+    }
+    free(s);
+}
+
 TAP_MAIN
 {
     static const char *const names[] = {"render_a", "render_b", "render_c", "render_d",
@@ -206,6 +249,7 @@ TAP_MAIN
         many(d, 3000, 3);
         many(d, 500, 40);
         none(d);
+        too_many(d);
         check_device_free(d);
         same_bits(cpu_paths[i]);
     }

@@ -122,6 +122,46 @@ static void test_scale(void)
     spin_views_free(&views);
 }
 
+/* The centre of a camera that does not turn. */
+static void stand_at(struct spin_view *view, double x) { view->camera.w2c[3] = -x; }
+
+static void test_extent(void)
+{
+    struct spin_views views;
+    double still;
+
+    make_views(&views, 1, 0);
+    stand_at(&views.view[0], 0.1);
+    stand_at(&views.view[1], 0.7);
+    still = spin_views_extent(&views);
+    spin_views_free(&views);
+    make_views(&views, 5, 0);
+    for (size_t i = 0; i < views.n; i++)
+        stand_at(&views.view[i], i % 3 == 0 ? 0.1 : i % 3 == 1 ? 0.7 : 50);
+    ok(spin_views_extent(&views) == still, "cameras that stand still: the same bits as of a frame");
+    stand_at(&views.view[3 * 4 + 2], 90);
+    ok(spin_views_extent(&views) == still, "whatever a test camera does");
+    stand_at(&views.view[3 * 2], 1.3);
+    near(spin_views_extent(&views), 1.1 * 0.6, 1e-12, "where a camera goes counts as well, once");
+    spin_views_free(&views);
+
+    make_views(&views, 4, 0);
+    for (size_t i = 0; i < views.n; i++) {
+        views.view[i].test = views.view[i].camera_id > 0;
+        stand_at(&views.view[i], (double)views.view[i].row);
+    }
+    near(spin_views_extent(&views), 1.1 * 1.5, 1e-12, "one camera that moves has an extent");
+    for (size_t i = 0; i < views.n; i++)
+        stand_at(&views.view[i], 3);
+    near(spin_views_extent(&views), 0, 0, "one camera in one place has none");
+    for (size_t i = 0; i < views.n; i++) {
+        views.view[i].test = true;
+        stand_at(&views.view[i], views.view[i].camera_id);
+    }
+    near(spin_views_extent(&views), 1.1, 1e-12, "without training cameras it is that of all");
+    spin_views_free(&views);
+}
+
 static void test_find(void)
 {
     const struct spin_importer *found = NULL;
@@ -218,6 +258,7 @@ TAP_MAIN
     test_pairs();
     test_split();
     test_scale();
+    test_extent();
     test_find();
     test_pixels();
 }

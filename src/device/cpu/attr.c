@@ -105,10 +105,12 @@ size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, co
     int chunks = n_chunks(n);
     uint32_t *scratch =
         spin_cpu_scratch_need(d, SPIN_SCRATCH_ACTIVE, (n + (size_t)chunks + 1) * sizeof *scratch);
-    struct job job = {
-        .n = n, .d_attr = d_attr, .d_pos_w = d_pos_w, .found = scratch, .count = scratch + n};
+    struct job job = {.n = n, .d_attr = d_attr, .d_pos_w = d_pos_w, .found = scratch};
     size_t total = 0;
 
+    if (!scratch)
+        return 0;
+    job.count = scratch + n;
     spin_pool_run(spin_cpu_pool(d), chunks, active_task, &job);
     for (int c = 0; c < chunks; c++) {
         memcpy(rows + total, job.found + (size_t)c * CHUNK, job.count[c] * sizeof *rows);

@@ -538,6 +538,8 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_cam *cam, siz
 
     job.slots = spin_cpu_scratch_need(d, SPIN_SCRATCH_BLEND,
                                       ((size_t)tiles->n_pairs + 1) * sizeof *job.slots);
+    if (!job.slots)
+        return;
     spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, back_task, &job);
     spin_pool_run(spin_cpu_pool(d), (int)((n + REDUCE_CHUNK - 1) / REDUCE_CHUNK), reduce_task,
                   &job);

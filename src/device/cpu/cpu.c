@@ -42,14 +42,13 @@ static void close_cpu(struct spin_device *d)
 
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)
 {
-    struct spin_scratch *scratch = &((struct spin_cpu *)d->state)->scratch[which];
+    struct spin_cpu *cpu = d->state;
 
-    if (spin_scratch_need(scratch, bytes) != SPIN_OK) {
-        fprintf(stderr, "spin4d: out of memory for the scratch of an operation: %s\n",
-                spin_last_error());
-        exit(1);
-    }
-    return scratch->block;
+    if (spin_scratch_need(&cpu->scratch[which], bytes) == SPIN_OK)
+        return cpu->scratch[which].block;
+    if (!cpu->no_memory[0])
+        snprintf(cpu->no_memory, sizeof cpu->no_memory, "%s", spin_last_error());
+    return NULL;
 }
 
 static spin_status reserve(struct spin_device *d, size_t bytes, void **out)
@@ -78,10 +77,15 @@ static void zero(struct spin_device *d, void *block, size_t bytes)
     memset(block, 0, bytes);
 }
 
-static spin_status wait(struct spin_device *d)
+spin_status SPIN_CPU(wait)(struct spin_device *d)
 {
-    (void)d;
-    return SPIN_OK;
+    struct spin_cpu *cpu = d->state;
+
+    if (!cpu->no_memory[0])
+        return SPIN_OK;
+    spin_fail(SPIN_E_MEMORY, "%s", cpu->no_memory);
+    cpu->no_memory[0] = '\0';
+    return spin_more(SPIN_E_MEMORY, "scratch of an operation");
 }
 
 static size_t memory(struct spin_device *d)
@@ -100,7 +104,7 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .up = copy,
     .down = copy,
     .zero = zero,
-    .wait = wait,
+    .wait = SPIN_CPU(wait),
     .memory = memory,
     .contract = SPIN_CPU(contract),
     .contract_back = SPIN_CPU(contract_back),

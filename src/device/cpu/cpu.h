@@ -28,11 +28,14 @@ enum spin_cpu_scratch {
 struct spin_cpu {
     struct spin_pool *pool;
     struct spin_scratch scratch[SPIN_SCRATCHES];
+    char no_memory[128]; /* why an op could not; "": all could */
 };
 
-/* 64-byte aligned, contents undefined. */
+/* 64-byte aligned, contents undefined. NULL without memory: the op leaves its results as they are, and
+ * the next wait() reports it. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
+spin_status SPIN_CPU(wait)(struct spin_device *d);
 
 static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
 {
@@ -86,10 +89,10 @@ void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_cam *cam, s
                             const struct spin_splat2d_grad *d_splat2d, float *d_attr,
                             float *d_pos_w);
 /* tile.c */
-void SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
-                          struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-void SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
-                         const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
+spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                                 struct spin_splat2d *splat2d, struct spin_tiles *tiles);
+spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                                const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
 /* blend.c */
 void SPIN_CPU(blend)(struct spin_device *d, const struct spin_cam *cam,
                      const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,

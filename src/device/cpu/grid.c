@@ -608,9 +608,12 @@ void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, co
                            .d_table = d_table,
                            .d_x_u = d_x_u};
 
-    if (d_x_u)
+    if (d_x_u) {
         job.d_x = spin_cpu_scratch_need(d, SPIN_SCRATCH_GRID,
                                         (size_t)grid->n_levels * n_rows * sizeof(quad));
+        if (!job.d_x)
+            return;
+    }
     spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_back_task, &job);
     if (d_x_u)
         spin_pool_run(spin_cpu_pool(d), n_tasks_of(n_rows, CHUNK), sum_levels_task, &job);

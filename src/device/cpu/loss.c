@@ -255,6 +255,10 @@ void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *i
     scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS,
                                     3 * sums * sizeof(double) +
                                         (3 * plane + workers * job.rows_floats) * sizeof(float));
+    if (!scratch) {
+        values[0] = values[1] = values[2] = 0;
+        return;
+    }
     job.l1 = (double *)scratch;
     job.ssim = job.l1 + sums;
     job.mass = job.ssim + sums;

@@ -323,6 +323,8 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
     job.work_floats = BLOCK * (2 * padded(heads->hidden) + widest_out(heads));
     scratch = spin_cpu_scratch_need(
         d, SPIN_SCRATCH_MLP, (job.turned.n_floats + n_workers * job.work_floats) * sizeof *scratch);
+    if (!scratch)
+        return;
     pack(&job.turned, param, scratch);
     job.turned_w = scratch;
     job.work = scratch + job.turned.n_floats;
@@ -532,6 +534,8 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
     floats = job.turned.n_floats + (1 + (size_t)job.n_tasks) * job.plain.n_floats +
              n_workers * job.work_floats;
     scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_MLP, floats * sizeof *scratch);
+    if (!scratch)
+        return;
     pack(&job.turned, param, scratch);
     job.turned_w = scratch;
     scratch += job.turned.n_floats;

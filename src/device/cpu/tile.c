@@ -6,10 +6,9 @@
  * Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get no pair (trim):
  * the pixels would skip it anyway. */
 #include <limits.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "device/cpu/cpu.h"
 #include "device/cpu/pairs.h"
 #include "math/blend.h"
@@ -276,8 +275,8 @@ static uint64_t sum_parts(struct job *job, uint32_t *highest)
     return pairs;
 }
 
-void SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
-                          struct spin_splat2d *splat2d, struct spin_tiles *tiles)
+spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                                 struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
     struct job job = {.cam = cam, .n = n, .parts = parts_of(n), .splat2d = splat2d};
     uint32_t highest;
@@ -288,24 +287,26 @@ void SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, siz
         d, SPIN_SCRATCH_TILE, 64 + n * (2 * sizeof *job.from + sizeof *job.rect + sizeof *job.key));
     job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
                                       (size_t)MAX_PARTS * MAX_BUCKETS * sizeof *job.count);
+    if (!sorted || !job.count)
+        return SPIN_CPU(wait)(d);
     job.from = (struct entry *)((char *)sorted + 64);
     job.to = job.from + n;
     job.rect = (struct rect *)(job.to + n);
     job.key = (uint32_t *)(job.rect + n);
     spin_pool_run(spin_cpu_pool(d), job.parts, trim_task, &job);
     pairs = sum_parts(&job, &highest);
-    if (pairs > UINT32_MAX) {
-        fprintf(stderr,
-                "spin4d: cannot draw a view: %llu pairs of splats and tiles are more than 2^32\n",
-                (unsigned long long)pairs);
-        exit(1);
-    }
+    if (pairs > SPIN_MAX_PAIRS)
+        return spin_fail(SPIN_E_MEMORY,
+                         "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
+                         "the splats are too large, or the image is",
+                         (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
     spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
     sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);
     sorted->n = job.n_sorted;
     sorted->entry = job.from;
     sorted->rect = job.rect;
     tiles->n_pairs = (uint32_t)pairs;
+    return SPIN_OK;
 }
 
 /* The tiles of a rectangle, row by row, in one loop: two would be guessed wrong twice a splat. */
@@ -389,8 +390,8 @@ static void tile_move_task(void *context, int part, int worker)
     }
 }
 
-void SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
-                         const struct spin_splat2d *splat2d, struct spin_tiles *tiles)
+spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                                const struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
     const struct sorted *sorted = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, sizeof *sorted);
     size_t n_tiles = (size_t)cam->tiles_x * (size_t)cam->tiles_y;
@@ -402,7 +403,10 @@ void SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size
     job.rect = sorted->rect;
     job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
                                       MAX_PARTS * corners_of(cam) * sizeof *job.count);
+    if (!job.count)
+        return SPIN_CPU(wait)(d);
     spin_pool_run(spin_cpu_pool(d), job.parts, tile_count_task, &job);
     tiles->start[n_tiles] = counts_to_places(&job, n_tiles, corners_of(cam), tiles->start);
     spin_pool_run(spin_cpu_pool(d), job.parts, tile_move_task, &job);
+    return SPIN_OK;
 }

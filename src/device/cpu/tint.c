@@ -64,6 +64,8 @@ void SPIN_CPU(tint_back)(struct spin_device *d, size_t n_pixels, const float *ti
     struct job j = {n_pixels, (n_pixels + CHUNK - 1) / CHUNK, tint, image, d_image, NULL};
 
     j.sums = spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS, 3 * j.n_chunks * SUMS * sizeof(double));
+    if (!j.sums)
+        return;
     spin_pool_run(spin_cpu_pool(d), (int)(3 * j.n_chunks), backward, &j);
     for (size_t channel = 0; channel < 3; channel++) {
         double sum[SUMS] = {0, 0};
