@@ -26,6 +26,12 @@ static inline const char *path_in(const char *folder, const char *name)
 }
 
 /* An empty folder; check_folder() only has a few. */
+/* Of some methods the repository holds fewer runs than the larger set. */
+static inline bool has(const char *root, const char *name)
+{
+    return spin_path_exists(path_in(root, name));
+}
+
 static inline const char *new_folder(void)
 {
     static const char *parent;

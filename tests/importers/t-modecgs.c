@@ -160,7 +160,7 @@ static void test_lies(const char *folder)
     unlink(path_in(save, "canonical_times.npy"));
     unlink(path_in(model, "cfg_args"));
     model_fails("modecgs", model, NULL, NULL, "no cfg_args", "no cfg_args");
-    other = check_fixture("4dgaussian/dnerf_like/model");
+    other = check_fixture("4dgaussian/coarse_and_fine/model");
     if (other)
         model_fails("modecgs", other, NULL, other, "4DGaussians", "a run of 4DGaussians");
 }

@@ -93,15 +93,21 @@ static void compare_static(const char *folder)
     struct spin_npz npz;
     struct spin_splats s = {0};
     struct table xyz, scaling, opacity, dc;
-    size_t row[150];
+    spin_json *manifest = load_manifest(folder);
+    double number = 0;
+    size_t *row, n;
     struct run run;
 
-    for (size_t i = 0; i < 150; i++)
+    spin_json_number(spin_json_get(manifest, "num_gaussians"), &number);
+    spin_json_free(manifest);
+    n = (size_t)number;
+    row = malloc((n + 1) * sizeof *row);
+    for (size_t i = 0; i < n; i++)
         row[i] = i;
     if (!ok(run_open(NULL, folder, &run) == SPIN_OK && !run.track.continuous &&
-                run.track.n_frames == 1 && run.track.counts[0] == 150,
-            "dim3_static: one frame of 150") ||
-        run.importer->frame(run.self, 0, 7, run.track.columns, &s) != SPIN_OK || s.n != 150 ||
+                run.track.n_frames == 1 && run.track.counts[0] == n,
+            "dim3_static: one frame of %zu", n) ||
+        run.importer->frame(run.self, 0, 7, run.track.columns, &s) != SPIN_OK || s.n != n ||
         spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK) {
         ok(0, "dim3_static: %s", spin_last_error());
         return;
@@ -115,6 +121,7 @@ static void compare_static(const char *folder)
     compare_rows(&opacity, 0, row, s.n, s.logit_opacities, 1, 1e-4, 0, "dim3_static: opacities");
     compare_rows(&dc, 0, row, s.n, s.sh, 48, 0, 0, "dim3_static: colours, exactly");
     check_sane(&s, run.track.columns, "dim3_static: nothing odd");
+    free(row);
     free(xyz.value);
     free(scaling.value);
     free(opacity.value);
@@ -204,6 +211,8 @@ static void test_conventions(const char *root)
     for (int i = 0; i < 4; i++) {
         const char *path = path_in(root, names[i]);
 
+        if (!has(root, names[i]))
+            continue;
         ok(run_open(FROM, path, &run) == SPIN_OK &&
                strstr(run.track.notes, i == 2 ? "guessed 'older'" : "guessed 'today'"),
            "%s: the convention is guessed right, and the notes say that it is a guess", names[i]);
@@ -218,7 +227,7 @@ static void test_conventions(const char *root)
            "%s: the right one is not", names[i]);
         run_close(&run);
     }
-    fails_with(FROM, path_in(root, names[0]), odd, "expected auto, today or older",
+    fails_with(FROM, path_in(root, "rot4d_noshfs"), odd, "expected auto, today or older",
                "a convention that is none");
 }
 
@@ -226,10 +235,12 @@ static void test_notes(const char *root)
 {
     struct run run;
 
-    ok(run_open(FROM, path_in(root, "rot4d_sh3d_env"), &run) == SPIN_OK &&
-           strstr(run.track.notes, "environment map is lost"),
-       "the loss of an environment map is noted");
-    run_close(&run);
+    if (has(root, "rot4d_sh3d_env")) {
+        ok(run_open(FROM, path_in(root, "rot4d_sh3d_env"), &run) == SPIN_OK &&
+               strstr(run.track.notes, "environment map is lost"),
+           "the loss of an environment map is noted");
+        run_close(&run);
+    }
     ok(run_open(FROM, path_in(root, "rot4d_noshfs"), &run) == SPIN_OK && run.track.sh_degree == 2,
        "only the active degree is there");
     run_close(&run);
@@ -533,9 +544,11 @@ TAP_MAIN
         return;
     }
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        compare_fixture(path_in(root, names[i]), names[i]);
+        if (has(root, names[i]))
+            compare_fixture(path_in(root, names[i]), names[i]);
     compare_static(path_in(root, "dim3_static"));
-    test_times(root);
+    if (has(root, "rot4d_sht"))
+        test_times(root);
     test_conventions(root);
     test_notes(root);
     ok(read_truncations(FROM, path_in(root, "dim3_static/chkpnt7000.pth")) == 0,
