@@ -19,16 +19,19 @@ static void compare_time(struct spin_npz *npz, int index, double extent, const c
 {
     struct spin_array sh;
     double *unused = check_load(npz, "sh", &sh);
-    struct expected xyz = {npz, 2e-5 * extent, 0, name}, rot = {npz, 2e-5, 0, name};
-    struct expected raw = {npz, 5e-5, 0, name};
+    struct expected xyz = {npz, bound("xyz").abs * extent, 0, name};
+    struct expected rot = {npz, bound("rot").abs, 0, name};
+    struct expected scale = {npz, bound("scale_raw").abs, 0, name};
+    struct expected opaque = {npz, bound("opacity").abs, 0, name};
+    struct expected colour = {npz, bound("sh").abs, 0, name};
     uint64_t first = (uint64_t)index * s->n;
     float *opacity = map_values(s->logit_opacities, s->n, sigmoid);
 
     compare(&xyz, "xyz", 3 * first, 3 * s->n, s->means);
     compare(&rot, "rot", 4 * first, 4 * s->n, s->quats);
-    compare(&raw, "scale_raw", 3 * first, 3 * s->n, s->log_scales);
-    compare(&rot, "opacity", first, s->n, opacity);
-    compare(&raw, "sh", unused && sh.shape[0] > 1 ? 48 * first : 0, 48 * s->n, s->sh);
+    compare(&scale, "scale_raw", 3 * first, 3 * s->n, s->log_scales);
+    compare(&opaque, "opacity", first, s->n, opacity);
+    compare(&colour, "sh", unused && sh.shape[0] > 1 ? 48 * first : 0, 48 * s->n, s->sh);
     free(opacity);
     free(unused);
 }
@@ -43,6 +46,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
     struct run run;
     double *times;
 
+    bounds_of = folder;
     if (!ok(model_open("4dgaussian", path, pairs, &run) == SPIN_OK, "%s: opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;

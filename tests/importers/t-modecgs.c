@@ -26,6 +26,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
     double *times, *want, *keep, *rows;
     size_t n;
 
+    bounds_of = folder;
     if (!ok(model_open("modecgs", path, pairs, &run) == SPIN_OK, "%s: opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;
@@ -50,7 +51,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
         if (ok(run.importer->frame(run.self, 0, times[t], run.track.columns, &s) == SPIN_OK &&
                    s.n == kept,
                "%s are read", what))
-            check_close(s.means, rows, 3 * kept, 2e-5, 0, what);
+            check_close(s.means, rows, 3 * kept, bound("centre").abs, 0, what);
         else
             printf("#   %s\n", spin_last_error());
     }
