@@ -94,8 +94,8 @@ config: ## what was found, and if not, why
 	@sh tests/setup.sh --report "$(CC)" "$(CXX)"
 	@echo "cpu paths:   $(PATHS)"
 
-setup: ## install what is missing (Debian/Ubuntu), or print the line to type
-	@sh tests/setup.sh
+setup: ## install what building and testing lack (Debian/Ubuntu), or print the line to type
+	@sh tests/setup.sh --tests
 
 setup-video: ## install FFmpeg's libraries, so that videos open as they are
 	@sh tests/setup.sh --video
@@ -105,8 +105,10 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/demo.sh $(B)/bin
 
+# What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
 test: ## all tests; K=word selects
-	@sh tests/setup.sh
+	@sh tests/setup.sh $(if $(wildcard build/test-needs),,--tests)
+	@mkdir -p build && touch build/test-needs
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 

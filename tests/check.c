@@ -148,17 +148,111 @@ float *check_load_f32(struct spin_npz *npz, const char *key, struct spin_array *
     return values;
 }
 
+/* The manifest that came with core/<file>: two sets of fixtures may both be in use. */
+static const spin_json *manifest_of(const char *file)
+{
+    static struct {
+        char path[PATH_BYTES];
+        spin_json *json;
+    } known[RING];
+    char path[PATH_BYTES], name[PATH_BYTES];
+    const char *found;
+    int i = 0;
+
+    snprintf(name, sizeof name, "core/%s", file);
+    found = check_fixture(name);
+    if (!found)
+        return NULL;
+    snprintf(path, sizeof path, "%.*s/manifest.json", (int)(strlen(found) - strlen(file) - 1),
+             found);
+    while (i < RING && known[i].json && strcmp(known[i].path, path) != 0)
+        i++;
+    if (i == RING || (!known[i].json && spin_json_load(path, &known[i].json) != SPIN_OK))
+        give_up("the manifest of fixtures");
+    memcpy(known[i].path, path, sizeof path);
+    return known[i].json;
+}
+
+static const spin_json *entry_of(const char *file)
+{
+    return spin_json_get(spin_json_get(manifest_of(file), "files"), file);
+}
+
 double check_tolerance(const char *file, const char *key, double fallback)
 {
-    static spin_json *manifest;
-    const char *path = manifest ? NULL : check_fixture("core/manifest.json");
-    const spin_json *entry;
+    const spin_json *entry = spin_json_get(entry_of(file), "tolerance");
     double value;
 
-    if (path && spin_json_load(path, &manifest) != SPIN_OK)
-        give_up("check_tolerance");
-    entry = spin_json_get(spin_json_get(spin_json_get(manifest, "files"), file), "tolerance");
     return spin_json_number(spin_json_get(entry, key), &value) ? value : fallback;
+}
+
+const spin_json *check_meta(const char *file) { return spin_json_get(entry_of(file), "meta"); }
+
+double check_setting_or(const char *file, const char *path, double fallback)
+{
+    const spin_json *at = check_meta(file);
+    const char *dot;
+    char key[64];
+    double value;
+
+    for (; (dot = strchr(path, '.')); path = dot + 1) {
+        snprintf(key, sizeof key, "%.*s", (int)(dot - path), path);
+        at = spin_json_get(at, key);
+    }
+    return spin_json_number(spin_json_get(at, path), &value) ? value : fallback;
+}
+
+double check_setting(const char *file, const char *path)
+{
+    double value = check_setting_or(file, path, NAN);
+
+    if (isnan(value)) {
+        spin_fail(SPIN_E_MALFORMED, "the manifest has no number meta.%s of %s", path, file);
+        give_up("check_setting");
+    }
+    return value;
+}
+
+enum { MOST_NAMES = 64 };
+
+/* Names are kept until the program ends. */
+static void add_name(const char **names, size_t *n, const char *name, size_t length)
+{
+    if (*n + 1 == MOST_NAMES || !(names[*n] = strndup(name, length))) {
+        spin_fail(SPIN_E_USAGE, "too many names");
+        give_up("check");
+    }
+    names[++*n] = NULL;
+}
+
+/* Entries of a folder of fixtures: those that hold `file`, or with an ending those of this prefix. */
+static const char **entries_of(const char *folder, const char *prefix, const char *ending,
+                               const char *file)
+{
+    const char **found = calloc(MOST_NAMES, sizeof *found), *root = check_fixture(folder);
+    char **names = NULL, path[PATH_BYTES];
+    size_t n = 0, n_names = 0;
+
+    if (root && spin_folder_list(root, &names, &n_names) != SPIN_OK)
+        give_up(folder);
+    for (size_t i = 0; found && i < n_names; i++) {
+        size_t length = strlen(names[i]), cut = strlen(ending);
+
+        snprintf(path, sizeof path, "%s/%s/%s", root, names[i], file);
+        if (length > cut && strcmp(names[i] + length - cut, ending) == 0 &&
+            strncmp(names[i], prefix, strlen(prefix)) == 0 && (!*file || spin_path_exists(path)))
+            add_name(found, &n, names[i], length - cut);
+    }
+    spin_folder_list_free(names);
+    ok(n > 0, "there are fixtures %s/%s*", folder, prefix);
+    return found;
+}
+
+const char **check_files(const char *prefix) { return entries_of("core", prefix, ".npz", ""); }
+
+const char **check_cases(const char *folder, const char *file)
+{
+    return entries_of(folder, "", "", file);
 }
 
 /* ---- Comparing ----------------------------------------------------------------------------- */

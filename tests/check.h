@@ -3,6 +3,7 @@
 #define SPIN_TESTS_CHECK_H
 
 #include "device/device.h"
+#include "io/json.h"
 #include "io/npy.h"
 
 /* $SPIN_FIXTURES/name, else ../shared/fixtures/name, else fixtures/name. Static buffer ring of 8. NULL
@@ -18,13 +19,24 @@ float *check_load_f32(struct spin_npz *npz, const char *key, struct spin_array *
 int check_close(const float *got, const double *want, size_t n, double abs, double rel,
                 const char *what);
 /* max|got - want| <= tol * max|want|. */
-int check_rel_to_absmax(const float *got, const double *want, size_t n, double tol, const char *what);
+int check_rel_to_absmax(const float *got, const double *want, size_t n, double tol,
+                        const char *what);
 
 /* Same bits. */
 int check_same_bits(const void *got, const void *want, size_t bytes, const char *what);
 
-/* Numbers out of core/manifest.json: files.<file>.tolerance.<key>, or `fallback`. */
+/* Numbers out of core/manifest.json beside core/<file>: files.<file>.tolerance.<key>, or `fallback`. */
 double check_tolerance(const char *file, const char *key, double fallback);
+/* files.<file>.meta of the same manifest, NULL when there is none. */
+const spin_json *check_meta(const char *file);
+/* A number in it, "a.b" for b in a; a test that lacks one ends here, as a failure. */
+double check_setting(const char *file, const char *path);
+/* The same, or `fallback`: for what may be missing and can be told from the arrays. */
+double check_setting_or(const char *file, const char *path, double fallback);
+/* Names of the npz files in core/ that begin so, without ".npz"; ended by NULL. */
+const char **check_files(const char *prefix);
+/* The folders in a folder of fixtures that have this file; ended by NULL. */
+const char **check_cases(const char *folder, const char *file);
 
 /* A device for tests: cpu with n threads; fails the test program when it cannot be had. */
 struct spin_device *check_device(int n_threads);

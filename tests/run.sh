@@ -1,5 +1,6 @@
 #!/bin/sh
-# run.sh BUILD_DIR [WORD]: run the built tests from the root of the repository; prints a summary.
+# run.sh BUILD_DIR [WORD]: run the built tests from the root of the repository; prints a summary, and
+# what was skipped with the reason.
 #
 # Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts) and BUILD_DIR/tests/fuzz/fuzz-*
 # on the saved finds in fixtures/hostile/<name>/. With WORD only those whose source path contains
@@ -23,7 +24,8 @@ SPIN_BUILD=$B
 export SPIN_FIXTURES SPIN_BIN SPIN_BUILD ASAN_OPTIONS UBSAN_OPTIONS TSAN_OPTIONS
 
 out=$(mktemp) || exit 1
-trap 'rm -f "$out"' EXIT
+skips=$(mktemp) || exit 1
+trap 'rm -f "$out" "$skips"' EXIT
 trap 'exit 130' INT TERM
 total_passed=0 total_failed=0 total_skipped=0 programs=0
 
@@ -45,6 +47,7 @@ run() {
     timeout "$LIMIT" "$@" >"$out" 2>&1 </dev/null
     code=$?
     skipped=$(grep -c '^ok .*# SKIP' "$out")
+    sed -n "s|^ok [0-9]* - \(.*\) # SKIP \(.*\)|skip $name: \1: \2|p" "$out" >>"$skips"
     passed=$(($(grep -c '^ok ' "$out") - skipped))
     failed=$(grep -c '^not ok ' "$out")
     reason=
@@ -91,5 +94,6 @@ done
 if [ "$programs" -eq 0 ]; then
     echo "nothing to run: no test was built in '$B' that matches '$WORD'"
 fi
+sort "$skips" | uniq -c | sed 's/^ *1 //; s/^ *\([0-9]*\) \(.*\)/\2 (\1 times)/'
 echo "$total_passed passed, $total_failed failed, $total_skipped skipped"
 [ "$programs" -gt 0 ] && [ "$total_failed" -eq 0 ]

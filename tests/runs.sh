@@ -9,17 +9,17 @@ importers_of_runs() { # BIN_DIR
 
 run_of() { # IMPORTER: one of its runs, inside the large fixtures
     case $1 in
-    4dgaussian) echo 4dgaussian/dnerf_like/model ;;
+    4dgaussian) echo 4dgaussian/coarse_and_fine/model ;;
     3dgstream) echo 3dgstream ;;
     d3dgs) echo d3dgs/cloud ;;
-    dash) echo dash/levels16_dim4/model ;;
+    dash) echo dash/default_like/model ;;
     deformable3dgs) echo deformable3dgs/real_small/model ;;
     grid4d) echo grid4d/dnerf_like/model ;;
     modecgs) echo modecgs/default_like/model ;;
     omg4) echo omg4/comp_xz ;;
     ply) echo ply/inria_sh3 ;;
-    realtime4dgs) echo realtime4dgs/rot4d_sht ;;
-    rotor4dgs) echo rotor4dgs/dnerf_like ;;
+    realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
+    rotor4dgs) echo rotor4dgs/old_names ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac
 }

@@ -1,17 +1,25 @@
 #!/bin/sh
 # setup.sh: install what the build needs and this machine lacks (Debian, Ubuntu), or print the line to
 # type. setup.sh --report [CC [CXX]]: say what is there. setup.sh --video: with what videos need, which no
-# build does.
+# build does. setup.sh --tests: with all that a test is skipped without; what of that cannot be installed
+# is said, and no failure.
 CC=${2:-${CC:-gcc}}
 CXX=${3:-${CXX:-g++}}
 
 have() { command -v "$1" >/dev/null 2>&1; }
 
 video=
-if [ "${1:-}" = --video ]; then
+tests=
+case ${1:-} in
+--video)
     video='libavformat-dev libavcodec-dev libswscale-dev'
     shift
-fi
+    ;;
+--tests)
+    tests=yes
+    shift
+    ;;
+esac
 
 # One run of the preprocessor tells which headers are missing.
 missing_headers() {
@@ -35,6 +43,19 @@ missing_packages() {
         echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev \
             "$video"
     fi
+}
+
+has_header() { printf '#include <%s>\n' "$1" | $CXX -E -x c++ - >/dev/null 2>&1; }
+has_numpy() { "$1" -c 'import numpy' 2>/dev/null; }
+
+# What only tests need: without it some are skipped.
+missing_for_tests() {
+    for pair in libavformat-dev:libavformat/avformat.h libavcodec-dev:libavcodec/avcodec.h \
+        libswscale-dev:libswscale/swscale.h libdnnl-dev:oneapi/dnnl/dnnl.hpp; do
+        has_header "${pair#*:}" || echo "${pair%%:*}"
+    done
+    has_numpy python3 || has_numpy /usr/bin/python3 || echo python3-numpy
+    have strace || echo strace
 }
 
 version_of() { # header macro: its value, as text
@@ -85,27 +106,39 @@ if [ "${1:-}" = --report ]; then
 fi
 
 packages=$(missing_packages | xargs)
-[ -z "$packages" ] && exit 0
+more=
+[ -n "$tests" ] && more=$(missing_for_tests | xargs)
+[ -z "$packages$more" ] && exit 0
 
 as_root=
 if [ "$(id -u)" != 0 ]; then
     as_root=sudo
 fi
-install="apt-get install -y --no-install-recommends $packages"
+install='apt-get install -y --no-install-recommends'
+can_install=
 if have apt-get && { [ -z "$as_root" ] || { have sudo && sudo -n true 2>/dev/null; }; }; then
-    echo "setup: installing $packages" >&2
+    can_install=yes
+    echo "setup: installing $packages $more" >&2
     export DEBIAN_FRONTEND=noninteractive
     $as_root apt-get update >&2 || echo 'setup: apt-get update failed, trying to install all the same' >&2
     # shellcheck disable=SC2086
-    if ! $as_root $install >&2; then
-        echo "setup: could not install; type: ${as_root:+sudo }$install" >&2
+    if [ -n "$packages" ] && ! $as_root $install $packages >&2; then
+        echo "setup: could not install; type: ${as_root:+sudo }$install $packages" >&2
         exit 1
     fi
+    # One by one: what one distribution lacks is no reason to be without the others.
+    for package in $more; do
+        $as_root $install "$package" >&2
+    done
     packages=$(missing_packages | xargs)
-    [ -z "$packages" ] && exit 0
+    [ -n "$tests" ] && more=$(missing_for_tests | xargs)
+fi
+[ -n "$more" ] && echo "setup: some tests will be skipped without: $more" >&2
+[ -z "$packages" ] && exit 0
+if [ -n "$can_install" ]; then
     echo "setup: still missing after the installation: $packages" >&2
     exit 1
 fi
 echo "setup: missing packages; type:" >&2
-echo "    sudo apt-get update && sudo $install" >&2
+echo "    sudo apt-get update && sudo $install $packages" >&2
 exit 1

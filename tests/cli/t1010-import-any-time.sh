@@ -2,6 +2,7 @@
 # K: realtime4dgs rotor4dgs omg4
 # Methods that are defined at any time: sampled evenly, at given times, and where a data set is.
 . tests/cli/lib.sh
+. tests/runs.sh
 
 # First and last time of what was imported.
 times_are() { # TIMES NAME
@@ -10,7 +11,7 @@ times_are() { # TIMES NAME
 }
 
 runs=$fixtures/realtime4dgs
-run_in=$runs/rot4d_sht
+run_in=$runs/rot4d_noshfs
 if [ ! -d "$run_in" ]; then
     skip "any time" "no fixtures at $run_in"
     done_testing
@@ -28,37 +29,32 @@ nothing_at "$work/none" "nothing was written"
 run "$bin/spin-import" "$run_in" -o "$work/five.spin" --frames 6 --json
 is "$code" 0 "--frames 6"
 is "$(member frames)" 6 "are six frames"
-times_are 0,5 "are spread over the whole time, both ends included"
-run "$bin/spin-import" "$run_in" -o "$work/times.spin" --times 2.565,0.5 --json
+times_are 0,1 "are spread over the whole time, both ends included"
+run "$bin/spin-import" "$run_in" -o "$work/times.spin" --times 0.865,0.5 --json
 is "$(member frames)" 2 "--times with two of them"
-times_are 2.565,0.5 "in their order"
-run "$bin/spin-import" "$run_in" -o "$work/twice.spin" --times 1,2,1
+times_are 0.865,0.5 "in their order"
+run "$bin/spin-import" "$run_in" -o "$work/twice.spin" --times 0.25,0.5,0.25
 fails 2 spin-import "a time that comes twice"
-err_has "frames 0 and 2 are both at time 1" "the frames are named"
+err_has "frames 0 and 2 are both at time 0.25" "the frames are named"
 nothing_at "$work/twice" "nothing was written"
 run "$bin/spin-import" "$run_in" -o "$work/part.spin" --frames 6 --range 1:3 --json
-times_are 1,2 "--range leaves out some of those sampled"
+times_are 0.2,0.4 "--range leaves out some of those sampled"
 
-# The data set of that run, with any image at hand in place of its own.
-picture=$fixtures/datasets/dynerf_mini/cam02/images/0001.png # of the same size
-if [ -f "$picture" ]; then
-    mkdir -p "$work/data/images"
-    cp "$run_in/transforms_train.json" "$work/data"
-    sed -n 's/.*"file_path": "\(.*\)".*/\1/p' "$run_in/transforms_train.json" |
-        while read -r image; do
-            cp "$picture" "$work/data/$image.png"
-        done
-    run "$bin/spin-import" "$run_in" --data "$work/data" -o "$work/data.spin" --json
-    is "$code" 0 "--data alone"
-    is "$(member frames)" 5 "samples at the data set's five times"
-    times_are 0,4 "as they are"
-    run "$bin/spin-import" "$run_in" --data "$work/data" -o "$work/cut.spin" --range 30:61 --json \
-        --pair order
-    is "$(member frames)" 2 "whose frame numbers --range picks from"
-fi
+# A data set of three times, with any picture at hand.
+stand_in "$work/data" "$clip/ims/0/000008.jpg"
+cameras "$work/data" 7 0.75
+run "$bin/spin-import" "$run_in" --data "$work/data" --data-from transforms:ending=.jpg \
+    -o "$work/data.spin" --json
+is "$code" 0 "--data alone"
+is "$(member frames)" 3 "samples at the data set's three times"
+times_are 0,0.75 "as they are"
+run "$bin/spin-import" "$run_in" --data "$work/data" --data-from transforms:ending=.jpg \
+    -o "$work/cut.spin" --range 1:3 --json --pair order
+is "$(member frames)" 2 "whose frame numbers --range picks from"
 
-for name in dnerf_like n3v_like_ddp old_names; do
-    run "$bin/spin-import" "$fixtures/rotor4dgs/$name" --frames 3 -o "$work/$name.spin" --json
+for path in "$fixtures"/rotor4dgs/*/; do
+    name=$(basename "$path")
+    run "$bin/spin-import" "$path" --frames 3 -o "$work/$name.spin" --json
     is "$code" 0 "rotor4dgs/$name is imported"
     is "$(member from)" rotor4dgs "rotor4dgs/$name: by its importer"
 done
@@ -71,7 +67,7 @@ done
 # A data set that counts its frames: they go over the whole time, and a note says so.
 mini=$fixtures/datasets/panoptic_mini
 if [ -d "$mini" ]; then
-    run "$bin/spin-import" "$fixtures/rotor4dgs/dnerf_like" --time-range 0,1 --from rotor4dgs \
+    run "$bin/spin-import" "$fixtures/rotor4dgs/old_names" --time-range 0,1 --from rotor4dgs \
         --data "$mini" -o "$work/mini.spin" --json
     is "$code" 0 "a data set without times"
     out_has "they are spread over the times 0 to 1" "is spread over the range"

@@ -8,7 +8,7 @@ times_are() { # TIMES NAME
     ok $? "$2"
 }
 
-model=$fixtures/4dgaussian/dynerf_like/model
+model=$fixtures/4dgaussian/coarse_and_fine/model
 if [ ! -d "$model" ]; then
     skip "frame times" "no fixtures at $model"
     done_testing

@@ -89,6 +89,6 @@ retrained() { # IMPORTER RADIUS LAST_TIME
     goes_out "$work/$1-c.spin" 3 "$1-retrained"
 }
 
-retrained realtime4dgs 7 5
+retrained realtime4dgs 7 1
 retrained 4dgaussian 4 1
 done_testing

@@ -8,10 +8,37 @@ struct fixture {
     struct spin_npz npz;
     struct spin_refine_cloud start;
     double *xyz_after, *scale_after, *opacity_after, *source, *pruned;
-    size_t n_after;
+    size_t n_after, clones, splits, n_pruned;
+    double prune_opacity; /* under it, and above every point that is to go */
     float *noise;
     size_t n_noise;
 };
+
+static size_t marked(struct fixture *f, const char *key)
+{
+    struct spin_array info;
+    double *mask = check_load(&f->npz, key, &info);
+    size_t n = 0;
+
+    for (size_t i = 0; i < info.count; i++)
+        n += mask[i] != 0;
+    free(mask);
+    return n;
+}
+
+/* An opacity that parts those that the reference pruned from the others. */
+static double between(const struct fixture *f)
+{
+    double below = 0, above = 1;
+
+    for (size_t i = 0; i < f->n_after; i++) {
+        if (f->pruned[i])
+            below = fmax(below, f->opacity_after[i]);
+        else
+            above = fmin(above, f->opacity_after[i]);
+    }
+    return (below + above) / 2;
+}
 
 static void load(struct fixture *f)
 {
@@ -50,6 +77,10 @@ static void load(struct fixture *f)
     f->pruned = check_load(&f->npz, "prune_opacity", NULL);
     f->noise = check_load_f32(&f->npz, "noise", &info);
     f->n_noise = (size_t)info.shape[0];
+    f->clones = marked(f, "clone");
+    f->splits = marked(f, "split_after_clone");
+    f->n_pruned = marked(f, "prune_opacity");
+    f->prune_opacity = check_setting_or("densify.npz", "prune_opacity", between(f));
     free(xyz);
     free(scale);
     free(quat);
@@ -95,7 +126,9 @@ static struct spin_densify_options options_of(struct fixture *f)
     struct spin_densify_options o;
 
     spin_densify_defaults(&o);
-    o.extent = 4;
+    o.extent = check_setting("densify.npz", "extent");
+    o.percent_dense = check_setting("densify.npz", "percent_dense");
+    o.gradient_threshold = check_setting("densify.npz", "threshold");
     o.normals = given_normals;
     o.context = f;
     return o;
@@ -112,7 +145,7 @@ static void compare(struct fixture *f, const struct spin_refine_cloud *c, const 
     for (size_t i = 0; i < f->n_after; i++) {
         const struct spin_refine_point *p = &c->point[k];
         int source = (int)f->source[i];
-        int kept = i < 60 - 26; /* the originals that were not split come first */
+        int kept = i < f->start.n - f->splits; /* the originals that were not split come first */
 
         if (pruned && pruned[i])
             continue;
@@ -144,16 +177,18 @@ static void against_reference(struct fixture *f)
 
     o.prune_opacity = 0;
     ok(spin_densify(&o, 1, &c, &change) == SPIN_OK, "densifies");
-    ok(change.clones == 3 && change.splits == 26 && change.pruned == 0, "3 clones, 26 splits");
+    ok(change.clones == f->clones && change.splits == f->splits && change.pruned == 0,
+       "%zu clones, %zu splits", f->clones, f->splits);
     compare(f, &c, NULL, "without pruning");
     spin_refine_cloud_free(&c);
 
     c = copy_of(&f->start);
-    o.prune_opacity = 0.005;
-    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && change.pruned == 9, "and prunes 9");
+    o.prune_opacity = f->prune_opacity;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && change.pruned == f->n_pruned,
+       "and prunes %zu", f->n_pruned);
     compare(f, &c, f->pruned, "with pruning");
-    ok(spin_refine_prune(&c, 0.005) == 0, "pruning again finds nothing");
-    ok(spin_refine_prune(&c, 1) == 80 && c.n == 0, "all are below opacity 1");
+    ok(spin_refine_prune(&c, f->prune_opacity) == 0, "pruning again finds nothing");
+    ok(spin_refine_prune(&c, 1) == f->n_after - f->n_pruned && c.n == 0, "all are below opacity 1");
     spin_refine_cloud_free(&c);
 }
 
@@ -165,6 +200,7 @@ static void capped(struct fixture *f)
     struct spin_refine_cloud c = copy_of(&f->start);
     double best = 0, second = 0;
     int first_place = -1, second_place = -1, found = 0;
+    size_t cap = c.n + 2;
 
     for (size_t i = 0; i < c.n; i++) {
         double mean = c.point[i].seen ? c.point[i].gradient / c.point[i].seen : 0;
@@ -178,14 +214,15 @@ static void capped(struct fixture *f)
     }
     o.normals = NULL;
     o.prune_opacity = 0;
-    o.max_points = 62;
-    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && c.n == 62, "a cap of 62 gives 62 points");
+    o.max_points = cap;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && c.n == cap, "a cap of %zu is reached", cap);
     ok(change.clones + change.splits == 2, "of two clones or splits");
     for (size_t i = c.n - 2 * change.splits - change.clones; i < c.n; i++)
         found +=
             c.point[i].p.dc[0] == (float)first_place || c.point[i].p.dc[0] == (float)second_place;
     ok(found == (int)(2 * change.splits + change.clones), "those with the largest gradients");
-    ok(spin_densify(&o, 2, &c, &change) == SPIN_OK && c.n == 62 && !change.clones && !change.splits,
+    ok(spin_densify(&o, 2, &c, &change) == SPIN_OK && c.n == cap && !change.clones &&
+           !change.splits,
        "at the cap nothing is added");
     spin_refine_cloud_free(&c);
 }
@@ -218,7 +255,9 @@ static void not_finite(struct fixture *f)
     struct spin_densify_change change;
     struct spin_refine_cloud c = copy_of(&f->start);
 
+    o.normals = NULL;
     o.prune_opacity = 0;
+    c.point[0].gradient = c.point[2].gradient = 0; /* neither cloned nor split */
     c.point[0].p.pos_w[1] = NAN;
     c.point[2].p.log_scale[0] = INFINITY;
     c.point[3].gradient = NAN;

@@ -1,27 +1,30 @@
-/* Refining one frame: forty iterations with two densifications against the reference, the same bits
+/* Refining one frame: iterations with densifications against the reference, the same bits
  * for any number of threads, and what the options promise.
  * K: golden threads refine */
 #include "core/refine.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
-enum { VIEWS = 3, STEPS = 40, W = 64, H = 48, POINTS = 90 };
-static const int densify_at[2] = {15, 30};
+/* STEPS: of the runs that no reference is for. */
+enum { MOST_VIEWS = 16, MOST_STEPS = 1000, STEPS = 40, MOST_DENSIFY = 16 };
 
 struct fixture {
     struct spin_npz npz;
-    struct spin_refine_view view[VIEWS];
-    float *truth; /* [3][3][H][W] */
-    float *noise[2];
-    size_t n_noise[2];
-    int order[STEPS];
+    int views, steps, n_densify;
+    struct spin_refine_view view[MOST_VIEWS];
+    size_t pixels; /* of a view */
+    float *truth;  /* [views][3][height][width] */
+    int densify_at[MOST_DENSIFY];
+    float *noise[MOST_DENSIFY];
+    size_t n_noise[MOST_DENSIFY];
+    int order[MOST_STEPS];
     struct spin_refine_cloud start;
 };
 
 /* What the watcher saw. */
 struct log {
     struct fixture *f;
-    struct spin_refine_step step[1000];
+    struct spin_refine_step step[MOST_STEPS];
     int n;
     int cancel_at;
 };
@@ -29,46 +32,73 @@ struct log {
 static void load_camera(struct fixture *f, int k)
 {
     struct spin_camera *c = &f->view[k].camera;
-    double *v[3];
-    const char *part[3] = {"intr", "R", "t"};
+    double *v[4];
+    const char *part[4] = {"intr", "R", "t", "size"};
 
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 4; i++) {
         char key[32];
 
         snprintf(key, sizeof key, "cam%d_%s", k, part[i]);
         v[i] = check_load(&f->npz, key, NULL);
     }
-    c->width = W, c->height = H;
+    c->width = (int)v[3][0], c->height = (int)v[3][1];
     c->fx = v[0][0], c->fy = v[0][1], c->cx = v[0][2], c->cy = v[0][3];
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
             c->w2c[4 * i + j] = v[1][3 * i + j];
         c->w2c[4 * i + 3] = v[2][i];
     }
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 4; i++)
         free(v[i]);
-    f->view[k].truth = f->truth + (size_t)k * 3 * W * H;
+    f->view[k].truth = f->truth + (size_t)k * 3 * f->pixels;
+}
+
+static double setting(const char *path) { return check_setting("refine.npz", path); }
+
+static void load_densifications(struct fixture *f)
+{
+    const spin_json *at = spin_json_get(check_meta("refine.npz"), "densify_iterations");
+
+    f->n_densify = (int)spin_json_length(at);
+    ok(f->n_densify > 0 && f->n_densify <= MOST_DENSIFY, "%d densifications", f->n_densify);
+    for (int i = 0; i < f->n_densify; i++) {
+        struct spin_array info;
+        char key[32];
+        int64_t iteration = 0;
+
+        spin_json_integer(spin_json_at(at, (size_t)i), &iteration);
+        f->densify_at[i] = (int)iteration;
+        snprintf(key, sizeof key, "noise_%d", f->densify_at[i]);
+        f->noise[i] = check_load_f32(&f->npz, key, &info);
+        f->n_noise[i] = (size_t)info.shape[0];
+    }
 }
 
 static void load(struct fixture *f)
 {
     struct spin_array info;
-    float *xyz = check_load_f32(&f->npz, "xyz0", NULL);
-    float *colour = check_load_f32(&f->npz, "color_u8", NULL);
-    double *order = check_load(&f->npz, "order", NULL);
+    float *xyz, *colour;
+    double *order = check_load(&f->npz, "order", &info);
+    size_t n;
 
-    f->truth = check_load_f32(&f->npz, "gt", NULL);
-    for (int k = 0; k < VIEWS; k++)
-        load_camera(f, k);
-    for (int i = 0; i < STEPS; i++)
+    f->steps = (int)info.count;
+    for (int i = 0; i < f->steps && i < MOST_STEPS; i++)
         f->order[i] = (int)order[i];
-    for (int i = 0; i < 2; i++) {
-        f->noise[i] = check_load_f32(&f->npz, i ? "noise_30" : "noise_15", &info);
-        f->n_noise[i] = (size_t)info.shape[0];
-    }
-    for (int i = 0; i < 3 * POINTS; i++)
+    f->truth = check_load_f32(&f->npz, "gt", &info);
+    f->views = (int)info.shape[0];
+    f->pixels = (size_t)(info.shape[2] * info.shape[3]);
+    if (!ok(f->steps <= MOST_STEPS && f->views <= MOST_VIEWS, "%d iterations, %d views", f->steps,
+            f->views))
+        exit(tap_done());
+    for (int k = 0; k < f->views; k++)
+        load_camera(f, k);
+    load_densifications(f);
+    xyz = check_load_f32(&f->npz, "xyz0", &info);
+    n = (size_t)info.shape[0];
+    colour = check_load_f32(&f->npz, "color_u8", NULL);
+    for (size_t i = 0; i < 3 * n; i++)
         colour[i] /= 255;
-    ok(spin_refine_init_from_points(NULL, POINTS, xyz, colour, &f->start) == SPIN_OK,
+    ok(spin_refine_init_from_points(NULL, n, xyz, colour, &f->start) == SPIN_OK,
        "starts from points and colours");
     free(xyz);
     free(colour);
@@ -78,9 +108,11 @@ static void load(struct fixture *f)
 static void given_normals(void *context, int iteration, size_t n, float *out)
 {
     struct fixture *f = ((struct log *)context)->f;
-    int k = iteration == densify_at[1];
+    int k = 0;
 
-    if (ok(iteration == densify_at[k] && n == f->n_noise[k], "iteration %d splits %zu points",
+    while (k + 1 < f->n_densify && f->densify_at[k] != iteration)
+        k++;
+    if (ok(iteration == f->densify_at[k] && n == f->n_noise[k], "iteration %d splits %zu points",
            iteration, n / 2))
         memcpy(out, f->noise[k], n * 3 * sizeof *out);
 }
@@ -89,28 +121,54 @@ static void watch(void *context, const struct spin_refine_step *step)
 {
     struct log *log = context;
 
-    if (log->n < 1000)
+    if (log->n < MOST_STEPS)
         log->step[log->n++] = *step;
     if (log->cancel_at == step->iteration)
         spin_cancel();
 }
 
-/* The fixture's settings (its manifest): rates for a scale of 2, another extent for
- * densification. */
-static struct spin_refine_options fixture_options(struct log *log)
+/* "1.6e-4*2 -> 1.6e-6*2 log-linear over 40": rates times the scale of the scene. */
+static void position_rates(double *from, double *to)
 {
+    const spin_json *lr = spin_json_get(check_meta("refine.npz"), "lr");
+    const char *text = spin_json_string(spin_json_get(lr, "xyz"));
+    double a, b, scale_a, scale_b;
+
+    *from = *to = NAN;
+    if (ok(text && sscanf(text, "%lf*%lf -> %lf*%lf", &a, &scale_a, &b, &scale_b) == 4,
+           "the manifest says how positions are learned")) {
+        *from = a * scale_a;
+        *to = b * scale_b;
+    }
+}
+
+/* The fixture's settings, of its manifest: the extent for densification is another than that of the
+ * rates. */
+static struct spin_refine_options fixture_options(struct fixture *f, struct log *log)
+{
+    const spin_json *background = spin_json_get(check_meta("refine.npz"), "background");
     struct spin_refine_options o;
+    double from, to, value;
 
     spin_refine_defaults(&o);
-    o.iterations = STEPS;
-    o.densify.extent = 28.40877342224121;
-    o.lr_position = 1.6e-4 * 2 / o.densify.extent;
-    o.lr_position_end = 1.6e-6 * 2 / o.densify.extent;
-    o.densify_at = densify_at;
-    o.n_densify_at = 2;
+    position_rates(&from, &to);
+    o.iterations = f->steps;
+    o.densify.extent = setting("extent");
+    o.lr_position = from / o.densify.extent;
+    o.lr_position_end = to / o.densify.extent;
+    o.lr_dc = setting("lr.f_dc");
+    o.lr_opacity = setting("lr.opacity");
+    o.lr_scale = setting("lr.scaling");
+    o.lr_rotation = setting("lr.rotation");
+    for (size_t c = 0; c < 3; c++)
+        if (spin_json_number(spin_json_at(background, c), &value))
+            o.background[c] = (float)value;
+    o.densify_at = f->densify_at;
+    o.n_densify_at = f->n_densify;
     o.keep_faint = true;
-    o.densify.gradient_threshold = 0.001474912976846099;
-    o.densify.prune_opacity = 0.06;
+    o.densify.gradient_threshold = setting("threshold");
+    o.densify.percent_dense = setting("percent_dense");
+    o.densify.prune_opacity = setting("prune_opacity");
     o.densify.normals = given_normals;
     o.densify.context = log;
     o.watch = watch;
@@ -151,7 +209,7 @@ static spin_status run(struct fixture *f, const struct spin_refine_options *o, c
 
     log->f = f;
     *cloud = copy_of(&f->start);
-    status = spin_refine_frame(d, o, f->view, VIEWS, order, cloud, stats);
+    status = spin_refine_frame(d, o, f->view, f->views, order, cloud, stats);
     check_device_free(d);
     return status;
 }
@@ -167,12 +225,19 @@ static int compare_doubles(const void *a, const void *b)
  * of 100 must not. The manifest allows ten times the worst group's deviation of PyTorch's own
  * float32; here each group is held to ten times its own. `first` and `width` are floats of a
  * row. */
-static void check_group(struct fixture *f, const struct spin_refine_cloud *c, const char *key,
-                        size_t first, size_t width, double torch_p95)
+static void check_group(struct fixture *f, const struct spin_refine_cloud *c, const char *group,
+                        size_t first, size_t width)
 {
     struct spin_array info;
-    double *want = check_load(&f->npz, key, &info), *off;
-    size_t n = (size_t)info.count, at;
+    char key[32], path[48];
+    double torch_p95, *want, *off;
+    size_t n, at;
+
+    snprintf(key, sizeof key, "final_%s", group);
+    snprintf(path, sizeof path, "float32_p95.%s", group);
+    torch_p95 = setting(path);
+    want = check_load(&f->npz, key, &info);
+    n = (size_t)info.count;
 
     if (!ok(n == c->n * width, "%s: as many points", key))
         return;
@@ -196,7 +261,7 @@ static void check_losses(struct fixture *f, const struct log *log)
     double tolerance = check_tolerance("refine.npz", "loss_abs", 7e-5), worst = 0;
     int counts = 1, views = 1;
 
-    for (int i = 0; i < STEPS; i++) {
+    for (int i = 0; i < f->steps; i++) {
         worst = fmax(worst, fabs(log->step[i].loss - loss[i]));
         counts &= log->step[i].n == (size_t)count[i];
         views &= log->step[i].view == f->order[i];
@@ -209,29 +274,47 @@ static void check_losses(struct fixture *f, const struct log *log)
     free(count);
 }
 
+/* What the manifest says of a densification: clones, splits, points pruned. */
+static void check_change(struct fixture *f, const struct log *log, int k, size_t *clones)
+{
+    const spin_json *list = spin_json_get(check_meta("refine.npz"), "clone_split_prune");
+    const spin_json *row = spin_json_at(list, (size_t)k);
+    const struct spin_refine_step *step = &log->step[f->densify_at[k] - 1];
+    int64_t want[3] = {-1, -1, -1};
+
+    for (size_t i = 0; i < 3; i++)
+        spin_json_integer(spin_json_at(row, i), &want[i]);
+    ok(step->densified && (int64_t)step->change.clones == want[0] &&
+           (int64_t)step->change.splits == want[1] && (int64_t)step->change.pruned == want[2],
+       "iteration %d: %d clones, %d splits, %d pruned", f->densify_at[k], (int)want[0],
+       (int)want[1], (int)want[2]);
+    *clones += (size_t)want[0];
+}
+
 static void against_reference(struct fixture *f)
 {
-    struct log log = {0}, again = {0};
-    struct spin_refine_options o = fixture_options(&log);
+    static struct log log, again;
+    struct spin_refine_options o = fixture_options(f, &log);
     struct spin_refine_cloud one, many;
     struct spin_refine_stats stats;
+    struct spin_array last;
+    size_t clones = 0;
 
-    ok(run(f, &o, f->order, 1, &log, &one, &stats) == SPIN_OK && log.n == STEPS, "40 iterations");
+    ok(run(f, &o, f->order, 1, &log, &one, &stats) == SPIN_OK && log.n == f->steps, "%d iterations",
+       f->steps);
     check_losses(f, &log);
-    ok(log.step[14].densified && log.step[14].change.clones == 25 &&
-           log.step[14].change.splits == 20 && log.step[14].change.pruned == 54,
-       "iteration 15: 25 clones, 20 splits, 54 pruned");
-    ok(log.step[29].densified && log.step[29].change.clones == 55 &&
-           log.step[29].change.splits == 2 && log.step[29].change.pruned == 19,
-       "iteration 30: 55 clones, 2 splits, 19 pruned");
-    ok(stats.n_first == 90 && stats.n_last == 119 && stats.densifications == 2 &&
-           stats.change.clones == 80 && stats.loss_last == log.step[39].loss,
+    for (int k = 0; k < f->n_densify; k++)
+        check_change(f, &log, k, &clones);
+    free(check_load(&f->npz, "final_xyz", &last));
+    ok(stats.n_first == f->start.n && stats.n_last == last.shape[0] &&
+           stats.densifications == f->n_densify && stats.change.clones == clones &&
+           stats.loss_last == log.step[f->steps - 1].loss,
        "the sums say the same");
-    check_group(f, &one, "final_xyz", 0, 3, 1.0999e-4);
-    check_group(f, &one, "final_f_dc", 3, 3, 5.423e-5);
-    check_group(f, &one, "final_opacity", 6, 1, 4.2097e-4);
-    check_group(f, &one, "final_scaling", 7, 3, 1.8257e-4);
-    check_group(f, &one, "final_rotation", 10, 4, 8.4013e-4);
+    check_group(f, &one, "xyz", 0, 3);
+    check_group(f, &one, "f_dc", 3, 3);
+    check_group(f, &one, "opacity", 6, 1);
+    check_group(f, &one, "scaling", 7, 3);
+    check_group(f, &one, "rotation", 10, 4);
 
     o.context = o.densify.context = &again;
     ok(run(f, &o, f->order, 3, &again, &many, NULL) == SPIN_OK && many.n == one.n, "three threads");
@@ -258,14 +341,14 @@ static void random_views(struct fixture *f)
     o.densify.frame = 1;
     ok(run(f, &o, NULL, 2, &other, &c, NULL) == SPIN_OK, "and for another frame");
     spin_refine_cloud_free(&c);
-    for (int i = 0; i + VIEWS <= STEPS; i += VIEWS) {
+    for (int i = 0; i + f->views <= STEPS; i += f->views) {
         int seen = 0;
 
-        for (int k = 0; k < VIEWS; k++) {
+        for (int k = 0; k < f->views; k++) {
             seen |= 1 << log.step[i + k].view;
             repeats &= log.step[i + k].view == log.step[k].view;
         }
-        rounds &= seen == (1 << VIEWS) - 1;
+        rounds &= seen == (1 << f->views) - 1;
     }
     for (int i = 0; i < STEPS; i++) {
         alike &= log.step[i].view == same.step[i].view && log.step[i].loss == same.step[i].loss;
@@ -293,17 +376,17 @@ static void window_and_cap(struct fixture *f)
         in_window &= log.step[i].densified == (it > 8 && it < 30 && it % 5 == 0);
     }
     ok(in_window, "densifies after K/5 and before 3K/4");
-    ok(stats.densifications == 4 && stats.n_last > POINTS, "the cloud grows");
+    ok(stats.densifications == 4 && stats.n_last > f->start.n, "the cloud grows");
     ok(stats.loss_last < 0.9 * stats.loss_first, "the loss falls");
     ok(stats.n_last == c.n, "and the number of points is right");
     spin_refine_cloud_free(&c);
 
     o.context = &capped;
-    o.densify.max_points = POINTS + 10;
+    o.densify.max_points = f->start.n + 10;
     o.densify.prune_opacity = 0.09;
     ok(run(f, &o, NULL, 2, &capped, &c, &stats) == SPIN_OK, "refines with a cap");
     for (int i = 0; i < STEPS; i++)
-        below_cap &= capped.step[i].n <= POINTS + 10;
+        below_cap &= capped.step[i].n <= f->start.n + 10;
     ok(below_cap, "which is kept");
     for (size_t i = 0; i < c.n; i++)
         faint |= c.point[i].p.logit_opacity < logf(0.09f / 0.91f) - 1e-5f;
@@ -315,19 +398,19 @@ static void window_and_cap(struct fixture *f)
  * keeps the colours of the mean camera; the same bits for any number of threads. */
 static void camera_colours(struct fixture *f)
 {
-    static const float gain[VIEWS] = {1.6f, 1, 1 / 1.6f};
-    enum { PIXELS = W * H };
+    static const float gain[3] = {1.6f, 1, 1 / 1.6f};
+    size_t values = 3 * f->pixels;
     struct fixture tinted = *f;
     struct log log = {0}, own = {0};
     struct spin_refine_options o = plain_options(&log);
     struct spin_refine_cloud c, many;
     double without = 0, with = 0;
 
-    tinted.truth = malloc((size_t)VIEWS * 3 * PIXELS * sizeof(float));
-    for (int k = 0; k < VIEWS; k++) {
-        tinted.view[k].truth = tinted.truth + (size_t)k * 3 * PIXELS;
-        for (size_t i = 0; i < 3 * PIXELS; i++)
-            tinted.truth[(size_t)k * 3 * PIXELS + i] = gain[k] * f->view[k].truth[i];
+    tinted.truth = malloc((size_t)f->views * values * sizeof(float));
+    for (int k = 0; k < f->views; k++) {
+        tinted.view[k].truth = tinted.truth + (size_t)k * values;
+        for (size_t i = 0; i < values; i++)
+            tinted.truth[(size_t)k * values + i] = gain[k % 3] * f->view[k].truth[i];
     }
     o.iterations = 300;
     ok(run(&tinted, &o, NULL, 2, &log, &c, NULL) == SPIN_OK, "views of other colours");
@@ -335,12 +418,12 @@ static void camera_colours(struct fixture *f)
     o.lr_tint = 1e-2;
     o.context = &own;
     ok(run(&tinted, &o, NULL, 2, &own, &c, NULL) == SPIN_OK, "with colours of their own");
-    for (int i = 300 - 3 * VIEWS; i < 300; i++) {
+    for (int i = 300 - 3 * f->views; i < 300; i++) {
         without += log.step[i].loss;
         with += own.step[i].loss;
     }
     if (!ok(with < 0.9 * without, "the loss comes lower"))
-        printf("#   %.4f without, %.4f with\n", without / (3 * VIEWS), with / (3 * VIEWS));
+        printf("#   %.4f without, %.4f with\n", without / (3 * f->views), with / (3 * f->views));
     ok(run(&tinted, &o, NULL, 3, &own, &many, NULL) == SPIN_OK && many.n == c.n, "three threads");
     check_same_bits(many.point, c.point, c.n * sizeof *c.point, "and the same bits");
     spin_refine_cloud_free(&c);
@@ -366,7 +449,7 @@ static double mean_of(const struct spin_refine_cloud *c, bool opacity)
 /* Each option does what it is for. */
 static void options_act(struct fixture *f)
 {
-    static float weight[W * H];
+    float *weight = calloc(f->pixels, sizeof *weight);
     struct log log = {0}, weighted = {0}, faint = {0};
     struct spin_refine_options o = plain_options(&log);
     struct spin_refine_cloud plain, c;
@@ -394,15 +477,16 @@ static void options_act(struct fixture *f)
     spin_refine_cloud_free(&c);
     o.antialias = false;
     o.context = &weighted;
-    for (int i = 0; i < W * H; i++)
-        weight[i] = i < W * H / 2 ? 1 : 0;
-    for (int k = 0; k < VIEWS; k++)
+    for (size_t i = 0; i < f->pixels / 2; i++)
+        weight[i] = 1;
+    for (int k = 0; k < f->views; k++)
         f->view[k].weight = weight;
     ok(run(f, &o, NULL, 2, &weighted, &c, NULL) == SPIN_OK &&
            weighted.step[0].loss != log.step[0].loss,
        "weights of pixels change the loss");
-    for (int k = 0; k < VIEWS; k++)
+    for (int k = 0; k < f->views; k++)
         f->view[k].weight = NULL;
+    free(weight);
     spin_refine_cloud_free(&c);
     spin_refine_cloud_free(&plain);
 }
@@ -413,7 +497,8 @@ static void refuses(struct fixture *f)
     struct spin_refine_options o = plain_options(&log);
     struct spin_refine_cloud c, none = {0};
     struct spin_device *d = check_device(1);
-    int wrong[STEPS] = {0};
+    int wrong[STEPS] = {0}, at_once[1] = {15};
+    char said[64];
 
     o.densify.extent = 0;
     ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_E_USAGE, "needs an extent");
@@ -423,14 +508,15 @@ static void refuses(struct fixture *f)
     ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_E_USAGE, "needs iterations");
     spin_refine_cloud_free(&c);
     o = plain_options(&log);
-    wrong[7] = VIEWS;
+    wrong[7] = f->views;
     ok(run(f, &o, wrong, 1, &log, &c, NULL) == SPIN_E_USAGE, "refuses a view that is not there");
-    is_text(spin_last_error(), "iteration 8 asks for view 3 of 3", "and says which");
+    snprintf(said, sizeof said, "iteration 8 asks for view %d of %d", f->views, f->views);
+    is_text(spin_last_error(), said, "and says which");
     spin_refine_cloud_free(&c);
     ok(spin_refine_frame(d, &o, f->view, 0, NULL, &f->start, NULL) == SPIN_E_USAGE, "needs a view");
-    ok(spin_refine_frame(d, &o, f->view, VIEWS, NULL, &none, NULL) == SPIN_OK && none.n == 0,
+    ok(spin_refine_frame(d, &o, f->view, f->views, NULL, &none, NULL) == SPIN_OK && none.n == 0,
        "an empty frame stays empty");
-    o.densify_at = densify_at;
+    o.densify_at = at_once;
     o.n_densify_at = 1;
     o.densify.prune_opacity = 1;
     ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_OK && c.n == 0,
@@ -475,7 +561,7 @@ TAP_MAIN
     refuses(&f);
     spin_refine_cloud_free(&f.start);
     free(f.truth);
-    free(f.noise[0]);
-    free(f.noise[1]);
+    for (int i = 0; i < f.n_densify; i++)
+        free(f.noise[i]);
     spin_npz_close(&f.npz);
 }

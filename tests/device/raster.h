@@ -137,7 +137,7 @@ static inline void view_load_column(struct view *v, struct spin_npz *npz, const 
 }
 
 /* A render_*.npz with its upstream gradient. False, with a "skip" line, when it is not there. */
-static inline int view_load(struct view *v, struct spin_npz *npz, const char *name, int degree)
+static inline int view_load(struct view *v, struct spin_npz *npz, const char *name)
 {
     char path[64];
     const char *file;
@@ -179,7 +179,7 @@ static inline int view_load(struct view *v, struct spin_npz *npz, const char *na
     free(t);
     values = check_load_f32(npz, "means", &info);
     view_reserve(v, &camera, (int)info.shape[0]);
-    v->degree = degree;
+    v->degree = (int)check_setting(path + 5, "sh_degree");
     memcpy(v->pos_w, values, (size_t)info.count * sizeof(float));
     free(values);
     view_load_column(v, npz, "scales", SPIN_ATTR_SCALE, 3);

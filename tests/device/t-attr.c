@@ -32,10 +32,12 @@ static void golden(const char *path)
     const char *raw_keys[] = {"shat", "rhat", "ohat"}, *grad_keys[] = {"vs", "vr", "vo"};
     int at[] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_OPACITY}, width[] = {3, 4, 1};
     float *raw, *d_attr, *attr, *d_raw;
-    size_t n = 40;
+    size_t n;
 
     if (!net_open("core/activations.npz", &npz))
         return;
+    free(check_load(&npz, "ohat", &info));
+    n = (size_t)info.shape[0];
     d = check_device(1);
     raw = net_random(n * SPIN_ATTR, 1, -1, 1);
     d_attr = net_random(n * SPIN_ATTR, 2, -1, 1);

@@ -52,6 +52,25 @@ static void each_piece(struct spin_npz *npz, const char *prefix, float *at, int 
     }
 }
 
+/* Heads as wide as the fixture's first layer, which is [hidden][in]. */
+static struct spin_heads heads_of(struct spin_npz *npz, const char *w1, int relu)
+{
+    struct spin_array info;
+
+    free(check_load(npz, w1, &info));
+    return make_heads((int)info.shape[1], (int)info.shape[0], relu);
+}
+
+static float *rows_of(struct spin_npz *npz, size_t *n, size_t *n_in)
+{
+    struct spin_array info;
+    float *z = check_load_f32(npz, "z", &info);
+
+    *n = (size_t)info.shape[0];
+    *n_in = (size_t)info.shape[1];
+    return z;
+}
+
 static void columns_get(float *part, const float *rows, size_t n, int head)
 {
     for (size_t i = 0; i < n; i++)
@@ -64,11 +83,9 @@ static void columns_get(float *part, const float *rows, size_t n, int head)
 static void golden_decoder(const char *path)
 {
     static const char *const names[SPIN_HEADS] = {"scale", "rot", "sh", "opacity"};
-    struct spin_heads heads = make_heads(64, 64, 0);
-    size_t n = 48, n_param = heads.offset[SPIN_HEADS];
-    float *param = net_floats(n_param), *d_param = net_floats(n_param), *z;
-    float *raw = net_floats(n * SPIN_ATTR), *d_attr = net_floats(n * SPIN_ATTR);
-    float *d_raw = net_floats(n * SPIN_ATTR), *d_z = net_floats(n * 64), *part = net_floats(n * 48);
+    struct spin_heads heads;
+    size_t n, n_param, n_in;
+    float *param, *d_param, *z, *raw, *d_attr, *d_raw, *d_z, *part;
     double *want, tol = check_tolerance("decoder.npz", "rel_to_absmax", 2e-5);
     struct spin_npz npz;
     struct spin_device *d;
@@ -76,8 +93,13 @@ static void golden_decoder(const char *path)
 
     if (!net_open("core/decoder.npz", &npz))
         return;
+    heads = heads_of(&npz, "scale_w1", 0);
+    n_param = heads.offset[SPIN_HEADS];
     d = check_device(2);
-    z = check_load_f32(&npz, "z", NULL);
+    z = rows_of(&npz, &n, &n_in);
+    param = net_floats(n_param), d_param = net_floats(n_param);
+    raw = net_floats(n * SPIN_ATTR), d_attr = net_floats(n * SPIN_ATTR);
+    d_raw = net_floats(n * SPIN_ATTR), d_z = net_floats(n * n_in), part = net_floats(n * 48);
     for (int h = 0; h < SPIN_HEADS; h++) {
         float *v;
 
@@ -105,7 +127,7 @@ static void golden_decoder(const char *path)
     }
     want = check_load(&npz, "grad_z", NULL);
     snprintf(what, sizeof what, "golden grad_z (%s)", path);
-    check_rel_to_absmax(d_z, want, n * 64, tol, what);
+    check_rel_to_absmax(d_z, want, n * n_in, tol, what);
     free(want), free(z), free(param), free(d_param), free(raw), free(d_attr), free(d_raw),
         free(d_z);
     free(part);
@@ -115,11 +137,9 @@ static void golden_decoder(const char *path)
 
 static void golden_relu(const char *path)
 {
-    struct spin_heads heads = make_heads(64, 64, 1);
-    size_t n = 48, n_param = heads.offset[SPIN_HEADS];
-    float *param = net_floats(n_param), *d_param = net_floats(n_param), *z, *v;
-    float *raw = net_floats(n * SPIN_ATTR), *d_raw = net_floats(n * SPIN_ATTR);
-    float *d_z = net_floats(n * 64), *part = net_floats(n * 48);
+    struct spin_heads heads;
+    size_t n, n_param, n_in;
+    float *param, *d_param, *z, *v, *raw, *d_raw, *d_z, *part;
     double *want, tol = check_tolerance("head_relu.npz", "rel_to_absmax", 2e-5);
     struct spin_npz npz;
     struct spin_device *d;
@@ -127,8 +147,13 @@ static void golden_relu(const char *path)
 
     if (!net_open("core/head_relu.npz", &npz))
         return;
+    heads = heads_of(&npz, "w1", 1);
+    n_param = heads.offset[SPIN_HEADS];
     d = check_device(2);
-    z = check_load_f32(&npz, "z", NULL);
+    z = rows_of(&npz, &n, &n_in);
+    param = net_floats(n_param), d_param = net_floats(n_param);
+    raw = net_floats(n * SPIN_ATTR), d_raw = net_floats(n * SPIN_ATTR);
+    d_z = net_floats(n * n_in), part = net_floats(n * 48);
     v = check_load_f32(&npz, "v", NULL);
     each_piece(&npz, "", param, 1, path);
     for (size_t i = 0; i < n; i++)
@@ -142,7 +167,7 @@ static void golden_relu(const char *path)
     free(want);
     want = check_load(&npz, "grad_z", NULL);
     snprintf(what, sizeof what, "golden relu grad_z (%s)", path);
-    check_rel_to_absmax(d_z, want, n * 64, tol, what);
+    check_rel_to_absmax(d_z, want, n * n_in, tol, what);
     free(want), free(z), free(v), free(param), free(d_param), free(raw), free(d_raw), free(d_z);
     free(part);
     spin_npz_close(&npz);

@@ -113,18 +113,18 @@ static void golden_backward(struct spin_device *d, struct spin_npz *npz, struct 
     free(opacity);
 }
 
-static void golden(struct spin_device *d, const char *name, int degree)
+static void golden(struct spin_device *d, const char *name)
 {
     struct view v;
     struct spin_npz npz;
     char file[32];
     double rel;
 
-    if (!view_load(&v, &npz, name, degree))
+    if (!view_load(&v, &npz, name))
         return;
     snprintf(file, sizeof file, "%s.npz", name);
     rel = check_tolerance(file, "projection_rel", 1e-5);
-    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, degree, v.splat2d);
+    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     check_culled(&npz, &v);
     /* u, v are sums of terms as large as the picture */
     check_visible(&npz, &v, "means2d", 2, get_mean, rel * v.cam.width, rel);
@@ -337,16 +337,15 @@ static void bad_numbers(struct spin_device *d)
 
 TAP_MAIN
 {
-    static const char *const names[] = {"render_a", "render_b", "render_c", "render_d",
-                                        "render_e", "render_f", "render_g"};
+    const char **names = check_files("render_");
 
     for (int i = 0; i < CPU_PATHS; i++) {
         struct spin_device *d = device_of_path(cpu_paths[i], 2);
         if (!d)
             continue;
         printf("# code path %s\n", cpu_paths[i]);
-        for (size_t k = 0; k < sizeof names / sizeof names[0]; k++)
-            golden(d, names[k], strcmp(names[k], "render_e") == 0 ? 1 : 3);
+        for (size_t k = 0; names[k]; k++)
+            golden(d, names[k]);
         differences(d, false);
         differences(d, true);
         fades(d);
@@ -354,4 +353,5 @@ TAP_MAIN
         check_device_free(d);
         same_bits(cpu_paths[i]);
     }
+    free(names);
 }

@@ -95,7 +95,7 @@ static void check_slots(const struct view *v)
     free(count);
 }
 
-static void golden(struct spin_device *d, const char *name, int degree)
+static void golden(struct spin_device *d, const char *name)
 {
     struct view v;
     struct spin_npz npz;
@@ -104,9 +104,9 @@ static void golden(struct spin_device *d, const char *name, int degree)
     uint32_t *order;
     size_t n, wrong = 0;
 
-    if (!view_load(&v, &npz, name, degree))
+    if (!view_load(&v, &npz, name))
         return;
-    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, degree, v.splat2d);
+    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     view_tiles(d, &v);
     want = check_load(&npz, "order", &info);
     order = plain_order(&v, &n);
@@ -235,8 +235,7 @@ static void too_many(struct spin_device *d)
 
 TAP_MAIN
 {
-    static const char *const names[] = {"render_a", "render_b", "render_c", "render_d",
-                                        "render_e", "render_f", "render_g"};
+    const char **names = check_files("render_");
 
     rectangles();
     for (int i = 0; i < CPU_PATHS; i++) {
@@ -244,8 +243,8 @@ TAP_MAIN
         if (!d)
             continue;
         printf("# code path %s\n", cpu_paths[i]);
-        for (size_t k = 0; k < sizeof names / sizeof names[0]; k++)
-            golden(d, names[k], strcmp(names[k], "render_e") == 0 ? 1 : 3);
+        for (size_t k = 0; names[k]; k++)
+            golden(d, names[k]);
         many(d, 3000, 3);
         many(d, 500, 40);
         none(d);
@@ -253,4 +252,5 @@ TAP_MAIN
         check_device_free(d);
         same_bits(cpu_paths[i]);
     }
+    free(names);
 }

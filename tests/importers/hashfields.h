@@ -31,11 +31,12 @@ static inline void compare_hash_time(struct spin_npz *npz, int index, const char
     double *want = check_load(npz, "xyz", &info), extent = 1, longest = 0;
     uint64_t first = (uint64_t)index * s->n;
     float *opacity = map_values(s->logit_opacities, s->n, sigmoid), *cov6 = covariances(s);
-    struct expected cov = {npz, 1e-5, 2e-3, name}, same = {npz, 1e-6, 0, name};
+    struct expected cov = {npz, bound("cov6").abs, bound("cov6").rel, name},
+                    same = {npz, 1e-6, 0, name};
 
     if (want)
         extent = fmax(1, largest(want, info.count));
-    struct expected xyz = {npz, 1e-4 * extent, 0, name};
+    struct expected xyz = {npz, bound("xyz").abs * extent, 0, name};
 
     compare(&xyz, "xyz", 3 * first, 3 * s->n, s->means);
     compare(&cov, "cov6", 6 * first, 6 * s->n, cov6);
@@ -62,6 +63,7 @@ static inline void compare_hash_model(const char *from, const char *path, const 
     struct run run;
     double *times;
 
+    bounds_of = folder;
     if (!ok(model_open(from, path, pairs, &run) == SPIN_OK, "%s: opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;

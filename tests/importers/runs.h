@@ -26,6 +26,12 @@ static inline const char *path_in(const char *folder, const char *name)
 }
 
 /* An empty folder; check_folder() only has a few. */
+/* Of some methods the repository holds fewer runs than the larger set. */
+static inline bool has(const char *root, const char *name)
+{
+    return spin_path_exists(path_in(root, name));
+}
+
 static inline const char *new_folder(void)
 {
     static const char *parent;
@@ -110,6 +116,38 @@ static inline double manifest_tolerance(const spin_json *manifest, const char *k
 
     spin_json_number(spin_json_get(spin_json_get(manifest, "tolerance"), key), &value);
     return value;
+}
+
+/* What a fixture's manifest allows: of "abs 1e-4 + rel 1e-3" both numbers, of a plain one the first. */
+struct bound {
+    double abs, rel;
+};
+
+static const char *bounds_of; /* the fixture's folder, for bound() */
+
+/* `b` is for manifests that do not tell. */
+static inline struct bound bound_or(const char *key, struct bound b)
+{
+    spin_json *manifest = load_manifest(bounds_of);
+    const spin_json *all = spin_json_get(manifest, "tolerance");
+    const spin_json *entry = spin_json_get(all ? all : spin_json_get(manifest, "tolerances"), key);
+    const char *text = spin_json_string(entry), *plus = text ? strchr(text, '+') : NULL;
+
+    if (!spin_json_number(entry, &b.abs) && text)
+        sscanf(text, "abs %lf", &b.abs);
+    if (plus && sscanf(plus, "+ rel %lf", &b.rel) != 1)
+        sscanf(plus, "+ %lf", &b.rel);
+    spin_json_free(manifest);
+    return b;
+}
+
+static inline struct bound bound(const char *key)
+{
+    struct bound b = bound_or(key, (struct bound){NAN, 0});
+
+    if (isnan(b.abs))
+        ok(0, "%s: its manifest has a tolerance of %s", bounds_of, key);
+    return b;
 }
 
 /* Compare finished attributes with `count` expected values that begin at `first`. */

@@ -89,11 +89,12 @@ static inline void compare_rows(const struct table *t, size_t block, const size_
     free(want);
 }
 
-/* abs 1e-7 + 1e-4 of the trace of each Gaussian, as the manifests say. */
+/* So much and such a part of the trace of each Gaussian, as the manifests say. */
 static inline void compare_covariances(const struct table *t, size_t block, const size_t *row,
                                        const struct spin_splats *s, const char *what)
 {
     double *want = table_rows(t, block, row, s->n), worst = 0;
+    struct bound b = bound_or("cov6", (struct bound){1e-7, 1e-4});
 
     for (size_t i = 0; i < s->n; i++) {
         const double *w = want + 6 * i, trace = w[0] + w[3] + w[5];
@@ -105,7 +106,7 @@ static inline void compare_covariances(const struct table *t, size_t block, cons
             quat[c] = s->quats[4 * i + c];
         spin_covariance_of(scale, quat, got);
         for (int c = 0; c < 6; c++) {
-            double error = fabs(got[c] - w[c]) / (1e-7 + 1e-4 * trace);
+            double error = fabs(got[c] - w[c]) / (b.abs + b.rel * trace);
 
             worst = error <= worst ? worst : error; /* NaN stays */
         }

@@ -50,7 +50,7 @@ static const struct known data_sets[] = {
     {"datasets/blender_mini", "transforms"},
     {"court-mini", "panoptic"},
     {"d3dgs/cloud", NULL},
-    {"4dgaussian/dnerf_like/model", NULL},
+    {"4dgaussian/coarse_and_fine/model", NULL},
 };
 
 static void check(const char *path, const char *name, const char *importer, bool data)

@@ -253,13 +253,16 @@ static const struct run_files {
 } runs[] = {
     {"d3dgs/cloud", {"params.npz"}},
     {"tc3dgs/trained", {"params.npz"}},
-    {"realtime4dgs/rot4d_sht", {"*.pth"}},
-    {"rotor4dgs/dnerf_like", {"*.ckpt"}},
+    {"realtime4dgs/rot4d_noshfs", {"*.pth"}},
+    {"rotor4dgs/old_names", {"*.ckpt"}},
     {"omg4/comp_xz", {"comp.xz"}},
-    {"4dgaussian/dnerf_like/model", {"*/deformation.pth", "*/point_cloud.ply"}},
+    {"4dgaussian/coarse_and_fine/model",
+     {"point_cloud/iteration_14000/deformation.pth",
+      "point_cloud/iteration_14000/point_cloud.ply"}},
     {"deformable3dgs/real_small/model", {"*/deform.pth", "*/point_cloud.ply"}},
     {"grid4d/dnerf_like/model", {"deform/iteration_50000/*", "point_cloud/iteration_50000/*"}},
-    {"dash/levels16_dim4/model", {"*/deform.pth", "*/point_cloud.ply"}},
+    {"dash/default_like/model",
+     {"deform/iteration_50000/*", "point_cloud/iteration_50000/point_cloud.ply"}},
     {"modecgs/default_like/model", {"*/deformation_GAD.pth", "*.ply", "*.npy"}},
     {"3dgstream", {"frame*.ply"}}, /* not the networks: the moved clouds are there */
     {"3dgstream/fvv", {"*.pth", "*.ply"}},
@@ -454,6 +457,5 @@ TAP_MAIN
     finds("json", of_any);
     finds("colmap", of_any);
     finds("bundle", of_any);
-    finds("pickle", of_torch);
     printf("# most memory beyond the bare command and the input: %ld KiB\n", most / 1024);
 }

@@ -26,6 +26,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
     double *times, *want, *keep, *rows;
     size_t n;
 
+    bounds_of = folder;
     if (!ok(model_open("modecgs", path, pairs, &run) == SPIN_OK, "%s: opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;
@@ -50,7 +51,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
         if (ok(run.importer->frame(run.self, 0, times[t], run.track.columns, &s) == SPIN_OK &&
                    s.n == kept,
                "%s are read", what))
-            check_close(s.means, rows, 3 * kept, 2e-5, 0, what);
+            check_close(s.means, rows, 3 * kept, bound("centre").abs, 0, what);
         else
             printf("#   %s\n", spin_last_error());
     }
@@ -160,7 +161,7 @@ static void test_lies(const char *folder)
     unlink(path_in(save, "canonical_times.npy"));
     unlink(path_in(model, "cfg_args"));
     model_fails("modecgs", model, NULL, NULL, "no cfg_args", "no cfg_args");
-    other = check_fixture("4dgaussian/dnerf_like/model");
+    other = check_fixture("4dgaussian/coarse_and_fine/model");
     if (other)
         model_fails("modecgs", other, NULL, other, "4DGaussians", "a run of 4DGaussians");
 }

@@ -74,8 +74,9 @@ static void compare_time(struct run *run, struct spin_npz *npz, const struct tab
     if (run->importer->frame(run->self, 0, time, run->track.columns, &s) != SPIN_OK) {
         ok(0, "%s: %s", what, spin_last_error());
     } else if (ok(s.n == n && s.sh_degree == 3, "%s: %zu Gaussians are seen", what, n)) {
-        compare_rows(&t->mean, index, row, n, s.means, 3, 1e-4, 1e-4, what);
-        compare_opacities(&t->opacity, index, row, &s, 1e-2, what);
+        compare_rows(&t->mean, index, row, n, s.means, 3, bound("mean").abs, bound("mean").rel,
+                     what);
+        compare_opacities(&t->opacity, index, row, &s, bound("opacity").abs, what);
         compare_shapes(npz, ftgs, row, &s, what);
         if (t->sh_index.value[0] == (double)index) {
             struct table sh = table_load(npz, ftgs ? "sh48" : "sh_folded", 0);
@@ -85,7 +86,7 @@ static void compare_time(struct run *run, struct spin_npz *npz, const struct tab
                 for (size_t i = 1; i < sh.n_rows; i++)
                     memmove(sh.value + 48 * i, sh.value + 144 * i, 48 * sizeof *sh.value);
             }
-            compare_rows(&sh, 0, row, n, s.sh, 48, ftgs ? 2e-2 : 4e-2, 0, what);
+            compare_rows(&sh, 0, row, n, s.sh, 48, bound(ftgs ? "sh48" : "sh_folded").abs, 0, what);
             free(sh.value);
         }
         check_sane(&s, run->track.columns, what);
@@ -100,6 +101,7 @@ static void compare_fixture(const char *folder, const char *name, bool ftgs)
     struct spin_npz npz;
     struct run run;
 
+    bounds_of = folder;
     if (!ok(open_with(NULL, folder, ten, &run) == SPIN_OK && !strcmp(run.importer->name, FROM) &&
                 run.track.continuous && (strstr(run.track.variant, "FTGS") != NULL) == ftgs,
             "%s: the folder is recognised and opens", name)) {

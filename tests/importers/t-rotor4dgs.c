@@ -39,11 +39,12 @@ static void compare_time(struct run *run, const struct tables *t, size_t index, 
         SPIN_OK) {
         ok(0, "%s: %s", what, spin_last_error());
     } else if (ok(s.n == n, "%s: %zu Gaussians are seen", what, n)) {
-        compare_rows(&t->mean, index, row, n, s.means, 3, 1e-4, 1e-4, what);
+        compare_rows(&t->mean, index, row, n, s.means, 3, bound("mean").abs, bound("mean").rel,
+                     what);
         compare_covariances(&t->cov, 0, row, &s, what);
-        compare_opacities(&t->opacity, index, row, &s, 1e-5, what);
+        compare_opacities(&t->opacity, index, row, &s, bound("opacity").abs, what);
         compare_rows(&t->dc, 0, row, n, s.sh, 48, 0, 0, what);
-        compare_colours(&t->rgb, &t->eye, index, row, &s, 1e-4, what);
+        compare_colours(&t->rgb, &t->eye, index, row, &s, bound("rgb").abs, what);
         check_sane(&s, run->track.columns, what);
     }
     spin_splats_free(&s);
@@ -57,6 +58,7 @@ static void compare_fixture(const char *folder, const char *name)
     struct spin_npz npz;
     struct run run;
 
+    bounds_of = folder;
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK) {
         ok(0, "%s: %s", name, spin_last_error());
         return;
@@ -146,7 +148,7 @@ static void test_refused(void)
 
 TAP_MAIN
 {
-    static const char *const names[] = {"dnerf_like", "n3v_like_ddp", "old_names"};
+    const char **names = check_cases("rotor4dgs", "expected.npz");
     const char *root = check_fixture("rotor4dgs");
 
     spin_log_set_level(-2);
@@ -155,7 +157,8 @@ TAP_MAIN
         skip("rotor4dgs fixtures", "there are none here");
         return;
     }
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    for (size_t i = 0; names[i]; i++)
         compare_fixture(path_in(root, names[i]), names[i]);
+    free(names);
     test_options(root);
 }
