@@ -79,5 +79,9 @@ is "$code" 0 "exports"
 is "$(ls "$work/ply" | tr '\n' ' ')" \
     "frame_00000.ply frame_00001.ply frame_00002.ply frame_00003.ply frame_00004.ply frame_00005.ply sequence.json " \
     "frames are numbered as the source's"
+grep -q '"retrained": true' "$work/ply/sequence.json"
+ok $? "sequence.json says that they are retrained"
+is "$(head -c 2000 "$work/ply/frame_00000.ply" | grep -ac '^property float f_rest_')" 9 \
+    "with the network's degree of SH, not the source's"
 
 done_testing

@@ -1,0 +1,442 @@
+/* What spin_eval() says, held to what is worked out here: the quality of every view and its means, moving
+ * regions, which views, storage, speed, pictures.
+ * K: eval measure */
+#include <sys/stat.h>
+
+#include "base/log.h"
+#include "io/image.h"
+#include "scene/views.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+enum { W = 16, H = 12, ROWS = 3, CAMERAS = 3, FIRST = 7, MOVING = 4, SHIFT = 25 };
+
+/* In the order of the files: the last one is held out. */
+static const int camera_id[CAMERAS] = {0, 3, 5};
+static const char *folder;
+static char bundle[600], data[600], trained[600];
+
+static const char *in(const char *format, int a, int b)
+{
+    static char path[4][700];
+    static int next;
+    char *p = path[next++ % 4];
+    int n = snprintf(p, sizeof path[0], "%s/", folder);
+
+    snprintf(p + n, sizeof path[0] - (size_t)n, format, a, b);
+    return p;
+}
+
+/* ---- A data set of plain pictures, and splats that nobody sees ---------------------------------- */
+
+static int value_of(int row, int camera, int channel)
+{
+    return 20 + 30 * row + 50 * camera + 13 * channel;
+}
+
+/* Columns at the left that move: SHIFT brighter. One mask is too small to say something. */
+static int n_moving(int row, int camera) { return row == 1 && camera == 2 ? 1 : MOVING * H; }
+
+static void write_pictures(void)
+{
+    uint8_t rgb[3 * W * H], mask[3 * W * H];
+
+    for (int row = 0; row < ROWS; row++)
+        for (int k = 0; k < CAMERAS; k++) {
+            for (int i = 0; i < W * H; i++) {
+                bool moves = n_moving(row, k) == 1 ? i == 0 : i % W < MOVING;
+
+                for (int c = 0; c < 3; c++) {
+                    rgb[3 * i + c] = (uint8_t)(value_of(row, k, c) + (moves ? SHIFT : 0));
+                    mask[3 * i + c] = moves ? (k == 0 ? 1 : 255) : 0;
+                }
+            }
+            if (spin_image_write(in("data/ims/%d/%06d.png", camera_id[k], FIRST + row), W, H, rgb,
+                                 false) != SPIN_OK ||
+                spin_image_write(in("data/seg/%d/%06d.png", camera_id[k], FIRST + row), W, H, mask,
+                                 false) != SPIN_OK)
+                exit(1);
+        }
+}
+
+static void put_list(FILE *f, const char *key, int first, int end, const char *what)
+{
+    fprintf(f, ", \"%s\": [", key);
+    for (int row = 0; row < ROWS; row++) {
+        fprintf(f, "%s[", row ? ", " : "");
+        for (int k = first; k < end; k++) {
+            fprintf(f, "%s", k > first ? ", " : "");
+            if (what)
+                fprintf(f, "%s", what);
+            else if (!strcmp(key, "fn"))
+                fprintf(f, "\"%d/%06d.png\"", camera_id[k], FIRST + row);
+            else
+                fprintf(f, "%d", camera_id[k]);
+        }
+        fprintf(f, "]");
+    }
+    fprintf(f, "]");
+}
+
+static void write_meta(const char *name, int first, int end)
+{
+    FILE *f = fopen(in(name, 0, 0), "w");
+
+    if (!f)
+        exit(1);
+    fprintf(f, "{\"w\": %d, \"h\": %d", W, H);
+    put_list(f, "k", first, end, "[[20, 0, 8], [0, 20, 6], [0, 0, 1]]");
+    put_list(f, "w2c", first, end, "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]");
+    put_list(f, "fn", first, end, NULL);
+    put_list(f, "cam_id", first, end, NULL);
+    fprintf(f, "}\n");
+    fclose(f);
+}
+
+static void write_cloud(int row)
+{
+    static const char *const names[] = {"x",       "y",       "z",       "f_dc_0",  "f_dc_1",
+                                        "f_dc_2",  "opacity", "scale_0", "scale_1", "scale_2",
+                                        "rot_0",   "rot_1",   "rot_2",   "rot_3"};
+    FILE *f = fopen(in("far/f%d.ply", FIRST + row, 0), "w");
+
+    if (!f)
+        exit(1);
+    fprintf(f, "ply\nformat ascii 1.0\nelement vertex 1\n");
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        fprintf(f, "property float %s\n", names[i]);
+    fprintf(f, "end_header\n1e4 1e4 1e4 0 0 0 -9 -5 -5 -5 1 0 0 0\n");
+    fclose(f);
+}
+
+static void make_clip(void)
+{
+    struct spin_import_options o = {.output = bundle, .data = data};
+    struct spin_import_report r;
+
+    mkdir(in("far", 0, 0), 0777);
+    mkdir(in("data", 0, 0), 0777);
+    mkdir(in("data/ims", 0, 0), 0777);
+    mkdir(in("data/seg", 0, 0), 0777);
+    for (int k = 0; k < CAMERAS; k++) {
+        mkdir(in("data/ims/%d", camera_id[k], 0), 0777);
+        mkdir(in("data/seg/%d", camera_id[k], 0), 0777);
+    }
+    for (int row = 0; row < ROWS; row++)
+        write_cloud(row);
+    write_pictures();
+    write_meta("data/train_meta.json", 0, 2);
+    write_meta("data/test_meta.json", 2, 3);
+    snprintf(bundle, sizeof bundle, "%s/far.spin", folder);
+    snprintf(data, sizeof data, "%s/data", folder);
+    o.input = in("far", 0, 0);
+    if (!ok(spin_import(&o, &r) == SPIN_OK && r.frames == ROWS && r.number_first == FIRST,
+            "a clip of three frames, numbered as the pictures"))
+        printf("#   %s\n", spin_last_error());
+}
+
+/* ---- Quality ------------------------------------------------------------------------------------- */
+
+/* Mean squared error of n pixels of this shift, summed over the channels, against what is drawn. */
+static double errors(int row, int camera, int shift, const float drawn[3])
+{
+    double sum = 0;
+
+    for (int c = 0; c < 3; c++)
+        sum += pow((value_of(row, camera, c) + shift) / 255.0 - (double)drawn[c], 2) / 3;
+    return sum;
+}
+
+static double decibels(double mse) { return -10 * log(mse) / log(10); }
+
+struct sums {
+    double psnr, moving, still, share, ssim;
+    int n, n_moving;
+};
+
+static int place_of(int id)
+{
+    int k = 0;
+
+    while (k < CAMERAS - 1 && camera_id[k] != id)
+        k++;
+    return k;
+}
+
+static bool is(double got, double want)
+{
+    return isnan(want) ? isnan(got) : fabs(got - want) < 2e-4;
+}
+
+/* Every view, and the sums of what there should be. */
+static bool views_are_right(const struct spin_eval_report *r, const float drawn[3], struct sums *s)
+{
+    bool good = true;
+
+    memset(s, 0, sizeof *s);
+    for (size_t i = 0; i < r->n_views; i++) {
+        const struct spin_quality *q = &r->view[i].q;
+        int row = r->view[i].frame - FIRST, k = place_of(r->view[i].camera);
+        double share = (double)n_moving(row, k) / (W * H);
+        double moving = errors(row, k, SHIFT, drawn), still = errors(row, k, 0, drawn);
+        bool few = n_moving(row, k) < 16;
+
+        good = good && is(q->psnr, decibels(share * moving + (1 - share) * still)) &&
+               is(q->psnr_moving, few ? NAN : decibels(moving)) &&
+               is(q->psnr_still, decibels(still)) && is(q->moving, share) && q->valid;
+        s->psnr += q->psnr;
+        s->ssim += q->ssim;
+        s->still += q->psnr_still;
+        s->share += q->moving;
+        s->moving += few ? 0 : q->psnr_moving;
+        s->n_moving += !few;
+        s->n++;
+    }
+    return good;
+}
+
+static bool means_are_right(const struct spin_quality *q, const struct sums *s)
+{
+    return q->valid && is(q->psnr, s->psnr / s->n) && is(q->ssim, s->ssim / s->n) &&
+           is(q->psnr_still, s->still / s->n) && is(q->moving, s->share / s->n) &&
+           is(q->psnr_moving, s->moving / s->n_moving);
+}
+
+static void check_eval(const struct spin_eval_options *o, size_t n_views, const char *what)
+{
+    struct spin_eval_report r;
+    struct sums s;
+    float drawn[3];
+    int seen[ROWS][CAMERAS] = {{0}}, most = 0;
+
+    for (int c = 0; c < 3; c++)
+        drawn[c] = fminf(fmaxf(o->background[c], 0), 1);
+    if (!ok(spin_eval(o, &r) == SPIN_OK && r.n_views == n_views, "%s: %zu views", what, n_views)) {
+        printf("#   %zu, %s\n", r.n_views, spin_last_error());
+        return;
+    }
+    for (size_t i = 0; i < r.n_views; i++) {
+        int *at = &seen[r.view[i].frame - FIRST][place_of(r.view[i].camera)];
+
+        most = ++*at > most ? *at : most;
+    }
+    ok(most == 1, "%s: each once", what);
+    ok(r.moving == SPIN_MOVING_MASKS, "%s: what moves is known from the masks", what);
+    ok(views_are_right(&r, drawn, &s), "%s: the PSNR of every view, and of what moves", what);
+    ok(means_are_right(&r.mean, &s), "%s: means over the views that have it", what);
+    spin_eval_report_free(&r);
+}
+
+static void check_quality(void)
+{
+    struct spin_eval_options o = {.input = bundle, .device = "cpu", .n_threads = 1};
+    static const int held_out[] = {0, 3}, none[] = {5};
+    struct spin_eval_report r;
+
+    o.background[0] = 0.1f;
+    o.background[1] = 0.5f;
+    o.background[2] = 0.9f;
+    check_eval(&o, ROWS, "held out");
+    o.split = SPIN_SPLIT_TRAIN;
+    check_eval(&o, 2 * ROWS, "training");
+    o.split = SPIN_SPLIT_ALL;
+    check_eval(&o, 3 * ROWS, "all");
+    o.range = (struct spin_range){true, FIRST + 1, FIRST + 3, 1};
+    check_eval(&o, 3 * 2, "two frames");
+    o.split = SPIN_SPLIT_TEST;
+    o.test_cameras = held_out;
+    o.n_test_cameras = 2;
+    check_eval(&o, 2 * 2, "two frames, other cameras held out");
+    o.split = SPIN_SPLIT_TRAIN;
+    o.range.given = false;
+    check_eval(&o, ROWS, "all frames, the camera left");
+    o.split = SPIN_SPLIT_ALL;
+    o.background[0] = 1.5f;
+    o.background[2] = -0.5f;
+    check_eval(&o, 3 * ROWS, "pictures out of range are cut off before they are compared");
+    o.split = SPIN_SPLIT_TEST;
+    o.test_cameras = none;
+    o.n_test_cameras = 1;
+    ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == ROWS && r.view[0].camera == 5,
+       "the held-out camera is the one that was asked for");
+    spin_eval_report_free(&r);
+}
+
+/* ---- A network: storage, speed, pictures ---------------------------------------------------------- */
+
+static void train(void)
+{
+    struct spin_import_options i = {.input = "fixtures/court-mini/params.npz",
+                                    .data = "fixtures/court-mini"};
+    struct spin_import_report ir;
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    char source[600];
+
+    snprintf(source, sizeof source, "%s/court.spin", folder);
+    snprintf(trained, sizeof trained, "%s/trained.spin", folder);
+    i.output = source;
+    if (spin_import(&i, &ir) != SPIN_OK)
+        exit(1);
+    spin_retrain_defaults(&o);
+    o.input = source;
+    o.output = trained;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.image_scale = 0.1;
+    o.iterations = 2;
+    o.hash_log2 = 12;
+    o.refine = 2;
+    o.residual = SPIN_RESIDUAL_SOURCE;
+    ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network: %s", spin_last_error());
+}
+
+/* Bytes of the members whose names begin so. */
+static uint64_t bytes_of(const struct spin_zip *zip, const char *begin)
+{
+    uint64_t sum = 0;
+
+    for (size_t i = 0; i < zip->n; i++)
+        if (!strncmp(zip->member[i].name, begin, strlen(begin)))
+            sum += zip->member[i].packed_size;
+    return sum;
+}
+
+static void check_storage(const struct spin_eval_report *r)
+{
+    const struct spin_bundle_bytes *s = &r->storage;
+    struct spin_npz npz;
+    struct stat at;
+    uint64_t network;
+
+    if (stat(trained, &at) != 0 || spin_npz_open(trained, &npz) != SPIN_OK)
+        exit(1);
+    network = bytes_of(&npz.zip, "network/");
+    ok(s->file == (uint64_t)at.st_size, "storage: the file");
+    ok(s->source > 0 && s->source == bytes_of(&npz.zip, "source/"), "storage: the source");
+    ok(s->refined > 0 && s->refined == bytes_of(&npz.zip, "refined/"), "storage: refined frames");
+    ok(s->positions > bytes_of(&npz.zip, "network/means/") &&
+           s->positions ==
+               bytes_of(&npz.zip, "network/means/") + bytes_of(&npz.zip, "network/own/"),
+       "storage: positions, and what splats have of their own");
+    ok(s->table > 0 && s->table == bytes_of(&npz.zip, "network/table"), "storage: the table");
+    ok(s->heads > 0 && s->heads == network - s->positions - s->table, "storage: the heads");
+    spin_npz_close(&npz);
+}
+
+/* What each frame and each view took cannot be more, all together, than what went by. */
+static void check_speed(void)
+{
+    struct spin_eval_options o = {
+        .input = trained, .image_scale = 0.1, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report r;
+    double start = spin_now_s(), took;
+
+    o.moving = SPIN_MOVING_OFF;
+    o.test_cameras = (const int[]){0};
+    o.n_test_cameras = 1;
+    if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 6, "a view of every frame"))
+        return;
+    took = spin_now_s() - start;
+    ok(r.seconds_decode > 0 && 6 * r.seconds_decode < took, "seconds to decode are of one frame");
+    spin_eval_report_free(&r);
+
+    o.image_scale = 1;
+    o.split = SPIN_SPLIT_ALL;
+    o.range = (struct spin_range){true, 1, 2, 1};
+    o.source = true;
+    start = spin_now_s();
+    if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 8, "eight views of a frame"))
+        return;
+    took = spin_now_s() - start;
+    ok(r.seconds_draw > 0 && 8 * r.seconds_draw < took, "seconds to draw are of one view");
+    check_storage(&r);
+    spin_eval_report_free(&r);
+}
+
+/* Panel k of n in a picture of --images. */
+static void read_panel(const char *in_folder, int camera, int number, int k, int n, int w, int h,
+                       uint8_t *out)
+{
+    char path[800];
+    uint8_t *rgb = NULL;
+    int width, height, gap = 4;
+
+    snprintf(path, sizeof path, "%s/%s/cam_%02d_frame_%05d.png", folder, in_folder, camera, number);
+    if (spin_image_read(path, NULL, &width, &height, &rgb) != SPIN_OK ||
+        !ok(width == n * w + (n - 1) * gap && height == h, "%s: %d pictures beside each other",
+            in_folder, n))
+        exit(tap_done());
+    for (int y = 0; y < h; y++)
+        memcpy(out + 3 * y * w, rgb + 3 * ((size_t)y * (size_t)width + (size_t)(k * (w + gap))),
+               3 * (size_t)w);
+    free(rgb);
+}
+
+/* Mean difference of 8-bit pictures. */
+static double difference(const uint8_t *a, const uint8_t *b, int n)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        sum += abs(a[i] - b[i]);
+    return sum / n;
+}
+
+static void check_pictures(void)
+{
+    enum { PW = 80, PH = 45, BYTES = 3 * PW * PH };
+    static uint8_t truth[BYTES], panel[3][BYTES], alone[BYTES];
+    static float image[BYTES];
+    struct spin_eval_options o = {
+        .input = trained, .image_scale = 0.5, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report r, source;
+    char images[700], images2[700];
+
+    snprintf(images, sizeof images, "%s/images", folder);
+    snprintf(images2, sizeof images2, "%s/images2", folder);
+    o.images = images;
+    o.range = (struct spin_range){true, 2, 4, 1};
+    if (!ok(spin_eval(&o, &r) == SPIN_OK, "draws"))
+        return;
+    o.images = images2;
+    o.source = true;
+    if (!ok(spin_eval(&o, &source) == SPIN_OK, "draws the source"))
+        return;
+    if (spin_image_load("fixtures/court-mini/ims/15/000011.jpg", PW, PH, NULL, image) != SPIN_OK)
+        exit(1);
+    for (int i = 0; i < PW * PH; i++)
+        for (int c = 0; c < 3; c++)
+            truth[3 * i + c] = (uint8_t)lrintf(255 * image[c * PW * PH + i]);
+    for (int k = 0; k < 3; k++)
+        read_panel("images", 15, 3, k, 3, PW, PH, panel[k]);
+    read_panel("images2", 15, 3, 1, 2, PW, PH, alone);
+    ok(difference(panel[0], truth, BYTES) < 0.6, "the truth is on the left");
+    ok(difference(panel[1], alone, BYTES) == 0, "then the source");
+    ok(difference(panel[2], alone, BYTES) > 0.5, "then what was trained");
+    for (size_t i = 0; i < r.n_views; i++)
+        if (r.view[i].frame == 3 && r.view[i].camera == 15) {
+            double sum = 0;
+
+            for (int k = 0; k < BYTES; k++)
+                sum += pow((panel[2][k] - panel[0][k]) / 255.0, 2);
+            near(r.view[i].q.psnr, decibels(sum / BYTES), 0.05, "which has the PSNR of that view");
+        }
+    spin_eval_report_free(&r);
+    spin_eval_report_free(&source);
+}
+
+TAP_MAIN
+{
+    folder = check_folder();
+    if (spin_image_start() != SPIN_OK) {
+        skip("measuring", spin_last_error());
+        return;
+    }
+    spin_set_verbosity(-1);
+    make_clip();
+    check_quality();
+    train();
+    check_speed();
+    check_pictures();
+}
