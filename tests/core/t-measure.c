@@ -105,7 +105,7 @@ static void write_cloud(int row)
     fprintf(f, "ply\nformat ascii 1.0\nelement vertex 1\n");
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         fprintf(f, "property float %s\n", names[i]);
-    fprintf(f, "end_header\n1e4 1e4 1e4 0 0 0 -9 -5 -5 -5 1 0 0 0\n");
+    fprintf(f, "end_header\n%d %d 30000 0 0 0 -9 -5 -5 -5 1 0 0 0\n", 10000 + row, 20000 - row);
     fclose(f);
 }
 
@@ -133,6 +133,39 @@ static void make_clip(void)
     if (!ok(spin_import(&o, &r) == SPIN_OK && r.frames == ROWS && r.number_first == FIRST,
             "a clip of three frames, numbered as the pictures"))
         printf("#   %s\n", spin_last_error());
+    ok(r.bounds_min[0] == 10000 && r.bounds_min[1] == 20000 - ROWS + 1 && r.bounds_min[2] == 30000 &&
+           r.bounds_max[0] == 10000 + ROWS - 1 && r.bounds_max[1] == 20000 &&
+           r.bounds_max[2] == 30000,
+       "the box around all of its frames");
+}
+
+/* --check-cameras: every picture is of its own frame and camera, darkened. */
+static void check_overlays(void)
+{
+    struct spin_import_options o = {.data = data};
+    struct spin_import_report r;
+    char overlays[600];
+    int good = 0;
+
+    snprintf(overlays, sizeof overlays, "%s/overlays", folder);
+    o.input = in("far", 0, 0);
+    o.check_cameras = overlays;
+    if (!ok(spin_import(&o, &r) == SPIN_OK && r.n_cameras == ROWS * CAMERAS, "nine overlays"))
+        return;
+    for (int row = 0; row < ROWS; row++)
+        for (int k = 0; k < CAMERAS; k++) {
+            uint8_t *rgb = NULL;
+            int w, h, last = 3 * (W * H - 1);
+            const double dark = 0.45;
+            const char *path = in("overlays/frame%05d_cam%03d.png", FIRST + row, camera_id[k]);
+
+            if (spin_image_read(path, NULL, &w, &h, &rgb) != SPIN_OK)
+                continue;
+            good += w == W && h == H && fabs(rgb[last] - dark * value_of(row, k, 0)) <= 1 &&
+                    fabs(rgb[last + 2] - dark * value_of(row, k, 2)) <= 1;
+            free(rgb);
+        }
+    ok(good == ROWS * CAMERAS, "each over the picture of its frame and camera (%d)", good);
 }
 
 /* ---- Quality ------------------------------------------------------------------------------------- */
@@ -433,8 +466,9 @@ TAP_MAIN
         skip("measuring", spin_last_error());
         return;
     }
-    spin_set_verbosity(-1);
+    spin_log_set_level(-2);
     make_clip();
+    check_overlays();
     check_quality();
     train();
     check_speed();

@@ -12,8 +12,10 @@ import os
 import queue
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 
@@ -23,6 +25,7 @@ WORK = os.path.join(ROOT, "build", "mutants")
 JOBS = int(os.environ.get("JOBS") or os.cpu_count() or 2)
 MOST_SURVIVORS = 2
 LEAST_LIMIT = 120  # seconds a test may take at least
+BUILD = "build/release"
 KEYS = {"name", "file", "nth", "old", "new", "tests", "survives"}
 say_lock = threading.Lock()
 
@@ -116,17 +119,42 @@ def tests_of(fault):
 # ---- One tree -------------------------------------------------------------------------------------
 
 
-def run(command, cwd, limit=None):
-    """Exit code, or None when it took longer; its output. What it started ends with it."""
-    p = subprocess.Popen(command, cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                         stderr=subprocess.STDOUT, start_new_session=True, env=environment())
+def run(command, cwd):
+    """Exit code and output."""
+    p = subprocess.run(command, cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                       stderr=subprocess.STDOUT, env=environment())
+    return p.returncode, p.stdout.decode(errors="replace")
+
+
+def run_test(tree, test, limit):
+    """None when it passes, else why not: the first line that is not ok ends it."""
+    command = [os.path.join(tree, binary(test))] if binary(test) else ["sh", test]
+    room = tempfile.mkdtemp(prefix="mutant")
+    p = subprocess.Popen(command, cwd=tree, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                         stderr=subprocess.DEVNULL, start_new_session=True,
+                         env=dict(environment(), TMPDIR=room))
+    late = threading.Timer(limit, end, [p])
+    n, why = 0, None
+    late.start()
+    for line in p.stdout:
+        n += 1
+        if line.startswith(b"not ok"):
+            why = line.decode(errors="replace").strip()
+            end(p)
+    p.wait()
+    if not late.is_alive() and not why:
+        why = "did not end"
+    late.cancel()
+    shutil.rmtree(room, ignore_errors=True)  # a test that is ended does not clean up
+    return why or ("exit code %d" % p.returncode if p.returncode or n == 0 else None)
+
+
+def end(p):
+    """With all that it started."""
     try:
-        out, _ = p.communicate(timeout=limit)
-        return p.returncode, out.decode(errors="replace")
-    except subprocess.TimeoutExpired:
-        os.killpg(p.pid, 9)
-        out, _ = p.communicate()
-        return None, out.decode(errors="replace")
+        os.killpg(p.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
 
 
 def environment():
@@ -136,11 +164,13 @@ def environment():
     beside = os.path.join(ROOT, "..", "shared", "fixtures")
     if not env.get("SPIN_FIXTURES"):
         env["SPIN_FIXTURES"] = os.path.abspath(beside) if os.path.isdir(beside) else "fixtures"
+    env["SPIN_BUILD"] = BUILD
+    env["SPIN_BIN"] = BUILD + "/bin"
     return env
 
 
 def binary(test):
-    return "build/release/" + test[:-2] if test.endswith(".c") else None
+    return BUILD + "/" + test[:-2] if test.endswith(".c") else None
 
 
 def runs_commands(tree, test):
@@ -154,10 +184,6 @@ def build(tree, tests):
     if any(runs_commands(tree, t) for t in tests):
         wanted.append("all")
     return run(["make", "--no-print-directory", "CONFIG=release", "-j2"] + wanted, tree)
-
-
-def run_test(tree, test, limit):
-    return run(["sh", "tests/run.sh", "build/release", test], tree, limit)
 
 
 def make_trees(n, tests):
@@ -225,10 +251,10 @@ def time_tests(trees, tests):
 
     def work(tree, test):
         start = time.time()
-        code, out = run_test(tree, test, 900)
+        why = run_test(tree, test, 900)
         seconds[test] = time.time() - start
-        if code != 0:
-            failed.append("%s fails without a fault:\n%s" % (test, out[-2000:]))
+        if why:
+            failed.append("%s fails without a fault: %s" % (test, why))
 
     in_parallel(trees, tests, work)
     if failed:
@@ -248,12 +274,9 @@ def try_fault(tree, fault, seconds):
             code, out = build(tree, tests[i:i + 1])
             if code != 0:
                 return "mistake", "does not build:\n" + out[-1500:]
-            code, out = run_test(tree, test, max(LEAST_LIMIT, 10 * seconds[test]))
-            if code is None:
-                return "killed", "%s did not end" % test
-            if code != 0:
-                lines = [line.strip() for line in out.split("\n") if "not ok" in line]
-                return "killed", "%s: %s" % (test, lines[0] if lines else "exit code %d" % code)
+            why = run_test(tree, test, max(LEAST_LIMIT, 10 * seconds[test]))
+            if why:
+                return "killed", "%s: %s" % (test, why)
         return "survived", "passed: " + " ".join(tests)
     finally:
         with open(path, "w") as f:
