@@ -1,6 +1,6 @@
 #!/bin/sh
 # demo.sh BIN_DIR: the whole way on the bundled clip: import, retrain on the CPU, measure, export.
-# Everything lands in demo-out/. Fails when the retrained clip does not look better than the imported.
+# Everything lands in demo-out/. Fails when the retrained clip does not reach LEAST decibels.
 bin=${1:-build/release/bin}
 clip=fixtures/court-mini
 out=demo-out
@@ -14,6 +14,7 @@ BASE=8,8,8,2
 FINEST=128,128,128,8
 SH_DEGREE=1
 LR_RESIDUAL=3
+LEAST=20.5 # dB on held-out views; the clip as imported has 16.1, and 21.1 is usual
 
 fail() {
     echo "demo: $*" >&2
@@ -54,5 +55,5 @@ echo "psnr_before $before"
 echo "psnr_after  $after"
 echo "frames      $out/ply/"
 echo "pictures    $out/images/ (ground truth | before | after, every frame and held-out camera)"
-awk -v a="$after" -v b="$before" 'BEGIN { exit !(a > b) }' ||
-    fail "the retrained clip does not look better than the imported one"
+awk -v a="$after" -v least=$LEAST 'BEGIN { exit !(a + 0 >= least) }' ||
+    fail "the retrained clip has $after dB, not at least $LEAST"

@@ -38,8 +38,9 @@ is "$(member frames)" 2 "--range with a step"
 is "$(ls "$work/part" | tr '\n' ' ')" "frame_00001.ply frame_00003.ply sequence.json " "keeps the frames' numbers"
 
 run "$bin/spin-export" "$in" --to ply -o "$work/no" --sh 9
-[ "$code" = 2 ] || [ "$code" = 1 ]
-ok $? "an exporter's option is checked"
+fails 2 spin-export "an exporter's option is checked"
+err_has "--sh '9'" "and the option is named"
+nothing_at "$work/no" "and nothing was written"
 run "$bin/spin-export" "$in" --to images -o "$work/images"
 is "$code" 0 "exports pictures"
 find "$work/images" -name '*.png' | grep -q png

@@ -1,0 +1,857 @@
+/* Every option of spin-retrain changes what it says it changes: views, losses, first values, steps of the
+ * rates, shapes, files. Runs the command and reads its log and its bundle.
+ * K: retrain options */
+#include <signal.h>
+#include <unistd.h>
+
+#include "core/model.h"
+#include "tests/cmd/command.h"
+
+enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
+
+/* Two frames of the clip, 40 x 23 pixels, a small network. Four steps of three views are one epoch. */
+static const char base[] =
+    "--device cpu --threads 1 --range 1:3 --scale 0.25 --levels 4 --hash-log2 10 "
+    "--finest-resolution 32 --hidden 16 --iterations 4 -q";
+static const int training[TRAINING] = {3, 7, 12, 19, 23, 27}, testing[TESTING] = {0, 15};
+
+struct step {
+    double loss, l1, ssim;
+    int n, view[MOST_VIEWS][2]; /* frame, camera */
+};
+
+/* One run of the command, and what it left. */
+struct run {
+    int n;
+    struct step step[MOST_STEPS];
+    int n_tests, test[MOST_STEPS]; /* iterations after which the test views were measured */
+    spin_json *meta;
+    const spin_json *network, *options;
+    struct spin_npz npz;
+    struct spin_model model;
+    float *table, *heads;
+    size_t n_table;
+};
+
+/* ---- Running ----------------------------------------------------------------------------------- */
+
+static void read_step(struct run *r, const spin_json *line)
+{
+    const spin_json *views = spin_json_get(line, "views");
+    struct step *s = &r->step[r->n];
+    double iteration = 0, value;
+
+    spin_json_number(spin_json_get(line, "iteration"), &iteration);
+    if (spin_json_number(spin_json_get(line, "test_psnr"), &value) && r->n_tests < MOST_STEPS)
+        r->test[r->n_tests++] = (int)iteration;
+    if (!spin_json_number(spin_json_get(line, "loss"), &s->loss) || r->n == MOST_STEPS)
+        return;
+    spin_json_number(spin_json_get(line, "l1"), &s->l1);
+    spin_json_number(spin_json_get(line, "ssim"), &s->ssim);
+    s->n = (int)spin_json_length(views);
+    for (int i = 0; i < s->n && i < MOST_VIEWS; i++)
+        for (size_t k = 0; k < 2; k++) {
+            spin_json_number(spin_json_at(spin_json_at(views, (size_t)i), k), &value);
+            s->view[i][k] = (int)value;
+        }
+    r->n++;
+}
+
+static void read_log(struct run *r, const char *path)
+{
+    static char line[1 << 16];
+    FILE *f = fopen(path, "r");
+
+    while (f && fgets(line, sizeof line, f)) {
+        spin_json *j = NULL;
+
+        if (spin_json_parse("log", line, strlen(line), &j) == SPIN_OK)
+            read_step(r, j);
+        spin_json_free(j);
+    }
+    if (f)
+        fclose(f);
+}
+
+static void free_run(struct run *r)
+{
+    free(r->table);
+    free(r->heads);
+    spin_json_free(r->meta);
+    spin_npz_close(&r->npz);
+    memset(r, 0, sizeof *r);
+}
+
+static void read_bundle(struct run *r, const char *path)
+{
+    struct spin_array info = {0};
+
+    if (spin_npz_open(path, &r->npz) == SPIN_OK)
+        r->meta = json_in(&r->npz, "meta.json");
+    if (!ok(r->meta != NULL, "%s is a bundle", path))
+        exit(tap_done());
+    r->network = spin_json_get(r->meta, "network");
+    r->options = spin_json_get(r->network, "options");
+    if (!r->network)
+        return;
+    if (!ok(spin_model_from_json(r->network, &r->model) == SPIN_OK, "its network is one"))
+        exit(tap_done());
+    r->table = check_load_f32(&r->npz, "network/table", &info);
+    r->n_table = (size_t)info.count;
+    r->heads = check_load_f32(&r->npz, "network/heads", NULL);
+}
+
+/* The command with the base options and these, which override them. */
+static struct run *retrain(const char *more)
+{
+    struct run *r = calloc(1, sizeof *r);
+    char path[600];
+
+    snprintf(path, sizeof path, "%s/run.log", folder);
+    if (!r || !ok(shell("%s/spin-retrain %s/in.spin -o %s/run.spin --log %s %s --force %s", bin,
+                        folder, folder, path, base, more) == 0,
+                  "spin-retrain %s", more)) {
+        printf("#   %s\n", said);
+        exit(tap_done());
+    }
+    read_log(r, path);
+    snprintf(path, sizeof path, "%s/run.spin", folder);
+    read_bundle(r, path);
+    return r;
+}
+
+static void drop(struct run *r)
+{
+    free_run(r);
+    free(r);
+}
+
+/* Largest difference of two arrays. */
+static double farthest(const float *a, const float *b, size_t first, size_t end)
+{
+    double most = 0;
+
+    for (size_t i = first; i < end; i++)
+        most = fmax(most, fabs((double)a[i] - (double)b[i]));
+    return most;
+}
+
+static float *array_of(struct run *r, const char *key, size_t *n)
+{
+    struct spin_array info = {0};
+    float *values = check_load_f32(&r->npz, key, &info);
+
+    *n = (size_t)info.count;
+    return values;
+}
+
+/* ---- Views -------------------------------------------------------------------------------------- */
+
+static bool among(int camera, const int *list, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (list[i] == camera)
+            return true;
+    return false;
+}
+
+/* Steps first..end-1 show every frame of 1..2 from every listed camera once, and nothing else. */
+static bool is_epoch(const struct run *r, int first, int end, const int *cameras, int n)
+{
+    int seen[2][32] = {{0}}, total = 0;
+
+    for (int s = first; s < end; s++)
+        for (int i = 0; i < r->step[s].n; i++) {
+            const int *view = r->step[s].view[i];
+
+            if (s >= r->n || view[0] < 1 || view[0] > 2 || !among(view[1], cameras, n) ||
+                seen[view[0] - 1][view[1]]++)
+                return false;
+            total++;
+        }
+    return total == 2 * n;
+}
+
+/* The order of views of steps first.. is that of other's steps from.. */
+static bool same_order(const struct run *a, int first, const struct run *b, int from, int steps)
+{
+    for (int s = 0; s < steps; s++)
+        if (memcmp(a->step[first + s].view, b->step[from + s].view, sizeof a->step[0].view) != 0)
+            return false;
+    return true;
+}
+
+static bool one_frame_a_step(const struct run *r)
+{
+    for (int s = 0; s < r->n; s++)
+        for (int i = 1; i < r->step[s].n; i++)
+            if (r->step[s].view[i][0] != r->step[s].view[0][0])
+                return false;
+    return true;
+}
+
+static bool in_order(const struct run *r, int steps)
+{
+    int last = -1;
+
+    for (int s = 0; s < steps; s++)
+        for (int i = 0; i < r->step[s].n; i++) {
+            int at = r->step[s].view[i][0] * 100 + r->step[s].view[i][1];
+
+            if (at < last)
+                return false;
+            last = at;
+        }
+    return true;
+}
+
+static void test_views(void)
+{
+    static const int others[] = {0, 7, 12, 15, 23, 27};
+    struct run *one = retrain("--iterations 8"), *seed = retrain("--iterations 8 --seed 1"),
+               *again = retrain("--iterations 8 --seed 1"), *cams = retrain("--test-cams 3,19"),
+               *frames = retrain("--views-per-frame 3"),
+               *pairs = retrain("--batch 4 --views-per-frame 2"),
+               *two = retrain("--batch 2 --iterations 6"), *range = retrain("--range 4:6:1");
+
+    ok(one->n == 8 && one->step[0].n == 3, "--iterations: a line a step, of three views");
+    ok(is_epoch(one, 0, 4, training, TRAINING), "an epoch: every training view once, no test view");
+    ok(is_epoch(one, 4, 8, training, TRAINING), "and so is the second");
+    ok(!in_order(one, 4), "views are shuffled");
+    ok(!same_order(one, 0, one, 4, 4), "in every epoch anew");
+    ok(is_epoch(seed, 0, 4, training, TRAINING) && !same_order(one, 0, seed, 0, 4),
+       "--seed: another order");
+    ok(same_order(again, 0, seed, 0, 8), "the same seed: the same order");
+    ok(farthest(one->table, seed->table, 0, one->n_table) > 1e-5, "--seed: other first values");
+    is_text(spin_json_string(spin_json_get(seed->options, "seed")), "1", "--seed is in the bundle");
+    ok(is_epoch(cams, 0, 4, others, 6), "--test-cams: exactly those listed are held out");
+    ok(number_at(cams->options, "test_cameras", 0) == 3 &&
+           number_at(cams->options, "test_cameras", 1) == 19 &&
+           spin_json_length(spin_json_get(cams->options, "test_cameras")) == 2,
+       "--test-cams is in the bundle");
+    ok(is_epoch(frames, 0, 4, training, TRAINING) && one_frame_a_step(frames) &&
+           !one_frame_a_step(one),
+       "--views-per-frame: a step's views are of one frame");
+    ok(!in_order(frames, 4), "and shuffled");
+    ok(pairs->step[0].n == 4 && is_epoch(pairs, 0, 3, training, TRAINING),
+       "--views-per-frame 2 of --batch 4: an epoch");
+    for (int s = 0; s < 3; s++)
+        ok(pairs->step[s].view[0][0] == pairs->step[s].view[1][0] &&
+               pairs->step[s].view[2][0] == pairs->step[s].view[3][0],
+           "step %d: two views of a frame side by side", s + 1);
+    ok(two->n == 6 && two->step[0].n == 2 && is_epoch(two, 0, 6, training, TRAINING),
+       "--batch 2: two views a step");
+    ok(range->step[0].view[0][0] >= 4 && range->step[0].view[1][0] >= 4 &&
+           spin_json_length(spin_json_get(range->meta, "frames")) == 2 &&
+           number(spin_json_at(spin_json_get(range->meta, "frames"), 1), "number") == 5,
+       "--range: frames 4 and 5");
+    drop(one), drop(seed), drop(again), drop(cams), drop(frames), drop(pairs), drop(two),
+        drop(range);
+}
+
+/* ---- The loss ----------------------------------------------------------------------------------- */
+
+static void is_mix(const struct run *r, double lambda)
+{
+    bool good = true;
+
+    for (int s = 0; s < r->n; s++)
+        good = good && fabs(r->step[s].loss - (1 - lambda) * r->step[s].l1 -
+                            lambda * (1 - r->step[s].ssim)) < 1e-6;
+    ok(r->n == 4 && good, "the loss is (1 - %g) l1 + %g (1 - ssim)", lambda, lambda);
+    near(number(r->options, "lambda_dssim"), lambda, 0, "as the bundle says");
+}
+
+/* Mean opacity, or mean scale, of the network's splats in frame 1. */
+static double mean_of(unsigned column)
+{
+    struct spin_scene *scene = NULL;
+    struct spin_splats s = {0};
+    char path[600];
+    double sum = 0;
+
+    snprintf(path, sizeof path, "%s/run.spin", folder);
+    if (!ok(spin_scene_open(path, &scene) == SPIN_OK &&
+                spin_scene_read(scene, 0, SPIN_FROM_NETWORK, column, &s) == SPIN_OK,
+            "decodes the network"))
+        exit(tap_done());
+    for (size_t i = 0; i < s.n; i++)
+        sum += column == SPIN_COL_LOGIT_OPACITIES ? (double)s.logit_opacities[i] / (double)s.n
+                                                  : (double)s.log_scales[3 * i] / (double)s.n;
+    spin_splats_free(&s);
+    spin_scene_close(scene);
+    return sum;
+}
+
+static void test_loss(void)
+{
+    struct run *one = retrain(""), *l1 = retrain("--lambda-dssim 0"),
+               *ssim = retrain("--lambda-dssim 1"), *white = retrain("--background white"),
+               *red = retrain("--background 1,0,0.5"), *blue = retrain("--background 0.5,0,1"),
+               *moving = retrain("--moving-weight 4"), *anti = retrain("--antialias"),
+               *small = retrain("--scale 0.5"), *other;
+    bool flag = false;
+    double opacity, scale;
+
+    is_mix(one, 0.2);
+    is_mix(l1, 0);
+    is_mix(ssim, 1);
+    ok(farthest(l1->heads, ssim->heads, 0, one->model.n_heads) > 1e-4, "and reaches the gradient");
+    ok(same_order(one, 0, white, 0, 4) && fabs(white->step[0].l1 - one->step[0].l1) > 0.01 &&
+           fabs(white->step[3].l1 - one->step[3].l1) > 0.01,
+       "--background reaches the loss");
+    ok(fabs(red->step[0].l1 - blue->step[0].l1) > 1e-3, "each of its channels");
+    ok(number_at(red->options, "background", 0) == 1 &&
+           number_at(red->options, "background", 1) == 0 &&
+           number_at(red->options, "background", 2) == 0.5,
+       "--background is in the bundle");
+    ok(fabs(moving->step[0].l1 - one->step[0].l1) > 1e-3, "--moving-weight weighs the loss");
+    near(number(moving->options, "moving_weight"), 4, 0, "and is in the bundle");
+    ok(fabs(anti->step[0].l1 - one->step[0].l1) > 1e-4, "--antialias draws otherwise");
+    ok(spin_json_bool(spin_json_get(anti->network, "antialias"), &flag) && flag &&
+           !spin_json_get(one->network, "antialias"),
+       "and is in the bundle");
+    ok(fabs(small->step[0].l1 - one->step[0].l1) > 1e-4 &&
+           number(small->options, "image_scale") == 0.5,
+       "--scale: other images");
+    drop(l1), drop(ssim), drop(white), drop(red), drop(blue), drop(moving), drop(anti), drop(small);
+
+    other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0");
+    opacity = mean_of(SPIN_COL_LOGIT_OPACITIES);
+    scale = mean_of(SPIN_COL_LOG_SCALES);
+    drop(other);
+    other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0 --lambda-opacity 100");
+    ok(mean_of(SPIN_COL_LOGIT_OPACITIES) < opacity - 0.1, "--lambda-opacity makes splats fainter");
+    near(number(other->options, "lambda_opacity"), 100, 0, "and is in the bundle");
+    drop(other);
+    other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0 --lambda-scale 100");
+    ok(mean_of(SPIN_COL_LOG_SCALES) < scale - 0.1, "--lambda-scale makes splats smaller");
+    near(number(other->options, "lambda_scale"), 100, 0, "and is in the bundle");
+    drop(other);
+    drop(one);
+}
+
+/* ---- Rates -------------------------------------------------------------------------------------- */
+
+/* Adam's first step moves every parameter that has a gradient by the rate, so the largest difference to
+ * a run of rate 0 is the rate. With one step of warm-up it is the rate as given. */
+static const char still[] =
+    "--iterations 1 --warmup 1 --lr-table 0 --head-lr-factor 0 --lr-position 0";
+
+static double moved(const struct run *a, const struct run *b, int head)
+{
+    return farthest(a->heads, b->heads, a->model.heads.offset[head],
+                    a->model.heads.offset[head + 1]);
+}
+
+static double moved_array(struct run *a, struct run *b, const char *key)
+{
+    size_t n, m;
+    float *x = array_of(a, key, &n), *y = array_of(b, key, &m);
+    double most = ok(n == m && n > 0, "%s: as many", key) ? farthest(x, y, 0, n) : NAN;
+
+    free(x);
+    free(y);
+    return most;
+}
+
+static void test_rates(void)
+{
+    static const char rates[] =
+        "--lr-table 0.01 --lr-sh 0.002 --lr-scale 0.003 --lr-rotation 0.004 "
+        "--lr-opacity 0.005 --lr-position 0.001";
+    struct run *zero = retrain(still), *one, *half, *twice;
+    char more[400];
+    double extent = number(zero->options, "spatial_extent");
+
+    ok(moved_array(zero, zero, "network/means/00000") == 0, "a run compares with itself");
+    snprintf(more, sizeof more, "--iterations 1 --warmup 1 %s", rates);
+    one = retrain(more);
+    near(farthest(one->table, zero->table, 0, one->n_table), 0.01, 1e-5, "--lr-table");
+    near(moved(one, zero, SPIN_HEAD_SH), 0.002, 1e-6, "--lr-sh is the colour head's");
+    near(moved(one, zero, SPIN_HEAD_SCALE), 0.003, 1e-6, "--lr-scale is the scale head's");
+    near(moved(one, zero, SPIN_HEAD_ROTATION), 0.004, 1e-6, "--lr-rotation is the rotation head's");
+    near(moved(one, zero, SPIN_HEAD_OPACITY), 0.005, 1e-6, "--lr-opacity is the opacity head's");
+    near(fmax(moved_array(one, zero, "network/means/00000"),
+              moved_array(one, zero, "network/means/00001")) /
+             extent,
+         0.001, 1e-5, "--lr-position is the positions', times the extent");
+    drop(one);
+
+    /* The first step of a warm-up of four. */
+    snprintf(more, sizeof more, "--iterations 1 --warmup 4 %s", rates);
+    half = retrain(more);
+    near(farthest(half->table, zero->table, 0, half->n_table), 0.01 / 4, 1e-5,
+         "--warmup: a quarter");
+    near(moved(half, zero, SPIN_HEAD_OPACITY), 0.005 / 4, 1e-6, "--warmup: of all rates");
+    drop(half);
+
+    snprintf(more, sizeof more, "--iterations 1 --warmup 1 --head-lr-factor 2 %s", rates);
+    twice = retrain(more);
+    near(moved(twice, zero, SPIN_HEAD_SH), 0.004, 1e-6,
+         "--head-lr-factor doubles the colour head's");
+    near(moved(twice, zero, SPIN_HEAD_SCALE), 0.006, 1e-6, "the scale head's");
+    near(moved(twice, zero, SPIN_HEAD_ROTATION), 0.008, 1e-6, "the rotation head's");
+    near(moved(twice, zero, SPIN_HEAD_OPACITY), 0.01, 1e-6, "the opacity head's");
+    near(farthest(twice->table, zero->table, 0, twice->n_table), 0.01, 1e-5, "and not the table's");
+    drop(twice);
+    drop(zero);
+}
+
+/* Without --warmup it is a fortieth of the iterations, and without a rate the paper's. */
+static void test_defaults(void)
+{
+    struct run *one = retrain("--iterations 40"), *said_so, *two;
+
+    said_so =
+        retrain("--iterations 40 --warmup 1 --lr-table 8e-3 --lr-sh 1e-3 --lr-scale 3e-4 "
+                "--lr-rotation 3e-5 --lr-opacity 8e-4 --lr-position 1.6e-4 --head-lr-factor 1 "
+                "--lambda-dssim 0.2 --seed 0 --batch 3 --views-per-frame 1 --sh-degree 3 "
+                "--base-resolution 8 --features 4 --table-range 1e-4 --scale-bias -5 "
+                "--scene-normalise off --residual off --activation gelu --sh-every 0 "
+                "--lambda-opacity 0 --lambda-scale 0 --moving-weight 1 --background black "
+                "--method network --refine 0 --pair auto --preset paper --test-cams 0,15");
+    two = retrain("--iterations 40 --warmup 2");
+    ok(moved_array(one, said_so, "network/table") == 0 &&
+           moved_array(one, said_so, "network/heads") == 0,
+       "spelling out the defaults changes nothing");
+    ok(moved_array(one, two, "network/table") > 1e-6, "another warm-up does");
+    drop(one), drop(said_so), drop(two);
+}
+
+/* ---- Values of every splat's own ---------------------------------------------------------------- */
+
+static void test_own(void)
+{
+    static const char *const word[] = {"points", "source"};
+    static const double rate[] = {5e-3, 1e-3, 2.5e-3, 0.05};
+    static const size_t first[] = {0, 3, 7, 10, 11};
+    size_t n, m;
+    float *opacity[2];
+
+    for (int k = 0; k < 2; k++) {
+        char more[300];
+        struct run *stay, *go;
+        float *a, *b;
+
+        snprintf(more, sizeof more, "%s --residual %s --range 1:2 --lr-residual 0", still, word[k]);
+        stay = retrain(more);
+        snprintf(more, sizeof more, "%s --residual %s --range 1:2 --lr-residual 0.5", still,
+                 word[k]);
+        go = retrain(more);
+        a = array_of(stay, "network/own/00000", &n);
+        b = array_of(go, "network/own/00000", &m);
+        for (int g = 0; g < 4 && ok(n == m && n == 11 * 2940, "eleven values a splat"); g++) {
+            double most = 0;
+
+            for (size_t i = 0; i < n / 11; i++)
+                most = fmax(most, farthest(a + 11 * i, b + 11 * i, first[g], first[g + 1]));
+            near(most, 0.5 * rate[g], 2e-3 * rate[g], "--lr-residual is on 3DGS's rates");
+        }
+        is_text(spin_json_string(spin_json_get(go->options, "residual")), word[k], "--residual");
+        near(number(go->options, "lr_residual"), 0.5, 0, "--lr-residual is in the bundle");
+        opacity[k] = a;
+        if (k == 1) {
+            float *source = array_of(stay, "source/logit_opacities", &m);
+            bool same = m * 11 == n;
+
+            for (size_t i = 0; i < m && same; i++)
+                same = fabsf(a[11 * i + 10] - source[i]) < 1e-5f;
+            ok(same, "--residual source: the source's opacities");
+            free(source);
+        }
+        free(b);
+        drop(stay), drop(go);
+    }
+    ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
+    free(opacity[0]);
+    free(opacity[1]);
+}
+
+/* ---- Camera colours ----------------------------------------------------------------------------- */
+
+static void test_cameras(void)
+{
+    struct run *none = retrain(""), *one, *all;
+    const spin_json *cameras;
+
+    ok(spin_json_length(spin_json_get(none->network, "cameras")) == 0,
+       "cameras have no colours by default");
+    drop(none);
+    all = retrain("--camera-colour --lr-camera 0.01 --warmup 0 --iterations 12");
+    cameras = spin_json_get(all->network, "cameras");
+    ok(spin_json_length(cameras) == TRAINING, "--camera-colour: one a training camera");
+    for (size_t i = 0; i < TRAINING; i++) {
+        const spin_json *camera = spin_json_at(cameras, i);
+
+        ok(number(camera, "camera") == training[i], "camera %d", training[i]);
+        for (size_t j = 0; j < i; j++) {
+            double most = 0;
+
+            for (size_t c = 0; c < 3; c++)
+                most = fmax(most, fabs(number_at(camera, "log_gain", c) -
+                                       number_at(spin_json_at(cameras, j), "log_gain", c)));
+            ok(most > 1e-4, "cameras %d and %d have different colours", training[j], training[i]);
+        }
+    }
+    drop(all);
+
+    /* One step at --lr-camera moves those that it saw by the rate; then the mean of all is taken off. */
+    one = retrain("--camera-colour --lr-camera 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
+    cameras = spin_json_get(one->network, "cameras");
+    for (size_t c = 0; c < 3; c++) {
+        double mean = 0, unseen = NAN;
+
+        for (size_t i = 0; i < TRAINING; i++)
+            mean += number_at(spin_json_at(cameras, i), "log_gain", c) / TRAINING;
+        near(mean, 0, 1e-7, "their mean is 0");
+        for (size_t i = 0; i < TRAINING; i++) {
+            double value = number_at(spin_json_at(cameras, i), "log_gain", c);
+            bool seen = false;
+
+            for (int k = 0; k < one->step[0].n; k++)
+                seen = seen || one->step[0].view[k][1] == training[i];
+            if (!seen)
+                unseen = value;
+        }
+        for (size_t i = 0; i < TRAINING; i++) {
+            double value = number_at(spin_json_at(cameras, i), "log_gain", c);
+            bool seen = false;
+
+            for (int k = 0; k < one->step[0].n; k++)
+                seen = seen || one->step[0].view[k][1] == training[i];
+            near(fabs(value - unseen), seen ? 0.01 : 0, 1e-6,
+                 seen ? "a camera of the step moves by --lr-camera" : "others do not move");
+        }
+    }
+    drop(one);
+}
+
+/* ---- Shapes and first values -------------------------------------------------------------------- */
+
+static float most_of(const float *p, size_t n)
+{
+    float most = 0;
+
+    for (size_t i = 0; i < n; i++)
+        most = fmaxf(most, fabsf(p[i]));
+    return most;
+}
+
+/* Bias of the scale head's last layer. */
+static double bias_of(const struct run *r)
+{
+    return (double)r->heads[r->model.heads.offset[SPIN_HEAD_SCALE + 1] - 1];
+}
+
+static void test_network(void)
+{
+    char more[500];
+    struct run *one = retrain(still), *r;
+    bool flag = false;
+
+    ok(one->model.grid.n_levels == 4 && one->model.grid.n_features == 4 &&
+           one->model.heads.hidden == 16 && one->model.sh_degree == 3,
+       "the network's shape");
+    ok(one->n_table == 4 * 4 * 1024, "of 2^10 rows a level");
+    ok(one->model.grid.res[0][0] == 8 && one->model.grid.res[0][3] == 8 &&
+           one->model.grid.res[3][0] == 32 && one->model.grid.res[3][3] == 16,
+       "and its resolutions");
+    ok(most_of(one->table, one->n_table) <= 1e-4f && most_of(one->table, one->n_table) > 0.9e-4f,
+       "first values of the table lie in 1e-4");
+    near(bias_of(one), -5, 0, "the first log scale is -5");
+    ok(one->model.norm.inv_radius == 1 && !one->model.norm.raw && !one->model.heads.relu,
+       "nothing is normalised, and the heads are GELU's");
+    near(number(one->options, "scale_bias"), -5, 0, "as the bundle says");
+
+    snprintf(more, sizeof more,
+             "%s --levels 6 --features 2 --hash-log2 9 --hidden 8 --sh-degree 1 --base-resolution "
+             "4,5,6,2 "
+             "--finest-resolution 20,21,22,7 --table-range 0.5 --scale-bias -3 --activation relu "
+             "--scene-normalise 1,2,3,4",
+             still);
+    r = retrain(more);
+    ok(r->model.grid.n_levels == 6, "--levels");
+    ok(r->model.grid.n_features == 2, "--features");
+    ok(r->n_table <= 6 * 2 * 512 && r->n_table > 5 * 2 * 512,
+       "--hash-log2: at most 2^9 rows a level");
+    ok(r->model.heads.hidden == 8, "--hidden");
+    ok(r->model.sh_degree == 1, "--sh-degree");
+    ok(r->model.grid.res[0][0] == 4 && r->model.grid.res[0][1] == 5 &&
+           r->model.grid.res[0][2] == 6 && r->model.grid.res[0][3] == 2,
+       "--base-resolution, axis by axis");
+    ok(r->model.grid.res[5][0] == 20 && r->model.grid.res[5][1] == 21 &&
+           r->model.grid.res[5][2] == 22 && r->model.grid.res[5][3] == 7,
+       "--finest-resolution, axis by axis");
+    ok(most_of(r->table, r->n_table) <= 0.5f && most_of(r->table, r->n_table) > 0.45f,
+       "--table-range");
+    near(bias_of(r), -3, 0, "--scale-bias");
+    ok(r->model.heads.relu, "--activation relu");
+    ok(r->model.norm.centre[0] == 1 && r->model.norm.centre[1] == 2 &&
+           r->model.norm.centre[2] == 3 && r->model.norm.inv_radius == 0.25f,
+       "--scene-normalise CX,CY,CZ,R");
+    ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-3, "and the network draws otherwise");
+    drop(r);
+
+    snprintf(more, sizeof more, "%s --scene-normalise auto --scale-bias auto", still);
+    r = retrain(more);
+    ok(r->model.norm.inv_radius > 0.2f && r->model.norm.inv_radius < 0.6f &&
+           r->model.norm.centre[1] < -0.2f,
+       "--scene-normalise auto: from the points");
+    ok(bias_of(r) < -1 && bias_of(r) > -4 && bias_of(r) == (float)number(r->options, "scale_bias"),
+       "--scale-bias auto: from the points");
+    drop(r);
+    drop(one);
+    snprintf(more, sizeof more, "%s --table-range 0.5", still);
+    one = retrain(more);
+    snprintf(more, sizeof more, "%s --table-range 0.5 --scene-normalise none", still);
+    r = retrain(more);
+    ok(spin_json_bool(spin_json_get(spin_json_get(r->network, "norm"), "raw"), &flag) && flag,
+       "--scene-normalise none: without the contraction");
+    ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "which draws otherwise");
+    drop(r);
+    snprintf(more, sizeof more, "%s --table-range 0.5 --activation relu", still);
+    r = retrain(more);
+    ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "--activation alone draws otherwise");
+    drop(r), drop(one);
+}
+
+/* Weights of the colour head's last layer behind the first degree. */
+static float rest_of(const struct run *r)
+{
+    size_t hidden = (size_t)r->model.heads.hidden, n = (size_t)r->model.heads.n_out[SPIN_HEAD_SH];
+    const float *w = r->heads + r->model.heads.offset[SPIN_HEAD_SH + 1] - n * (hidden + 1);
+
+    return most_of(w + 3 * hidden, (n - 3) * hidden);
+}
+
+static void test_sh_every(void)
+{
+    struct run *never = retrain("--sh-every 100"), *soon = retrain("--sh-every 1");
+
+    ok(rest_of(never) == 0, "--sh-every 100: four steps know no direction");
+    ok(rest_of(soon) > 0, "--sh-every 1: they do");
+    near(number(never->options, "sh_every"), 100, 0, "--sh-every is in the bundle");
+    drop(never), drop(soon);
+}
+
+/* ---- Files, plans, the machine ------------------------------------------------------------------ */
+
+static void test_files(void)
+{
+    char more[700];
+    struct run *one = retrain("");
+
+    ok(one->n_tests == 1 && one->test[0] == 4, "test views are measured at the end");
+    drop(one);
+    snprintf(more, sizeof more, "--iterations 5 --eval-every 2 --preview %s/preview", folder);
+    one = retrain(more);
+    ok(one->n_tests == 3 && one->test[0] == 2 && one->test[1] == 4 && one->test[2] == 5,
+       "--eval-every 2: after 2, 4 and the last");
+    for (int i = 2; i <= 6; i += 2)
+        for (int c = 0; c < TESTING; c++) {
+            char name[80];
+
+            snprintf(name, sizeof name, "frame_00002_cam_%02d_iteration_%07d.png", testing[c],
+                     i < 6 ? i : 5);
+            ok(is_png("preview", name, 3 * 40 + 2 * 4, 23), "--preview: %s", name);
+        }
+    ok(shell("test $(ls %s/preview | wc -l) = 6", folder) == 0, "and no other picture");
+    drop(one);
+}
+
+static void test_plan(void)
+{
+    double memory;
+
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q", bin, folder);
+    ok(said_number("iterations") == 40000 && said_number("frames") == 6 &&
+           said_number("refine") == 0,
+       "--dry-run without a preset: the paper's");
+    memory = said_number("bytes_needed");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset short", bin, folder);
+    ok(said_number("iterations") == 1500 && said_number("bytes_needed") < memory / 2,
+       "--preset short");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit", bin, folder);
+    ok(said_text("method", "explicit") && said_number("refine") == 2000,
+       "--method explicit: 2000 a frame");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit --refine 7", bin,
+          folder);
+    ok(said_number("refine") == 7, "--refine 7");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --threads 1", bin, folder);
+    ok(said_text("device", "cpu") && said_text("device", ", 1 thread)"), "--threads 1");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --threads 3 --device cpu", bin, folder);
+    ok(said_text("device", ", 3 threads)"), "--threads 3");
+}
+
+/* What reads the data set: its kind, where it is, how frames find their rows. */
+static void test_data(void)
+{
+    static struct run paired[3];
+    struct run *r;
+    char more[700];
+
+    ok(shell("%s/spin-retrain %s/in.spin -o %s/x.spin %s --data-from transforms", bin, folder,
+             folder, base) == 1 &&
+           strstr(said, "transforms"),
+       "--data-from: another reader looks for other files");
+    ok(shell("%s/spin-retrain %s/in.spin -o %s/x.spin %s --data %s", bin, folder, folder, base,
+             folder) == 1 &&
+           strstr(said, folder),
+       "--data: another folder is none");
+    snprintf(more, sizeof more, "--data %s --data-from panoptic", clip);
+    r = retrain(more);
+    is_text(spin_json_string(spin_json_get(spin_json_get(r->meta, "data"), "from")), "panoptic",
+            "--data and --data-from");
+    drop(r);
+    /* Two frames whose numbers are those of the data set's rows 1 and 3; by order they are rows 0 and 1. */
+    if (!ok(shell("%s/spin-export %s/in.spin --to ply -o %s/ply --range 1:4:2", bin, folder,
+                  folder) == 0 &&
+                shell("cd %s/ply && rm sequence.json && mv frame_00001.ply frame_00009.ply && mv "
+                      "frame_00003.ply frame_00011.ply",
+                      folder) == 0 &&
+                shell("%s/spin-import %s/ply -o %s/two.spin", bin, folder, folder) == 0,
+            "two frames with numbers"))
+        printf("#   %s\n", said);
+    for (int i = 0; i < 3; i++) {
+        static const char *const pair[] = {"--pair number", "--pair order", ""};
+
+        if (!ok(shell("%s/spin-retrain %s/two.spin -o %s/run.spin --force --data %s --log "
+                      "%s/pair.log %s --range 0:99 %s",
+                      bin, folder, folder, clip, folder, base, pair[i]) == 0,
+                "two frames of six: %s", *pair[i] ? pair[i] : "auto"))
+            printf("#   %s\n", said);
+        snprintf(more, sizeof more, "%s/pair.log", folder);
+        memset(&paired[i], 0, sizeof paired[i]);
+        read_log(&paired[i], more);
+    }
+    ok(paired[0].step[0].l1 != paired[1].step[0].l1,
+       "--pair: rows by number are not rows by order");
+    ok(paired[0].step[0].l1 == paired[2].step[0].l1, "auto: by number, where both have numbers");
+}
+
+/* A long run leaves a state every 7 steps. */
+static void test_save_every(void)
+{
+    char path[600];
+    spin_json *state = NULL;
+    struct spin_npz part;
+    pid_t pid = fork();
+
+    if (pid == 0) {
+        char command[1500];
+
+        snprintf(command, sizeof command,
+                 "exec %s/spin-retrain %s/in.spin -o %s/long.spin %s --iterations 1000000 "
+                 "--save-every 7",
+                 bin, folder, folder, base);
+        execl("/bin/sh", "sh", "-c", command, (char *)NULL);
+        _exit(127);
+    }
+    snprintf(path, sizeof path, "%s/long.spin.part", folder);
+    for (int i = 0; i < 6000 && !spin_path_exists(path) && waitpid(pid, NULL, WNOHANG) == 0; i++)
+        usleep(10000);
+    kill(pid, SIGKILL);
+    waitpid(pid, NULL, 0);
+    if (spin_npz_open(path, &part) == SPIN_OK)
+        state = json_in(&part, "state.json");
+    if (ok(state != NULL, "--save-every 7: a state long before five minutes"))
+        ok(number(state, "iteration") > 0 && fmod(number(state, "iteration"), 7) == 0,
+           "of a seventh step");
+    spin_json_free(state);
+    spin_npz_close(&part);
+}
+
+/* ---- Frame by frame ----------------------------------------------------------------------------- */
+
+/* Cameras and losses in the log of a run with --method explicit. */
+struct refined {
+    int n, n_cameras[32];
+    double first, clones;
+};
+
+static struct refined refine(const char *more)
+{
+    static char line[4096];
+    struct refined r = {0};
+    char path[600];
+    FILE *f;
+
+    snprintf(path, sizeof path, "%s/refine.log", folder);
+    if (!ok(shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --log %s --device cpu --range 1:2 "
+                  "--scale 0.25 --method explicit --force -q %s",
+                  bin, folder, folder, path, more) == 0,
+            "spin-retrain --method explicit %s", more)) {
+        printf("#   %s\n", said);
+        exit(tap_done());
+    }
+    f = fopen(path, "r");
+    while (f && fgets(line, sizeof line, f)) {
+        spin_json *j = NULL;
+        double camera = -1;
+
+        spin_json_parse("log", line, strlen(line), &j);
+        if (spin_json_number(spin_json_get(j, "camera"), &camera)) {
+            if (r.n++ == 0)
+                spin_json_number(spin_json_get(j, "loss"), &r.first);
+            r.n_cameras[camera >= 0 && camera < 32 ? (int)camera : 31]++;
+            if (spin_json_get(j, "clones"))
+                r.clones += number(j, "clones") + number(j, "splits");
+        }
+        spin_json_free(j);
+    }
+    if (f)
+        fclose(f);
+    return r;
+}
+
+static bool sees_only(const struct refined *r, const int *cameras, int n)
+{
+    int seen = 0;
+
+    for (int i = 0; i < n; i++)
+        seen += r->n_cameras[cameras[i]] > 0 ? r->n_cameras[cameras[i]] : -r->n;
+    return seen == r->n;
+}
+
+static void test_refine(void)
+{
+    static const int others[] = {0, 7, 12, 15, 23, 27};
+    struct refined one = refine("--refine 12"), cams = refine("--refine 12 --test-cams 3,19"),
+                   white = refine("--refine 12 --background white"),
+                   dssim = refine("--refine 12 --lambda-dssim 0"),
+                   source = refine("--refine 12 --refine-start source"),
+                   anti = refine("--refine 12 --antialias"), seed = refine("--refine 12 --seed 2"),
+                   grown = refine("--refine 136"), kept = refine("--refine 136 --densify off");
+
+    ok(one.n == 12, "--refine 12: so many lines");
+    ok(sees_only(&one, training, TRAINING),
+       "frames are refined from every training view, no test view");
+    ok(sees_only(&cams, others, 6), "--test-cams: exactly those listed are held out");
+    ok(one.first != seed.first, "--seed: another first view");
+    ok(fabs(white.first - one.first) > 0.01, "--background reaches its loss");
+    ok(fabs(dssim.first - one.first) > 1e-3, "--lambda-dssim as well");
+    ok(fabs(source.first - one.first) > 1e-3, "--refine-start source starts elsewhere");
+    ok(fabs(anti.first - one.first) > 1e-5, "--antialias draws otherwise");
+    ok(grown.clones > 0 && kept.clones == 0, "--densify");
+}
+
+/* ---- All ---------------------------------------------------------------------------------------- */
+
+TAP_MAIN
+{
+    begin_commands();
+    test_views();
+    test_loss();
+    test_rates();
+    test_defaults();
+    test_own();
+    test_cameras();
+    test_network();
+    test_sh_every();
+    test_files();
+    test_plan();
+    test_data();
+    test_save_every();
+    test_refine();
+}
