@@ -23,10 +23,11 @@ __attribute__((format(printf, 1, 2))) static int shell(const char *format, ...)
     int n, status;
 
     va_start(args, format);
-    n = vsnprintf(command, sizeof command, format, args);
+    n = snprintf(command, sizeof command, "( ");
+    n += vsnprintf(command + n, sizeof command - (size_t)n, format, args);
     va_end(args);
     snprintf(path, sizeof path, "%s/said", folder);
-    snprintf(command + n, sizeof command - (size_t)n, " >%s 2>&1 </dev/null", path);
+    snprintf(command + n, sizeof command - (size_t)n, " ) >%s 2>&1 </dev/null", path);
     status = system(command);
     f = fopen(path, "r");
     said[f ? fread(said, 1, sizeof said - 1, f) : 0] = '\0';
