@@ -93,12 +93,12 @@ static void write_meta(const char *name, int first, int end)
     fclose(f);
 }
 
-static void write_cloud(int row)
+static void write_cloud(const char *name, int number, int row)
 {
     static const char *const names[] = {"x",       "y",       "z",       "f_dc_0",  "f_dc_1",
                                         "f_dc_2",  "opacity", "scale_0", "scale_1", "scale_2",
                                         "rot_0",   "rot_1",   "rot_2",   "rot_3"};
-    FILE *f = fopen(in("far/f%d.ply", FIRST + row, 0), "w");
+    FILE *f = fopen(in(name, number, 0), "w");
 
     if (!f)
         exit(1);
@@ -115,6 +115,7 @@ static void make_clip(void)
     struct spin_import_report r;
 
     mkdir(in("far", 0, 0), 0777);
+    mkdir(in("other", 0, 0), 0777);
     mkdir(in("data", 0, 0), 0777);
     mkdir(in("data/ims", 0, 0), 0777);
     mkdir(in("data/seg", 0, 0), 0777);
@@ -122,8 +123,10 @@ static void make_clip(void)
         mkdir(in("data/ims/%d", camera_id[k], 0), 0777);
         mkdir(in("data/seg/%d", camera_id[k], 0), 0777);
     }
-    for (int row = 0; row < ROWS; row++)
-        write_cloud(row);
+    for (int row = 0; row < ROWS; row++) {
+        write_cloud("far/f%d.ply", FIRST + row, row);
+        write_cloud("other/f%d.ply", row, row);
+    }
     write_pictures();
     write_meta("data/train_meta.json", 0, 2);
     write_meta("data/test_meta.json", 2, 3);
@@ -137,6 +140,12 @@ static void make_clip(void)
            r.bounds_max[0] == 10000 + ROWS - 1 && r.bounds_max[1] == 20000 &&
            r.bounds_max[2] == 30000,
        "the box around all of its frames");
+    o.input = in("other", 0, 0);
+    o.force = true;
+    o.output = in("other.spin", 0, 0);
+    ok(spin_import(&o, &r) == SPIN_E_USAGE, "other numbers do not meet those of the pictures");
+    o.pair = "order";
+    ok(spin_import(&o, &r) == SPIN_OK && r.number_first == 0, "unless paired by order");
 }
 
 /* --check-cameras: every picture is of its own frame and camera, darkened. */
@@ -304,6 +313,8 @@ static void train(void)
     struct spin_import_report ir;
     struct spin_retrain_options o;
     struct spin_retrain_report r;
+    struct spin_eval_options e = {.image_scale = 0.1, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report er;
     char source[600];
 
     snprintf(source, sizeof source, "%s/court.spin", folder);
@@ -321,7 +332,14 @@ static void train(void)
     o.hash_log2 = 12;
     o.refine = 2;
     o.residual = SPIN_RESIDUAL_SOURCE;
-    ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network: %s", spin_last_error());
+    o.table_range = 0.3; /* places and times differ */
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network"))
+        printf("#   %s\n", spin_last_error());
+    e.input = trained;
+    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.network, "measured again");
+    near(er.mean.psnr, r.test.psnr, 1e-9, "from its file, the network is what it was in training");
+    near(er.mean.ssim, r.test.ssim, 1e-9, "in its SSIM as well");
+    spin_eval_report_free(&er);
 }
 
 /* Bytes of the members whose names begin so. */
@@ -371,6 +389,7 @@ static void check_speed(void)
     if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 6, "a view of every frame"))
         return;
     took = spin_now_s() - start;
+    ok(r.moving == SPIN_MOVING_OFF && isnan(r.mean.psnr_moving), "what moves only when asked for");
     ok(r.seconds_decode > 0 && 6 * r.seconds_decode < took, "seconds to decode are of one frame");
     spin_eval_report_free(&r);
 
