@@ -428,6 +428,7 @@ static void test_own(void)
     static const size_t first[] = {0, 3, 7, 10, 11};
     size_t n, m;
     float *opacity[2];
+    struct run *off;
 
     for (int k = 0; k < 2; k++) {
         char more[300];
@@ -464,6 +465,9 @@ static void test_own(void)
         drop(stay), drop(go);
     }
     ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
+    off = retrain("--preset short --iterations 1 --residual off");
+    ok(!spin_npz_has(&off->npz, "network/own/00000"), "--residual off: nothing, whatever the preset");
+    drop(off);
     free(opacity[0]);
     free(opacity[1]);
 }
@@ -672,6 +676,8 @@ static void test_plan(void)
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset short", bin, folder);
     ok(said_number("iterations") == 1500 && said_number("bytes_needed") < memory / 2,
        "--preset short");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset=short", bin, folder);
+    ok(said_number("iterations") == 1500, "or --preset=short");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit", bin, folder);
     ok(said_text("method", "explicit") && said_number("refine") == 2000,
        "--method explicit: 2000 a frame");
@@ -760,6 +766,16 @@ static void test_save_every(void)
            "of a seventh step");
     spin_json_free(state);
     spin_npz_close(&part);
+    ok(shell("%s/spin-import --from d3dgs %s --data %s --positions-only -o %s/bare.spin", bin, clip,
+             clip, folder) == 0,
+       "the same clip without its attributes");
+    for (int i = 0; i < 2; i++)
+        ok(shell("%s/spin-retrain %s/%s -o %s/long.spin %s --iterations 1000000 --save-every 7 "
+                 "--resume %s",
+                 bin, folder, i ? "bare.spin" : "in.spin", folder, base,
+                 i ? "" : "--lr-table 0.5") == 2 &&
+               strstr(said, "another input or with other options"),
+           "--resume refuses %s", i ? "another input" : "other rates");
 }
 
 /* ---- Frame by frame ----------------------------------------------------------------------------- */
@@ -841,17 +857,17 @@ static void test_refine(void)
 TAP_MAIN
 {
     begin_commands();
-    test_views();
-    test_loss();
-    test_rates();
-    test_defaults();
-    test_own();
-    test_cameras();
-    test_network();
-    test_sh_every();
-    test_files();
-    test_plan();
-    test_data();
-    test_save_every();
-    test_refine();
+    PART(test_views);
+    PART(test_loss);
+    PART(test_rates);
+    PART(test_defaults);
+    PART(test_own);
+    PART(test_cameras);
+    PART(test_network);
+    PART(test_sh_every);
+    PART(test_files);
+    PART(test_plan);
+    PART(test_data);
+    PART(test_save_every);
+    PART(test_refine);
 }

@@ -333,6 +333,7 @@ static void train(void)
     o.refine = 2;
     o.residual = SPIN_RESIDUAL_SOURCE;
     o.table_range = 0.3; /* places and times differ */
+    o.background[1] = e.background[1] = 0.7f;
     if (!ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network"))
         printf("#   %s\n", spin_last_error());
     e.input = trained;

@@ -104,14 +104,21 @@ def changed(fault, text):
     return text[:first] + fault["new"] + text[last:]
 
 
+def has_part(test, part):
+    with open(os.path.join(ROOT, test)) as f:
+        return re.search(r"PART\(%s[,)]" % part, f.read()) is not None
+
+
 def tests_of(fault):
-    """Words as for `make test K=`, of paths only."""
+    """(path, part or None) of words as for `make test K=`, of paths only; a part comes behind a colon."""
     there = sorted(glob.glob("tests/*/t-*.c", root_dir=ROOT) + glob.glob("tests/cli/t*.sh", root_dir=ROOT))
     tests = []
     for word in fault["tests"].split():
-        found = [t for t in there if word in t]
+        word, _, part = word.partition(":")
+        found = [(t, part or None) for t in there if word in t and (not part or has_part(t, part))]
         if not found:
-            raise Mistake("%s: '%s': no test '%s'" % (fault["at"], fault["name"], word))
+            raise Mistake("%s: '%s': no test '%s'%s" %
+                          (fault["at"], fault["name"], word, " with a part '%s'" % part if part else ""))
         tests += [t for t in found if t not in tests]
     return tests
 
@@ -128,11 +135,13 @@ def run(command, cwd):
 
 def run_test(tree, test, limit):
     """None when it passes, else why not: the first line that is not ok ends it."""
+    test, part = test
+    more = {"TAP_PART": part} if part else {}
     command = [os.path.join(tree, binary(test))] if binary(test) else ["sh", test]
     room = tempfile.mkdtemp(prefix="mutant")
     p = subprocess.Popen(command, cwd=tree, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                          stderr=subprocess.DEVNULL, start_new_session=True,
-                         env=dict(environment(), TMPDIR=room))
+                         env=dict(environment(), TMPDIR=room, **more))
     late = threading.Timer(limit, end, [p])
     n, why = 0, None
     late.start()
@@ -180,8 +189,8 @@ def runs_commands(tree, test):
 
 def build(tree, tests):
     """The commands and shims where a test runs them, and the programs named."""
-    wanted = [binary(t) for t in tests if binary(t)]
-    if any(runs_commands(tree, t) for t in tests):
+    wanted = sorted({binary(t) for t, _ in tests if binary(t)})
+    if any(runs_commands(tree, t) for t, _ in tests):
         wanted.append("all")
     return run(["make", "--no-print-directory", "CONFIG=release", "-j2"] + wanted, tree)
 
@@ -254,7 +263,7 @@ def time_tests(trees, tests):
         why = run_test(tree, test, 900)
         seconds[test] = time.time() - start
         if why:
-            failed.append("%s fails without a fault: %s" % (test, why))
+            failed.append("%s fails without a fault: %s" % (test[0], why))
 
     in_parallel(trees, tests, work)
     if failed:
@@ -276,8 +285,8 @@ def try_fault(tree, fault, seconds):
                 return "mistake", "does not build:\n" + out[-1500:]
             why = run_test(tree, test, max(LEAST_LIMIT, 10 * seconds[test]))
             if why:
-                return "killed", "%s: %s" % (test, why)
-        return "survived", "passed: " + " ".join(tests)
+                return "killed", "%s: %s" % (test[0], why)
+        return "survived", "passed: " + " ".join(t for t, _ in tests)
     finally:
         with open(path, "w") as f:
             f.write(whole)
