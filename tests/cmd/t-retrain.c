@@ -466,7 +466,8 @@ static void test_own(void)
     }
     ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
     off = retrain("--preset short --iterations 1 --residual off");
-    ok(!spin_npz_has(&off->npz, "network/own/00000"), "--residual off: nothing, whatever the preset");
+    ok(!spin_npz_has(&off->npz, "network/own/00000"),
+       "--residual off: nothing, whatever the preset");
     drop(off);
     free(opacity[0]);
     free(opacity[1]);

@@ -135,7 +135,8 @@ static void check_check(void)
         return;
     near(r.check.largest[1], 0.03, 1e-4, "--check sees the error of the scales");
     near(r.check.rms[1], 0.03, 1e-4, "and its mean");
-    ok(r.check.largest[0] < 1e-4 && r.check.largest[3] > 1e-4 && r.check.largest[3] < 0.5 / 255 + 1e-6,
+    ok(r.check.largest[0] < 1e-4 && r.check.largest[3] > 1e-4 &&
+           r.check.largest[3] < 0.5 / 255 + 1e-6,
        "places are nearly exact, opacities to half a step");
     ok(r.check.psnr > 30 && r.check.rendered == number[FRAMES / 2],
        "the middle frame is drawn from its file");

@@ -26,6 +26,7 @@ JOBS = int(os.environ.get("JOBS") or os.cpu_count() or 2)
 MOST_SURVIVORS = 2
 LEAST_LIMIT = 120  # seconds a test may take at least
 BUILD = "build/release"
+RUN_COMMANDS = ("tests/cli/", "tests/cmd/")  # the other rooms need programs of their own only
 KEYS = {"name", "file", "nth", "old", "new", "tests", "survives"}
 say_lock = threading.Lock()
 
@@ -182,15 +183,10 @@ def binary(test):
     return BUILD + "/" + test[:-2] if test.endswith(".c") else None
 
 
-def runs_commands(tree, test):
-    with open(os.path.join(tree, test)) as f:
-        return not binary(test) or "SPIN_BIN" in f.read()
-
-
 def build(tree, tests):
     """The commands and shims where a test runs them, and the programs named."""
     wanted = sorted({binary(t) for t, _ in tests if binary(t)})
-    if any(runs_commands(tree, t) for t, _ in tests):
+    if any(t.startswith(RUN_COMMANDS) for t, _ in tests):
         wanted.append("all")
     return run(["make", "--no-print-directory", "CONFIG=release", "-j2"] + wanted, tree)
 
@@ -274,7 +270,7 @@ def time_tests(trees, tests):
 def try_fault(tree, fault, seconds):
     """What became of it, and how that was seen."""
     path = os.path.join(tree, fault["file"])
-    tests = sorted(tests_of(fault), key=lambda t: seconds[t])
+    tests = sorted(fault["run"], key=lambda t: seconds[t])
     whole = text_of(fault, tree)
     try:
         with open(path, "w") as f:
@@ -299,7 +295,8 @@ def main():
     for fault in faults:
         try:
             changed(fault, text_of(fault, ROOT))
-            tests += [t for t in tests_of(fault) if t not in tests]
+            fault["run"] = tests_of(fault)
+            tests += [t for t in fault["run"] if t not in tests]
         except Mistake as mistake:
             mistakes.append(str(mistake))
     if mistakes or not faults:
