@@ -140,11 +140,13 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
 
 static double clip_fps(const struct spin_clip *clip)
 {
-    const struct spin_frame_info *info = clip->bundle.meta.frame;
-    double span = info[clip->frame[clip->n_frames - 1]].time - info[clip->frame[0]].time;
+    const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
+    const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
+    double span = last->time - first->time;
 
-    /* A unit of one per frame is a frame number, not seconds. */
-    if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1)
+    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out. */
+    if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
+        span == last->number - first->number)
         return 0;
     return (clip->n_frames - 1) / span;
 }
