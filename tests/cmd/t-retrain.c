@@ -205,12 +205,32 @@ static bool in_order(const struct run *r, int steps)
     return true;
 }
 
+/* The cameras of every step stand in their order. */
+static bool cameras_ascend(const struct run *r)
+{
+    for (int s = 0; s < r->n; s++)
+        for (int i = 1; i < r->step[s].n; i++)
+            if (r->step[s].view[i][1] < r->step[s].view[i - 1][1])
+                return false;
+    return true;
+}
+
+/* The steps of every epoch of four go from frame to frame. */
+static bool frames_ascend(const struct run *r)
+{
+    for (int s = 1; s < r->n; s++)
+        if (s % 4 != 0 && r->step[s].view[0][0] < r->step[s - 1].view[0][0])
+            return false;
+    return true;
+}
+
 static void test_views(void)
 {
     static const int others[] = {0, 7, 12, 15, 23, 27};
     struct run *one = retrain("--iterations 8"), *seed = retrain("--iterations 8 --seed 1"),
                *again = retrain("--iterations 8 --seed 1"), *cams = retrain("--test-cams 3,19"),
                *frames = retrain("--views-per-frame 3"),
+               *groups = retrain("--views-per-frame 3 --iterations 16"),
                *pairs = retrain("--batch 4 --views-per-frame 2"),
                *two = retrain("--batch 2 --iterations 6"), *range = retrain("--range 4:6:1");
 
@@ -233,6 +253,8 @@ static void test_views(void)
            !one_frame_a_step(one),
        "--views-per-frame: a step's views are of one frame");
     ok(!in_order(frames, 4), "and shuffled");
+    ok(!cameras_ascend(groups) && !frames_ascend(groups),
+       "the views of a frame, and the frames as well");
     ok(pairs->step[0].n == 4 && is_epoch(pairs, 0, 3, training, TRAINING),
        "--views-per-frame 2 of --batch 4: an epoch");
     for (int s = 0; s < 3; s++)
@@ -245,8 +267,8 @@ static void test_views(void)
            spin_json_length(spin_json_get(range->meta, "frames")) == 2 &&
            number(spin_json_at(spin_json_get(range->meta, "frames"), 1), "number") == 5,
        "--range: frames 4 and 5");
-    drop(one), drop(seed), drop(again), drop(cams), drop(frames), drop(pairs), drop(two),
-        drop(range);
+    drop(one), drop(seed), drop(again), drop(cams), drop(frames), drop(groups), drop(pairs),
+        drop(two), drop(range);
 }
 
 /* ---- The loss ----------------------------------------------------------------------------------- */
@@ -287,9 +309,9 @@ static void test_loss(void)
 {
     struct run *one = retrain(""), *l1 = retrain("--lambda-dssim 0"),
                *ssim = retrain("--lambda-dssim 1"), *white = retrain("--background white"),
-               *red = retrain("--background 1,0,0.5"), *blue = retrain("--background 0.5,0,1"),
-               *moving = retrain("--moving-weight 4"), *anti = retrain("--antialias"),
-               *small = retrain("--scale 0.5"), *other;
+               *ones = retrain("--background 1,1,1"), *red = retrain("--background 1,0,0.5"),
+               *blue = retrain("--background 0.5,0,1"), *moving = retrain("--moving-weight 4"),
+               *anti = retrain("--antialias"), *small = retrain("--scale 0.5"), *other;
     bool flag = false;
     double opacity, scale;
 
@@ -300,6 +322,7 @@ static void test_loss(void)
     ok(same_order(one, 0, white, 0, 4) && fabs(white->step[0].l1 - one->step[0].l1) > 0.01 &&
            fabs(white->step[3].l1 - one->step[3].l1) > 0.01,
        "--background reaches the loss");
+    ok(white->step[0].l1 == ones->step[0].l1, "white is 1,1,1");
     ok(fabs(red->step[0].l1 - blue->step[0].l1) > 1e-3, "each of its channels");
     ok(number_at(red->options, "background", 0) == 1 &&
            number_at(red->options, "background", 1) == 0 &&
@@ -314,7 +337,8 @@ static void test_loss(void)
     ok(fabs(small->step[0].l1 - one->step[0].l1) > 1e-4 &&
            number(small->options, "image_scale") == 0.5,
        "--scale: other images");
-    drop(l1), drop(ssim), drop(white), drop(red), drop(blue), drop(moving), drop(anti), drop(small);
+    drop(l1), drop(ssim), drop(white), drop(ones), drop(red), drop(blue), drop(moving), drop(anti),
+        drop(small);
 
     other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0");
     opacity = mean_of(SPIN_COL_LOGIT_OPACITIES);
@@ -384,6 +408,12 @@ static void test_rates(void)
     near(farthest(half->table, zero->table, 0, half->n_table), 0.01 / 4, 1e-5,
          "--warmup: a quarter");
     near(moved(half, zero, SPIN_HEAD_OPACITY), 0.005 / 4, 1e-6, "--warmup: of all rates");
+    drop(half);
+
+    /* The last step of a run, after its warm-up, is at the rate that all end at. */
+    snprintf(more, sizeof more, "--iterations 1 --warmup 0 %s", rates);
+    half = retrain(more);
+    near(farthest(half->table, zero->table, 0, half->n_table), 1e-7, 1e-9, "all rates end at 1e-7");
     drop(half);
 
     snprintf(more, sizeof more, "--iterations 1 --warmup 1 --head-lr-factor 2 %s", rates);
@@ -596,6 +626,13 @@ static void test_network(void)
            r->model.norm.centre[2] == 3 && r->model.norm.inv_radius == 0.25f,
        "--scene-normalise CX,CY,CZ,R");
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-3, "and the network draws otherwise");
+    drop(r);
+
+    snprintf(more, sizeof more, "%s --base-resolution 6", still);
+    r = retrain(more);
+    ok(r->model.grid.res[0][0] == 6 && r->model.grid.res[0][1] == 6 &&
+           r->model.grid.res[0][2] == 6 && r->model.grid.res[0][3] == 6,
+       "one --base-resolution is that of all axes");
     drop(r);
 
     snprintf(more, sizeof more, "%s --scene-normalise auto --scale-bias auto", still);

@@ -210,6 +210,68 @@ static void compare_colours(void)
     spin_bundle_close(&bundle);
 }
 
+/* ---- Keys ------------------------------------------------------------------------------------------ */
+
+enum { MOST_KEYS = 32 };
+static char keys[MOST_KEYS][40];
+static int n_keys;
+
+/* The key of the first frame refined with these options; it is that of no run before. */
+static void another_key(struct spin_retrain_options o, const char *what)
+{
+    struct spin_retrain_report r;
+    struct spin_bundle bundle;
+    const spin_json *frames;
+    const char *key;
+    bool new = true;
+
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
+            "refines with another %s", what))
+        exit(tap_done());
+    frames = spin_json_get(spin_json_get(bundle.json, "refined"), "frames");
+    key = spin_json_string(spin_json_get(spin_json_at(frames, 0), "key"));
+    for (int i = 0; key && i < n_keys; i++)
+        new = new &&strcmp(keys[i], key) != 0;
+    if (ok(key && new, "another %s: another key", what))
+        snprintf(keys[n_keys++], sizeof keys[0], "%s", key);
+    spin_bundle_close(&bundle);
+}
+
+/* Whatever decides what becomes of a frame is in its key: else old work passes for new. */
+static void compare_keys(void)
+{
+    static const int others[] = {3, 23};
+    struct spin_retrain_options base = explicit_options(1), o;
+    struct spin_import_options i = {
+        .input = clip_path, .from = "d3dgs", .data = clip_path, .positions_only = true};
+    struct spin_import_report r;
+    char bare[620];
+
+    base.image_scale = 0.1;
+    another_key(base, "run");
+    o = base, o.refine = 2, another_key(o, "number of iterations");
+    o = base, o.seed = 1, another_key(o, "seed");
+    o = base, o.background[1] = 0.5f, another_key(o, "background");
+    o = base, o.lambda_dssim = 0.3, another_key(o, "weight of SSIM");
+    o = base, o.lambda_scale = 1, another_key(o, "weight of the scale");
+    o = base, o.lambda_opacity = 1, another_key(o, "weight of the opacity");
+    o = base, o.moving_weight = 2, another_key(o, "weight of what moves");
+    o = base, o.max_points = 9999, another_key(o, "limit of points");
+    o = base, o.no_densify = true, another_key(o, "densification");
+    o = base, o.refine_start = SPIN_REFINE_FROM_SOURCE, another_key(o, "start");
+    o = base, o.antialias = true, another_key(o, "way to draw");
+    o = base, o.camera_colour = true, another_key(o, "colour of the cameras");
+    o = base, o.camera_colour = true, o.lr_camera = 0.1, another_key(o, "rate of these colours");
+    o = base, o.image_scale = 0.2, another_key(o, "size of the images");
+    o = base, o.test_cameras = others, another_key(o, "list of held-out cameras");
+    o = base, o.range.first = 1, another_key(o, "frame");
+    snprintf(bare, sizeof bare, "%s.bare", in);
+    i.output = bare;
+    if (!ok(spin_import(&i, &r) == SPIN_OK, "imports positions alone"))
+        return;
+    o = base, o.input = bare, another_key(o, "input");
+}
+
 TAP_MAIN
 {
     struct spin_import_options i = {.input = clip_path, .from = "d3dgs", .data = clip_path};
@@ -239,4 +301,5 @@ TAP_MAIN
     o.moving_weight = 4;
     compare(&o, "from the source, all that goes beyond 3DGS");
     compare_colours();
+    compare_keys();
 }

@@ -3,8 +3,12 @@
  * K: eval measure */
 #include <sys/stat.h>
 
+#include <zlib.h>
+
 #include "base/log.h"
+#include "core/model.h"
 #include "io/image.h"
+#include "scene/bundle.h"
 #include "scene/views.h"
 #include "tests/check.h"
 #include "tests/tap.h"
@@ -37,6 +41,46 @@ static int value_of(int row, int camera, int channel)
 /* Columns at the left that move: SHIFT brighter. One mask is too small to say something. */
 static int n_moving(int row, int camera) { return row == 1 && camera == 2 ? 1 : MOVING * H; }
 
+/* The camera in the middle has half of the background in its pictures. */
+static double alpha_of(int camera) { return camera == 1 ? 128 / 255.0 : 1; }
+
+static void put_chunk(FILE *f, const char *name, const unsigned char *bytes, size_t n)
+{
+    unsigned char word[8] = {0, 0, (unsigned char)(n >> 8), (unsigned char)n};
+    uint32_t crc;
+
+    memcpy(word + 4, name, 4);
+    crc = (uint32_t)crc32(crc32(0, word + 4, 4), bytes, (uInt)n);
+    fwrite(word, 1, 8, f);
+    if (n > 0)
+        fwrite(bytes, 1, n, f);
+    for (int i = 0; i < 4; i++)
+        fputc((int)(crc >> (24 - 8 * i) & 255), f);
+}
+
+/* A PNG with an alpha of 128. */
+static void write_half(const char *path, const uint8_t *rgb)
+{
+    unsigned char rows[H * (1 + 4 * W)] = {0}, packed[4 * sizeof rows];
+    const unsigned char head[13] = {0, 0, 0, W, 0, 0, 0, H, 8, 6};
+    uLongf n = sizeof packed;
+    FILE *f = fopen(path, "wb");
+
+    for (int i = 0; i < W * H; i++) {
+        unsigned char *to = rows + i / W * (1 + 4 * W) + 1 + 4 * (i % W);
+
+        memcpy(to, rgb + 3 * i, 3);
+        to[3] = 128;
+    }
+    if (!f || compress(packed, &n, rows, sizeof rows) != Z_OK)
+        exit(1);
+    fwrite("\x89PNG\r\n\x1a\n", 1, 8, f);
+    put_chunk(f, "IHDR", head, sizeof head);
+    put_chunk(f, "IDAT", packed, n);
+    put_chunk(f, "IEND", head, 0);
+    fclose(f);
+}
+
 static void write_pictures(void)
 {
     uint8_t rgb[3 * W * H], mask[3 * W * H];
@@ -51,9 +95,12 @@ static void write_pictures(void)
                     mask[3 * i + c] = moves ? (k == 0 ? 1 : 255) : 0;
                 }
             }
-            if (spin_image_write(in("data/ims/%d/%06d.png", camera_id[k], FIRST + row), W, H, rgb,
-                                 false) != SPIN_OK ||
-                spin_image_write(in("data/seg/%d/%06d.png", camera_id[k], FIRST + row), W, H, mask,
+            if (k == 1)
+                write_half(in("data/ims/%d/%06d.png", camera_id[k], FIRST + row), rgb);
+            else if (spin_image_write(in("data/ims/%d/%06d.png", camera_id[k], FIRST + row), W, H,
+                                      rgb, false) != SPIN_OK)
+                exit(1);
+            if (spin_image_write(in("data/seg/%d/%06d.png", camera_id[k], FIRST + row), W, H, mask,
                                  false) != SPIN_OK)
                 exit(1);
         }
@@ -68,6 +115,8 @@ static void put_list(FILE *f, const char *key, int first, int end, const char *w
             fprintf(f, "%s", k > first ? ", " : "");
             if (what)
                 fprintf(f, "%s", what);
+            else if (!strcmp(key, "w2c"))
+                fprintf(f, "[[1, 0, 0, %g], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", 0.1 * k);
             else if (!strcmp(key, "fn"))
                 fprintf(f, "\"%d/%06d.png\"", camera_id[k], FIRST + row);
             else
@@ -86,7 +135,7 @@ static void write_meta(const char *name, int first, int end)
         exit(1);
     fprintf(f, "{\"w\": %d, \"h\": %d", W, H);
     put_list(f, "k", first, end, "[[20, 0, 8], [0, 20, 6], [0, 0, 1]]");
-    put_list(f, "w2c", first, end, "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]");
+    put_list(f, "w2c", first, end, NULL);
     put_list(f, "fn", first, end, NULL);
     put_list(f, "cam_id", first, end, NULL);
     fprintf(f, "}\n");
@@ -165,11 +214,12 @@ static void check_overlays(void)
         for (int k = 0; k < CAMERAS; k++) {
             uint8_t *rgb = NULL;
             int w, h, last = 3 * (W * H - 1);
-            const double dark = 0.45;
+            double dark = 0.45;
             const char *path = in("overlays/frame%05d_cam%03d.png", FIRST + row, camera_id[k]);
 
             if (spin_image_read(path, NULL, &w, &h, &rgb) != SPIN_OK)
                 continue;
+            dark *= alpha_of(k); /* over black */
             good += w == W && h == H && fabs(rgb[last] - dark * value_of(row, k, 0)) <= 1 &&
                     fabs(rgb[last + 2] - dark * value_of(row, k, 2)) <= 1;
             free(rgb);
@@ -184,8 +234,11 @@ static double errors(int row, int camera, int shift, const float drawn[3])
 {
     double sum = 0;
 
-    for (int c = 0; c < 3; c++)
-        sum += pow((value_of(row, camera, c) + shift) / 255.0 - (double)drawn[c], 2) / 3;
+    for (int c = 0; c < 3; c++) {
+        double a = alpha_of(camera), v = value_of(row, camera, c) + shift, back = (double)drawn[c];
+
+        sum += pow(rint(a * v + (1 - a) * 255 * back) / 255 - back, 2) / 3;
+    }
     return sum;
 }
 
@@ -292,16 +345,101 @@ static void check_quality(void)
     o.split = SPIN_SPLIT_TRAIN;
     o.range.given = false;
     check_eval(&o, ROWS, "all frames, the camera left");
-    o.split = SPIN_SPLIT_ALL;
     o.background[0] = 1.5f;
     o.background[2] = -0.5f;
-    check_eval(&o, 3 * ROWS, "pictures out of range are cut off before they are compared");
+    check_eval(&o, ROWS, "pictures out of range are cut off before they are compared");
     o.split = SPIN_SPLIT_TEST;
     o.test_cameras = none;
     o.n_test_cameras = 1;
     ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == ROWS && r.view[0].camera == 5,
        "the held-out camera is the one that was asked for");
     spin_eval_report_free(&r);
+}
+
+/* ---- Camera colours ------------------------------------------------------------------------------ */
+
+static double largest_of(const spin_json *cameras, const char *key)
+{
+    double most = 0, value;
+
+    for (size_t i = 0; i < spin_json_length(cameras); i++)
+        for (size_t c = 0; c < 3; c++)
+            if (spin_json_number(spin_json_at(spin_json_get(spin_json_at(cameras, i), key), c),
+                                 &value))
+                most = fmax(most, fabs(value));
+    return most;
+}
+
+/* Where nothing is drawn there is nothing to brighten: cameras learn offsets and no gains. */
+static void check_tints(void)
+{
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    struct spin_bundle b;
+    const spin_json *cameras;
+
+    spin_retrain_defaults(&o);
+    o.input = bundle;
+    o.output = in("tinted.spin", 0, 0);
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.hash_log2 = 8;
+    o.iterations = o.warmup = 1;
+    o.batch = 1;
+    o.camera_colour = true;
+    o.lr_camera = 0.01;
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_bundle_open(o.output, &b) == SPIN_OK,
+            "learns colours of cameras that see nothing"))
+        return;
+    cameras = spin_json_get(spin_json_get(b.json, "network"), "cameras");
+    ok(spin_json_length(cameras) == 2 && largest_of(cameras, "log_gain") == 0, "no gains");
+    near(largest_of(cameras, "offset"), 0.005, 1e-6, "offsets, with a mean of 0");
+    spin_bundle_close(&b);
+}
+
+/* Behind splats that nobody sees is the background, and in pictures that let it through as well: the first
+ * loss is known. */
+static void check_first_loss(void)
+{
+    static const int held_out_too[] = {0, 5};
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    char log[600], line[2000] = "";
+    const char *l1, *views;
+    double want = 0;
+    int frame = 0;
+    FILE *f;
+
+    snprintf(log, sizeof log, "%s/first.log", folder);
+    spin_retrain_defaults(&o);
+    o.input = bundle;
+    o.output = in("first.spin", 0, 0);
+    o.log = log;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.hash_log2 = 8;
+    o.iterations = o.batch = 1;
+    o.test_cameras = held_out_too;
+    o.n_test_cameras = 2;
+    o.background[0] = 0.9f;
+    o.background[1] = 0.1f;
+    o.background[2] = 0.6f;
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK, "one step over a background"))
+        return;
+    f = fopen(log, "r");
+    if (!f || !fgets(line, sizeof line, f))
+        exit(1);
+    fclose(f);
+    l1 = strstr(line, "\"l1\": ");
+    views = strstr(line, "[[");
+    if (!ok(l1 && views && sscanf(views, "[[%d, 3]]", &frame) == 1, "is logged"))
+        return;
+    for (int c = 0; c < 3; c++)
+        for (int moves = 0; moves < 2; moves++)
+            want += (moves ? MOVING : W - MOVING) / (3.0 * W) * alpha_of(1) *
+                    fabs((value_of(frame - FIRST, 1, c) + moves * SHIFT) / 255.0 -
+                         (double)o.background[c]);
+    near(atof(l1 + 6), want, 0.002, "its loss is that of the pictures over the background");
 }
 
 /* ---- A network: storage, speed, pictures ---------------------------------------------------------- */
@@ -425,6 +563,94 @@ static void check_storage(const struct spin_eval_report *r)
     spin_npz_close(&npz);
 }
 
+/* The gradient of the last biases of the scale head after one step: 10 times Adam's first moment, in the
+ * state that a run leaves which is stopped. */
+static bool first_gradient(const struct spin_retrain_options *o, double out[3])
+{
+    struct spin_retrain_report r;
+    const int finest[4] = {2048, 2048, 2048, 16};
+    struct spin_model model;
+    struct spin_npz state;
+    char part[700];
+    float *m;
+
+    snprintf(part, sizeof part, "%s.part", o->output);
+    if (spin_model_plan(&model, o->levels, o->features, o->hash_log2, o->hidden, o->sh_degree,
+                        o->base_resolution, finest) != SPIN_OK ||
+        !ok(spin_retrain(o, &r) == SPIN_E_CANCELLED && spin_npz_open(part, &state) == SPIN_OK,
+            "a run that is stopped after its first step"))
+        return false;
+    m = check_load_f32(&state, "heads/m", NULL);
+    for (int c = 0; c < 3; c++)
+        out[c] = 10 * (double)m[model.heads.offset[SPIN_HEAD_SCALE + 1] - 3 + (size_t)c];
+    free(m);
+    spin_npz_close(&state);
+    return true;
+}
+
+/* The weight on the mean scale is over the scene's extent, and shared by three axes and all splats. Splats
+ * that no view of the step sees have no part in it. Nothing runs to its end after this. */
+static void check_scale_weight(void)
+{
+    struct spin_import_options i = {
+        .input = "fixtures/court-mini", .data = "fixtures/court-mini", .positions_only = true};
+    struct spin_import_report ir;
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    struct spin_scene *scene = NULL;
+    struct spin_splats s = {0};
+    double mean[3] = {0}, without[3], with[3], extent;
+    struct spin_bundle b;
+    char source[600], output[600];
+    bool good = true;
+
+    snprintf(source, sizeof source, "%s/bare.spin", folder);
+    snprintf(output, sizeof output, "%s/weighed.spin", folder);
+    i.output = source;
+    spin_retrain_defaults(&o);
+    o.input = source;
+    o.output = output;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.image_scale = 0.25;
+    o.range = (struct spin_range){true, 2, 3, 1};
+    o.hash_log2 = 10;
+    o.iterations = 1;
+    o.scale_bias = -3;
+    o.lr_table = o.lr_position = o.lr_head_factor = 0;
+    o.force = true;
+    if (!ok(spin_import(&i, &ir) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK &&
+                spin_scene_open(output, &scene) == SPIN_OK &&
+                spin_scene_read(scene, 0, SPIN_FROM_NETWORK, SPIN_COL_LOG_SCALES, &s) == SPIN_OK &&
+                spin_bundle_open(output, &b) == SPIN_OK,
+            "the scales that a network begins with"))
+        return;
+    for (size_t k = 0; k < s.n; k++)
+        for (size_t c = 0; c < 3; c++)
+            mean[c] += exp((double)s.log_scales[3 * k + c]) / (double)s.n;
+    if (!spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "network"), "options"),
+                                        "spatial_extent"),
+                          &extent))
+        exit(1);
+    spin_bundle_close(&b);
+    spin_splats_free(&s);
+    spin_scene_close(scene);
+    spin_cancel();
+    o.iterations = 10;
+    if (!first_gradient(&o, without))
+        return;
+    o.lambda_scale = 50;
+    if (!first_gradient(&o, with))
+        return;
+    for (int c = 0; c < 3; c++) {
+        double share = (with[c] - without[c]) / (50 / extent * mean[c] / 3);
+
+        good = good && share > 0.6 && share < 1.001;
+        printf("#   axis %d: %.4f of what all splats would give\n", c, share);
+    }
+    ok(good && extent > 2, "--lambda-scale is over the extent, an axis and a splat (%.3g)", extent);
+}
+
 /* What each frame and each view took cannot be more, all together, than what went by. */
 static void check_speed(void)
 {
@@ -528,6 +754,34 @@ static void check_pictures(void)
     spin_eval_report_free(&source);
 }
 
+/* --panels before, of some frames or of all: the same pictures. */
+static void check_before(void)
+{
+    static const char *const pairs[] = {"panels", "before", NULL};
+    struct spin_export_options o = {
+        .input = trained, .to = "images", .device = "cpu", .plugin_pairs = pairs};
+    struct spin_export_report r;
+    uint8_t *rgb[3] = {NULL};
+    int w, h;
+    char all[700], one[700];
+
+    snprintf(all, sizeof all, "%s/all", folder);
+    snprintf(one, sizeof one, "%s/one", folder);
+    o.output = all;
+    ok(spin_export(&o, &r) == SPIN_OK && r.frames == 6, "draws all frames as imported");
+    o.output = one;
+    o.range = (struct spin_range){true, 3, 4, 1};
+    ok(spin_export(&o, &r) == SPIN_OK && r.frames == 1, "or one of them");
+    if (spin_image_read(in("all/15/%05d.png", 3, 0), NULL, &w, &h, &rgb[0]) != SPIN_OK ||
+        spin_image_read(in("one/15/%05d.png", 3, 0), NULL, &w, &h, &rgb[1]) != SPIN_OK ||
+        spin_image_read(in("all/15/%05d.png", 0, 0), NULL, &w, &h, &rgb[2]) != SPIN_OK)
+        exit(1);
+    ok(difference(rgb[0], rgb[1], 3 * w * h) == 0, "the same picture");
+    ok(difference(rgb[0], rgb[2], 3 * w * h) > 0.1, "which is not that of another frame");
+    for (int i = 0; i < 3; i++)
+        free(rgb[i]);
+}
+
 TAP_MAIN
 {
     folder = check_folder();
@@ -539,8 +793,12 @@ TAP_MAIN
     make_clip();
     check_overlays();
     check_quality();
+    check_tints();
+    check_first_loss();
     train();
     check_log();
     check_speed();
     check_pictures();
+    check_before();
+    check_scale_weight();
 }
