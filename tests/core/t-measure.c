@@ -563,9 +563,9 @@ static void check_storage(const struct spin_eval_report *r)
     spin_npz_close(&npz);
 }
 
-/* The gradient of the last biases of the scale head after one step: 10 times Adam's first moment, in the
+/* The gradient of the last biases of the scale head, and of that of the opacity, after one step: 10 times Adam's first moment, in the
  * state that a run leaves which is stopped. */
-static bool first_gradient(const struct spin_retrain_options *o, double out[3])
+static bool first_gradient(const struct spin_retrain_options *o, double out[4])
 {
     struct spin_retrain_report r;
     const int finest[4] = {2048, 2048, 2048, 16};
@@ -583,24 +583,53 @@ static bool first_gradient(const struct spin_retrain_options *o, double out[3])
     m = check_load_f32(&state, "heads/m", NULL);
     for (int c = 0; c < 3; c++)
         out[c] = 10 * (double)m[model.heads.offset[SPIN_HEAD_SCALE + 1] - 3 + (size_t)c];
+    out[3] = 10 * (double)m[model.heads.offset[SPIN_HEAD_OPACITY + 1] - 1];
     free(m);
     spin_npz_close(&state);
     return true;
 }
 
-/* The weight on the mean scale is over the scene's extent, and shared by three axes and all splats. Splats
+/* What the mean scale, by axis, and the mean opacity of a network give to those biases. */
+static double mean_slopes(const char *path, double slope[4])
+{
+    struct spin_scene *scene = NULL;
+    struct spin_splats s = {0};
+    struct spin_bundle b;
+    double extent = 0;
+
+    if (spin_scene_open(path, &scene) != SPIN_OK || spin_bundle_open(path, &b) != SPIN_OK ||
+        !spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "network"), "options"),
+                                        "spatial_extent"),
+                          &extent))
+        exit(1);
+    for (int f = 0; f < 2; f++) {
+        if (spin_scene_read(scene, f, SPIN_FROM_NETWORK,
+                            SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES, &s) != SPIN_OK)
+            exit(1);
+        for (size_t k = 0; k < s.n; k++) {
+            double o = 1 / (1 + exp(-(double)s.logit_opacities[k])), n = 2 * (double)s.n;
+
+            for (size_t c = 0; c < 3; c++)
+                slope[c] += exp((double)s.log_scales[3 * k + c]) / 3 / n;
+            slope[3] += o * (1 - o) / n;
+        }
+    }
+    spin_splats_free(&s);
+    spin_bundle_close(&b);
+    spin_scene_close(scene);
+    return extent;
+}
+
+/* The weights on the mean scale and opacity: over the extent, by axis, splat and frame of the step. Splats
  * that no view of the step sees have no part in it. Nothing runs to its end after this. */
-static void check_scale_weight(void)
+static void check_weights(void)
 {
     struct spin_import_options i = {
         .input = "fixtures/court-mini", .data = "fixtures/court-mini", .positions_only = true};
     struct spin_import_report ir;
     struct spin_retrain_options o;
     struct spin_retrain_report r;
-    struct spin_scene *scene = NULL;
-    struct spin_splats s = {0};
-    double mean[3] = {0}, without[3], with[3], extent;
-    struct spin_bundle b;
+    double slope[4] = {0}, without[4], scale[4], opacity[4], extent;
     char source[600], output[600];
     bool good = true;
 
@@ -613,42 +642,37 @@ static void check_scale_weight(void)
     o.device = "cpu";
     o.n_threads = 1;
     o.image_scale = 0.25;
-    o.range = (struct spin_range){true, 2, 3, 1};
+    o.range = (struct spin_range){true, 2, 4, 1};
     o.hash_log2 = 10;
     o.iterations = 1;
+    o.batch = 6;
     o.scale_bias = -3;
     o.lr_table = o.lr_position = o.lr_head_factor = 0;
     o.force = true;
-    if (!ok(spin_import(&i, &ir) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK &&
-                spin_scene_open(output, &scene) == SPIN_OK &&
-                spin_scene_read(scene, 0, SPIN_FROM_NETWORK, SPIN_COL_LOG_SCALES, &s) == SPIN_OK &&
-                spin_bundle_open(output, &b) == SPIN_OK,
-            "the scales that a network begins with"))
+    if (!ok(spin_import(&i, &ir) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK,
+            "what a network begins with"))
         return;
-    for (size_t k = 0; k < s.n; k++)
-        for (size_t c = 0; c < 3; c++)
-            mean[c] += exp((double)s.log_scales[3 * k + c]) / (double)s.n;
-    if (!spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "network"), "options"),
-                                        "spatial_extent"),
-                          &extent))
-        exit(1);
-    spin_bundle_close(&b);
-    spin_splats_free(&s);
-    spin_scene_close(scene);
+    extent = mean_slopes(output, slope);
     spin_cancel();
     o.iterations = 10;
     if (!first_gradient(&o, without))
         return;
     o.lambda_scale = 50;
-    if (!first_gradient(&o, with))
+    if (!first_gradient(&o, scale))
         return;
-    for (int c = 0; c < 3; c++) {
-        double share = (with[c] - without[c]) / (50 / extent * mean[c] / 3);
+    o.lambda_scale = 0;
+    o.lambda_opacity = 50;
+    if (!first_gradient(&o, opacity))
+        return;
+    for (int k = 0; k < 4; k++) {
+        double weight = k < 3 ? 50 / extent : 50;
+        double share = ((k < 3 ? scale : opacity)[k] - without[k]) / (weight * slope[k]);
 
-        good = good && share > 0.6 && share < 1.001;
-        printf("#   axis %d: %.4f of what all splats would give\n", c, share);
+        good = good && share > 0.8 && share < 1.01;
+        printf("#   %s: %.4f of what all splats would give\n", k < 3 ? "scale" : "opacity", share);
     }
-    ok(good && extent > 2, "--lambda-scale is over the extent, an axis and a splat (%.3g)", extent);
+    ok(good && extent > 2, "weights on the mean scale, over the extent (%.3g), and opacity",
+       extent);
 }
 
 /* What each frame and each view took cannot be more, all together, than what went by. */
@@ -800,5 +824,5 @@ TAP_MAIN
     check_speed();
     check_pictures();
     check_before();
-    check_scale_weight();
+    check_weights();
 }
