@@ -852,7 +852,8 @@ static void test_save_every(void)
              clip, folder) == 0,
        "the same clip without its attributes");
     for (int i = 0; i < 2; i++)
-        ok(shell("%s/spin-retrain %s/%s -o %s/long.spin %s --iterations 1000000 --save-every 7 "
+        ok(shell("timeout 20 %s/spin-retrain %s/%s -o %s/long.spin %s --iterations 1000000 "
+                 "--save-every 7 "
                  "--resume %s",
                  bin, folder, i ? "bare.spin" : "in.spin", folder, base,
                  i ? "" : "--lr-table 0.5") == 2 &&
