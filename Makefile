@@ -81,7 +81,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video demo test test-bins check lint test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
+.PHONY: all help config setup setup-video demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -211,6 +211,10 @@ fuzz-replay: fuzz-bins ## run every saved find without a fuzzer
 check: ## test + lint under asan and ubsan: what a commit should pass
 	@$(MAKE) --no-print-directory CONFIG=asan test
 	@$(MAKE) --no-print-directory lint
+
+mutants: ## put deliberate faults into a copy, one by one, and see that tests fail: [M=word] [JOBS=n]
+	@command -v python3 >/dev/null || { echo "make mutants: python3 is not here: apt-get install python3" >&2; exit 1; }
+	@JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
 
 tsan: ## the threaded tests under ThreadSanitizer
 	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads

@@ -54,6 +54,13 @@ __attribute__((unused)) static int is_text(const char *got, const char *want, co
     return good;
 }
 
+/* One part of a long test. $TAP_PART=name runs that part alone. */
+#define PART(part, ...)                                                                            \
+    do {                                                                                           \
+        if (!getenv("TAP_PART") || strcmp(getenv("TAP_PART"), #part) == 0)                         \
+            part(__VA_ARGS__);                                                                     \
+    } while (0)
+
 __attribute__((unused)) static int tap_done(void)
 {
     printf("1..%d\n", tap_count);

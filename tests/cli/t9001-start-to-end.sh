@@ -24,6 +24,9 @@ run "$bin/spin-eval" --source "$work/court.spin" -v
 is "$(grep -c '^ *[0-9]' "$work/out")" 18 "text: a line a view and a line a frame"
 is "$(grep -c '^ *all *[0-9]' "$work/out")" 2 "and a line a camera"
 out_has '^storage .* a frame' "and what it weighs"
+speed=$(sed -n 's/^speed *\([0-9.]*\) pictures a second with decoding, \([0-9.]*\) without$/\1 \2/p' "$work/out")
+greater "${speed#* }" "${speed% *}"
+ok $? "and how fast it is: decoding takes time"
 run "$bin/spin-eval" --source "$work/court.spin" --moving off --json
 is "$(member psnr_moving)" "" "or not at all"
 run "$bin/spin-eval" --source "$work/court.spin" --moving masks
@@ -79,5 +82,9 @@ is "$code" 0 "exports"
 is "$(ls "$work/ply" | tr '\n' ' ')" \
     "frame_00000.ply frame_00001.ply frame_00002.ply frame_00003.ply frame_00004.ply frame_00005.ply sequence.json " \
     "frames are numbered as the source's"
+grep -q '"retrained": true' "$work/ply/sequence.json"
+ok $? "sequence.json says that they are retrained"
+is "$(head -c 2000 "$work/ply/frame_00000.ply" | grep -ac '^property float f_rest_')" 9 \
+    "with the network's degree of SH, not the source's"
 
 done_testing

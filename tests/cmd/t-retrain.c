@@ -205,12 +205,32 @@ static bool in_order(const struct run *r, int steps)
     return true;
 }
 
+/* The cameras of every step stand in their order. */
+static bool cameras_ascend(const struct run *r)
+{
+    for (int s = 0; s < r->n; s++)
+        for (int i = 1; i < r->step[s].n; i++)
+            if (r->step[s].view[i][1] < r->step[s].view[i - 1][1])
+                return false;
+    return true;
+}
+
+/* The steps of every epoch of four go from frame to frame. */
+static bool frames_ascend(const struct run *r)
+{
+    for (int s = 1; s < r->n; s++)
+        if (s % 4 != 0 && r->step[s].view[0][0] < r->step[s - 1].view[0][0])
+            return false;
+    return true;
+}
+
 static void test_views(void)
 {
     static const int others[] = {0, 7, 12, 15, 23, 27};
     struct run *one = retrain("--iterations 8"), *seed = retrain("--iterations 8 --seed 1"),
                *again = retrain("--iterations 8 --seed 1"), *cams = retrain("--test-cams 3,19"),
                *frames = retrain("--views-per-frame 3"),
+               *groups = retrain("--views-per-frame 3 --iterations 16"),
                *pairs = retrain("--batch 4 --views-per-frame 2"),
                *two = retrain("--batch 2 --iterations 6"), *range = retrain("--range 4:6:1");
 
@@ -222,7 +242,6 @@ static void test_views(void)
     ok(is_epoch(seed, 0, 4, training, TRAINING) && !same_order(one, 0, seed, 0, 4),
        "--seed: another order");
     ok(same_order(again, 0, seed, 0, 8), "the same seed: the same order");
-    ok(farthest(one->table, seed->table, 0, one->n_table) > 1e-5, "--seed: other first values");
     is_text(spin_json_string(spin_json_get(seed->options, "seed")), "1", "--seed is in the bundle");
     ok(is_epoch(cams, 0, 4, others, 6), "--test-cams: exactly those listed are held out");
     ok(number_at(cams->options, "test_cameras", 0) == 3 &&
@@ -233,6 +252,8 @@ static void test_views(void)
            !one_frame_a_step(one),
        "--views-per-frame: a step's views are of one frame");
     ok(!in_order(frames, 4), "and shuffled");
+    ok(!cameras_ascend(groups) && !frames_ascend(groups),
+       "the views of a frame, and the frames as well");
     ok(pairs->step[0].n == 4 && is_epoch(pairs, 0, 3, training, TRAINING),
        "--views-per-frame 2 of --batch 4: an epoch");
     for (int s = 0; s < 3; s++)
@@ -245,8 +266,8 @@ static void test_views(void)
            spin_json_length(spin_json_get(range->meta, "frames")) == 2 &&
            number(spin_json_at(spin_json_get(range->meta, "frames"), 1), "number") == 5,
        "--range: frames 4 and 5");
-    drop(one), drop(seed), drop(again), drop(cams), drop(frames), drop(pairs), drop(two),
-        drop(range);
+    drop(one), drop(seed), drop(again), drop(cams), drop(frames), drop(groups), drop(pairs),
+        drop(two), drop(range);
 }
 
 /* ---- The loss ----------------------------------------------------------------------------------- */
@@ -287,9 +308,9 @@ static void test_loss(void)
 {
     struct run *one = retrain(""), *l1 = retrain("--lambda-dssim 0"),
                *ssim = retrain("--lambda-dssim 1"), *white = retrain("--background white"),
-               *red = retrain("--background 1,0,0.5"), *blue = retrain("--background 0.5,0,1"),
-               *moving = retrain("--moving-weight 4"), *anti = retrain("--antialias"),
-               *small = retrain("--scale 0.5"), *other;
+               *ones = retrain("--background 1,1,1"), *red = retrain("--background 1,0,0.5"),
+               *blue = retrain("--background 0.5,0,1"), *moving = retrain("--moving-weight 4"),
+               *anti = retrain("--antialias"), *small = retrain("--scale 0.5"), *other;
     bool flag = false;
     double opacity, scale;
 
@@ -300,6 +321,7 @@ static void test_loss(void)
     ok(same_order(one, 0, white, 0, 4) && fabs(white->step[0].l1 - one->step[0].l1) > 0.01 &&
            fabs(white->step[3].l1 - one->step[3].l1) > 0.01,
        "--background reaches the loss");
+    ok(white->step[0].l1 == ones->step[0].l1, "white is 1,1,1");
     ok(fabs(red->step[0].l1 - blue->step[0].l1) > 1e-3, "each of its channels");
     ok(number_at(red->options, "background", 0) == 1 &&
            number_at(red->options, "background", 1) == 0 &&
@@ -314,7 +336,8 @@ static void test_loss(void)
     ok(fabs(small->step[0].l1 - one->step[0].l1) > 1e-4 &&
            number(small->options, "image_scale") == 0.5,
        "--scale: other images");
-    drop(l1), drop(ssim), drop(white), drop(red), drop(blue), drop(moving), drop(anti), drop(small);
+    drop(l1), drop(ssim), drop(white), drop(ones), drop(red), drop(blue), drop(moving), drop(anti),
+        drop(small);
 
     other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0");
     opacity = mean_of(SPIN_COL_LOGIT_OPACITIES);
@@ -386,6 +409,12 @@ static void test_rates(void)
     near(moved(half, zero, SPIN_HEAD_OPACITY), 0.005 / 4, 1e-6, "--warmup: of all rates");
     drop(half);
 
+    /* The last step of a run, after its warm-up, is at the rate that all end at. */
+    snprintf(more, sizeof more, "--iterations 1 --warmup 0 %s", rates);
+    half = retrain(more);
+    near(farthest(half->table, zero->table, 0, half->n_table), 1e-7, 1e-9, "all rates end at 1e-7");
+    drop(half);
+
     snprintf(more, sizeof more, "--iterations 1 --warmup 1 --head-lr-factor 2 %s", rates);
     twice = retrain(more);
     near(moved(twice, zero, SPIN_HEAD_SH), 0.004, 1e-6,
@@ -428,6 +457,7 @@ static void test_own(void)
     static const size_t first[] = {0, 3, 7, 10, 11};
     size_t n, m;
     float *opacity[2];
+    struct run *off;
 
     for (int k = 0; k < 2; k++) {
         char more[300];
@@ -464,6 +494,10 @@ static void test_own(void)
         drop(stay), drop(go);
     }
     ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
+    off = retrain("--preset short --iterations 1 --residual off");
+    ok(!spin_npz_has(&off->npz, "network/own/00000"),
+       "--residual off: nothing, whatever the preset");
+    drop(off);
     free(opacity[0]);
     free(opacity[1]);
 }
@@ -544,10 +578,47 @@ static double bias_of(const struct run *r)
     return (double)r->heads[r->model.heads.offset[SPIN_HEAD_SCALE + 1] - 1];
 }
 
+static int by_value(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Median of each axis over both frames, and one over the radius that has nine points of ten. */
+static void norm_of(struct run *r, float centre[3], double *inverse)
+{
+    float *p[2], *value;
+    size_t n[2], total;
+
+    for (int f = 0; f < 2; f++)
+        p[f] = array_of(r, f ? "network/means/00001" : "network/means/00000", &n[f]);
+    total = (n[0] + n[1]) / 3;
+    value = malloc(total * sizeof *value);
+    for (size_t c = 0; c < 3; c++) {
+        for (size_t i = 0; i < total; i++)
+            value[i] = i < n[0] / 3 ? p[0][3 * i + c] : p[1][3 * (i - n[0] / 3) + c];
+        qsort(value, total, sizeof *value, by_value);
+        centre[c] = value[total / 2];
+    }
+    for (size_t i = 0; i < total; i++) {
+        const float *x = i < n[0] / 3 ? p[0] + 3 * i : p[1] + 3 * (i - n[0] / 3);
+
+        value[i] = sqrtf((x[0] - centre[0]) * (x[0] - centre[0]) +
+                         (x[1] - centre[1]) * (x[1] - centre[1]) +
+                         (x[2] - centre[2]) * (x[2] - centre[2]));
+    }
+    qsort(value, total, sizeof *value, by_value);
+    *inverse = 1 / (double)value[(size_t)(0.9 * (double)(total - 1))];
+    free(value), free(p[0]), free(p[1]);
+}
+
 static void test_network(void)
 {
     char more[500];
     struct run *one = retrain(still), *r;
+    float centre[3];
+    double inverse;
     bool flag = false;
 
     ok(one->model.grid.n_levels == 4 && one->model.grid.n_features == 4 &&
@@ -593,10 +664,25 @@ static void test_network(void)
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-3, "and the network draws otherwise");
     drop(r);
 
+    snprintf(more, sizeof more, "%s --seed 1", still);
+    r = retrain(more);
+    ok(farthest(one->table, r->table, 0, one->n_table) > 1e-4 &&
+           farthest(one->heads, r->heads, 0, one->model.n_heads) > 0.1,
+       "--seed: other first values");
+    drop(r);
+
+    snprintf(more, sizeof more, "%s --base-resolution 6", still);
+    r = retrain(more);
+    ok(r->model.grid.res[0][0] == 6 && r->model.grid.res[0][1] == 6 &&
+           r->model.grid.res[0][2] == 6 && r->model.grid.res[0][3] == 6,
+       "one --base-resolution is that of all axes");
+    drop(r);
+
     snprintf(more, sizeof more, "%s --scene-normalise auto --scale-bias auto", still);
     r = retrain(more);
-    ok(r->model.norm.inv_radius > 0.2f && r->model.norm.inv_radius < 0.6f &&
-           r->model.norm.centre[1] < -0.2f,
+    norm_of(r, centre, &inverse);
+    ok(fabs((double)r->model.norm.inv_radius / inverse - 1) < 1e-4 &&
+           memcmp(r->model.norm.centre, centre, sizeof centre) == 0,
        "--scene-normalise auto: from the points");
     ok(bias_of(r) < -1 && bias_of(r) > -4 && bias_of(r) == (float)number(r->options, "scale_bias"),
        "--scale-bias auto: from the points");
@@ -672,6 +758,8 @@ static void test_plan(void)
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset short", bin, folder);
     ok(said_number("iterations") == 1500 && said_number("bytes_needed") < memory / 2,
        "--preset short");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset=short", bin, folder);
+    ok(said_number("iterations") == 1500, "or --preset=short");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit", bin, folder);
     ok(said_text("method", "explicit") && said_number("refine") == 2000,
        "--method explicit: 2000 a frame");
@@ -760,6 +848,17 @@ static void test_save_every(void)
            "of a seventh step");
     spin_json_free(state);
     spin_npz_close(&part);
+    ok(shell("%s/spin-import --from d3dgs %s --data %s --positions-only -o %s/bare.spin", bin, clip,
+             clip, folder) == 0,
+       "the same clip without its attributes");
+    for (int i = 0; i < 2; i++)
+        ok(shell("timeout 20 %s/spin-retrain %s/%s -o %s/long.spin %s --iterations 1000000 "
+                 "--save-every 7 "
+                 "--resume %s",
+                 bin, folder, i ? "bare.spin" : "in.spin", folder, base,
+                 i ? "" : "--lr-table 0.5") == 2 &&
+               strstr(said, "another input or with other options"),
+           "--resume refuses %s", i ? "another input" : "other rates");
 }
 
 /* ---- Frame by frame ----------------------------------------------------------------------------- */
@@ -841,17 +940,17 @@ static void test_refine(void)
 TAP_MAIN
 {
     begin_commands();
-    test_views();
-    test_loss();
-    test_rates();
-    test_defaults();
-    test_own();
-    test_cameras();
-    test_network();
-    test_sh_every();
-    test_files();
-    test_plan();
-    test_data();
-    test_save_every();
-    test_refine();
+    PART(test_views);
+    PART(test_loss);
+    PART(test_rates);
+    PART(test_defaults);
+    PART(test_own);
+    PART(test_cameras);
+    PART(test_network);
+    PART(test_sh_every);
+    PART(test_files);
+    PART(test_plan);
+    PART(test_data);
+    PART(test_save_every);
+    PART(test_refine);
 }

@@ -1,6 +1,6 @@
 /* Clone, split and prune against the reference, which used the random numbers given here.
  * K: golden refine */
-#include "core/densify.h"
+#include "core/refine.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -291,11 +291,31 @@ static void from_splats(void)
     spin_refine_cloud_free(&c);
 }
 
+/* What 3DGS takes (method.md, section 2). */
+static void defaults(void)
+{
+    struct spin_refine_options o;
+
+    spin_refine_defaults(&o);
+    ok(o.iterations == 2000 && o.lr_position == 1.6e-4 && o.lr_position_end == 1.6e-6 &&
+           o.lr_dc == 2.5e-3 && o.lr_opacity == 0.05 && o.lr_scale == 5e-3 &&
+           o.lr_rotation == 1e-3 && o.lambda_dssim == 0.2,
+       "rates and iterations of 3DGS");
+    ok(o.densify_from == -1 && o.densify_until == -1 && o.densify_every == 100 && !o.densify_at &&
+           o.densify.gradient_threshold == 2e-4 && o.densify.percent_dense == 0.01 &&
+           o.densify.prune_opacity == 0.005 && o.densify.max_points == 0,
+       "its densification");
+    ok(o.lr_tint == 0 && o.lambda_scale == 0 && o.lambda_opacity == 0 && !o.antialias &&
+           !o.keep_faint && o.densify.seed == 0,
+       "nothing beyond it");
+}
+
 TAP_MAIN
 {
     struct fixture f = {0};
     const char *path = check_fixture("core/densify.npz");
 
+    defaults();
     from_splats();
     if (!path) {
         skip("densify", "no fixture core/densify.npz");

@@ -54,6 +54,42 @@ static void check_first_values(void)
     free(heads);
 }
 
+/* PyTorch's Linear: weights and biases within 1 / sqrt(inputs). */
+static void check_bounds(void)
+{
+    const int base[4] = {2, 2, 2, 2};
+    struct spin_model m;
+    float *table, *heads, first = 0, second = 0;
+    size_t n_first, n_second;
+
+    ok(spin_model_plan(&m, 4, 4, 8, 64, 0, base, base) == SPIN_OK, "sixteen inputs, 64 wide");
+    table = malloc(m.n_table * sizeof *table);
+    heads = malloc(m.n_heads * sizeof *heads);
+    spin_model_init(&m, 3, 1e-4, -5, table, heads);
+    n_first = 64 * 17;
+    n_second = 64 * 65;
+    for (size_t i = 0; i < n_first; i++)
+        first = fmaxf(first, fabsf(heads[i]));
+    for (size_t i = n_first; i < n_first + n_second; i++)
+        second = fmaxf(second, fabsf(heads[i]));
+    ok(first <= 0.25f && first > 0.245f, "first layer: within 1 / sqrt(16)");
+    ok(second <= 0.125f && second > 0.1225f, "second layer: within 1 / sqrt(64)");
+    free(table);
+    free(heads);
+}
+
+static void check_times(void)
+{
+    struct spin_model m = {.time_first = 10, .time_last = 30};
+
+    near(spin_model_time(&m, 10), 0, 0, "the first time is 0");
+    near(spin_model_time(&m, 15), 0.25, 1e-7, "a quarter of the way");
+    near(spin_model_time(&m, 30), 1, 0, "the last is 1");
+    ok(spin_model_time(&m, 5) == 0 && spin_model_time(&m, 99) == 1, "none lies outside");
+    m.time_last = 10;
+    near(spin_model_time(&m, 10), 0, 0, "a clip of one time is at 0");
+}
+
 static void check_json(void)
 {
     const int base[4] = {8, 8, 8, 8}, finest[4] = {512, 512, 512, 16};
@@ -104,6 +140,8 @@ TAP_MAIN
 {
     check_plan();
     check_first_values();
+    check_bounds();
+    check_times();
     check_json();
     check_morton();
 }

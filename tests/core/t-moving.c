@@ -130,6 +130,31 @@ static void check_from(enum spin_moving_from from, int camera, int grown, const 
     spin_pixels_close(&pixels);
 }
 
+/* A block of 3 x 3 that is brighter than the median by so much of 255 in one channel. */
+static size_t n_moving_by(int more)
+{
+    static float image[3 * PLANE];
+    static uint8_t median[3 * PLANE], scratch[PLANE], mask[PLANE];
+    size_t n = 0;
+
+    memset(median, 100, sizeof median);
+    for (size_t i = 0; i < 3 * PLANE; i++)
+        image[i] = 100 / 255.0f;
+    for (int y = 10; y < 13; y++)
+        for (int x = 10; x < 13; x++)
+            image[PLANE + y * W + x] = (float)(100 + more) / 255;
+    spin_moving_rule(W, H, image, median, scratch, mask);
+    for (size_t i = 0; i < PLANE; i++)
+        n += mask[i];
+    return n;
+}
+
+static void check_threshold(void)
+{
+    ok(n_moving_by(19) == 0 && n_moving_by(-19) == 0, "19 of 255 is noise");
+    ok(n_moving_by(22) > 8 && n_moving_by(-22) > 8, "22 of 255 is not");
+}
+
 static void check_refusals(void)
 {
     struct spin_pair still = {0, 1}, wandering = {0, 2};
@@ -179,6 +204,7 @@ TAP_MAIN
     check_from(SPIN_MOVING_AUTO, 0, 0, "masks");
     check_from(SPIN_MOVING_IMAGES, 0, 1, "images of a camera with masks");
     check_from(SPIN_MOVING_AUTO, 1, 1, "images");
+    check_threshold();
     check_refusals();
     check_means();
     spin_views_free(&views);

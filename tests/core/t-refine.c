@@ -394,6 +394,43 @@ static void window_and_cap(struct fixture *f)
     spin_refine_cloud_free(&c);
 }
 
+static void note_first(void *context, const struct spin_refine_step *step)
+{
+    int *first = context;
+
+    if (step->densified && *first == 0)
+        *first = step->iteration;
+}
+
+/* In a run of more than 2500 iterations densification begins after 500, not after a fifth. */
+static void long_run(void)
+{
+    enum { SIDE = 16 };
+    static float truth[3 * SIDE * SIDE];
+    const float xyz[] = {0, 0, 0, 0.2f, 0, 0, 0, 0.2f, 0}, colour[9] = {0.5f, 0.1f, 0.9f};
+    struct spin_refine_view view = {
+        .camera = {.width = SIDE, .height = SIDE, .fx = SIDE, .fy = SIDE, .cx = 8, .cy = 8}};
+    struct spin_refine_cloud cloud = {0};
+    struct spin_refine_options o;
+    struct spin_device *d = check_device(1);
+    int first = 0;
+
+    view.camera.w2c[0] = view.camera.w2c[5] = view.camera.w2c[10] = 1;
+    view.camera.w2c[11] = 3;
+    view.truth = truth;
+    spin_refine_defaults(&o);
+    o.iterations = 3000;
+    o.densify.extent = 1;
+    o.watch = note_first;
+    o.context = &first;
+    ok(spin_refine_init_from_points(NULL, 3, xyz, colour, &cloud) == SPIN_OK &&
+           spin_refine_frame(d, &o, &view, 1, NULL, &cloud, NULL) == SPIN_OK,
+       "refines three points for long");
+    ok(first == 600, "densifies first after 500 iterations (%d)", first);
+    spin_refine_cloud_free(&cloud);
+    check_device_free(d);
+}
+
 /* Cameras that see other colours: with gains and offsets of their own the frame fits them better, and
  * keeps the colours of the mean camera; the same bits for any number of threads. */
 static void camera_colours(struct fixture *f)
@@ -553,12 +590,13 @@ TAP_MAIN
     if (!ok(spin_npz_open(path, &f.npz) == SPIN_OK, "opens refine.npz"))
         return;
     load(&f);
-    against_reference(&f);
-    random_views(&f);
-    window_and_cap(&f);
-    camera_colours(&f);
-    options_act(&f);
-    refuses(&f);
+    PART(against_reference, &f);
+    PART(random_views, &f);
+    PART(window_and_cap, &f);
+    PART(long_run);
+    PART(camera_colours, &f);
+    PART(options_act, &f);
+    PART(refuses, &f);
     spin_refine_cloud_free(&f.start);
     free(f.truth);
     for (int i = 0; i < f.n_densify; i++)

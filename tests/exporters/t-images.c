@@ -48,16 +48,16 @@ static struct spin_export_job make_job(const struct spin_views *views, const cha
                                     .background = background};
 }
 
-/* Two rows, cameras 0 (held out, 4 x 2) and 3 (5 x 3). */
+/* Two rows, cameras 0 (held out, 4 x 2) and 3 (5 x 3), two pixels wider in the second row. */
 static void make_views(struct spin_views *views, const char *image)
 {
     for (int row = 0; row < 2; row++) {
         struct spin_view v = {
-            .row = row, .path = (char *)image, .test = true, .camera = {.width = 4, .height = 2}};
+            .row = row, .path = (char *)image, .test = true, .camera = {.width = 4 + 2 * row, .height = 2}};
 
         if (spin_views_add(views, &v) != SPIN_OK)
             exit(1);
-        v.camera = (struct spin_camera){.width = 5, .height = 3};
+        v.camera = (struct spin_camera){.width = 5 + 2 * row, .height = 3};
         v.camera_id = 3;
         v.test = false;
         if (spin_views_add(views, &v) != SPIN_OK)
@@ -107,9 +107,9 @@ static void test_renders(const struct spin_views *views)
 
     ok(export_clip(&job) == SPIN_OK && n_renders == 2,
        "renders the held-out views of paired frames");
-    ok(pixel_is(job.output, "0/00040.png", 4, 3, 4, 9, 255) &&
+    ok(pixel_is(job.output, "0/00040.png", 6, 3, 6, 9, 255) &&
            pixel_is(job.output, "0/00042.png", 4, 0, 4, 9, 255),
-       "under camera and frame number");
+       "under camera and frame number, from the cameras of their rows");
     ok(export_clip(&job) == SPIN_E_IO && strstr(spin_last_error(), "--force"),
        "refuses a used folder");
     job.force = true;
@@ -117,7 +117,7 @@ static void test_renders(const struct spin_views *views)
     n_renders = 0;
     job = make_job(views, "all", &values);
     ok(export_clip(&job) == SPIN_OK && n_renders == 4 &&
-           pixel_is(job.output, "3/00040.png", 5, 4, 5, 9, 255),
+           pixel_is(job.output, "3/00040.png", 7, 4, 7, 9, 255),
        "renders all views");
     values.pairs = compare;
     job = make_job(views, "compare", &values);
@@ -141,7 +141,7 @@ static void test_bad_rows(const struct spin_views *views)
     splats.log_scales[3 * 8] = 60;
     splats.log_scales[3 * 9] = 5;
     job.report = &report;
-    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "0/00040.png", 4, 0, 4, 9, 255),
+    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "0/00040.png", 6, 0, 6, 9, 255),
        "draws without NaN, infinity, no rotation and scales beyond float: 4 of 13");
     ok(report.left_out == 3 * 4, "and counts them, in every frame");
     spin_splats_free(&splats);

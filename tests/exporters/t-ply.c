@@ -144,7 +144,9 @@ static void test_degree(int from, const char *sh, int to)
        "three comments");
     ok(column_is(&ply, "x", 0, 100) && column_is(&ply, "z", 2, 100) &&
            column_is(&ply, "ny", 0, 0) && column_is(&ply, "opacity", -3, 1) &&
-           column_is(&ply, "scale_1", -2, -100) && column_is(&ply, "f_dc_2", 2.5f, 100),
+           column_is(&ply, "scale_0", -1, -100) && column_is(&ply, "scale_1", -2, -100) &&
+           column_is(&ply, "scale_2", -3, -100) && column_is(&ply, "f_dc_0", 0.5f, 100) &&
+           column_is(&ply, "f_dc_2", 2.5f, 100),
        "places, opacities, scales and colours keep their bits");
     ok(rest_is_right(&ply, from, to), "f_rest is channel-major");
     ok(rotation_is_right(&ply), "rotations have w >= 0");

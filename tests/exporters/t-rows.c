@@ -122,6 +122,51 @@ static void test_rotate(void)
     spin_rows_end(&rows);
 }
 
+static bool close_to(const float *got, const float *want, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (!(fabsf(got[i] - want[i]) < 1e-6f))
+            return false;
+    return true;
+}
+
+/* A quarter turn about x, y to z and z to -y: places, rotations and harmonics of degree 1, which are
+ * -y, z and -x, all go with it. */
+static void test_turned(void)
+{
+    static const char *const pairs[] = {"rotate", "90,0,0", NULL};
+    static const float place[] = {1, -3, 2}, half = 0.70710678f;
+    static const float quats[2][4] = {{-0.1f, 0.7f, 0.1f, 0.7f}, {0.1f, 0.7f, 0.1f, 0.7f}};
+    static const float turned[2][4] = {{0.8f, -0.6f, 0.6f, -0.8f}, {0.6f, -0.8f, 0.6f, -0.8f}};
+    struct spin_rows rows = begin(pairs, 1, NULL);
+    float out[3], q[4], want[4], room[3 * SPIN_SH_MAX];
+    struct spin_splats s = {0};
+    const float *sh, *was;
+
+    make_frame(&s, 2, 1, 3);
+    s.means[0] = 1, s.means[1] = 2, s.means[2] = 3;
+    memcpy(s.quats, quats, sizeof quats);
+    ok(spin_rows_choose(&rows, &s, 0) == SPIN_OK, "a quarter turn about x");
+    spin_rows_place(&rows, 0, out);
+    ok(close_to(out, place, 3), "places are turned");
+    for (size_t i = 0; i < 2; i++) {
+        for (int k = 0; k < 4; k++)
+            want[k] = half * turned[i][k];
+        spin_rows_turned(&rows, i, q);
+        ok(close_to(q, want, 4), "rotations are turned, and w stays positive");
+    }
+    was = s.sh + 12;
+    sh = spin_rows_sh(&rows, 1, room);
+    for (int c = 0; c < 3; c++) {
+        const float expected[] = {was[c], was[6 + c], -was[3 + c], was[9 + c]};
+        const float got[] = {sh[c], sh[3 + c], sh[6 + c], sh[9 + c]};
+
+        ok(close_to(got, expected, 4), "harmonics are turned, channel %d", c);
+    }
+    spin_rows_end(&rows);
+    spin_splats_free(&s);
+}
+
 static void test_refused(void)
 {
     static const char *const bad[][2] = {{"up", "w"},         {"up", ""},
@@ -151,5 +196,6 @@ TAP_MAIN
     test_threads();
     test_up();
     test_rotate();
+    test_turned();
     test_refused();
 }

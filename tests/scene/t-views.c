@@ -91,7 +91,7 @@ static void test_pairs(void)
 static void test_split(void)
 {
     struct spin_views views;
-    const int cameras[] = {0, 2}, unknown[] = {0, 7};
+    const int cameras[] = {0, 2}, unknown[] = {0, 7}, other[] = {1};
 
     make_views(&views, 2, 0);
     ok(spin_views_split(&views, unknown, 2) == SPIN_E_USAGE && strstr(spin_last_error(), "7"),
@@ -100,6 +100,9 @@ static void test_split(void)
     ok(spin_views_split(&views, cameras, 2) == SPIN_OK && views.view[0].test &&
            !views.view[1].test && views.view[2].test && views.view[3].test,
        "cameras of the list are held out");
+    ok(spin_views_split(&views, other, 1) == SPIN_OK && !views.view[0].test && views.view[1].test &&
+           !views.view[2].test && !views.view[5].test,
+       "and no others, whatever was before");
     spin_views_free(&views);
 }
 
