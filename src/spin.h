@@ -324,8 +324,10 @@ struct spin_out {
     char *path, *temporary;
     uint64_t bytes; /* given to spin_out_write() */
     bool sync;
+    bool force; /* as it was opened */
 };
-/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"). */
+/* !force: SPIN_E_IO when path exists ("... exists; use --force to overwrite"), a link to nothing as well.
+ * Commit looks once more: what somebody else made meanwhile stays. */
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
 spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
 spin_status spin_out_commit(struct spin_out *out);

@@ -8,6 +8,7 @@
 #include "base/mem.h"
 #include "core/measure.h"
 #include "core/report.h"
+#include "io/claim.h"
 
 struct eval {
     const struct spin_eval_options *o;
@@ -117,16 +118,14 @@ static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *ou
 
 /* ---- The report --------------------------------------------------------------------------------- */
 
-/* A page that is there already, or a log that is not, is said before the work. */
+/* A page that cannot be written, or a log that is not there, is said before the work. */
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
         return spin_fail(SPIN_E_USAGE, "the log is for the report: say where with --report");
     if (o->log && !spin_path_exists(o->log))
         return spin_fail(SPIN_E_NOT_FOUND, "the log '%s' does not exist", o->log);
-    if (o->report && !o->force && spin_path_exists(o->report))
-        return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", o->report);
-    return SPIN_OK;
+    return o->report ? spin_claim_file(o->report, o->force) : SPIN_OK;
 }
 
 /* The source is measured as well, when there is one to compare with. */
@@ -187,7 +186,7 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, &block));
     report->view = block;
     if (o->images)
-        SPIN_TRY(spin_folder_make(o->images));
+        SPIN_TRY(spin_claim_folder(o->images));
     m.source = e->has_source ? &e->source : NULL;
     m.pairs = e->pairs;
     m.n_pairs = e->n_pairs;

@@ -13,6 +13,7 @@
 #include "core/describe.h"
 #include "core/overlay.h"
 #include "core/relay.h"
+#include "io/claim.h"
 #include "scene/detect.h"
 
 /* A description reads this many frames, evenly from all of them, unless asked for every one. */
@@ -240,7 +241,7 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     out->camera = v->camera_id;
     name_picture(report, out);
     SPIN_TRY(spin_path_join(im->o->check_cameras, out->file, &path));
-    if (!im->o->force && spin_path_exists(path))
+    if (!im->o->force && spin_path_is_taken(path))
         status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
     else
         status = spin_overlay_draw(v, &im->splats, path, &share);
@@ -340,7 +341,7 @@ static spin_status check_cameras(struct import *im)
 
     if (!o->check_cameras)
         return SPIN_OK;
-    SPIN_TRY(spin_folder_make(o->check_cameras));
+    SPIN_TRY(spin_claim_folder(o->check_cameras));
     for (int k = 0; k < n; k++) {
         int frame = spread(k, n, im->meta.n_frames);
         size_t view[CHECKED_VIEWS];
@@ -609,6 +610,8 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
         return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
+    if (o->output)
+        SPIN_TRY(spin_claim_file(o->output, o->force));
     SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
     SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;

@@ -10,7 +10,7 @@
 #include "io/image.h"
 
 enum {
-    MOST_ROWS = 25, /* that a median is taken of, spread over the clip */
+    MOST_ROWS = SPIN_MOVING_ROWS,
     FEWEST_ROWS = 3,
     FRIENDS = 4 /* changed pixels among the eight around one, or it is a speck */
 };
@@ -40,7 +40,7 @@ static bool same_camera(const struct spin_camera *a, const struct spin_camera *b
 }
 
 /* Views of this camera, spread over the clip. 0 when it moves. */
-static size_t choose_views(const struct spin_views *views, int camera_id, size_t chosen[MOST_ROWS])
+size_t spin_moving_views(const struct spin_views *views, int camera_id, size_t chosen[MOST_ROWS])
 {
     size_t n = 0, k = 0, seen = 0, first = 0;
 
@@ -77,7 +77,7 @@ static uint8_t median_of(uint8_t *value, size_t n)
 
 static spin_status make_median(struct spin_moving *m, int camera_id, uint8_t **out)
 {
-    size_t chosen[MOST_ROWS], n = choose_views(m->views, camera_id, chosen), plane;
+    size_t chosen[MOST_ROWS], n = spin_moving_views(m->views, camera_id, chosen), plane;
     uint8_t *all = NULL, *median = NULL, value[MOST_ROWS];
     spin_status status = SPIN_OK;
 
@@ -207,7 +207,7 @@ static bool some_have_medians(const struct spin_views *views, const struct spin_
     size_t chosen[MOST_ROWS];
 
     for (size_t i = 0; i < n && pairs[i].frame == pairs[0].frame; i++)
-        if (choose_views(views, views->view[pairs[i].view].camera_id, chosen) >= FEWEST_ROWS)
+        if (spin_moving_views(views, views->view[pairs[i].view].camera_id, chosen) >= FEWEST_ROWS)
             return true;
     return false;
 }

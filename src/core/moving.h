@@ -30,6 +30,11 @@ void spin_moving_close(struct spin_moving *m);
 /* Keep what is found, for views that are asked for again and again: a bit a pixel. */
 spin_status spin_moving_keep(struct spin_moving *m);
 
+/* Views, at most SPIN_MOVING_ROWS, that the median of a camera is taken of; how many. */
+enum { SPIN_MOVING_ROWS = 25 };
+size_t spin_moving_views(const struct spin_views *views, int camera_id,
+                         size_t chosen[SPIN_MOVING_ROWS]);
+
 /* Sets m->mask, at the size of the view's camera; truth is the view's picture. *n: moving pixels. A
  * camera without a median has none. */
 spin_status spin_moving_find(struct spin_moving *m, size_t view, const float *truth, size_t *n);

@@ -4,6 +4,7 @@
  * a resumed run ends in the same bits as one that was never stopped, on any number of threads. */
 #include "core/retrain.h"
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -146,12 +147,14 @@ static spin_status describe(struct spin_retraining *r, spin_json *extra)
         network = spin_retrain_to_json(r);
         spin_json_set(network, "cameras", cameras);
         spin_json_set_string(network, "fingerprint", r->fingerprint);
+        spin_json_set_string(network, "path", r->paths);
         set_quality(network, "before", &r->report->before);
         set_quality(network, "test", &r->report->test);
         spin_json_set(extra, "network", network);
     } else {
         set_quality(refined, "before", &r->report->before);
         spin_json_set_string(refined, "fingerprint", r->fingerprint);
+        spin_json_set_string(refined, "path", r->paths);
     }
     return SPIN_OK;
 }
@@ -165,7 +168,7 @@ static spin_status write_output(struct spin_retraining *r)
     spin_status status;
 
     memset(&meta, 0, sizeof meta);
-    status = spin_bundle_writer_open(r->o->output, r->o->force || r->o->resume, true, &w);
+    status = spin_bundle_writer_open(r->o->output, r->o->force, true, &w);
     if (status != SPIN_OK) {
         spin_json_free(extra);
         return status;
@@ -200,20 +203,28 @@ static bool already_done(struct spin_retraining *r)
     return same;
 }
 
+/* The output is whole: what led to it goes. */
+static void tidy_up(const struct spin_retraining *r)
+{
+    remove(r->part);
+    spin_shelf_clear(r->parts);
+    spin_out_sweep(r->part);
+    spin_out_sweep(r->o->output);
+}
+
 static spin_status check_output(struct spin_retraining *r, bool *done)
 {
     const struct spin_retrain_options *o = r->o;
-    bool part = spin_path_exists(r->part), parts = spin_path_exists(r->parts);
+    bool part = spin_path_is_taken(r->part), parts = spin_path_is_taken(r->parts);
 
     *done = false;
-    if (spin_path_exists(o->output) && !o->force) {
-        if (o->resume && !part && already_done(r)) {
-            spin_shelf_clear(r->parts);
-            *done = true;
+    if (spin_path_is_taken(o->output) && !o->force) {
+        *done = o->resume && already_done(r);
+        if (*done) {
+            tidy_up(r);
             return SPIN_OK;
         }
-        if (!o->resume || !(part || parts))
-            return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", o->output);
+        return spin_claim_file(o->output, false); /* says what is there */
     }
     if ((part || parts) && !o->resume && !o->force)
         return spin_fail(SPIN_E_IO,
@@ -269,9 +280,9 @@ static spin_status prepare(struct spin_retraining *r)
     memcpy(r->trainer.background, o->background, sizeof r->trainer.background);
     if (spin_retrain_is_lazy(r))
         SPIN_TRY(spin_trainer_be_lazy(&r->trainer));
-    if (o->resume && spin_path_exists(r->part))
-        return spin_retrain_load(r);
-    return spin_retrain_begin(r);
+    SPIN_TRY(o->resume && spin_path_exists(r->part) ? spin_retrain_load(r) : spin_retrain_begin(r));
+    r->sound = true;
+    return SPIN_OK;
 }
 
 static spin_status open_log(struct spin_retraining *r)
@@ -280,8 +291,42 @@ static spin_status open_log(struct spin_retraining *r)
         return SPIN_OK;
     r->log = fopen(r->o->log, r->o->resume ? "a" : "w");
     if (!r->log)
-        return spin_fail(SPIN_E_IO, "cannot write '%s'", r->o->log);
+        return spin_fail(SPIN_E_IO, "cannot write the log '%s': %s", r->o->log, strerror(errno));
     return SPIN_OK;
+}
+
+/* State and network beside each other, when the state is saved and the output written. */
+static spin_status check_disk(const struct spin_retraining *r)
+{
+    char *folder = NULL;
+    size_t floats = r->model.n_table + r->model.n_heads;
+    uint64_t bytes, room;
+
+    for (int f = 0; f < r->clip.n_frames; f++)
+        floats += r->counts[f] * (spin_retrain_has_own(r) ? 3 + SPIN_OWN : 3);
+    bytes = 4 * floats * sizeof(float); /* the values and their two moments, and the values */
+    SPIN_TRY(spin_path_folder(r->o->output, &folder));
+    room = spin_path_free_bytes(folder);
+    free(folder);
+    if (r->o->method == SPIN_METHOD_NETWORK && room < bytes)
+        return spin_fail(SPIN_E_IO,
+                         "cannot write '%s': state and output take %.2f GB and more, and the disk "
+                         "has %.2f GB free",
+                         r->o->output, (double)bytes / 1e9, (double)room / 1e9);
+    return SPIN_OK;
+}
+
+/* All that will be written can be, before the first step. */
+static spin_status claim_outputs(struct spin_retraining *r)
+{
+    SPIN_TRY(spin_claim_file(r->o->output, r->o->force));
+    SPIN_TRY(spin_claim_file(r->part, true));
+    if (r->refined && spin_path_is_taken(r->parts))
+        SPIN_TRY(spin_claim_folder(r->parts));
+    SPIN_TRY(check_disk(r));
+    if (r->o->preview)
+        SPIN_TRY(spin_claim_folder(r->o->preview));
+    return open_log(r);
 }
 
 /* --moving-weight: find what moves. */
@@ -382,6 +427,7 @@ static spin_status plan(struct spin_retraining *r)
     r->report->seconds_estimated = spin_retrain_guess(r);
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));
     memcpy(r->report->device, r->device.description, sizeof r->report->device);
+    snprintf(r->paths, sizeof r->paths, "%s", r->device.path);
     return SPIN_OK;
 }
 
@@ -397,39 +443,90 @@ static void warn_worse(const struct spin_retraining *r)
                       : "more --iterations, --preset short, or --residual source");
 }
 
+/* What the run is made from, and whether it is there already. */
+static spin_status look_at_input(struct spin_retraining *r)
+{
+    SPIN_TRY(spin_pixels_open(&r->clip.views, r->pixels_budget, r->o->background, &r->pixels));
+    SPIN_TRY(open_weights(r));
+    SPIN_TRY(spin_retrain_look_at_images(r));
+    if (r->refined)
+        SPIN_TRY(spin_retrain_refine_keys(r));
+    return spin_retrain_fingerprint(r);
+}
+
+/* Something failed, or was interrupted: what was trained is kept, so that --resume need not do it again. */
+static spin_status keep(struct spin_retraining *r, spin_status failed)
+{
+    bool lost = false;
+    char why[1024], kept[1024] = "";
+
+    snprintf(why, sizeof why, "%s", spin_last_error());
+    if (r->sound && r->trainer.iteration > 0 && r->trainer.iteration != r->saved)
+        lost = spin_retrain_save(r) != SPIN_OK;
+    if (lost && strcmp(why, spin_last_error()) != 0)
+        snprintf(kept, sizeof kept, "; %s", spin_last_error());
+    if (failed == SPIN_E_CANCELLED && !lost)
+        return spin_fail_cancelled();
+    if (r->saved >= 0)
+        return spin_fail(failed, "%s%s; the state of iteration %lld is kept in '%s'%s", why, kept,
+                         (long long)r->saved, r->part, r->sound ? ": go on with --resume" : "");
+    if (!lost && r->refined && spin_path_is_folder(r->parts))
+        return spin_fail(failed,
+                         "%s; the frames refined so far are kept in '%s': go on with --resume", why,
+                         r->parts);
+    return spin_fail(failed, "%s%s", why, kept);
+}
+
+static spin_status run(struct spin_retraining *r)
+{
+    SPIN_TRY(refine(r));
+    SPIN_TRY(r->o->method == SPIN_METHOD_NETWORK ? train_network(r) : keep_frames(r));
+    warn_worse(r);
+    return write_output(r);
+}
+
 static spin_status work(struct spin_retraining *r)
 {
     bool done = false;
+    spin_status status;
 
     SPIN_TRY(plan(r));
     if (r->o->dry_run)
         return SPIN_OK;
-    SPIN_TRY(spin_retrain_fingerprint(r));
+    SPIN_TRY(spin_claim_take(r->o->output, &r->claim));
+    SPIN_TRY(look_at_input(r));
     SPIN_TRY(check_output(r, &done));
     if (done) {
         spin_log(0, "'%s' is already finished", r->o->output);
         return SPIN_OK;
     }
     SPIN_TRY(check_memory(r));
-    SPIN_TRY(spin_pixels_open(&r->clip.views, r->pixels_budget, r->o->background, &r->pixels));
-    SPIN_TRY(open_weights(r));
-    SPIN_TRY(open_log(r));
-    SPIN_TRY(refine(r));
-    SPIN_TRY(r->o->method == SPIN_METHOD_NETWORK ? train_network(r) : keep_frames(r));
-    warn_worse(r);
-    SPIN_TRY(write_output(r));
+    SPIN_TRY(claim_outputs(r));
+    status = run(r);
+    if (status != SPIN_OK)
+        return keep(r, status);
     r->report->bytes_peak = spin_memory_peak();
-    remove(r->part);
-    spin_shelf_clear(r->parts);
-    spin_out_sweep(r->part);
-    spin_out_sweep(r->o->output);
+    tidy_up(r);
     return SPIN_OK;
+}
+
+/* The work is done and kept, but who asked for a log does not have it. */
+static spin_status close_log(struct spin_retraining *r)
+{
+    if (r->log)
+        spin_retrain_logged(r, true);
+    if (r->log && fclose(r->log) != 0)
+        snprintf(r->log_error, sizeof r->log_error, "%s", strerror(errno));
+    r->log = NULL;
+    if (!*r->log_error)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is not whole: %s", r->o->output,
+                     r->o->log, r->log_error);
 }
 
 static void close_all(struct spin_retraining *r)
 {
-    if (r->log)
-        fclose(r->log);
+    spin_claim_drop(&r->claim);
     spin_trainer_close(&r->trainer);
     spin_device_close(&r->device);
     for (int f = 0; r->order && f < r->clip.n_frames; f++)
@@ -447,6 +544,7 @@ static void close_all(struct spin_retraining *r)
     free(r->part);
     free(r->parts);
     free(r->fingerprint);
+    free(r->imprint);
     spin_splats_free(&r->splats);
     spin_splats_free(&r->shelved);
     spin_pixels_close(&r->pixels);
@@ -479,11 +577,18 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
     memset(report, 0, sizeof *report);
     r.o = o;
     r.report = report;
+    r.saved = -1;
     status = name_parts(&r);
     if (status == SPIN_OK)
         status = work(&r);
+    if (status == SPIN_OK) {
+        status = close_log(&r);
+    } else {
+        if (r.log)
+            fclose(r.log);
+        if (status != SPIN_E_CANCELLED && o->input)
+            status = spin_more(status, "cannot retrain '%s'", o->input);
+    }
     close_all(&r);
-    if (status != SPIN_OK && status != SPIN_E_CANCELLED && o->input)
-        return spin_more(status, "cannot retrain '%s'", o->input);
     return status;
 }

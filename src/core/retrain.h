@@ -1,6 +1,7 @@
-/* One retraining under way, in six files: retrain.c from start to end and the output, retrain_plan.c
- * options to shapes, memory and time, retrain_state.c save and resume, retrain_own.c what splats have of
- * their own, retrain_refine.c the frame-wise stage, retrain_loop.c the iterations of the network.
+/* One retraining under way, in seven files: retrain.c from start to end and the output, retrain_plan.c
+ * options to shapes, memory and time, retrain_images.c what it learns from, retrain_state.c save and
+ * resume, retrain_own.c what splats have of their own, retrain_refine.c the frame-wise stage,
+ * retrain_loop.c the iterations of the network.
  * Nothing outside of them needs this. */
 #ifndef SPIN_CORE_RETRAIN_H
 #define SPIN_CORE_RETRAIN_H
@@ -12,6 +13,7 @@
 #include "core/ops.h"
 #include "core/shelf.h"
 #include "core/train.h"
+#include "io/claim.h"
 
 /* A frame of the frame-wise stage. */
 struct spin_refined {
@@ -46,10 +48,16 @@ struct spin_retraining {
     struct spin_refined *refined; /* [frames], or NULL: frames are not refined */
     bool is_refined;              /* that stage is over */
     struct spin_splats shelved;   /* scratch of one refined frame */
+    uint64_t *imprint;            /* [views] what views that are learned from are told by */
+    struct spin_claim claim;      /* on the output */
     char *part;                   /* path of the unfinished state */
     char *parts;                  /* folder of the frames refined so far */
     char *fingerprint;            /* what must be equal for a resume */
-    FILE *log;
+    char paths[32];     /* code paths that did the work: "v4", or "v3+v4" after a resume */
+    bool sound;         /* the trainer stands between two steps */
+    int64_t saved;      /* iteration of the state that is kept; -1: none is */
+    FILE *log;          /* NULL: none is written, or no longer */
+    char log_error[96]; /* why no longer */
     double worked_s, saved_s;
     double worked_before_s;
     double spent_s[SPIN_N_OPS], stepped_s; /* of all steps: each op, and on the wall */
@@ -74,6 +82,13 @@ double spin_retrain_guess(const struct spin_retraining *r);
 /* Whether the table is lazy: a step's splats need less than half of it. */
 bool spin_retrain_is_lazy(const struct spin_retraining *r);
 
+/* ---- retrain_images.c ---- */
+
+/* Look at every image that the run will need, and take the imprints of those it learns from. */
+spin_status spin_retrain_look_at_images(struct spin_retraining *r);
+/* What a frame is learned from, as a number: images, masks and cameras. frame -1: all frames. */
+uint64_t spin_retrain_imprint(const struct spin_retraining *r, int frame);
+
 /* ---- retrain_state.c ---- */
 
 /* The "network" object of meta.json. */
@@ -87,6 +102,8 @@ spin_status spin_retrain_save(struct spin_retraining *r);
 spin_status spin_retrain_load(struct spin_retraining *r);
 /* All parameters are finite; else an error that names the array and the iteration. */
 spin_status spin_retrain_check_finite(struct spin_retraining *r);
+/* Part of the work was done before by these code paths, "v3" or "v3+v4". */
+void spin_retrain_did(struct spin_retraining *r, const char *paths);
 /* An array on the device into an archive, piece by piece through the host. Its values must be finite. */
 spin_status spin_retrain_write_array(struct spin_retraining *r, struct spin_zip_writer *w,
                                      const char *name, int n_dims, const uint64_t *shape,
@@ -104,8 +121,10 @@ spin_status spin_retrain_write_own(struct spin_retraining *r, struct spin_bundle
 
 /* ---- retrain_refine.c ---- */
 
-/* What every frame will be made from; nothing is done yet. */
+/* Room for what is known of every frame; nothing is done yet. */
 spin_status spin_retrain_refine_plan(struct spin_retraining *r);
+/* What every frame will be made from. */
+spin_status spin_retrain_refine_keys(struct spin_retraining *r);
 /* Settings that decide the result. */
 spin_json *spin_retrain_refine_settings(const struct spin_retraining *r);
 /* Memory of one frame under way, should its points double. */
@@ -120,6 +139,9 @@ spin_status spin_retrain_write_refined(struct spin_retraining *r, struct spin_bu
 spin_json *spin_retrain_refined_to_json(const struct spin_retraining *r);
 
 /* ---- retrain_loop.c ---- */
+
+/* After a line, and with flush at once: a log that cannot be written ends here, with a warning. */
+void spin_retrain_logged(struct spin_retraining *r, bool flush);
 
 /* All iterations that are left. */
 spin_status spin_retrain_loop(struct spin_retraining *r);

@@ -1,4 +1,5 @@
 /* The iterations of a retraining: which views, one step after the other, how good it is by now. */
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -110,6 +111,19 @@ static spin_status plan_batch(struct spin_retraining *r, int64_t i, struct spin_
     return SPIN_OK;
 }
 
+/* ---- The log ------------------------------------------------------------------------------------ */
+
+void spin_retrain_logged(struct spin_retraining *r, bool flush)
+{
+    if (!ferror(r->log) && (!flush || fflush(r->log) == 0))
+        return;
+    snprintf(r->log_error, sizeof r->log_error, "%s", strerror(errno ? errno : EIO));
+    spin_warn("cannot write the log '%s': %s; the work goes on without it", r->o->log,
+              r->log_error);
+    fclose(r->log);
+    r->log = NULL;
+}
+
 /* ---- Looking at it ------------------------------------------------------------------------------ */
 
 spin_status spin_retrain_measure(struct spin_retraining *r, struct spin_player *player,
@@ -191,7 +205,6 @@ spin_status spin_retrain_preview(struct spin_retraining *r, struct spin_player *
 
     if (!r->o->preview || r->n_test == 0)
         return SPIN_OK;
-    SPIN_TRY(spin_folder_make(r->o->preview));
     if (with_source)
         SPIN_TRY(spin_player_open(&source, &r->device, &r->clip.bundle, SPIN_FROM_SOURCE));
     SPIN_TRY_OUT(spin_player_show_live(shown, middle, r->counts[middle],
@@ -249,7 +262,7 @@ spin_status spin_retrain_look(struct spin_retraining *r)
             "{\"iteration\": %lld, \"seconds\": %.3f, \"test_psnr\": %.6f, \"test_ssim\": %.6f}\n",
             (long long)r->trainer.iteration, r->worked_before_s + spin_now_s() - r->worked_s,
             q.psnr, q.ssim);
-        fflush(r->log);
+        spin_retrain_logged(r, true);
     }
     r->report->test = q;
     return SPIN_OK;
@@ -275,6 +288,7 @@ static void log_step(struct spin_retraining *r, const struct spin_train_values *
     for (int i = 0; i < SPIN_N_OPS; i++)
         fprintf(f, "%s\"%s\": %.6f", i ? ", " : "", op_names[i], r->device.seconds[i]);
     fprintf(f, "}}\n");
+    spin_retrain_logged(r, false);
 }
 
 static void count_seconds(struct spin_retraining *r, double seconds)
@@ -374,6 +388,7 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
         memset(r->device.seconds, 0, sizeof r->device.seconds);
         SPIN_TRY_OUT(plan_batch(r, t->iteration, items, pairs));
         r->device.seconds[SPIN_OP_PIXELS] += spin_now_s() - start;
+        r->sound = false;
         SPIN_TRY_OUT(spin_trainer_step(t, items, r->o->batch, &v));
         if (!isfinite(v.loss)) {
             status = spin_fail(SPIN_E_MALFORMED,
@@ -384,6 +399,7 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
         }
         if (t->iteration % CHECK_EVERY == 0 || t->iteration == r->o->iterations)
             SPIN_TRY_OUT(spin_retrain_check_finite(r));
+        r->sound = true;
         SPIN_TRY_OUT(count_blind(r, v.seen, &blind));
         seconds = spin_now_s() - start;
         count_seconds(r, seconds);

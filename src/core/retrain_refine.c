@@ -88,19 +88,6 @@ spin_json *spin_retrain_refine_settings(const struct spin_retraining *r)
     return j;
 }
 
-static spin_json *camera_to_json(const struct spin_view *view)
-{
-    const struct spin_camera *c = &view->camera;
-    spin_json *j = spin_json_array();
-    const double values[] = {view->camera_id, c->width, c->height, c->fx, c->fy, c->cx, c->cy};
-
-    for (size_t i = 0; i < sizeof values / sizeof *values; i++)
-        spin_json_push_number(j, values[i]);
-    for (int i = 0; i < 12; i++)
-        spin_json_push_number(j, c->w2c[i]);
-    return j;
-}
-
 /* FNV-1a, 64 bits. */
 static uint64_t hash_of(const char *text)
 {
@@ -113,13 +100,11 @@ static uint64_t hash_of(const char *text)
 
 static spin_status make_key(struct spin_retraining *r, int f)
 {
-    spin_json *j = spin_retrain_refine_settings(r), *cameras = spin_json_array();
-    char *text;
+    spin_json *j = spin_retrain_refine_settings(r);
+    char images[20], *text;
 
-    for (size_t i = 0; i < r->n_train; i++)
-        if (r->train[i].frame == f)
-            spin_json_push(cameras, camera_to_json(&r->clip.views.view[r->train[i].view]));
-    spin_json_set(j, "cameras", cameras);
+    snprintf(images, sizeof images, "%016" PRIx64, spin_retrain_imprint(r, f));
+    spin_json_set_string(j, "images", images);
     spin_json_set_integer(j, "frame", spin_retrain_info(r, f)->number);
     spin_json_set_integer(
         j, "input",
@@ -144,6 +129,11 @@ spin_status spin_retrain_refine_plan(struct spin_retraining *r)
                          r->o->input);
     SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->refined, &block));
     r->refined = block;
+    return SPIN_OK;
+}
+
+spin_status spin_retrain_refine_keys(struct spin_retraining *r)
+{
     for (int f = 0; f < r->clip.n_frames; f++)
         SPIN_TRY(make_key(r, f));
     return SPIN_OK;
@@ -176,7 +166,7 @@ static spin_status read_columns(struct spin_retraining *r, int f, unsigned colum
 {
     if (r->refined[f].from_input)
         return spin_bundle_refined_frame(&r->clip.bundle, spin_retrain_index(r, f), columns, out);
-    return spin_shelf_get(r->parts, f, columns, out);
+    return spin_shelf_get(r->parts, f, r->refined[f].key, columns, out);
 }
 
 /* rgb is kept by the network's method only; elsewhere it follows from the first coefficient. */
@@ -230,7 +220,7 @@ struct job {
 
 static void log_iteration(const struct job *job, const struct spin_refine_step *step)
 {
-    const struct spin_retraining *r = job->stage->r;
+    struct spin_retraining *r = job->stage->r;
 
     fprintf(r->log,
             "{\"refine\": %d, \"frame\": %d, \"seconds\": %.3f, \"loss\": %.7g, \"splats\": %zu, "
@@ -242,6 +232,7 @@ static void log_iteration(const struct job *job, const struct spin_refine_step *
         fprintf(r->log, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", step->change.clones,
                 step->change.splits, step->change.pruned);
     fprintf(r->log, "}\n");
+    spin_retrain_logged(r, false);
 }
 
 static void watch(void *context, const struct spin_refine_step *step)
@@ -330,7 +321,7 @@ static spin_status keep(struct job *job, const struct spin_refine_stats *stats)
     struct spin_refined *refined = &r->refined[job->frame];
 
     SPIN_TRY(spin_refine_to_splats(&job->cloud, &job->splats));
-    SPIN_TRY(spin_shelf_put(r->parts, job->frame, refined->key, &job->splats));
+    SPIN_TRY(spin_shelf_put(r->parts, job->frame, refined->key, r->device.path, &job->splats));
     pthread_mutex_lock(&stage->lock);
     refined->n = job->splats.n;
     stage->done += stage->options.iterations - stats->iterations;
@@ -431,11 +422,16 @@ static spin_status list_todo(struct stage *stage)
     SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *stage->todo, &block));
     stage->todo = block;
     for (int f = 0; f < r->clip.n_frames; f++) {
-        bool found = input_has(r, f);
+        bool found = input_has(r, f), shelved = false;
+        struct spin_shelved there;
 
         if (!found && r->o->resume)
-            SPIN_TRY(spin_shelf_find(r->parts, f, r->refined[f].key, &found, &r->refined[f].n));
-        if (!found)
+            SPIN_TRY(spin_shelf_find(r->parts, f, r->refined[f].key, &shelved, &there));
+        if (shelved) {
+            r->refined[f].n = there.n;
+            spin_retrain_did(r, there.path);
+        }
+        if (!found && !shelved)
             stage->todo[stage->n_todo++] = f;
     }
     return SPIN_OK;

@@ -93,7 +93,8 @@ spin_json *spin_retrain_to_json(const struct spin_retraining *r)
     return j;
 }
 
-/* The network's plan and options, the frames, and the CRCs of the input's arrays. It is made before
+/* The network's plan and options, the frames, what they are learned from, and the CRCs of the input's
+ * arrays. It is made before
  * frames are refined, and then has what they will be made from. */
 spin_status spin_retrain_fingerprint(struct spin_retraining *r)
 {
@@ -102,6 +103,7 @@ spin_status spin_retrain_fingerprint(struct spin_retraining *r)
     spin_json *frames = spin_json_array();
     const struct spin_zip *zip = &r->clip.bundle.npz.zip;
     double sum = 0;
+    char images[20];
 
     for (size_t i = 0; i < zip->n; i++)
         sum += (double)zip->member[i].crc;
@@ -111,7 +113,9 @@ spin_status spin_retrain_fingerprint(struct spin_retraining *r)
         if (r->refined)
             spin_json_push_string(frames, r->refined[f].key);
     }
+    snprintf(images, sizeof images, "%016" PRIx64, spin_retrain_imprint(r, -1));
     spin_json_set(j, "frames", frames);
+    spin_json_set_string(j, "images", images);
     set_string(j, "input", "%.0f", sum);
     r->fingerprint = spin_json_text(j, false);
     spin_json_free(j);
@@ -242,11 +246,8 @@ static spin_status check_finite(const struct spin_retraining *r, const char *nam
         i++;
     return spin_fail(SPIN_E_MALFORMED,
                      "array '%s' is not finite at value %zu after iteration %lld: lower the "
-                     "learning rates, or look for bad points%s%s%s",
-                     name, first + i, (long long)r->trainer.iteration,
-                     spin_path_exists(r->part) ? "; the last good state is '" : "",
-                     spin_path_exists(r->part) ? r->part : "",
-                     spin_path_exists(r->part) ? "'" : "");
+                     "learning rates, or look for bad points",
+                     name, first + i, (long long)r->trainer.iteration);
 }
 
 spin_status spin_retrain_check_finite(struct spin_retraining *r)
@@ -338,6 +339,7 @@ spin_status spin_retrain_save(struct spin_retraining *r)
     spin_json_set_number(j, "seconds", r->worked_before_s + spin_now_s() - r->worked_s);
     spin_json_set(j, "steps", steps);
     spin_json_set_string(j, "fingerprint", r->fingerprint);
+    spin_json_set_string(j, "path", r->paths);
     text = spin_json_text(j, true);
     spin_json_free(j);
     status = spin_zip_writer_open(r->part, true, &w);
@@ -355,9 +357,33 @@ spin_status spin_retrain_save(struct spin_retraining *r)
     r->saved_s = spin_now_s();
     if (status != SPIN_OK)
         return spin_more(status, "cannot save the unfinished state");
+    r->saved = r->trainer.iteration;
     spin_log(1, "saved the state of iteration %lld to '%s'", (long long)r->trainer.iteration,
              r->part);
     return SPIN_OK;
+}
+
+void spin_retrain_did(struct spin_retraining *r, const char *paths)
+{
+    bool other = false;
+
+    for (const char *at = paths ? paths : ""; *at;) {
+        size_t n = strcspn(at, "+"), used = strlen(r->paths);
+        char one[sizeof r->paths];
+
+        snprintf(one, sizeof one, "%.*s", (int)n, at);
+        at += n + (at[n] == '+');
+        if (one[strspn(one, "abcdefghijklmnopqrstuvwxyz0123456789")] || strstr(r->paths, one) ||
+            used + strlen(one) + 2 > sizeof r->paths)
+            continue;
+        snprintf(r->paths + used, sizeof r->paths - used, "%s%s", used ? "+" : "", one);
+        other = true;
+    }
+    if (other)
+        spin_warn(
+            "the processor's code path is %s now and was another before (%s): the two differ in "
+            "the last bits, so the result is not bit for bit that of an unbroken run",
+            r->device.path, r->paths);
 }
 
 /* They index tables of that length. */
@@ -412,8 +438,8 @@ static spin_status load_header(struct spin_retraining *r, struct spin_npz *npz)
     fingerprint = spin_json_string(spin_json_get(j, "fingerprint"));
     if (!fingerprint || strcmp(fingerprint, r->fingerprint) != 0) {
         status = spin_fail(SPIN_E_USAGE, "it was made from another input or with other options "
-                                         "than these; give the same ones, or --force without "
-                                         "--resume to start anew");
+                                         "than these, or its images have changed; give the same "
+                                         "ones, or --force without --resume to start anew");
         goto out;
     }
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
@@ -423,6 +449,7 @@ static spin_status load_header(struct spin_retraining *r, struct spin_npz *npz)
     }
     spin_json_number(spin_json_get(j, "seconds"), &r->worked_before_s);
     r->trainer.iteration = iteration;
+    spin_retrain_did(r, spin_json_string(spin_json_get(j, "path")));
     for (int f = 0; f < r->trainer.n_frames; f++) {
         const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
         double v = 0;
@@ -454,6 +481,7 @@ spin_status spin_retrain_load(struct spin_retraining *r)
     }
     if (status != SPIN_OK)
         return spin_more(status, "cannot resume from '%s'", r->part);
+    r->saved = r->trainer.iteration;
     spin_log(0, "resuming at iteration %lld of %d", (long long)r->trainer.iteration,
              r->o->iterations);
     return SPIN_OK;

@@ -20,7 +20,7 @@ static spin_status path_of(const char *folder, int index, char **out)
     return spin_path_join(folder, name, out);
 }
 
-spin_status spin_shelf_put(const char *folder, int index, const char *key,
+spin_status spin_shelf_put(const char *folder, int index, const char *key, const char *code_path,
                            const struct spin_splats *splats)
 {
     struct spin_bundle_writer w;
@@ -43,6 +43,7 @@ spin_status spin_shelf_put(const char *folder, int index, const char *key,
     SPIN_TRY_OUT(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();
     spin_json_set_string(extra, "key", key);
+    spin_json_set_string(extra, "path", code_path);
     writing = false;
     SPIN_TRY_OUT(spin_bundle_writer_finish(&w, &meta, extra));
 out:
@@ -53,7 +54,25 @@ out:
     return status;
 }
 
-spin_status spin_shelf_find(const char *folder, int index, const char *key, bool *found, size_t *n)
+/* The frame, open; another than the key names is an error. */
+static spin_status open_frame(const char *path, const char *key, struct spin_bundle *out)
+{
+    const char *text;
+
+    SPIN_TRY(spin_bundle_open(path, out));
+    text = spin_json_string(spin_json_get(out->json, "key"));
+    if (text && strcmp(text, key) == 0 && out->meta.columns == held)
+        return SPIN_OK;
+    spin_bundle_close(out);
+    return spin_fail(SPIN_E_USAGE,
+                     "'%s' was made from another input or with other options than these, or from "
+                     "images that have changed; give the same ones, or --force without --resume to "
+                     "start anew",
+                     path);
+}
+
+spin_status spin_shelf_find(const char *folder, int index, const char *key, bool *found,
+                            struct spin_shelved *out)
 {
     struct spin_bundle bundle;
     const char *text;
@@ -66,31 +85,26 @@ spin_status spin_shelf_find(const char *folder, int index, const char *key, bool
         free(path);
         return SPIN_OK;
     }
-    SPIN_TRY_OUT(spin_bundle_open(path, &bundle));
-    text = spin_json_string(spin_json_get(bundle.json, "key"));
-    if (text && strcmp(text, key) == 0 && bundle.meta.columns == held) {
-        *found = true;
-        *n = bundle.meta.frame[0].n;
-    } else {
-        status = spin_fail(SPIN_E_USAGE,
-                           "'%s' was made from another input or with other options than these; "
-                           "give the same ones, or --force without --resume to start anew",
-                           path);
-    }
+    SPIN_TRY_OUT(open_frame(path, key, &bundle));
+    text = spin_json_string(spin_json_get(bundle.json, "path"));
+    *found = true;
+    out->n = bundle.meta.frame[0].n;
+    snprintf(out->path, sizeof out->path, "%s", text ? text : "");
     spin_bundle_close(&bundle);
 out:
     free(path);
     return status;
 }
 
-spin_status spin_shelf_get(const char *folder, int index, unsigned columns, struct spin_splats *out)
+spin_status spin_shelf_get(const char *folder, int index, const char *key, unsigned columns,
+                           struct spin_splats *out)
 {
     struct spin_bundle bundle;
     char *path = NULL;
     spin_status status;
 
     SPIN_TRY(path_of(folder, index, &path));
-    SPIN_TRY_OUT(spin_bundle_open(path, &bundle));
+    SPIN_TRY_OUT(open_frame(path, key, &bundle));
     status = spin_bundle_frame(&bundle, 0, columns, out);
     spin_bundle_close(&bundle);
 out:

@@ -8,14 +8,21 @@
 
 enum { SPIN_SHELF_KEY = 40 }; /* bytes a key may have, with its end */
 
+/* A frame that is there. */
+struct spin_shelved {
+    size_t n;      /* splats */
+    char path[16]; /* the device's code path that made it */
+};
+
 /* Write frame `index`: all attribute columns. Makes the folder. */
-spin_status spin_shelf_put(const char *folder, int index, const char *key,
+spin_status spin_shelf_put(const char *folder, int index, const char *key, const char *path,
                            const struct spin_splats *splats);
-/* Whether there is frame `index`, made from what `key` says; its number of splats. One made from
- * something else is an error: SPIN_E_USAGE. */
-spin_status spin_shelf_find(const char *folder, int index, const char *key, bool *found, size_t *n);
-/* Columns of frame `index`. */
-spin_status spin_shelf_get(const char *folder, int index, unsigned columns,
+/* Whether there is frame `index`, made from what `key` says. One made from something else is an
+ * error: SPIN_E_USAGE. */
+spin_status spin_shelf_find(const char *folder, int index, const char *key, bool *found,
+                            struct spin_shelved *out);
+/* Columns of frame `index`, which must still be the one that `key` names. */
+spin_status spin_shelf_get(const char *folder, int index, const char *key, unsigned columns,
                            struct spin_splats *out);
 /* Remove its frames, and the folder when nothing else is in it. */
 void spin_shelf_clear(const char *folder);

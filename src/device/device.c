@@ -61,6 +61,7 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
             continue;
         }
         out->op = paths[i].op;
+        out->path = paths[i].name;
         snprintf(out->description, sizeof out->description, "cpu (%s", paths[i].title);
         return out->op->open(out, n_threads);
     }

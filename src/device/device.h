@@ -243,6 +243,7 @@ struct spin_device_ops {
 
 struct spin_device {
     const struct spin_device_ops *op;
+    const char *path;     /* code path: "base", "v3", "v4"; results differ in the last bits */
     void *state;          /* the device's own */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
     double seconds[24];   /* reserved for the trace, by the core */

@@ -8,4 +8,10 @@
 /* Of all the bytes so far, from that of those before (0: none): as zlib's crc32(). */
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
 
+/* What a file is told by: its bytes, not its name or time. */
+struct spin_imprint {
+    uint64_t size;
+    uint32_t crc; /* of all bytes */
+};
+
 #endif

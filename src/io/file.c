@@ -129,6 +129,13 @@ bool spin_path_exists(const char *path)
     return stat(path, &st) == 0;
 }
 
+bool spin_path_is_taken(const char *path)
+{
+    struct stat st;
+
+    return lstat(path, &st) == 0;
+}
+
 bool spin_path_is_folder(const char *path)
 {
     struct stat st;
@@ -374,20 +381,23 @@ void spin_folder_list_free(char **names)
 
 /* ---- Write, then rename -------------------------------------------------------------------- */
 
+static spin_status fail_exists(const char *path)
+{
+    return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite", path);
+}
+
 /* May a file of this name appear? */
 static spin_status check_target(const char *path, bool force)
 {
     struct stat st;
 
-    if (stat(path, &st) != 0)
-        return SPIN_OK; /* what is wrong with the folder, opening will tell */
-    if (S_ISDIR(st.st_mode))
-        return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
-    if (!S_ISREG(st.st_mode))
-        return spin_fail(SPIN_E_IO, "cannot write '%s': it is not an ordinary file", path);
-    if (!force)
-        return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite", path);
-    return SPIN_OK;
+    if (stat(path, &st) == 0) { /* else: what is wrong with the folder, opening will tell */
+        if (S_ISDIR(st.st_mode))
+            return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
+        if (!S_ISREG(st.st_mode))
+            return spin_fail(SPIN_E_IO, "cannot write '%s': it is not an ordinary file", path);
+    }
+    return force || !spin_path_is_taken(path) ? SPIN_OK : fail_exists(path);
 }
 
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
@@ -400,6 +410,7 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
 
     memset(out, 0, sizeof *out);
     SPIN_TRY(check_target(path, force));
+    out->force = force;
     snprintf(suffix, sizeof suffix, ".tmp.%ld", (long)getpid());
     n = strlen(path) + strlen(suffix) + 1;
 
@@ -487,6 +498,29 @@ static void forget_out(struct spin_out *out)
     memset(out, 0, sizeof *out);
 }
 
+/* link() that was done but whose answer got lost, as on NFS. */
+static bool is_linked(const char *path)
+{
+    struct stat st;
+
+    return lstat(path, &st) == 0 && st.st_nlink == 2;
+}
+
+/* Give the file its name. Without force link() refuses a name that is taken; where there are no hard
+ * links a look must do. */
+static spin_status take_name(const struct spin_out *out)
+{
+    if (!out->force) {
+        if (link(out->temporary, out->path) == 0 || is_linked(out->temporary)) {
+            unlink(out->temporary);
+            return SPIN_OK;
+        }
+        if (spin_path_is_taken(out->path))
+            return fail_exists(out->path);
+    }
+    return rename(out->temporary, out->path) == 0 ? SPIN_OK : fail_errno("write", out->path);
+}
+
 /* A file that is closed is not yet on the disk; whether to wait for that is the writer's choice. */
 spin_status spin_out_commit(struct spin_out *out)
 {
@@ -497,8 +531,8 @@ spin_status spin_out_commit(struct spin_out *out)
     if (fclose(out->file) != 0 && status == SPIN_OK)
         status = fail_errno("write", out->path);
     out->file = NULL;
-    if (status == SPIN_OK && rename(out->temporary, out->path) != 0)
-        status = fail_errno("write", out->path);
+    if (status == SPIN_OK)
+        status = take_name(out);
     if (status != SPIN_OK)
         unlink(out->temporary);
     forget_out(out);

@@ -24,6 +24,8 @@ void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 void spin_map_rest(const void *bytes, size_t n);
 
 bool spin_path_exists(const char *path);
+/* Something has this name, be it a link to nothing: what an output must not replace unasked. */
+bool spin_path_is_taken(const char *path);
 bool spin_path_is_folder(const char *path);
 /* dir/name, allocated. */
 spin_status spin_path_join(const char *dir, const char *name, char **out);

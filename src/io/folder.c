@@ -26,7 +26,7 @@ static spin_status take_existing(const char *path, bool force, struct spin_out_f
 spin_status spin_out_folder_begin(const char *path, bool force, struct spin_out_folder *out)
 {
     *out = (struct spin_out_folder){0};
-    if (spin_path_exists(path)) {
+    if (spin_path_is_taken(path)) {
         SPIN_TRY(take_existing(path, force, out));
     } else {
         SPIN_TRY(spin_folder_make(path));

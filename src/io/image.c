@@ -158,8 +158,10 @@ static spin_status check_there(const char *path)
     return SPIN_OK;
 }
 
-/* Map the file just long enough to see what it is and, when whole is asked for, that it ends. */
-static spin_status inspect(const char *path, bool whole, const char **format)
+/* Map the file just long enough to see what it is and, when whole is asked for, that it ends; imprint
+ * may be NULL. */
+static spin_status inspect(const char *path, bool whole, const char **format,
+                           struct spin_imprint *imprint)
 {
     struct spin_map map;
     bool ends;
@@ -170,6 +172,8 @@ static spin_status inspect(const char *path, bool whole, const char **format)
     ends = !whole || (strcmp(*format, "jpeg") == 0  ? jpeg_ends(&map)
                       : strcmp(*format, "png") == 0 ? png_ends(&map)
                                                     : map.size > 0);
+    if (imprint)
+        *imprint = (struct spin_imprint){map.size, spin_crc32(0, map.data, map.size)};
     spin_map_close(&map);
     if (!ends)
         return spin_fail(SPIN_E_MALFORMED, "cannot read image '%s': the file is cut short", path);
@@ -192,9 +196,48 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
         return status;
     }
     SPIN_TRY(spin_image_start());
-    SPIN_TRY(inspect(path, false, &format));
+    SPIN_TRY(inspect(path, false, &format, NULL));
     result = shim->size(path, format, width, height, channels, why, sizeof why);
     return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);
+}
+
+static spin_status look_at_video(const char *file, int64_t frame, int *width, int *height,
+                                 struct spin_imprint *imprint)
+{
+    int64_t n_frames;
+
+    SPIN_TRY(spin_video_info(file, width, height, &n_frames));
+    if (frame >= n_frames)
+        return spin_fail(SPIN_E_NOT_FOUND, "video '%s' has no frame %lld, only 0 to %lld", file,
+                         (long long)frame, (long long)n_frames - 1);
+    return spin_video_imprint(file, imprint);
+}
+
+spin_status spin_image_look(const char *path, int *width, int *height, struct spin_imprint *imprint)
+{
+    char why[256] = "", *file;
+    const char *format;
+    enum spin_image_result result;
+    int channels;
+    int64_t frame;
+
+    SPIN_TRY(find_video(path, &file, &frame));
+    if (file) {
+        spin_status status = look_at_video(file, frame, width, height, imprint);
+
+        free(file);
+        return status;
+    }
+    SPIN_TRY(spin_image_start());
+    SPIN_TRY(inspect(path, true, &format, imprint));
+    result = shim->size(path, format, width, height, &channels, why, sizeof why);
+    if (result != SPIN_IMAGE_OK)
+        return fail_image(result, path, why);
+    if ((int64_t)*width > MAX_PIXELS / *height)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "cannot read image '%s': %d x %d pixels are more than are taken", path,
+                         *width, *height);
+    return SPIN_OK;
 }
 
 spin_status spin_image_read(const char *path, const float background[3], int *width, int *height,
@@ -215,7 +258,7 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
         return status;
     }
     SPIN_TRY(spin_image_start());
-    SPIN_TRY(inspect(path, true, &format));
+    SPIN_TRY(inspect(path, true, &format, NULL));
     result = shim->read(path, format, MAX_PIXELS, background ? background : black, width, height,
                         rgb, why, sizeof why);
     return result == SPIN_IMAGE_OK ? SPIN_OK : fail_image(result, path, why);

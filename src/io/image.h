@@ -4,6 +4,7 @@
 #ifndef SPIN_IO_IMAGE_H
 #define SPIN_IO_IMAGE_H
 
+#include "io/crc.h"
 #include "spin.h"
 
 /* Wherever a path is taken, it may also name a frame of a video, as io/video.h has it. */
@@ -13,6 +14,12 @@ spin_status spin_image_start(void);
 
 /* Size and channels without decoding. */
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels);
+
+/* Look at a file without decoding: it is there, its header can be read, and it is all there: a JPEG
+ * runs segment by segment to its end marker, a PNG chunk by chunk to IEND, anything else has a byte at
+ * least. Of a video, whose imprint is that of the whole file, the frame is one that it has. */
+spin_status spin_image_look(const char *path, int *width, int *height,
+                            struct spin_imprint *imprint);
 
 /* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc; grey is spread, 16-bit is rounded,
  * and what has alpha is composited over `background` (0..1; NULL: black) as the methods do it: on the

@@ -23,7 +23,8 @@
 
 struct video {
     char *file;
-    struct stat was; /* when it was indexed */
+    struct stat was;             /* when it was indexed */
+    struct spin_imprint imprint; /* size 0: not yet taken */
     struct spin_video_index index;
     struct spin_video_stream *stream; /* NULL: closed */
     int64_t at;                       /* frame that the stream gave last; -1: none */
@@ -243,6 +244,31 @@ spin_status spin_video_info(const char *file, int *width, int *height, int64_t *
         *height = v->index.height;
         *n_frames = v->index.n;
     }
+    pthread_mutex_unlock(&mutex);
+    return status;
+}
+
+static spin_status take_imprint(const char *file, struct spin_imprint *out)
+{
+    struct video *v;
+    struct spin_map map;
+
+    SPIN_TRY(find_video(file, &v));
+    if (v->imprint.size == 0) {
+        SPIN_TRY(spin_map_open(file, &map));
+        v->imprint = (struct spin_imprint){map.size, spin_crc32(0, map.data, map.size)};
+        spin_map_close(&map);
+    }
+    *out = v->imprint;
+    return SPIN_OK;
+}
+
+spin_status spin_video_imprint(const char *file, struct spin_imprint *out)
+{
+    spin_status status;
+
+    pthread_mutex_lock(&mutex);
+    status = take_imprint(file, out);
     pthread_mutex_unlock(&mutex);
     return status;
 }

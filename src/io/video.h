@@ -13,6 +13,7 @@
 #ifndef SPIN_IO_VIDEO_H
 #define SPIN_IO_VIDEO_H
 
+#include "io/crc.h"
 #include "spin.h"
 
 /* "cam00.mp4#12": length of the file's name and the number. Only .mp4, .mov, .m4v, .mkv and .webm. */
@@ -25,6 +26,8 @@ spin_status spin_video_start(void);
 
 /* Size and number of frames of a video file: its packets are counted, nothing is decoded. */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames);
+/* Of the whole file; read once, and remembered while the file stays as it is. */
+spin_status spin_video_imprint(const char *file, struct spin_imprint *out);
 
 /* Who is offered frames on the way to the one asked for. */
 struct spin_video_passer {

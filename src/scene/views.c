@@ -429,7 +429,7 @@ void spin_pixels_close(struct spin_pixels *pixels)
 }
 
 /* Rounding both sides of a scaled image moves the ratio by up to a pixel; else one per cent. */
-static spin_status check_aspect(const struct spin_view *view, int width, int height)
+spin_status spin_view_check_size(const struct spin_view *view, int width, int height)
 {
     double expected = (double)view->camera.height * width / height;
     double allowed = fmax(0.01 * view->camera.width, 0.5 + 0.5 * width / height);
@@ -448,7 +448,7 @@ spin_status spin_view_check_image(const struct spin_view *view)
     spin_status status = spin_image_size(view->path, &width, &height, &channels);
 
     if (status == SPIN_OK)
-        status = check_aspect(view, width, height);
+        status = spin_view_check_size(view, width, height);
     return status == SPIN_OK ? SPIN_OK : spin_more(status, "camera %d", view->camera_id);
 }
 
@@ -483,7 +483,7 @@ static spin_status fit(const struct spin_view *view, int width, int height, uint
 
     if (width == view->camera.width && height == view->camera.height)
         return SPIN_OK;
-    SPIN_TRY_OUT(check_aspect(view, width, height));
+    SPIN_TRY_OUT(spin_view_check_size(view, width, height));
     SPIN_TRY_OUT(spin_alloc(plane, 3, &fitted));
     SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), &image));
     SPIN_TRY_OUT(

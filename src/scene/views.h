@@ -44,6 +44,8 @@ struct spin_pixels {
     size_t held, budget;
     float background[3]; /* seen through transparent pixels */
 };
+/* Whether an image of this size can be that of the view: the shape of its camera. */
+spin_status spin_view_check_size(const struct spin_view *view, int width, int height);
 /* background NULL: black. */
 spin_status spin_pixels_open(const struct spin_views *views, size_t budget,
                              const float background[3], struct spin_pixels *out);

@@ -249,6 +249,36 @@ static void outputs(void)
              "nor is a device");
 }
 
+/* What appears under the name after opening is not ours to replace, nor is a link to nothing. */
+static void made_meanwhile(void)
+{
+    struct spin_out out;
+    struct spin_map map;
+
+    ok(spin_out_open(in_root("out/m"), false, &out) == SPIN_OK, "opens an output");
+    put_file(in_root("out/m"), "theirs");
+    error_is(spin_out_commit(&out), SPIN_E_IO, "it exists; use --force",
+             "what was made meanwhile is kept");
+    ok(spin_map_open(in_root("out/m"), &map) == SPIN_OK && map.size == 6 &&
+           n_entries(in_root("out")) == 2,
+       "and nothing is left of ours");
+    spin_map_close(&map);
+    ok(spin_out_open(in_root("out/m"), true, &out) == SPIN_OK && spin_out_commit(&out) == SPIN_OK &&
+           spin_map_open(in_root("out/m"), &map) == SPIN_OK && map.size == 0,
+       "unless forced");
+    spin_map_close(&map);
+    unlink(in_root("out/m"));
+    ok(symlink("nowhere", in_root("out/m")) == 0 && spin_path_is_taken(in_root("out/m")) &&
+           !spin_path_exists(in_root("out/m")),
+       "a link to nothing takes a name");
+    error_is(spin_out_open(in_root("out/m"), false, &out), SPIN_E_IO, "it exists; use --force",
+             "and is kept");
+    ok(spin_out_open(in_root("out/m"), true, &out) == SPIN_OK && spin_out_commit(&out) == SPIN_OK &&
+           spin_path_exists(in_root("out/m")) && !spin_path_exists(in_root("out/nowhere")),
+       "unless forced: then it is replaced, and what it names is not made");
+    unlink(in_root("out/m"));
+}
+
 static void full_disk(void)
 {
     static char block[1 << 16];
@@ -439,6 +469,7 @@ TAP_MAIN
     paths();
     folders();
     outputs();
+    made_meanwhile();
     syncs();
     full_disk();
     peeks();

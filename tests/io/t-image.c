@@ -208,6 +208,57 @@ static void test_truncated_jpeg(void)
     ok(n_read == 0, "a JPEG is refused at shorter lengths");
 }
 
+static void test_look(void)
+{
+    struct spin_imprint a, b, c;
+    unsigned char changed[sizeof rgb16];
+    int w = 0, h = 0;
+    char path[4096];
+
+    snprintf(path, sizeof path, "%s", write_bytes("look.png", rgb16, sizeof rgb16));
+    ok(spin_image_look(path, &w, &h, &a) == SPIN_OK && w == 2 && h == 1 && a.size == sizeof rgb16 &&
+           a.crc == spin_crc32(0, rgb16, sizeof rgb16),
+       "a look has the size and the imprint");
+    memcpy(changed, rgb16, sizeof changed);
+    changed[45] ^= 1; /* in the pixels: a look does not decode them */
+    ok(spin_image_look(write_bytes("look.png", changed, sizeof changed), &w, &h, &b) == SPIN_OK &&
+           a.size == b.size && a.crc != b.crc,
+       "another bit, another imprint");
+    ok(spin_image_look(write_bytes("other.png", rgb16, sizeof rgb16), &w, &h, &c) == SPIN_OK &&
+           a.size == c.size && a.crc == c.crc,
+       "another name, the same imprint");
+    for (size_t n = 0; n < sizeof rgb16 - 4; n++) /* without the CRC of IEND it can be read */
+        if (spin_image_look(write_bytes("cut.png", rgb16, n), &w, &h, &a) == SPIN_OK) {
+            ok(0, "a look refuses a PNG cut to %zu bytes", n);
+            return;
+        }
+    ok(strstr(spin_last_error(), "cut.png") != NULL,
+       "a look refuses a PNG cut anywhere, and names it");
+    ok(spin_image_look(write_bytes("huge.png", huge, sizeof huge), &w, &h, &a) ==
+           SPIN_E_UNSUPPORTED,
+       "and one that is too large");
+    ok(spin_image_look("no/such/image.png", &w, &h, &a) == SPIN_E_NOT_FOUND, "and a missing one");
+}
+
+static void test_look_at_jpeg(void)
+{
+    const char *path = check_fixture("court-mini/ims/0/000009.jpg");
+    struct spin_imprint imprint;
+    struct spin_map map;
+    int w, h, n_good = 0;
+
+    if (!path || spin_map_open(path, &map) != SPIN_OK) {
+        ok(0, "there is the fixture court-mini");
+        return;
+    }
+    ok(spin_image_look(path, &w, &h, &imprint) == SPIN_OK && imprint.size == map.size,
+       "looks at a JPEG");
+    for (size_t n = 1; n < map.size; n += n < map.size - 40 ? 97 : 1)
+        n_good += spin_image_look(check_truncated(path, n), &w, &h, &imprint) == SPIN_OK;
+    ok(n_good == 0, "and refuses it cut anywhere");
+    spin_map_close(&map);
+}
+
 /* Mean colours of the test cameras as the method's own reader sees them; 0.004: JPEG decoders may
  * differ by a level (the fixture's manifest). */
 static void test_means(void)
@@ -376,6 +427,8 @@ int main(int argc, char **argv)
     test_bad_files();
     test_one_line(argv[0]);
     test_truncated_jpeg();
+    test_look();
+    test_look_at_jpeg();
     test_means();
     test_round_trip();
     return tap_done();

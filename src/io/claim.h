@@ -1,0 +1,24 @@
+/* Outputs, claimed before long work: what would fail at its end fails at its begin. */
+#ifndef SPIN_IO_CLAIM_H
+#define SPIN_IO_CLAIM_H
+
+#include "io/file.h"
+
+/* A file of this name can be written: spin_out_open() is tried, and nothing is left. */
+spin_status spin_claim_file(const char *path, bool force);
+/* A folder that files can be written to; made when it is not there. */
+spin_status spin_claim_folder(const char *path);
+
+/* One process at a time works on an output: a lock on output.lock, which the system gives up when the
+ * process ends, however it ends. A file that a killed process left behind is no lock. */
+struct spin_claim {
+    char *path; /* NULL: none is held */
+    int fd;
+};
+/* SPIN_E_IO when another process holds it. Over NFS it holds between machines; a file system without
+ * locks gives a warning. */
+spin_status spin_claim_take(const char *output, struct spin_claim *out);
+/* Also removes the file. */
+void spin_claim_drop(struct spin_claim *claim);
+
+#endif
