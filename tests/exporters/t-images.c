@@ -52,8 +52,10 @@ static struct spin_export_job make_job(const struct spin_views *views, const cha
 static void make_views(struct spin_views *views, const char *image)
 {
     for (int row = 0; row < 2; row++) {
-        struct spin_view v = {
-            .row = row, .path = (char *)image, .test = true, .camera = {.width = 4 + 2 * row, .height = 2}};
+        struct spin_view v = {.row = row,
+                              .path = (char *)image,
+                              .test = true,
+                              .camera = {.width = 4 + 2 * row, .height = 2}};
 
         if (spin_views_add(views, &v) != SPIN_OK)
             exit(1);

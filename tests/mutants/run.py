@@ -1,12 +1,24 @@
 #!/usr/bin/env python3
 """run.py [WORD]: put one deliberate fault after the other into a copy of the tree, build it, and see
-whether a test fails. `make mutants M=word` takes those whose name or file has the word.
+whether a test fails. With WORD only those that have it in their name or in the path of their file.
 
-The faults stand in the files *.list beside this one, which say how they are written. JOBS trees are
-worked on at a time. A fault is killed when one of its tests fails or does not end; it survives when all
-pass. One whose text is not found exactly once, that names no test or does not compile is a mistake in
-the list. The exit code is 0 when nothing survived but faults that the list lets survive, and the list
-has no mistake."""
+The faults stand in the files *.list beside this one, as records with empty lines between:
+
+    name: no-shuffling            how it is called
+    file: src/core/some.c         where it goes
+    old: size_t j = random();     text that stands there once; how it is broken into lines does not count
+    nth: 2                        or which of several places, from 1
+    new: size_t j = i;            what comes instead; may be empty
+    tests: core/t-some cli/t9001  pieces of the paths of tests that should see it, the cheapest first;
+                                  core/t-some:part is one PART() of a long test
+    survives: why                 it may pass all its tests; at most two may
+
+A fault is killed when one of its tests fails or does not end, and survives when all pass. A text that is
+not there, or more than once, a test that is not there and a fault that does not compile are mistakes in
+the list. The exit code is 0 when there are none and nothing survived that should not.
+
+JOBS: trees worked on at a time, in build/mutants. DRY=1: only look for mistakes in the list. A test that
+skips for want of a fixture sees nothing: see SPIN_FIXTURES in tests/run.sh."""
 import glob
 import os
 import queue
@@ -29,6 +41,7 @@ BUILD = "build/release"
 RUN_COMMANDS = ("tests/cli/", "tests/cmd/")  # the other rooms need programs of their own only
 KEYS = {"name", "file", "nth", "old", "new", "tests", "survives"}
 say_lock = threading.Lock()
+running = set()  # tests
 
 
 def say(text):
@@ -145,6 +158,7 @@ def run_test(tree, test, limit):
                          env=dict(environment(), TMPDIR=room, **more))
     late = threading.Timer(limit, end, [p])
     n, why = 0, None
+    running.add(p)
     late.start()
     for line in p.stdout:
         n += 1
@@ -155,6 +169,7 @@ def run_test(tree, test, limit):
     if not late.is_alive() and not why:
         why = "did not end"
     late.cancel()
+    running.discard(p)
     shutil.rmtree(room, ignore_errors=True)  # a test that is ended does not clean up
     return why or ("exit code %d" % p.returncode if p.returncode or n == 0 else None)
 
@@ -243,7 +258,7 @@ def in_parallel(trees, items, work):
                 return
             work(tree, item)
 
-    hands = [threading.Thread(target=hand, args=(tree,)) for tree in trees]
+    hands = [threading.Thread(target=hand, args=(tree,), daemon=True) for tree in trees]
     for h in hands:
         h.start()
     for h in hands:
@@ -302,7 +317,8 @@ def main():
     if mistakes or not faults:
         sys.exit("\n".join(mistakes) or "no fault is called '%s'" % word)
     if os.environ.get("DRY"):
-        sys.exit("%d faults, %d tests, the list has no mistake" % (len(faults), len(tests)))
+        say("%d faults, %d tests, the list has no mistake" % (len(faults), len(tests)))
+        return 0
     start = time.time()
     trees = make_trees(min(JOBS, len(faults)), tests)
     say("%d faults, %d tests, %d trees built after %.0f s" % (len(faults), len(tests), len(trees), time.time() - start))
@@ -333,12 +349,14 @@ def main():
         say("survived without a reason: " + " ".join(unwanted))
     if len(survivors) > MOST_SURVIVORS:
         say("more than %d survived" % MOST_SURVIVORS)
-    sys.exit(1 if unwanted or wrong or len(survivors) > MOST_SURVIVORS else 0)
+    return 1 if unwanted or wrong or len(survivors) > MOST_SURVIVORS else 0
 
 
 try:
-    main()
+    sys.exit(main())
 except Mistake as mistake:
     sys.exit(str(mistake))
 except KeyboardInterrupt:
+    for process in list(running):
+        end(process)
     sys.exit(130)
