@@ -213,35 +213,30 @@ double check_setting(const char *file, const char *path)
     return value;
 }
 
-enum { MOST_NAMES = 64 };
+enum { MOST_NAMES = 64, NAME_BYTES = 64 };
 
-/* Names are kept until the program ends. */
-static void add_name(const char **names, size_t *n, const char *name, size_t length)
-{
-    if (*n + 1 == MOST_NAMES || !(names[*n] = strndup(name, length))) {
-        spin_fail(SPIN_E_USAGE, "too many names");
-        give_up("check");
-    }
-    names[++*n] = NULL;
-}
-
-/* Entries of a folder of fixtures: those that hold `file`, or with an ending those of this prefix. */
+/* Entries of a folder of fixtures: those that hold `file`, or with an ending those of this prefix. One
+ * block, texts behind the pointers. */
 static const char **entries_of(const char *folder, const char *prefix, const char *ending,
                                const char *file)
 {
-    const char **found = calloc(MOST_NAMES, sizeof *found), *root = check_fixture(folder);
-    char **names = NULL, path[PATH_BYTES];
+    const char **found = calloc(MOST_NAMES, sizeof *found + NAME_BYTES);
+    const char *root = check_fixture(folder);
+    char **names = NULL, path[PATH_BYTES], *text = found ? (char *)(found + MOST_NAMES) : NULL;
     size_t n = 0, n_names = 0;
 
-    if (root && spin_folder_list(root, &names, &n_names) != SPIN_OK)
+    if (!found || (root && spin_folder_list(root, &names, &n_names) != SPIN_OK))
         give_up(folder);
-    for (size_t i = 0; found && i < n_names; i++) {
+    for (size_t i = 0; i < n_names && n + 1 < MOST_NAMES; i++) {
         size_t length = strlen(names[i]), cut = strlen(ending);
 
         snprintf(path, sizeof path, "%s/%s/%s", root, names[i], file);
-        if (length > cut && strcmp(names[i] + length - cut, ending) == 0 &&
-            strncmp(names[i], prefix, strlen(prefix)) == 0 && (!*file || spin_path_exists(path)))
-            add_name(found, &n, names[i], length - cut);
+        if (length <= cut || length - cut >= NAME_BYTES ||
+            strcmp(names[i] + length - cut, ending) != 0 ||
+            strncmp(names[i], prefix, strlen(prefix)) != 0 || (*file && !spin_path_exists(path)))
+            continue;
+        found[n] = memcpy(text + n * NAME_BYTES, names[i], length - cut);
+        n++;
     }
     spin_folder_list_free(names);
     ok(n > 0, "there are fixtures %s/%s*", folder, prefix);

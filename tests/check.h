@@ -33,9 +33,9 @@ const spin_json *check_meta(const char *file);
 double check_setting(const char *file, const char *path);
 /* The same, or `fallback`: for what may be missing and can be told from the arrays. */
 double check_setting_or(const char *file, const char *path, double fallback);
-/* Names of the npz files in core/ that begin so, without ".npz"; ended by NULL. */
+/* Names of the npz files in core/ that begin so, without ".npz"; ended by NULL, one block to free. */
 const char **check_files(const char *prefix);
-/* The folders in a folder of fixtures that have this file; ended by NULL. */
+/* The folders in a folder of fixtures that have this file; ended by NULL, one block to free. */
 const char **check_cases(const char *folder, const char *file);
 
 /* A device for tests: cpu with n threads; fails the test program when it cannot be had. */
