@@ -400,12 +400,12 @@ spin_status spin_retrain_loop(struct spin_retraining *r)
         if (t->iteration % CHECK_EVERY == 0 || t->iteration == r->o->iterations)
             SPIN_TRY_OUT(spin_retrain_check_finite(r));
         r->sound = true;
-        SPIN_TRY_OUT(count_blind(r, v.seen, &blind));
         seconds = spin_now_s() - start;
         count_seconds(r, seconds);
         smooth = smooth > 0 ? 0.98 * smooth + 0.02 * v.loss : v.loss;
         if (r->log)
             log_step(r, &v, pairs, seconds);
+        SPIN_TRY_OUT(count_blind(r, v.seen, &blind));
         spin_progress_set(&progress, t->iteration, "loss %.4f", smooth);
         SPIN_TRY_OUT(stop_or_save(r));
         if (due(t->iteration, r->o->eval_every) && t->iteration < r->o->iterations)

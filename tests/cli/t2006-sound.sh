@@ -85,7 +85,7 @@ fails_late() { # NAME: the last line is the error
     ok $? "$1: no output"
 }
 fails_late "nothing in view"
-run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method explicit --refine 5
+run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method explicit --refine 5 --force
 fails_late "nothing in view of any frame"
 sed "s/, [-0-9.]*\], $far/, -1e4], [0.0, 0.0, 0.0, 1.0]/" "$work/single/train_meta.json" \
     >"$work/away/train_meta.json"
@@ -98,10 +98,10 @@ run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --
 is "$code" 0 "nothing in view of one frame of six: refines"
 is "$(grep -c "no splat was visible in 5 of 30 iterations" "$work/err")" 1 "and says so"
 
-# Twelve megapixels, 2000 cameras, six frames: half a terabyte of images, of which a third of the memory is
+# Nine megapixels, 2000 cameras, six frames: a third of a terabyte of images, of which a third of the memory is
 # kept at most.
 awk 'BEGIN {
-    printf "{\"w\": 4000, \"h\": 3000"
+    printf "{\"w\": 4000, \"h\": 2250"
     n = split("k w2c fn cam_id", key, " ")
     for (i = 1; i <= n; i++) {
         printf ", \"%s\": [", key[i]
@@ -109,7 +109,7 @@ awk 'BEGIN {
             printf "%s[", t ? ", " : ""
             for (c = 0; c < 2000; c++) {
                 printf "%s", c ? ", " : ""
-                if (i == 1) printf "[[4000, 0, 2000], [0, 4000, 1500], [0, 0, 1]]"
+                if (i == 1) printf "[[4000, 0, 2000], [0, 4000, 1125], [0, 0, 1]]"
                 if (i == 2) printf "[[1, 0, 0, %d], [0, 1, 0, 0], [0, 0, 1, 9], [0, 0, 0, 1]]", c
                 if (i == 3) printf "\"3/%06d.jpg\"", 8 + t % 6
                 if (i == 4) printf "%d", c
@@ -122,7 +122,7 @@ awk 'BEGIN {
 }' >"$work/away/train_meta.json"
 run "$bin/spin-retrain" "$in" --data "$work/away" --pair order --dry-run --json --device cpu --levels 2 \
     --hash-log2 8 --finest-resolution 16
-is "$code" 0 "plans a run with half a terabyte of images"
+is "$code" 0 "plans a run with a third of a terabyte of images"
 available=$(member bytes_available)
 needed=$(member bytes_needed)
 [ "$needed" -gt "$((available / 4))" ] && [ "$needed" -lt "$available" ] ||
@@ -130,22 +130,22 @@ needed=$(member bytes_needed)
 ok $? "of which it counts what is kept ($needed of $available)"
 
 # Splats over all tiles of a large picture: more pairs than there may be.
-printf '{"w": 16384, "h": 16384, "k": [[[[1e4, 0, 8192], [0, 1e4, 8192], [0, 0, 1]]]],
+printf '{"w": 16384, "h": 9216, "k": [[[[1e4, 0, 8192], [0, 1e4, 4608], [0, 0, 1]]]],
 "w2c": [[[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]], "fn": [["3/000008.jpg"]],
 "cam_id": [[0]]}\n' >"$work/away/train_meta.json"
 {
-    printf 'ply\nformat ascii 1.0\nelement vertex 300\n'
+    printf 'ply\nformat ascii 1.0\nelement vertex 540\n'
     for name in x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3; do
         printf 'property float %s\n' "$name"
     done
     printf 'end_header\n'
-    for _ in $(seq 300); do echo "0 0 5 0 0 0 9 5 5 5 1 0 0 0"; done
+    for _ in $(seq 540); do echo "0 0 5 0 0 0 9 5 5 5 1 0 0 0"; done
 } >"$work/wide.ply"
 run "$bin/spin-import" "$work/wide.ply" --data "$work/away" -o "$work/wide.spin"
 is "$code" 0 "imports splats as large as the picture"
 run "$bin/spin-export" "$work/wide.spin" --to images -o "$work/wide" --views all
 fails 1 spin-export "more pairs than there may be"
-err_has "314572800 pairs of splats and tiles are more than" "they are counted"
+err_has "318504960 pairs of splats and tiles are more than" "they are counted"
 nothing_at "$work/wide/" "no picture"
 
 # Nothing to resume is no error, as a script may always say --resume; but it is said.
