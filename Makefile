@@ -49,11 +49,12 @@ FLAGS.base :=
 FLAGS.v3   := -march=x86-64-v3
 FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 
-ROOMS    := src/base src/io src/scene src/core importers exporters
+ROOMS    := src/base src/io src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
+            exporters exporters/lib
 LIB_C    := $(filter-out src/io/video%ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
-CMD_O    := $(B)/src/cmd/opt.o
+CMD_O    := $(B)/src/cmd/args.o
 COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a

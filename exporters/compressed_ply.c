@@ -17,9 +17,9 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "exporters/check.h"
-#include "exporters/frames.h"
-#include "exporters/order.h"
+#include "exporters/lib/roundtrip_check.h"
+#include "exporters/lib/frames.h"
+#include "exporters/lib/sort_rows.h"
 #include "io/ply.h"
 #include "math/morton.h"
 
@@ -42,16 +42,16 @@ static const struct spin_plugin_option options[] = {
 struct export
 {
     struct spin_frames frames;
-    struct spin_order order;
+    struct spin_sort_rows order;
     bool by_source;
 
     /* One frame. */
-    size_t room, room_before; /* rows written; of the frame */
-    uint32_t *row;            /* [n] rows in the order of the file */
-    uint32_t *place;          /* [rows] where each goes */
-    float *colour;            /* [n][3] */
-    unsigned char *rest;      /* [n][n_rest] */
-    struct spin_quant *quant; /* [blocks] */
+    size_t room, room_before;       /* rows written; of the frame */
+    uint32_t *row;                  /* [n] rows in the order of the file */
+    uint32_t *place;                /* [rows] where each goes */
+    float *colour;                  /* [n][3] */
+    unsigned char *rest;            /* [n][n_rest] */
+    struct spin_quant_error *quant; /* [blocks] */
     unsigned char *scratch;
     struct spin_out *out;
     uint64_t range_at, vertex_at;
@@ -124,7 +124,8 @@ static void unpack_rotation(uint32_t word, float q[4])
     q[largest] = sqrtf(spin_maxf(rest, 0));
 }
 
-static uint32_t pack_colour(const struct spin_quant_row *row, const float *low, const float *high)
+static uint32_t pack_colour(const struct spin_quant_error_row *row, const float *low,
+                            const float *high)
 {
     uint32_t word = 0;
 
@@ -133,7 +134,8 @@ static uint32_t pack_colour(const struct spin_quant_row *row, const float *low, 
     return word << 8 | steps(row->opacity, 0, 1, 255);
 }
 
-static void unpack_vertex(const uint32_t *word, const float *range, struct spin_quant_row *out)
+static void unpack_vertex(const uint32_t *word, const float *range,
+                          struct spin_quant_error_row *out)
 {
     unpack_3(word[0], range, range + 3, out->place);
     unpack_3(word[2], range + 6, range + 9, out->log_scale);
@@ -151,7 +153,7 @@ static void widen(float *range, const float *x)
     }
 }
 
-static void range_of(const struct spin_quant_row *row, size_t n, float *range)
+static void range_of(const struct spin_quant_error_row *row, size_t n, float *range)
 {
     for (int i = 0; i < RANGES; i++)
         range[i] = i / 3 % 2 ? -INFINITY : INFINITY;
@@ -162,24 +164,24 @@ static void range_of(const struct spin_quant_row *row, size_t n, float *range)
     }
 }
 
-static void take_row(const struct export *x, size_t at, struct spin_quant_row *out)
+static void take_row(const struct export *x, size_t at, struct spin_quant_error_row *out)
 {
-    const struct spin_rows *rows = &x->frames.rows;
+    const struct spin_splat_filter *rows = &x->frames.rows;
     size_t i = x->row[at];
 
-    spin_rows_place(rows, i, out->place);
+    spin_splat_filter_place(rows, i, out->place);
     for (int c = 0; c < 3; c++)
         out->log_scale[c] = spin_minf(
             spin_maxf(rows->splats->log_scales[3 * i + (size_t)c], -SCALE_LIMIT), SCALE_LIMIT);
-    spin_rows_turned(rows, i, out->rotation);
-    out->opacity = spin_quant_opacity(rows, i);
+    spin_splat_filter_turned(rows, i, out->rotation);
+    out->opacity = spin_quant_error_opacity(rows, i);
     memcpy(out->colour, x->colour + 3 * at, sizeof out->colour);
 }
 
 static void pack_chunk(const struct export *x, size_t first, size_t n, float *range, uint32_t *word,
-                       struct spin_quant *quant)
+                       struct spin_quant_error *quant)
 {
-    struct spin_quant_row row[CHUNK], shown;
+    struct spin_quant_error_row row[CHUNK], shown;
 
     for (size_t i = 0; i < n; i++)
         take_row(x, first + i, &row[i]);
@@ -190,7 +192,7 @@ static void pack_chunk(const struct export *x, size_t first, size_t n, float *ra
         word[2] = pack_3(row[i].log_scale, range + 6, range + 9);
         word[3] = pack_colour(&row[i], range + 12, range + 15);
         unpack_vertex(word, range, &shown);
-        spin_quant_row(quant, &row[i], &shown);
+        spin_quant_error_row(quant, &row[i], &shown);
     }
 }
 
@@ -208,8 +210,8 @@ static void pack_task(void *context, int task, int worker)
     for (size_t c = 0; c < n_chunks; c++)
         pack_chunk(x, first + c * CHUNK, n - c * CHUNK < CHUNK ? n - c * CHUNK : CHUNK,
                    range + c * RANGES, word + c * CHUNK * 4, &x->quant[task]);
-    spin_rows_little_endian(range, n_chunks * RANGES);
-    spin_rows_little_endian(word, 4 * n);
+    spin_splat_filter_little_endian(range, n_chunks * RANGES);
+    spin_splat_filter_little_endian(word, 4 * n);
     error = spin_out_put(x->out, x->range_at + first / CHUNK * RANGES * sizeof *range, range,
                          n_chunks * RANGES * sizeof *range);
     if (!error)
@@ -227,12 +229,12 @@ static float shown_rest(unsigned char u)
 }
 
 /* f_rest of one row. */
-static void pack_rest(const struct export *x, size_t i, struct spin_quant *quant,
+static void pack_rest(const struct export *x, size_t i, struct spin_quant_error *quant,
                       unsigned char *out)
 {
-    size_t n_there = (size_t)spin_rows_n_sh(&x->frames.rows), n = n_rest(x) / 3, at = 0;
+    size_t n_there = (size_t)spin_splat_filter_n_sh(&x->frames.rows), n = n_rest(x) / 3, at = 0;
     float error[MAX_REST], room[3 * SPIN_SH_MAX];
-    const float *sh = spin_rows_sh(&x->frames.rows, i, room);
+    const float *sh = spin_splat_filter_sh(&x->frames.rows, i, room);
 
     for (size_t c = 0; c < 3; c++) {
         for (size_t k = 1; k <= n; k++, at++) {
@@ -243,24 +245,24 @@ static void pack_rest(const struct export *x, size_t i, struct spin_quant *quant
             error[at] = v - shown_rest(out[at]);
         }
     }
-    spin_quant_add_all(quant, SPIN_QUANT_SH, error, at);
+    spin_quant_error_add_all(quant, SPIN_QUANT_SH, error, at);
 }
 
 /* Colours and SH of a block of the source to their places in the order of the file. */
 static void scatter_block(void *context, int b, int worker)
 {
     struct export *x = context;
-    const struct spin_rows *rows = &x->frames.rows;
+    const struct spin_splat_filter *rows = &x->frames.rows;
     size_t i = (size_t)b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
 
     (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
             continue;
-        spin_quant_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
+        spin_quant_error_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
         pack_rest(x, i, &x->quant[b], x->rest + n_rest(x) * x->place[i]);
     }
-    spin_rows_rest(rows, (size_t)b, SPIN_COL_SH);
+    spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_SH);
 }
 
 /* ---- Order ----------------------------------------------------------------------------------- */
@@ -304,17 +306,17 @@ static spin_status make_room(struct export *x)
 /* What sorts is four times as large as the order itself, and goes before the rest comes. */
 static spin_status choose_order(struct export *x)
 {
-    SPIN_TRY(spin_order_fill(&x->order, &x->frames.rows));
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
     if (!x->by_source) {
         key_by_place(x);
-        spin_order_sort(&x->order);
+        spin_sort_rows_sort(&x->order);
     }
     SPIN_TRY(make_room(x));
     for (size_t i = 0; i < x->order.n; i++) {
         x->row[i] = x->order.item[i].row;
         x->place[x->row[i]] = (uint32_t)i;
     }
-    spin_order_free(&x->order);
+    spin_sort_rows_free(&x->order);
     return SPIN_OK;
 }
 
@@ -362,15 +364,15 @@ static uint64_t compressed_bytes(const void *self, size_t n)
 static spin_status write_chunks(struct export *x)
 {
     struct spin_frames *frames = &x->frames;
-    const struct spin_rows *rows = &frames->rows;
+    const struct spin_splat_filter *rows = &frames->rows;
     size_t bytes = CHUNKS_PER_TASK * RANGES * sizeof(float) + SPIN_ROWS_BLOCK * VERTEX;
     size_t n_tasks = (rows->n_kept + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
 
     SPIN_TRY(spin_frames_scratch(frames, bytes, &x->scratch));
     atomic_store(&x->error, 0);
     spin_pool_run(rows->pool, (int)n_tasks, pack_task, x);
-    for (size_t b = 0; b < spin_rows_blocks(rows); b++)
-        spin_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
+        spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     return x->error ? spin_out_failed(x->out, x->error) : SPIN_OK;
 }
 
@@ -383,7 +385,7 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
 
     SPIN_TRY(choose_order(x));
     SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
-    spin_rows_each(&x->frames.rows, scatter_block, x);
+    spin_splat_filter_each(&x->frames.rows, scatter_block, x);
     x->out = out;
     x->range_at = make_header(x, info, n, text);
     x->vertex_at = x->range_at + chunks_of(n) * RANGES * sizeof(float);
@@ -447,19 +449,19 @@ static spin_status find_elements(const struct spin_ply *ply, size_t n_sh,
 static void read_row(const unsigned char *const element[3], size_t i, struct spin_splats *out)
 {
     size_t n_sh = (size_t)spin_sh_count(out->sh_degree), n = n_sh - 1;
-    struct spin_quant_row row;
+    struct spin_quant_error_row row;
     float range[RANGES];
     uint32_t word[4];
 
     memcpy(range, element[0] + i / CHUNK * sizeof range, sizeof range);
     memcpy(word, element[1] + i * VERTEX, sizeof word);
-    spin_rows_little_endian(range, RANGES);
-    spin_rows_little_endian(word, 4);
+    spin_splat_filter_little_endian(range, RANGES);
+    spin_splat_filter_little_endian(word, 4);
     unpack_vertex(word, range, &row);
     memcpy(out->means + 3 * i, row.place, sizeof row.place);
     memcpy(out->log_scales + 3 * i, row.log_scale, sizeof row.log_scale);
     memcpy(out->quats + 4 * i, row.rotation, sizeof row.rotation);
-    out->logit_opacities[i] = spin_check_logit(row.opacity);
+    out->logit_opacities[i] = spin_roundtrip_check_logit(row.opacity);
     for (size_t c = 0; c < 3; c++) {
         float *sh = out->sh + 3 * n_sh * i + c;
 
@@ -507,7 +509,7 @@ static void end(void *self)
 {
     struct export *x = self;
 
-    spin_order_free(&x->order);
+    spin_sort_rows_free(&x->order);
     free(x->row);
     free(x->place);
     free(x->colour);

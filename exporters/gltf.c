@@ -20,8 +20,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "exporters/frames.h"
-#include "exporters/gltf_read.h"
+#include "exporters/lib/frames.h"
+#include "exporters/lib/gltf_read.h"
 #include "io/gltf.h"
 
 #define EXTENSION "KHR_gaussian_splatting"
@@ -142,10 +142,10 @@ static float linear_of(float x)
 
 static void put_sh(const struct block *b, size_t i, size_t at)
 {
-    const struct spin_rows *rows = &b->x->frames.rows;
-    int n = spin_sh_count(rows->sh_degree), n_there = spin_rows_n_sh(rows);
+    const struct spin_splat_filter *rows = &b->x->frames.rows;
+    int n = spin_sh_count(rows->sh_degree), n_there = spin_splat_filter_n_sh(rows);
     float room[3 * SPIN_SH_MAX];
-    const float *sh = spin_rows_sh(rows, i, room);
+    const float *sh = spin_splat_filter_sh(rows, i, room);
 
     for (int k = 0; k < n; k++) {
         float *out = (float *)(void *)b->column[4 + k] + 3 * at;
@@ -159,12 +159,12 @@ static void put_sh(const struct block *b, size_t i, size_t at)
 static void put_row(const struct block *b, size_t i, size_t at)
 {
     const struct export *x = b->x;
-    struct spin_quant_row row;
+    struct spin_quant_error_row row;
     float *rotation = (float *)(void *)b->column[1] + 4 * at;
     float *scale = (float *)(void *)b->column[2] + 3 * at;
     uint16_t *colour = (uint16_t *)(void *)b->column[x->n_attributes - 1] + 4 * at;
 
-    spin_quant_take(&x->frames.rows, i, &row);
+    spin_quant_error_take(&x->frames.rows, i, &row);
     memcpy(b->column[0] + 12 * at, row.place, sizeof row.place);
     for (int k = 0; k < 4; k++)
         rotation[k] = row.rotation[(k + 1) % 4];
@@ -190,7 +190,7 @@ static void to_little_endian(const struct block *b, size_t n)
         uint16_t *half = (uint16_t *)(void *)b->column[a];
 
         if (x->attribute[a].component == SPIN_GLTF_F32)
-            spin_rows_little_endian(b->column[a], n_words);
+            spin_splat_filter_little_endian(b->column[a], n_words);
         for (size_t i = 0; x->attribute[a].component == SPIN_GLTF_U16 && i < 2 * n_words; i++)
             half[i] = __builtin_bswap16(half[i]);
     }
@@ -236,7 +236,7 @@ static int put_block(const struct writing *w, const struct block *b, uint64_t fi
 static void write_block(void *context, int number, int worker)
 {
     struct writing *w = context;
-    const struct spin_rows *rows = &w->x->frames.rows;
+    const struct spin_splat_filter *rows = &w->x->frames.rows;
     struct block b = {.x = w->x};
     unsigned char *at = w->scratch + (size_t)worker * w->x->frames.scratch_bytes;
     size_t i = (size_t)number * BLOCK, end = i + BLOCK, n = 0;
@@ -255,8 +255,8 @@ static void write_block(void *context, int number, int worker)
             widen(bounds, (float *)(void *)b.column[0] + 3 * n++);
         }
     }
-    spin_rows_rest(rows, (size_t)number, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
-    error = put_block(w, &b, spin_rows_before(rows, (size_t)number), n);
+    spin_splat_filter_rest(rows, (size_t)number, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    error = put_block(w, &b, spin_splat_filter_before(rows, (size_t)number), n);
     if (error)
         atomic_store(&w->error, error);
 }
@@ -265,11 +265,11 @@ static void write_block(void *context, int number, int worker)
 static spin_status write_rows(struct export *x, struct spin_glb *glb, struct spin_gltf_frame *frame)
 {
     struct writing w = {.x = x, .glb = glb, .frame = frame};
-    size_t n_blocks = spin_rows_blocks(&x->frames.rows);
+    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows);
 
     SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * MAX_ROW, &w.scratch));
     SPIN_TRY(spin_alloc(n_blocks + 1, 6 * sizeof *w.bounds, (void **)&w.bounds));
-    spin_rows_each(&x->frames.rows, write_block, &w);
+    spin_splat_filter_each(&x->frames.rows, write_block, &w);
     for (int c = 0; c < 3; c++) {
         frame->low[c] = INFINITY;
         frame->high[c] = -INFINITY;
@@ -363,7 +363,7 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
     struct spin_gltf_frame *frame = &x->frame[x->n_done];
     uint64_t n_bytes;
 
-    SPIN_TRY(spin_rows_choose(&x->frames.rows, s, info->number));
+    SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, s, info->number));
     *frame = begin_frame(x, info);
     n_bytes = frame->n * bytes_of_row(x);
     warn_if_large(x, n_bytes);
@@ -384,7 +384,7 @@ static spin_status write_scales(struct export *x, uint64_t at, size_t n, float *
     for (size_t f = 0; f + 1 < n; f++, at += 3 * n * sizeof *key) {
         for (size_t i = 0; i < 3 * n; i++)
             key[i] = is_shown(f, i / 3, n);
-        spin_rows_little_endian(key, 3 * n);
+        spin_splat_filter_little_endian(key, 3 * n);
         SPIN_TRY(spin_glb_write(&x->glb, at, key, 3 * n * sizeof *key));
     }
     x->n_bytes = at;
@@ -414,7 +414,7 @@ static spin_status write_keys(struct export *x, uint64_t at)
     SPIN_TRY(spin_alloc(n, 3 * sizeof *key, (void **)&key));
     for (size_t i = 0; i < n; i++)
         key[i] = (float)((double)i / x->frames.fps);
-    spin_rows_little_endian(key, n);
+    spin_splat_filter_little_endian(key, n);
     SPIN_TRY_OUT(spin_glb_write(&x->glb, at, key, n * sizeof *key));
     at += n * sizeof *key;
     status = x->visibility ? write_visibilities(x, at, n, (unsigned char *)key)
@@ -516,7 +516,7 @@ static spin_status open_single(struct export *x, const struct spin_export_job *j
     struct spin_gltf_clip worst;
 
     SPIN_TRY(begin(x, job));
-    SPIN_TRY(spin_rows_begin(&x->frames.rows, job, x->frames.axes));
+    SPIN_TRY(spin_splat_filter_begin(&x->frames.rows, job, x->frames.axes));
     ready(x, job);
     x->n_frames = job->n_frames;
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));

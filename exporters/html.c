@@ -13,9 +13,9 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "exporters/html/page.h"
-#include "exporters/html_pack.h"
-#include "exporters/look.h"
-#include "exporters/order.h"
+#include "exporters/lib/html_pack.h"
+#include "exporters/lib/initial_view.h"
+#include "exporters/lib/sort_rows.h"
 
 #define DEFAULT_FPS 30
 #define NEAR_W 0.2 /* where the training cut splats off */
@@ -48,11 +48,11 @@ struct export
 {
     const struct spin_export_job *job;
     struct spin_out out;
-    struct spin_rows rows;
-    struct spin_order order;
+    struct spin_splat_filter rows;
+    struct spin_sort_rows order;
     struct spin_gzip *gzip;
     struct spin_html_space space;
-    struct spin_look view;
+    struct spin_initial_view view;
     struct version version[2];
     int n_versions;
     struct spin_splats source;
@@ -72,7 +72,7 @@ static uint64_t size_key(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;
     float size = scale[0] + scale[1] + scale[2] +
-                 logf(fmaxf(spin_sigmoid(spin_rows_logit(s->logit_opacities[i])), 1e-30f));
+                 logf(fmaxf(spin_sigmoid(spin_splat_filter_logit(s->logit_opacities[i])), 1e-30f));
     uint32_t bits = spin_bits_of_float(size);
 
     return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
@@ -87,10 +87,10 @@ static spin_status rank(struct export *x, struct version *v, const struct spin_s
     SPIN_TRY(spin_grow(s->n, 1, (void **)&v->visible));
     v->n_visible = s->n;
     memset(v->visible, 0, s->n);
-    SPIN_TRY(spin_order_fill(&x->order, &x->rows));
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     for (size_t i = 0; i < x->order.n; i++)
         x->order.item[i].key = size_key(s, x->order.item[i].row);
-    spin_order_sort(&x->order);
+    spin_sort_rows_sort(&x->order);
     for (size_t i = 0; i < x->order.n && i < x->max_splats; i++)
         v->visible[x->order.item[i].row] = 1;
     return SPIN_OK;
@@ -99,7 +99,7 @@ static spin_status rank(struct export *x, struct version *v, const struct spin_s
 static spin_status choose(struct export *x, struct version *v, const struct spin_splats *s,
                           int number, size_t *n)
 {
-    SPIN_TRY(spin_rows_choose(&x->rows, s, number));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, s, number));
     *n = x->rows.n_kept;
     if (x->max_splats == 0)
         return SPIN_OK;
@@ -128,7 +128,7 @@ static spin_status take_rows(struct export *x, struct version *v, const struct s
     SPIN_TRY(spin_html_reserve(&v->now, n, v->n_sh));
     for (size_t i = 0; i < s->n; i++) {
         const float *sh = s->sh + i * width + 3;
-        struct spin_quant_row is;
+        struct spin_quant_error_row is;
 
         if (!x->rows.keep[i])
             continue;
@@ -136,7 +136,7 @@ static spin_status take_rows(struct export *x, struct version *v, const struct s
             memcpy(none, sh, (width - 3) * sizeof *sh);
             sh = none;
         }
-        spin_quant_take(&x->rows, i, &is);
+        spin_quant_error_take(&x->rows, i, &is);
         spin_html_take(&x->space, &is, sh, v->n_sh, &v->now, row++);
     }
     return SPIN_OK;
@@ -284,8 +284,8 @@ static void finish(struct export *x)
         free(x->version[i].key_of);
         free(x->version[i].visible);
     }
-    spin_rows_end(&x->rows);
-    spin_order_free(&x->order);
+    spin_splat_filter_end(&x->rows);
+    spin_sort_rows_free(&x->order);
     spin_gzip_free(x->gzip);
     spin_splats_free(&x->source);
     free(x->packed);
@@ -311,7 +311,7 @@ static spin_status parse_options(struct export *x)
     long n = 0;
     char *end;
 
-    SPIN_TRY(spin_rows_begin(&x->rows, x->job, NULL));
+    SPIN_TRY(spin_splat_filter_begin(&x->rows, x->job, NULL));
     if (spin_plugin_value(v, "max-splats", NULL))
         SPIN_TRY(parse_count("max-splats", spin_plugin_value(v, "max-splats", NULL), 1, &n));
     x->max_splats = (size_t)n;
@@ -339,7 +339,7 @@ static spin_status add_version(struct export *x, const char *name, const char *l
     v->label = label;
     v->key_frame = -1;
     v->antialias = antialias;
-    SPIN_TRY(spin_rows_parse_sh(sh, degree, &v->sh_degree));
+    SPIN_TRY(spin_splat_filter_parse_sh(sh, degree, &v->sh_degree));
     if (v->sh_degree > degree)
         v->sh_degree = degree < 0 ? 0 : degree;
     v->n_sh = 3 * (spin_sh_count(v->sh_degree) - 1);
@@ -408,10 +408,10 @@ static void say_size(const struct export *x, size_t n_splats)
 /* Where the scene lies and whence it is looked at, from the first frame and the data set. */
 static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
 {
-    int row = x->job->row_of_frame ? x->job->row_of_frame[frame] : -1;
+    int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
 
-    SPIN_TRY(spin_look_middle(s, x->space.centre, &x->space.size));
-    spin_look_first(x->job->views, row, x->space.centre, x->space.size, &x->view);
+    SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->space.size));
+    spin_initial_view_first(x->job->views, row, x->space.centre, x->space.size, &x->view);
     say_size(x, s->n);
     return SPIN_OK;
 }

@@ -8,8 +8,8 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "exporters/drawing.h"
-#include "io/folder.h"
+#include "exporters/lib/camera_path.h"
+#include "io/output_folder.h"
 
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
@@ -24,11 +24,11 @@ enum which { TEST, TRAIN, ALL };
 
 struct export
 {
-    struct spin_out_folder folder;
+    struct spin_output_folder folder;
     const struct spin_export_job *job;
     enum which which;
     int n_unseen; /* frames without any view */
-    struct spin_drawing drawing;
+    struct spin_camera_path drawing;
 };
 
 static spin_status parse_which(const char *text, enum which *out)
@@ -61,7 +61,7 @@ static bool any_chosen(const struct export *x)
 static spin_status write_view(struct export *x, int frame, const struct spin_splats *splats,
                               const struct spin_camera *camera, const char *truth, const char *path)
 {
-    SPIN_TRY(spin_drawing_draw(&x->drawing, frame, splats, camera, truth));
+    SPIN_TRY(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
     return spin_image_save(path, x->drawing.n_panels * camera->width, camera->height,
                            x->drawing.wide, x->job->sync);
 }
@@ -89,7 +89,7 @@ out:
 
 static void finish(struct export *x)
 {
-    spin_drawing_free(&x->drawing);
+    spin_camera_path_free(&x->drawing);
     free(x);
 }
 
@@ -103,16 +103,16 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
                          "rendering images needs the cameras of a data set; give --data DIR");
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    SPIN_TRY_OUT(spin_drawing_begin(&x->drawing, job,
-                                    spin_plugin_value(job->values, "compare", NULL) ? "truth,after"
-                                                                                    : "after"));
+    SPIN_TRY_OUT(spin_camera_path_begin(
+        &x->drawing, job,
+        spin_plugin_value(job->values, "compare", NULL) ? "truth,after" : "after"));
     SPIN_TRY_OUT(parse_which(spin_plugin_value(job->values, "views", "test"), &x->which));
     if (x->drawing.path == SPIN_PATH_CAMERA && !any_chosen(x)) {
         status = spin_fail(SPIN_E_NOT_FOUND, "the data set has no %s views; try --views all",
                            x->which == TEST ? "test" : "train");
         goto out;
     }
-    SPIN_TRY_OUT(spin_out_folder_begin(job->output, job->force, &x->folder));
+    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, &x->folder));
     *self = x;
     return SPIN_OK;
 out:
@@ -123,14 +123,14 @@ out:
 /* The pictures of a moving camera are numbered by themselves. */
 static spin_status export_moving(struct export *x, int frame, const struct spin_splats *splats)
 {
-    struct spin_drawing *d = &x->drawing;
+    struct spin_camera_path *d = &x->drawing;
 
     for (int j = 0; j < d->repeat; j++) {
         struct spin_camera camera;
 
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(spin_drawing_camera(d, frame, j, splats, &camera));
+        SPIN_TRY(spin_camera_path_camera(d, frame, j, splats, &camera));
         SPIN_TRY(export_picture(x, d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral",
                                 frame * d->repeat + j, frame, splats, &camera, NULL));
     }
@@ -142,17 +142,17 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
 {
     struct export *x = self;
     const struct spin_views *views = x->job->views;
-    int row = x->job->row_of_frame ? x->job->row_of_frame[frame] : frame;
+    int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : frame;
     bool seen = false;
     char name[32];
 
-    SPIN_TRY(spin_drawing_frame(&x->drawing, info, &splats));
+    SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
     if (x->drawing.path != SPIN_PATH_CAMERA)
         return export_moving(x, frame, splats);
     for (size_t i = 0; i < views->n; i++) {
         const struct spin_view *view = &views->view[i];
 
-        if (row < 0 || view->row != row || !is_chosen(x, view))
+        if (row < 0 || view->dataset_frame != row || !is_chosen(x, view))
             continue;
         seen = true;
         if (spin_cancelled())
@@ -171,7 +171,7 @@ static spin_status images_end(void *self)
     if (x->n_unseen > 0)
         spin_warn("%d of %d frames have no such view in the data set and were not rendered",
                   x->n_unseen, x->job->n_frames);
-    spin_out_folder_end(&x->folder);
+    spin_output_folder_end(&x->folder);
     finish(x);
     return SPIN_OK;
 }
@@ -180,7 +180,7 @@ static void images_abort(void *self)
 {
     struct export *x = self;
 
-    spin_out_folder_abandon(&x->folder);
+    spin_output_folder_abandon(&x->folder);
     finish(x);
 }
 

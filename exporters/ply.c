@@ -7,7 +7,7 @@
  * training unless --up or --rotate turn them. */
 #include <string.h>
 
-#include "exporters/frames.h"
+#include "exporters/lib/frames.h"
 #include "io/ply.h"
 
 #define MAX_HEADER 4096
@@ -40,22 +40,23 @@ static void write_sh(const float *sh, size_t n, size_t n_to, float *out)
     }
 }
 
-static void code_row(void *self, size_t i, unsigned char *to, struct spin_quant *quant)
+static void code_row(void *self, size_t i, unsigned char *to, struct spin_quant_error *quant)
 {
     const struct spin_frames *x = self;
-    const struct spin_rows *rows = &x->rows;
+    const struct spin_splat_filter *rows = &x->rows;
     size_t n_to = (size_t)spin_sh_count(rows->sh_degree);
     float room[3 * SPIN_SH_MAX], *out = (float *)(void *)to;
 
     (void)quant; /* nothing is lost */
-    spin_rows_place(rows, i, out);
+    spin_splat_filter_place(rows, i, out);
     memset(out + 3, 0, 3 * sizeof *out); /* normals */
-    write_sh(spin_rows_sh(rows, i, room), (size_t)spin_rows_n_sh(rows), n_to, out + 6);
+    write_sh(spin_splat_filter_sh(rows, i, room), (size_t)spin_splat_filter_n_sh(rows), n_to,
+             out + 6);
     out += 6 + 3 * n_to;
-    out[0] = spin_rows_logit(rows->splats->logit_opacities[i]);
+    out[0] = spin_splat_filter_logit(rows->splats->logit_opacities[i]);
     memcpy(out + 1, rows->splats->log_scales + 3 * i, 3 * sizeof *out);
-    spin_rows_turned(rows, i, out + 4);
-    spin_rows_little_endian(to, row_bytes(x) / 4);
+    spin_splat_filter_turned(rows, i, out + 4);
+    spin_splat_filter_little_endian(to, row_bytes(x) / 4);
 }
 
 /* ---- One file -------------------------------------------------------------------------------- */

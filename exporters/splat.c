@@ -9,9 +9,9 @@
  * part of the file shows the scene. */
 #include <string.h>
 
-#include "exporters/check.h"
-#include "exporters/frames.h"
-#include "exporters/order.h"
+#include "exporters/lib/roundtrip_check.h"
+#include "exporters/lib/frames.h"
+#include "exporters/lib/sort_rows.h"
 
 #define ROW 32
 
@@ -24,7 +24,7 @@ static const struct spin_plugin_option options[] = {
 struct export
 {
     struct spin_frames frames;
-    struct spin_order order;
+    struct spin_sort_rows order;
     bool by_size;
     uint32_t *row; /* the order, for a check */
 };
@@ -35,7 +35,7 @@ static unsigned char byte_of(float x)
     return (unsigned char)(spin_minf(spin_maxf(x, 0), 255) + 0.5f);
 }
 
-static void write_row(const struct spin_quant_row *is, unsigned char *out)
+static void write_row(const struct spin_quant_error_row *is, unsigned char *out)
 {
     float scale[3];
 
@@ -43,7 +43,7 @@ static void write_row(const struct spin_quant_row *is, unsigned char *out)
         scale[c] = expf(is->log_scale[c]);
     memcpy(out, is->place, sizeof is->place);
     memcpy(out + 12, scale, sizeof scale);
-    spin_rows_little_endian(out, 6);
+    spin_splat_filter_little_endian(out, 6);
     for (int c = 0; c < 3; c++)
         out[24 + c] = byte_of(is->colour[c] * 255);
     out[27] = byte_of(is->opacity * 255);
@@ -52,8 +52,8 @@ static void write_row(const struct spin_quant_row *is, unsigned char *out)
 }
 
 /* As antimatter15's viewer decodes it. */
-static void read_row(const struct spin_quant_row *is, const unsigned char *in,
-                     struct spin_quant_row *out)
+static void read_row(const struct spin_quant_error_row *is, const unsigned char *in,
+                     struct spin_quant_error_row *out)
 {
     float q[4];
 
@@ -63,7 +63,7 @@ static void read_row(const struct spin_quant_row *is, const unsigned char *in,
     out->opacity = in[27] / 255.0f;
     for (int k = 0; k < 4; k++)
         q[k] = ((float)in[28 + k] - 128) / 128;
-    spin_rows_rotation(q, out->rotation);
+    spin_splat_filter_rotation(q, out->rotation);
 }
 
 /* Falling exp(sum of log scales) * opacity: the float's bits in order, turned over. */
@@ -71,7 +71,7 @@ static uint64_t size_key(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;
     float size = scale[0] + scale[1] + scale[2] +
-                 logf(fmaxf(spin_sigmoid(spin_rows_logit(s->logit_opacities[i])), 1e-30f));
+                 logf(fmaxf(spin_sigmoid(spin_splat_filter_logit(s->logit_opacities[i])), 1e-30f));
     uint32_t bits = spin_bits_of_float(size);
 
     return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
@@ -79,21 +79,21 @@ static uint64_t size_key(const struct spin_splats *s, size_t i)
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
-static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant *quant)
+static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant_error *quant)
 {
     const struct export *x = self;
-    struct spin_quant_row is, shown;
+    struct spin_quant_error_row is, shown;
 
-    spin_quant_take(&x->frames.rows, i, &is);
+    spin_quant_error_take(&x->frames.rows, i, &is);
     write_row(&is, out);
     read_row(&is, out, &shown);
-    spin_quant_row(quant, &is, &shown);
+    spin_quant_error_row(quant, &is, &shown);
 }
 
 /* Rows in the order of x->order, in pieces. */
 static spin_status write_ordered(struct export *x, struct spin_out *out)
 {
-    struct spin_quant *quant;
+    struct spin_quant_error *quant;
     unsigned char *block;
 
     SPIN_TRY(spin_frames_scratch(&x->frames, SPIN_ROWS_BLOCK * ROW, &block));
@@ -113,10 +113,10 @@ static spin_status write_ordered(struct export *x, struct spin_out *out)
 
 static spin_status order_rows(struct export *x)
 {
-    SPIN_TRY(spin_order_fill(&x->order, &x->frames.rows));
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
     for (size_t i = 0; i < x->order.n; i++)
         x->order.item[i].key = size_key(x->frames.rows.splats, x->order.item[i].row);
-    spin_order_sort(&x->order);
+    spin_sort_rows_sort(&x->order);
     return SPIN_OK;
 }
 
@@ -173,17 +173,17 @@ static spin_status splat_read(void *self, const struct spin_map *map, int frame,
     SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
     for (size_t i = 0; i < n; i++) {
         const unsigned char *row = map->data + ROW * i;
-        struct spin_quant_row is = {0}, shown;
+        struct spin_quant_error_row is = {0}, shown;
         float scale[3];
 
         memcpy(is.place, row, sizeof is.place);
         memcpy(scale, row + 12, sizeof scale);
-        spin_rows_little_endian(is.place, 3);
-        spin_rows_little_endian(scale, 3);
+        spin_splat_filter_little_endian(is.place, 3);
+        spin_splat_filter_little_endian(scale, 3);
         read_row(&is, row, &shown);
         memcpy(out->means + 3 * i, shown.place, sizeof shown.place);
         memcpy(out->quats + 4 * i, shown.rotation, sizeof shown.rotation);
-        out->logit_opacities[i] = spin_check_logit(shown.opacity);
+        out->logit_opacities[i] = spin_roundtrip_check_logit(shown.opacity);
         for (size_t c = 0; c < 3; c++) {
             out->log_scales[3 * i + c] = logf(spin_maxf(scale[c], 1e-38f));
             out->sh[3 * i + c] = (shown.colour[c] - 0.5f) / SPIN_SH_C0;
@@ -209,7 +209,7 @@ static void end(void *self)
 {
     struct export *x = self;
 
-    spin_order_free(&x->order);
+    spin_sort_rows_free(&x->order);
     free(x->row);
 }
 

@@ -17,8 +17,8 @@
  * library stores. */
 #include <string.h>
 
-#include "exporters/check.h"
-#include "exporters/frames.h"
+#include "exporters/lib/roundtrip_check.h"
+#include "exporters/lib/frames.h"
 #include "io/gzip.h"
 
 #define MAGIC 0x5053474eu /* "NGSP" */
@@ -40,7 +40,7 @@ static const struct spin_plugin_option options[] = {
 struct export;
 /* One stream: code row i, and add what a reader is wrong by. */
 typedef void (*code_fn)(const struct export *x, size_t i, unsigned char *out,
-                        struct spin_quant *quant);
+                        struct spin_quant_error *quant);
 
 struct export
 {
@@ -50,9 +50,9 @@ struct export
 
     /* The batch at hand. */
     code_fn code;
-    size_t width, first;      /* bytes a row; block */
-    unsigned char *bytes;     /* [BATCH * rows of a block * MAX_WIDTH] */
-    struct spin_quant *quant; /* [blocks] */
+    size_t width, first;            /* bytes a row; block */
+    unsigned char *bytes;           /* [BATCH * rows of a block * MAX_WIDTH] */
+    struct spin_quant_error *quant; /* [blocks] */
 };
 
 /* ---- Streams --------------------------------------------------------------------------------- */
@@ -64,11 +64,11 @@ static unsigned char byte_of(float x)
 }
 
 static void code_place(const struct export *x, size_t i, unsigned char *out,
-                       struct spin_quant *quant)
+                       struct spin_quant_error *quant)
 {
     float place[3], shown[3];
 
-    spin_rows_place(&x->frames.rows, i, place);
+    spin_splat_filter_place(&x->frames.rows, i, place);
     for (int c = 0; c < 3; c++) {
         int32_t fixed = (int32_t)lrint((double)place[c] * (1 << x->fraction));
 
@@ -76,33 +76,33 @@ static void code_place(const struct export *x, size_t i, unsigned char *out,
             out[3 * c + b] = (unsigned char)((uint32_t)fixed >> (8 * b));
         shown[c] = (float)((double)fixed / (1 << x->fraction));
     }
-    spin_quant_add_place(quant, place, shown);
+    spin_quant_error_add_place(quant, place, shown);
 }
 
 static void code_alpha(const struct export *x, size_t i, unsigned char *out,
-                       struct spin_quant *quant)
+                       struct spin_quant_error *quant)
 {
-    float opacity = spin_quant_opacity(&x->frames.rows, i);
+    float opacity = spin_quant_error_opacity(&x->frames.rows, i);
 
     out[0] = byte_of(opacity * 255);
-    spin_quant_add(quant, SPIN_QUANT_OPACITY, (double)opacity - (float)out[0] / 255);
+    spin_quant_error_add(quant, SPIN_QUANT_OPACITY, (double)opacity - (float)out[0] / 255);
 }
 
 static void code_colour(const struct export *x, size_t i, unsigned char *out,
-                        struct spin_quant *quant)
+                        struct spin_quant_error *quant)
 {
     float colour[3], shown[3];
 
-    spin_quant_colour(&x->frames.rows, i, colour);
+    spin_quant_error_colour(&x->frames.rows, i, colour);
     for (int c = 0; c < 3; c++) {
         out[c] = byte_of((colour[c] - 0.5f) / SPIN_SH_C0 * 0.15f * 255 + 127.5f);
         shown[c] = 0.5f + SPIN_SH_C0 * ((float)out[c] - 127.5f) / (0.15f * 255);
     }
-    spin_quant_add_3(quant, SPIN_QUANT_COLOUR, colour, shown);
+    spin_quant_error_add_3(quant, SPIN_QUANT_COLOUR, colour, shown);
 }
 
 static void code_scale(const struct export *x, size_t i, unsigned char *out,
-                       struct spin_quant *quant)
+                       struct spin_quant_error *quant)
 {
     const float *scale = x->frames.rows.splats->log_scales + 3 * i;
     float shown[3];
@@ -111,18 +111,18 @@ static void code_scale(const struct export *x, size_t i, unsigned char *out,
         out[c] = byte_of((scale[c] + 10) * 16);
         shown[c] = (float)out[c] / 16 - 10;
     }
-    spin_quant_add_3(quant, SPIN_QUANT_SCALE, scale, shown);
+    spin_quant_error_add_3(quant, SPIN_QUANT_SCALE, scale, shown);
 }
 
 static void code_rotation(const struct export *x, size_t i, unsigned char *out,
-                          struct spin_quant *quant)
+                          struct spin_quant_error *quant)
 {
     static const int place[4] = {1, 2, 3, 0}; /* x y z w in our w x y z */
     float q[4], shown[4], rest = 1, sign;
     int largest = 0;
     uint32_t word;
 
-    spin_rows_turned(&x->frames.rows, i, q);
+    spin_splat_filter_turned(&x->frames.rows, i, q);
     for (int k = 1; k < 4; k++)
         largest = fabsf(q[place[k]]) > fabsf(q[place[largest]]) ? k : largest;
     word = (uint32_t)largest;
@@ -141,15 +141,16 @@ static void code_rotation(const struct export *x, size_t i, unsigned char *out,
     shown[place[largest]] = sqrtf(spin_maxf(rest, 0));
     for (int b = 0; b < 4; b++)
         out[b] = (unsigned char)(word >> (8 * b));
-    spin_quant_add_rotation(quant, q, shown);
+    spin_quant_error_add_rotation(quant, q, shown);
 }
 
-static void code_sh(const struct export *x, size_t i, unsigned char *out, struct spin_quant *quant)
+static void code_sh(const struct export *x, size_t i, unsigned char *out,
+                    struct spin_quant_error *quant)
 {
-    const struct spin_rows *rows = &x->frames.rows;
-    int n = 3 * spin_sh_count(rows->sh_degree), n_there = 3 * spin_rows_n_sh(rows);
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    int n = 3 * spin_sh_count(rows->sh_degree), n_there = 3 * spin_splat_filter_n_sh(rows);
     float room[3 * SPIN_SH_MAX], error[3 * SPIN_SH_MAX];
-    const float *sh = spin_rows_sh(rows, i, room);
+    const float *sh = spin_splat_filter_sh(rows, i, room);
 
     for (int k = 3; k < n; k++) {
         float bucket = k < 12 ? 8 : 16, v = k < n_there ? sh[k] : 0;
@@ -158,7 +159,7 @@ static void code_sh(const struct export *x, size_t i, unsigned char *out, struct
         out[k - 3] = byte_of(steps * bucket);
         error[k - 3] = v - ((float)out[k - 3] - 128) / 128;
     }
-    spin_quant_add_all(quant, SPIN_QUANT_SH, error, (size_t)n - 3);
+    spin_quant_error_add_all(quant, SPIN_QUANT_SH, error, (size_t)n - 3);
 }
 
 /* ---- One file -------------------------------------------------------------------------------- */
@@ -166,9 +167,9 @@ static void code_sh(const struct export *x, size_t i, unsigned char *out, struct
 static void code_block(void *context, int task, int worker)
 {
     const struct export *x = context;
-    const struct spin_rows *rows = &x->frames.rows;
+    const struct spin_splat_filter *rows = &x->frames.rows;
     size_t b = x->first + (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
-    size_t before = spin_rows_before(rows, b) - spin_rows_before(rows, x->first);
+    size_t before = spin_splat_filter_before(rows, b) - spin_splat_filter_before(rows, x->first);
     unsigned char *out = x->bytes + before * x->width;
 
     (void)worker;
@@ -178,21 +179,21 @@ static void code_block(void *context, int task, int worker)
             out += x->width;
         }
     }
-    spin_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
 /* One attribute of all rows, some blocks at a time. */
 static spin_status write_stream(struct export *x, code_fn code, size_t width)
 {
-    const struct spin_rows *rows = &x->frames.rows;
-    size_t n_blocks = spin_rows_blocks(rows);
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    size_t n_blocks = spin_splat_filter_blocks(rows);
 
     x->code = code;
     x->width = width;
     for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
         size_t end = x->first + BATCH < n_blocks ? x->first + BATCH : n_blocks;
-        size_t n = (end < n_blocks ? spin_rows_before(rows, end) : rows->n_kept) -
-                   spin_rows_before(rows, x->first);
+        size_t n = (end < n_blocks ? spin_splat_filter_before(rows, end) : rows->n_kept) -
+                   spin_splat_filter_before(rows, x->first);
 
         spin_pool_run(rows->pool, (int)(end - x->first), code_block, x);
         SPIN_TRY(spin_gzip_write(x->gzip, x->bytes, n * width));
@@ -203,14 +204,14 @@ static spin_status write_stream(struct export *x, code_fn code, size_t width)
 /* The most fractional bits, at most those of the frame before, with which all places fit. */
 static spin_status choose_fraction(struct export *x, int number)
 {
-    const struct spin_rows *rows = &x->frames.rows;
+    const struct spin_splat_filter *rows = &x->frames.rows;
     int before = x->fraction;
     float largest = 0, place[3];
 
     for (size_t i = 0; i < rows->splats->n; i++) {
         if (!rows->keep[i])
             continue;
-        spin_rows_place(rows, i, place);
+        spin_splat_filter_place(rows, i, place);
         for (int c = 0; c < 3; c++)
             largest = spin_maxf(largest, fabsf(place[c]));
     }
@@ -232,7 +233,7 @@ static spin_status write_header(struct export *x)
     unsigned char rest[4] = {(unsigned char)x->frames.rows.sh_degree, (unsigned char)x->fraction,
                              x->frames.antialias ? ANTIALIASED : 0};
 
-    spin_rows_little_endian(word, 3);
+    spin_splat_filter_little_endian(word, 3);
     SPIN_TRY(spin_gzip_write(x->gzip, word, sizeof word));
     return spin_gzip_write(x->gzip, rest, sizeof rest);
 }
@@ -281,7 +282,7 @@ static bool spz_complete(void *self, const struct spin_frame_info *info, const s
         n_read != sizeof header)
         return false;
     memcpy(word, header, sizeof word);
-    spin_rows_little_endian(word, 3);
+    spin_splat_filter_little_endian(word, 3);
     *n = word[2];
     return word[0] == MAGIC && word[1] == 3 && header[12] == x->frames.rows.sh_degree &&
            spin_gzip_length(map->data, map->size) == (uint32_t)spz_bytes(self, *n);
@@ -306,7 +307,7 @@ static void read_row(const unsigned char *const at[6], int fraction, size_t i,
         out->log_scales[3 * i + c] = (float)at[3][c] / 16 - 10;
         sh[c] = ((float)at[2][c] - 127.5f) / (0.15f * 255);
     }
-    out->logit_opacities[i] = spin_check_logit((float)at[1][0] / 255);
+    out->logit_opacities[i] = spin_roundtrip_check_logit((float)at[1][0] / 255);
     for (int k = 3; k >= 0; k--) {
         if (k == largest)
             continue;
@@ -330,7 +331,7 @@ static spin_status read_streams(const unsigned char *bytes, size_t n_bytes, stru
     if (degree > 3)
         return spin_fail(SPIN_E_MALFORMED, "no header of SPZ");
     memcpy(word, bytes, sizeof word);
-    spin_rows_little_endian(word, 3);
+    spin_splat_filter_little_endian(word, 3);
     n = word[2];
     if (word[0] != MAGIC || word[1] != 3 || n_bytes != HEADER + (uint64_t)n * (20 + n_sh))
         return spin_fail(SPIN_E_MALFORMED, "not a SPZ of version 3 with %zu splats", n);

@@ -6,7 +6,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "exporters/drawing.h"
+#include "exporters/lib/camera_path.h"
 #include "io/video_encode.h"
 
 #define DEFAULT_FPS 30
@@ -23,7 +23,7 @@ static const struct spin_plugin_option options[] = {
 
 struct export
 {
-    struct spin_drawing drawing;
+    struct spin_camera_path drawing;
     struct spin_video_out *video;
     const struct spin_view *first; /* whose camera_id the video keeps */
 };
@@ -43,10 +43,10 @@ static spin_status parse_number(const char *key, const char *text, double low, d
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
 {
     const struct spin_export_job *job = x->drawing.job;
-    int row = job->row_of_frame ? job->row_of_frame[frame] : frame;
+    int row = job->dataset_frame_of ? job->dataset_frame_of[frame] : frame;
 
     for (size_t i = 0; i < job->views->n; i++)
-        if (job->views->view[i].row == row && job->views->view[i].camera_id == camera_id)
+        if (job->views->view[i].dataset_frame == row && job->views->view[i].camera_id == camera_id)
             return &job->views->view[i];
     return NULL;
 }
@@ -55,12 +55,12 @@ static spin_status choose_camera(struct export *x)
 {
     const struct spin_export_job *job = x->drawing.job;
     const char *text = spin_plugin_value(job->values, "camera", NULL);
-    int row = job->row_of_frame ? job->row_of_frame[0] : 0;
+    int row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
     double id;
 
     if (!job->views || job->views->n == 0)
         return spin_fail(SPIN_E_USAGE, "a video needs the cameras of a data set; give --data DIR");
-    x->first = spin_look_view(job->views, row);
+    x->first = spin_initial_view_view(job->views, row);
     if (!x->first)
         x->first = &job->views->view[0];
     if (!text)
@@ -94,7 +94,7 @@ static spin_status open_video(struct export *x)
 
 static void finish(struct export *x)
 {
-    spin_drawing_free(&x->drawing);
+    spin_camera_path_free(&x->drawing);
     free(x);
 }
 
@@ -104,7 +104,7 @@ static spin_status video_begin(const struct spin_export_job *job, void **self)
     spin_status status;
 
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    SPIN_TRY_OUT(spin_drawing_begin(&x->drawing, job, "after"));
+    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job, "after"));
     SPIN_TRY_OUT(choose_camera(x));
     SPIN_TRY_OUT(open_video(x));
     *self = x;
@@ -117,12 +117,12 @@ out:
 static spin_status draw_one(struct export *x, int frame, int j, const struct spin_frame_info *info,
                             const struct spin_splats *splats)
 {
-    struct spin_drawing *d = &x->drawing;
+    struct spin_camera_path *d = &x->drawing;
     const struct spin_view *view = view_of(x, frame, x->first->camera_id);
     struct spin_camera camera;
 
     if (d->path != SPIN_PATH_CAMERA) {
-        SPIN_TRY(spin_drawing_camera(d, frame, j, splats, &camera));
+        SPIN_TRY(spin_camera_path_camera(d, frame, j, splats, &camera));
     } else if (!view) {
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %d for frame %d",
                          x->first->camera_id, info->number);
@@ -133,7 +133,7 @@ static spin_status draw_one(struct export *x, int frame, int j, const struct spi
         return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: camera %d is %dx%d there, %dx%d before",
                          info->number, x->first->camera_id, camera.width, camera.height,
                          x->first->camera.width, x->first->camera.height);
-    SPIN_TRY(spin_drawing_draw(d, frame, splats, &camera, view ? view->path : NULL));
+    SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     return spin_video_put(x->video, d->wide);
 }
 
@@ -142,7 +142,7 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
 {
     struct export *x = self;
 
-    SPIN_TRY(spin_drawing_frame(&x->drawing, info, &splats));
+    SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
     for (int j = 0; j < x->drawing.repeat; j++) {
         if (spin_cancelled())
             return spin_fail_cancelled();

@@ -16,8 +16,8 @@
 #include <ctype.h>
 #include <stdio.h>
 
-#include "importers/canonical.h"
-#include "importers/ntc_eval.h"
+#include "importers/lib/model_folder.h"
+#include "importers/lib/ntc_eval.h"
 
 /* Where an opacity of exactly 0 or 1 ends up: the upstream stores logit(sigmoid(o)). */
 #define LOGIT_LIMIT 30.0f
@@ -103,7 +103,7 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
  * such a file. *out stays NULL when there is none. */
 static spin_status find_cloud(const char *folder, int iteration, const char *file, char **out)
 {
-    struct canonical_pick pick = {.file = file};
+    struct model_folder_pick pick = {.file = file};
     char wanted[16], *clouds = NULL, *name = NULL, *sub = NULL;
     spin_status status;
 
@@ -112,9 +112,9 @@ static spin_status find_cloud(const char *folder, int iteration, const char *fil
     pick.folder = clouds;
     status = SPIN_OK;
     if (spin_path_is_folder(clouds) && iteration >= 0)
-        status = canonical_choose(&pick, wanted, &name);
+        status = model_folder_choose(&pick, wanted, &name);
     if (spin_path_is_folder(clouds) && status == SPIN_OK && !name)
-        status = canonical_choose(&pick, NULL, &name);
+        status = model_folder_choose(&pick, NULL, &name);
     if (status == SPIN_OK && name)
         status = spin_path_join(clouds, name, &sub);
     if (status == SPIN_OK && sub)
@@ -298,7 +298,7 @@ static spin_status find_files(struct clip *clip, const struct spin_plugin_values
     spin_status status;
 
     SPIN_TRY(read_settings(clip));
-    clip->packed = canonical_holds(clip->folder, "NTCs");
+    clip->packed = model_folder_holds(clip->folder, "NTCs");
     if (clip->packed) {
         SPIN_TRY(find_indexed(clip, "NTCs", "NTC_", ".pth"));
         SPIN_TRY(spin_path_join(clip->folder, "raw", &path));
@@ -356,7 +356,8 @@ static spin_status prepare_networks(struct clip *clip, const struct spin_plugin_
     if (status == SPIN_OK)
         ntc_free(&network);
     else if (!clip->config)
-        status = spin_more(status, "there is no config.json (give it with --config), and with the "
+        status = spin_fail_context(status,
+                                   "there is no config.json (give it with --config), and with the "
                                    "usual configuration");
     return status;
 }
@@ -423,7 +424,7 @@ static spin_status inspect(const char *path, size_t *n, int *sh_degree)
             status = spin_fail(SPIN_E_MALFORMED, "'%s': no property '%s'", path, needed[i]);
     }
     if (status == SPIN_OK)
-        status = canonical_degree(&ply, e, sh_degree);
+        status = model_folder_degree(&ply, e, sh_degree);
     for (int i = 0; status == SPIN_OK && i < 3 * ((*sh_degree + 1) * (*sh_degree + 1) - 1); i++) {
         char name[32];
 
@@ -493,14 +494,14 @@ static spin_status read_cloud(const char *path, size_t n, unsigned columns, size
     if (columns & SPIN_COL_MEANS) {
         float *means = out->means + 3 * first;
 
-        SPIN_TRY_OUT(canonical_column(&ply, e, "x", means, 3));
-        SPIN_TRY_OUT(canonical_column(&ply, e, "y", means + 1, 3));
-        SPIN_TRY_OUT(canonical_column(&ply, e, "z", means + 2, 3));
+        SPIN_TRY_OUT(model_folder_column(&ply, e, "x", means, 3));
+        SPIN_TRY_OUT(model_folder_column(&ply, e, "y", means + 1, 3));
+        SPIN_TRY_OUT(model_folder_column(&ply, e, "z", means + 2, 3));
     }
     if (columns & SPIN_COL_QUATS)
-        SPIN_TRY_OUT(canonical_columns(&ply, e, "rot_", 4, out->quats + 4 * first, 4));
+        SPIN_TRY_OUT(model_folder_columns(&ply, e, "rot_", 4, out->quats + 4 * first, 4));
     if (columns & SPIN_COL_LOG_SCALES)
-        SPIN_TRY_OUT(canonical_columns(&ply, e, "scale_", 3, out->log_scales + 3 * first, 3));
+        SPIN_TRY_OUT(model_folder_columns(&ply, e, "scale_", 3, out->log_scales + 3 * first, 3));
     if (columns & SPIN_COL_LOGIT_OPACITIES) {
         float *logits = out->logit_opacities + first;
         size_t bad = 0;
@@ -517,17 +518,17 @@ static spin_status read_cloud(const char *path, size_t n, unsigned columns, size
     if (columns & SPIN_COL_SH) {
         float *sh = out->sh + step * first;
 
-        SPIN_TRY_OUT(canonical_columns(&ply, e, "f_dc_", 3, sh, step));
+        SPIN_TRY_OUT(model_folder_columns(&ply, e, "f_dc_", 3, sh, step));
         for (int i = 0; i < 3 * n_rest; i++) { /* channel-major in the file */
             char name[32];
 
             snprintf(name, sizeof name, "f_rest_%d", i);
             SPIN_TRY_OUT(
-                canonical_column(&ply, e, name, sh + 3 * (i % n_rest + 1) + i / n_rest, step));
+                model_folder_column(&ply, e, name, sh + 3 * (i % n_rest + 1) + i / n_rest, step));
         }
     }
     for (size_t i = 0; (columns & SPIN_COL_QUATS) && i < n; i++)
-        canonical_unit(out->quats + 4 * (first + i));
+        model_folder_unit(out->quats + 4 * (first + i));
 out:
     spin_ply_close(&ply);
     return status;
@@ -535,7 +536,7 @@ out:
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static spin_status describe(struct clip *clip, struct spin_track *track)
+static spin_status describe(struct clip *clip, struct spin_sequence_info *sequence)
 {
     size_t n_added = 0;
 
@@ -546,40 +547,42 @@ static spin_status describe(struct clip *clip, struct spin_track *track)
         clip->numbers[i] = clip->step[i].number;
         n_added += clip->step[i].n_added;
     }
-    track->n_frames = (int)clip->n_steps;
-    track->counts = clip->counts;
-    track->numbers = clip->numbers;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    track->sh_degree = clip->sh_degree;
-    track->time_last = (double)(clip->n_steps - 1);
-    snprintf(track->variant, sizeof track->variant, "3DGStream%s, %s",
+    sequence->n_frames = (int)clip->n_steps;
+    sequence->counts = clip->counts;
+    sequence->numbers = clip->numbers;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = clip->sh_degree;
+    sequence->time_last = (double)(clip->n_steps - 1);
+    snprintf(sequence->variant, sizeof sequence->variant, "3DGStream%s, %s",
              clip->packed ? " packed for its viewer" : "",
              clip->evaluate ? "networks evaluated" : "moved clouds");
     if (n_added > 0)
-        canonical_note(track,
-                       "rows from %zu on are Gaussians added for one frame (%.1f a frame): they "
-                       "have no tracks\n",
-                       clip->n, (double)n_added / (double)clip->n_steps);
+        model_folder_note(sequence,
+                          "rows from %zu on are Gaussians added for one frame (%.1f a frame): they "
+                          "have no tracks\n",
+                          clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
-        canonical_note(track,
-                       "the cloud of frame 0 was not found: the clip begins with frame %d "
-                       "(--init says where it is)\n",
-                       clip->step[0].number);
+        model_folder_note(sequence,
+                          "the cloud of frame 0 was not found: the clip begins with frame %d "
+                          "(--init says where it is)\n",
+                          clip->step[0].number);
     if (clip->evaluate)
-        canonical_note(track, "positions and rotations come from half-precision networks, whose "
-                              "errors add up from frame to frame\n");
+        model_folder_note(sequence,
+                          "positions and rotations come from half-precision networks, whose "
+                          "errors add up from frame to frame\n");
     if (clip->evaluate && !clip->config)
-        canonical_note(track, "there is no config.json: the networks' usual configuration was "
-                              "taken, which fits\n");
+        model_folder_note(sequence,
+                          "there is no config.json: the networks' usual configuration was "
+                          "taken, which fits\n");
     return SPIN_OK;
 }
 
 static spin_status stream_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_track *track)
+                               void **self, struct spin_sequence_info *sequence)
 {
     struct clip *clip;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *clip, self));
     clip = *self;
     clip->at = SIZE_MAX;
@@ -590,7 +593,7 @@ static spin_status stream_open(const char *path, const struct spin_plugin_values
         SPIN_TRY(inspect_base(clip, i));
         SPIN_TRY(inspect_added(clip, &clip->step[i]));
     }
-    return describe(clip, track);
+    return describe(clip, sequence);
 }
 
 static void stream_close(void *self)
@@ -685,7 +688,7 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
     }
     if (step->n_added > 0)
         SPIN_TRY(read_cloud(step->added, step->n_added, columns, clip->n, out));
-    return clip->evaluate ? canonical_check(clip->folder, time, columns, out) : SPIN_OK;
+    return clip->evaluate ? model_folder_check(clip->folder, time, columns, out) : SPIN_OK;
 }
 
 static const struct spin_plugin_option options[] = {

@@ -5,8 +5,8 @@
  * is therefore read, or replaced by options. Format: 4dgaussian.md. */
 #include "spin.h"
 
-#include "importers/canonical.h"
-#include "importers/hexplane.h"
+#include "importers/lib/model_folder.h"
+#include "importers/lib/hexplane.h"
 #include "math/deform.h"
 
 enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
@@ -74,7 +74,7 @@ static spin_status fail_no_save(const char *path, const char *wanted)
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no iteration_%s with point_cloud.ply and deformation.pth", path,
                          wanted);
-    if (canonical_search(path, "deformation_GAD.pth", &coarse))
+    if (model_folder_search(path, "deformation_GAD.pth", &coarse))
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from "
                          "modecgs",
@@ -131,12 +131,13 @@ static bool looks_trained(const struct mlp_linear *l)
 
 /* Without cfg_args: say what was assumed, and what the weights hint at. */
 static spin_status note_guess(struct spin_torch *torch, const char *prefix,
-                              const struct model *model, struct spin_track *track)
+                              const struct model *model, struct spin_sequence_info *sequence)
 {
-    canonical_note(track, "no cfg_args: assumed that position, scale and rotation are deformed, "
-                          "opacity and SH not; say otherwise with --deform\n");
+    model_folder_note(sequence,
+                      "no cfg_args: assumed that position, scale and rotation are deformed, "
+                      "opacity and SH not; say otherwise with --deform\n");
     spin_warn("'%s': no cfg_args beside it, the method's defaults are assumed", model->path);
-    canonical_note(track, "weights that look trained:");
+    model_folder_note(sequence, "weights that look trained:");
     for (int h = 0; h < N_HEADS; h++) {
         struct hex_head head = {0};
         spin_status status = SPIN_OK;
@@ -146,11 +147,11 @@ static spin_status note_guess(struct spin_torch *torch, const char *prefix,
                                    heads[h].width, &head);
         if (status == SPIN_OK && head.first.n_in > 0 &&
             (looks_trained(&head.first) || looks_trained(&head.last)))
-            canonical_note(track, " %s", heads[h].word);
+            model_folder_note(sequence, " %s", heads[h].word);
         hex_head_free(&head);
         SPIN_TRY(status);
     }
-    canonical_note(track, "\n");
+    model_folder_note(sequence, "\n");
     return SPIN_OK;
 }
 
@@ -201,7 +202,7 @@ static spin_status fail_other_network(const struct spin_value *root)
 
 static spin_status load_network(struct spin_torch *torch, const struct cfg_args *cfg,
                                 const struct spin_plugin_values *values, struct model *model,
-                                struct spin_track *track)
+                                struct spin_sequence_info *sequence)
 {
     const struct spin_value *root = torch->root;
     const char *prefix;
@@ -220,12 +221,12 @@ static spin_status load_network(struct spin_torch *torch, const struct cfg_args 
                                    heads[h].width, &model->head[h]));
     }
     if (!cfg->path && !spin_plugin_value(values, "deform", NULL))
-        SPIN_TRY(note_guess(torch, prefix, model, track));
+        SPIN_TRY(note_guess(torch, prefix, model, sequence));
     return SPIN_OK;
 }
 
 static spin_status open_network(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                                struct model *model, struct spin_track *track)
+                                struct model *model, struct spin_sequence_info *sequence)
 {
     struct spin_torch torch;
     spin_status status;
@@ -233,16 +234,16 @@ static spin_status open_network(const struct cfg_args *cfg, const struct spin_pl
     memset(&torch, 0, sizeof torch);
     status = spin_torch_open(model->path, &torch);
     if (status == SPIN_OK)
-        status = load_network(&torch, cfg, values, model, track);
+        status = load_network(&torch, cfg, values, model, sequence);
     spin_torch_close(&torch);
     if (status != SPIN_OK && status != SPIN_E_USAGE && !strstr(spin_last_error(), model->path) &&
         !(cfg->path && strstr(spin_last_error(), cfg->path)))
-        return spin_more(status, "cannot read '%s'", model->path);
+        return spin_fail_context(status, "cannot read '%s'", model->path);
     return status;
 }
 
 /* deformation_table.pth has no say in the result, but its length shows a save that was mixed up. */
-static void check_table(const char *save, size_t n, struct spin_track *track)
+static void check_table(const char *save, size_t n, struct spin_sequence_info *sequence)
 {
     struct spin_torch torch;
     struct spin_tensor table;
@@ -253,10 +254,10 @@ static void check_table(const char *save, size_t n, struct spin_track *track)
         spin_torch_open(path, &torch) == SPIN_OK &&
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
-        canonical_note(track,
-                       "deformation_table.pth is of %llu Gaussians, point_cloud.ply has "
-                       "%zu: are they of one save?\n",
-                       (unsigned long long)table.count, n);
+        model_folder_note(sequence,
+                          "deformation_table.pth is of %llu Gaussians, point_cloud.ply has "
+                          "%zu: are they of one save?\n",
+                          (unsigned long long)table.count, n);
         spin_warn("'%s' is of %llu Gaussians, the cloud has %zu", path,
                   (unsigned long long)table.count, n);
     }
@@ -264,69 +265,69 @@ static void check_table(const char *save, size_t n, struct spin_track *track)
     free(path);
 }
 
-static void describe(struct model *model, struct spin_track *track)
+static void describe(struct model *model, struct spin_sequence_info *sequence)
 {
     const struct hexplane *hex = &model->hex;
 
-    track->n_frames = 1;
-    track->counts = &model->n;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    track->sh_degree = model->canonical.sh_degree;
-    track->continuous = true;
-    track->half_open = true; /* its reader of Panoptic takes t / T */
-    track->time_last = 1;
+    sequence->n_frames = 1;
+    sequence->counts = &model->n;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = model->canonical.sh_degree;
+    sequence->continuous = true;
+    sequence->half_open = true; /* its reader of Panoptic takes t / T */
+    sequence->time_last = 1;
     for (int h = 0; h < N_HEADS; h++) {
         if (!model->used[h])
-            track->still_columns |= heads[h].column;
+            sequence->static_columns |= heads[h].column;
     }
-    snprintf(track->variant, sizeof track->variant,
+    snprintf(sequence->variant, sizeof sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", model->n, hex->n_scales,
              hex->width);
-    canonical_note(track,
-                   "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
-                   "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones\n");
+    model_folder_note(sequence,
+                      "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
+                      "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones\n");
 }
 
 static spin_status open_model(const char *save, const struct cfg_args *cfg,
                               const struct spin_plugin_values *values, struct model *model,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     char *cloud = NULL;
     spin_status status;
 
     SPIN_TRY(spin_path_join(save, "deformation.pth", &model->path));
     SPIN_TRY(spin_path_join(save, "point_cloud.ply", &cloud));
-    status = canonical_read(cloud, &model->canonical, NULL, NULL);
+    status = model_folder_read(cloud, &model->canonical, NULL, NULL);
     model->n = model->canonical.n;
     if (status == SPIN_OK)
-        status = open_network(cfg, values, model, track);
+        status = open_network(cfg, values, model, sequence);
     if (status == SPIN_OK && model->used[COLOUR] && model->canonical.sh_degree != 3)
         status = spin_fail(SPIN_E_UNSUPPORTED,
                            "'%s': SH of degree %d, but the network deforms SH of degree 3", cloud,
                            model->canonical.sh_degree);
     free(cloud);
     SPIN_TRY(status);
-    check_table(save, model->n, track);
-    describe(model, track);
+    check_table(save, model->n, sequence);
+    describe(model, sequence);
     return mlp_team_create(hex_scratch(&model->hex) + 48 * MLP_BLOCK, &model->team);
 }
 
 static spin_status gaussian_open(const char *path, const struct spin_plugin_values *values,
-                                 void **self, struct spin_track *track)
+                                 void **self, struct spin_sequence_info *sequence)
 {
     const char *wanted = spin_plugin_value(values, "iteration", NULL);
     struct cfg_args cfg;
     char *save = NULL;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    SPIN_TRY(canonical_save(path, wanted, "deformation.pth", &save));
+    SPIN_TRY(model_folder_save(path, wanted, "deformation.pth", &save));
     if (!save)
         return fail_no_save(path, wanted);
-    status = canonical_cfg(path, save, &cfg);
+    status = model_folder_cfg(path, save, &cfg);
     if (status == SPIN_OK)
-        status = open_model(save, &cfg, values, *self, track);
+        status = open_model(save, &cfg, values, *self, sequence);
     cfg_close(&cfg);
     free(save);
     return status;
@@ -382,7 +383,7 @@ static void turn(const struct model *model, const float *residual, size_t first,
             for (int c = 0; c < 4; c++)
                 to[c] = q[c] + r[c];
         }
-        canonical_unit(to);
+        model_folder_unit(to);
     }
 }
 
@@ -430,7 +431,7 @@ static void copy_still(const struct model *model, unsigned columns, struct spin_
     if (columns & SPIN_COL_QUATS && !model->used[ROTATION]) {
         memcpy(out->quats, from->quats, 4 * n * sizeof *out->quats);
         for (size_t i = 0; i < n; i++)
-            canonical_unit(out->quats + 4 * i);
+            model_folder_unit(out->quats + 4 * i);
     }
 }
 
@@ -451,7 +452,7 @@ static spin_status gaussian_frame(void *self, int frame, double time, unsigned c
         any = any || (model->used[h] && columns & heads[h].column);
     if (any)
         mlp_team_run(&model->team, model->n, evaluate, &job);
-    return canonical_check(model->path, time, columns, out);
+    return model_folder_check(model->path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -3,7 +3,7 @@
  * Positions, colours and rotations are stored per frame, opacities and scales once (forks store
  * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
  * 0..1: they become degree-0 SH unclamped. */
-#include "importers/d3dgs_run.h"
+#include "importers/lib/d3dgs_run.h"
 
 static int probe(const struct spin_peek *peek)
 {
@@ -24,7 +24,7 @@ static int probe(const struct spin_peek *peek)
 }
 
 /* What the run holds and splats do not. */
-static void note_lost(const struct d3dgs_run *run, struct spin_track *track)
+static void note_lost(const struct d3dgs_run *run, struct spin_sequence_info *sequence)
 {
     static const struct {
         const char *key, *what;
@@ -37,34 +37,35 @@ static void note_lost(const struct d3dgs_run *run, struct spin_track *track)
 
     for (size_t i = 0; i < sizeof lost / sizeof *lost; i++) {
         if (spin_npz_has(&run->npz, lost[i].key))
-            used += (size_t)snprintf(track->notes + used, sizeof track->notes - used, "%s\n",
+            used += (size_t)snprintf(sequence->notes + used, sizeof sequence->notes - used, "%s\n",
                                      lost[i].what);
     }
 }
 
-static spin_status open_run(const char *path, struct d3dgs_run *run, struct spin_track *track)
+static spin_status open_run(const char *path, struct d3dgs_run *run,
+                            struct spin_sequence_info *sequence)
 {
     SPIN_TRY(d3dgs_load(path, run));
-    SPIN_TRY(d3dgs_describe(run, track));
-    snprintf(track->variant, sizeof track->variant, "Dynamic 3D Gaussians, %llu Gaussians",
+    SPIN_TRY(d3dgs_describe(run, sequence));
+    snprintf(sequence->variant, sizeof sequence->variant, "Dynamic 3D Gaussians, %llu Gaussians",
              (unsigned long long)run->n);
-    note_lost(run, track);
+    note_lost(run, sequence);
     return SPIN_OK;
 }
 
 static spin_status d3dgs_open(const char *path, const struct spin_plugin_values *values,
-                              void **self, struct spin_track *track)
+                              void **self, struct spin_sequence_info *sequence)
 {
     struct d3dgs_run *run;
     spin_status status;
 
     (void)values;
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *run, self));
     run = *self;
-    status = open_run(path, run, track);
+    status = open_run(path, run, sequence);
     if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        return spin_more(status, "cannot read '%s'", run->path ? run->path : path);
+        return spin_fail_context(status, "cannot read '%s'", run->path ? run->path : path);
     return status;
 }
 

@@ -5,7 +5,7 @@
  * opacity and colour are stored but not used, and static Gaussians stay exactly as they are. */
 #include "spin.h"
 
-#include "importers/hashfield.h"
+#include "importers/lib/hashgrid_deform.h"
 
 struct model {
     struct hash_model base; /* extra: not 0 for dynamic Gaussians */
@@ -39,7 +39,7 @@ static spin_status load_network(struct spin_torch *torch, struct model *model)
 
 static spin_status open_model(const struct hash_files *files,
                               const struct spin_plugin_values *values, struct model *model,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     struct hash_model *base = &model->base;
     struct spin_torch torch;
@@ -49,41 +49,41 @@ static spin_status open_model(const struct hash_files *files,
 
     memset(&torch, 0, sizeof torch);
     SPIN_TRY(spin_strdup(files->deform, &base->path));
-    status = canonical_cfg(files->model, NULL, &cfg);
+    status = model_folder_cfg(files->model, NULL, &cfg);
     if (status == SPIN_OK)
         status = hash_blame(spin_torch_open(files->deform, &torch), files->deform);
     if (status == SPIN_OK)
         status = hash_blame(load_network(&torch, model), files->deform);
     if (status == SPIN_OK)
-        status = hash_settings(&cfg, values, base, track);
+        status = hash_settings(&cfg, values, base, sequence);
     spin_torch_close(&torch);
     cfg_close(&cfg);
     SPIN_TRY(status);
-    SPIN_TRY(canonical_read(files->cloud, &base->canonical, "dynamic", &base->extra));
+    SPIN_TRY(model_folder_read(files->cloud, &base->canonical, "dynamic", &base->extra));
     base->n = base->canonical.n;
-    hash_describe(base, "DASH", track);
+    hash_describe(base, "DASH", sequence);
     for (size_t i = 0; i < base->n; i++)
         n_dynamic += base->extra[i] != 0;
-    canonical_note(track, "%zu of %zu Gaussians are dynamic\n", n_dynamic, base->n);
-    if (canonical_iteration(files->name) >= 0 && canonical_iteration(files->name) <= 2000)
-        canonical_note(track,
-                       "%s looks like a save of the first training stage, which works "
-                       "otherwise: the result may be wrong\n",
-                       files->name);
+    model_folder_note(sequence, "%zu of %zu Gaussians are dynamic\n", n_dynamic, base->n);
+    if (model_folder_iteration(files->name) >= 0 && model_folder_iteration(files->name) <= 2000)
+        model_folder_note(sequence,
+                          "%s looks like a save of the first training stage, which works "
+                          "otherwise: the result may be wrong\n",
+                          files->name);
     return mlp_team_create(2 * model->layer + 8 * MLP_BLOCK, &base->team);
 }
 
 static spin_status dash_open(const char *path, const struct spin_plugin_values *values, void **self,
-                             struct spin_track *track)
+                             struct spin_sequence_info *sequence)
 {
     struct hash_files files;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
     status = hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
     if (status == SPIN_OK)
-        status = open_model(&files, values, *self, track);
+        status = open_model(&files, values, *self, sequence);
     hash_files_free(&files);
     return status;
 }
@@ -141,7 +141,7 @@ static void copy_static(const struct spin_splats *from, size_t i, unsigned colum
         memcpy(out->log_scales + 3 * i, from->log_scales + 3 * i, 3 * sizeof *out->log_scales);
     if (columns & SPIN_COL_QUATS) {
         memcpy(out->quats + 4 * i, from->quats + 4 * i, 4 * sizeof *out->quats);
-        canonical_unit(out->quats + 4 * i);
+        model_folder_unit(out->quats + 4 * i);
     }
 }
 
@@ -201,7 +201,7 @@ static spin_status dash_frame(void *self, int frame, double time, unsigned colum
     hash_copy_still(&model->base, columns, out);
     if (columns & ~(unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
         mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
-    return canonical_check(model->base.path, time, columns, out);
+    return model_folder_check(model->base.path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -7,8 +7,8 @@
  * must be of the same iteration. */
 #include "spin.h"
 
-#include "importers/canonical.h"
-#include "importers/mlp_eval.h"
+#include "importers/lib/model_folder.h"
+#include "importers/lib/mlp_eval.h"
 #include "math/covariance.h"
 #include "math/deform.h"
 
@@ -63,9 +63,9 @@ static int probe(const struct spin_peek *peek)
 /* The newest save of one side; *out stays NULL when there is none. */
 static spin_status newest(const char *folder, const char *file, char **out)
 {
-    struct canonical_pick pick = {folder, file, NULL, NULL};
+    struct model_folder_pick pick = {folder, file, NULL, NULL};
 
-    return canonical_choose(&pick, NULL, out);
+    return model_folder_choose(&pick, NULL, out);
 }
 
 /* Both sides must end with the same save, or the user must say which. */
@@ -120,7 +120,7 @@ static spin_status join3(const char *folder, const char *name, const char *file,
 /* The save `wanted` of a model, NULL: the last. */
 static spin_status find_in_model(const char *path, const char *wanted, struct save *out)
 {
-    struct canonical_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
+    struct model_folder_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
     char *clouds = NULL, *deforms = NULL;
     spin_status status;
 
@@ -133,7 +133,7 @@ static spin_status find_in_model(const char *path, const char *wanted, struct sa
     }
     pick.folder = clouds;
     pick.other = deforms;
-    SPIN_TRY_OUT(canonical_choose(&pick, wanted, &out->name));
+    SPIN_TRY_OUT(model_folder_choose(&pick, wanted, &out->name));
     if (!wanted)
         SPIN_TRY_OUT(check_newest(path, clouds, deforms, out->name));
     if (!out->name) {
@@ -328,7 +328,7 @@ static spin_status open_network(struct model *m)
         status = load_network(&torch, m);
     spin_torch_close(&torch);
     if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_more(status, "cannot read '%s'", m->path);
+        return spin_fail_context(status, "cannot read '%s'", m->path);
     return status;
 }
 
@@ -336,14 +336,14 @@ static spin_status open_network(struct model *m)
 
 /* The tensors say what the network is; a cfg_args that says otherwise is of another run. */
 static spin_status check_cfg(const char *path, const char *cloud, const struct model *m,
-                             struct spin_track *track)
+                             struct spin_sequence_info *sequence)
 {
     const struct {
         const char *key;
         bool is;
     } said[] = {{"is_blender", m->time[0].n_in > 0}, {"is_6dof", m->screw}};
     struct cfg_args cfg;
-    spin_status status = canonical_cfg(path, cloud, &cfg);
+    spin_status status = model_folder_cfg(path, cloud, &cfg);
 
     for (size_t i = 0; i < 2 && status == SPIN_OK; i++) {
         bool value = said[i].is;
@@ -353,30 +353,31 @@ static spin_status check_cfg(const char *path, const char *cloud, const struct m
             continue;
         spin_warn("'%s' says %s=%s, but the network in '%s' is otherwise, which counts", cfg.path,
                   said[i].key, value ? "True" : "False", m->path);
-        canonical_note(track, "cfg_args says %s=%s, the network is otherwise and counts\n",
-                       said[i].key, value ? "True" : "False");
+        model_folder_note(sequence, "cfg_args says %s=%s, the network is otherwise and counts\n",
+                          said[i].key, value ? "True" : "False");
     }
     cfg_close(&cfg);
     return status;
 }
 
-static void describe(struct model *m, const char *name, struct spin_track *track)
+static void describe(struct model *m, const char *name, struct spin_sequence_info *sequence)
 {
-    track->n_frames = 1;
-    track->counts = &m->n;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    track->still_columns = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
-    track->sh_degree = m->canonical.sh_degree;
-    track->continuous = true;
-    track->time_last = 1;
-    snprintf(track->variant, sizeof track->variant,
+    sequence->n_frames = 1;
+    sequence->counts = &m->n;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->static_columns = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
+    sequence->sh_degree = m->canonical.sh_degree;
+    sequence->continuous = true;
+    sequence->time_last = 1;
+    snprintf(sequence->variant, sizeof sequence->variant,
              "Deformable 3D Gaussians, %zu Gaussians, %s, %d layers of %d%s%s", m->n, name,
              m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
              m->screw ? ", 6dof" : "");
-    canonical_note(track, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)\n");
-    if (canonical_iteration(name) >= 0 && canonical_iteration(name) < WARM_UP)
-        canonical_note(track, "before iteration %d training does not use the network yet\n",
-                       WARM_UP);
+    model_folder_note(sequence,
+                      "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)\n");
+    if (model_folder_iteration(name) >= 0 && model_folder_iteration(name) < WARM_UP)
+        model_folder_note(sequence, "before iteration %d training does not use the network yet\n",
+                          WARM_UP);
 }
 
 /* Floats of one block: the input with a layer's output behind it, two layers, a head. */
@@ -386,29 +387,29 @@ static size_t scratch_floats(const struct model *m)
 }
 
 static spin_status open_model(const char *path, const struct save *save, struct model *m,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     SPIN_TRY(spin_strdup(save->network, &m->path));
-    SPIN_TRY(canonical_read(save->cloud, &m->canonical, NULL, NULL));
+    SPIN_TRY(model_folder_read(save->cloud, &m->canonical, NULL, NULL));
     m->n = m->canonical.n;
     SPIN_TRY(open_network(m));
-    SPIN_TRY(check_cfg(path, save->cloud, m, track));
-    describe(m, save->name, track);
+    SPIN_TRY(check_cfg(path, save->cloud, m, sequence));
+    describe(m, save->name, sequence);
     return mlp_team_create(scratch_floats(m), &m->team);
 }
 
 static spin_status deformable_open(const char *path, const struct spin_plugin_values *values,
-                                   void **self, struct spin_track *track)
+                                   void **self, struct spin_sequence_info *sequence)
 {
     struct save save = {NULL, NULL, NULL};
     char *model = NULL;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
     status = find_save(path, spin_plugin_value(values, "iteration", NULL), &model, &save);
     if (status == SPIN_OK)
-        status = open_model(model, &save, *self, track);
+        status = open_model(model, &save, *self, sequence);
     free(model);
     save_free(&save);
     return status;
@@ -626,7 +627,7 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
         mlp_team_run(&m->team, m->n, evaluate, &job);
         free(inputs);
     }
-    return canonical_check(m->path, time, columns, out);
+    return model_folder_check(m->path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

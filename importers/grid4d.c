@@ -5,7 +5,7 @@
  * length when the method's rasteriser takes it for one: see hash_finish(). */
 #include "spin.h"
 
-#include "importers/hashfield.h"
+#include "importers/lib/hashgrid_deform.h"
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
 
@@ -37,12 +37,12 @@ static int probe(const struct spin_peek *peek)
 
 /* network_args['directional']: the gate is -1..1, not 0..1. */
 static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                          struct model *model, struct spin_track *track)
+                          struct model *model, struct spin_sequence_info *sequence)
 {
     const char *given = spin_plugin_value(values, "directional", NULL);
     struct cfg_span s = cfg_item(cfg_get(cfg, "network_args"), "directional");
 
-    SPIN_TRY(hash_settings(cfg, values, &model->base, track));
+    SPIN_TRY(hash_settings(cfg, values, &model->base, sequence));
     model->directional = true;
     if (given) {
         if (!cfg_bool((struct cfg_span){given, given + strlen(given)}, &model->directional))
@@ -52,7 +52,8 @@ static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_v
             return spin_fail(SPIN_E_MALFORMED, "'%s': directional is neither True nor False",
                              cfg->path);
     } else {
-        canonical_note(track, "no cfg_args says 'directional': assumed true as the method does\n");
+        model_folder_note(sequence,
+                          "no cfg_args says 'directional': assumed true as the method does\n");
     }
     return SPIN_OK;
 }
@@ -82,7 +83,7 @@ static spin_status load_network(struct spin_torch *torch, struct model *model)
 
 static spin_status open_model(const struct hash_files *files,
                               const struct spin_plugin_values *values, struct model *model,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     struct spin_torch torch;
     struct cfg_args cfg;
@@ -90,33 +91,33 @@ static spin_status open_model(const struct hash_files *files,
 
     memset(&torch, 0, sizeof torch);
     SPIN_TRY(spin_strdup(files->deform, &model->base.path));
-    status = canonical_cfg(files->model, NULL, &cfg);
+    status = model_folder_cfg(files->model, NULL, &cfg);
     if (status == SPIN_OK)
         status = hash_blame(spin_torch_open(files->deform, &torch), files->deform);
     if (status == SPIN_OK)
         status = hash_blame(load_network(&torch, model), files->deform);
     if (status == SPIN_OK)
-        status = settle(&cfg, values, model, track);
+        status = settle(&cfg, values, model, sequence);
     spin_torch_close(&torch);
     cfg_close(&cfg);
     SPIN_TRY(status);
-    SPIN_TRY(canonical_read(files->cloud, &model->base.canonical, NULL, NULL));
+    SPIN_TRY(model_folder_read(files->cloud, &model->base.canonical, NULL, NULL));
     model->base.n = model->base.canonical.n;
-    hash_describe(&model->base, "Grid4D", track);
+    hash_describe(&model->base, "Grid4D", sequence);
     return mlp_team_create(3 * model->layer + 16 * MLP_BLOCK, &model->base.team);
 }
 
 static spin_status grid4d_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_track *track)
+                               void **self, struct spin_sequence_info *sequence)
 {
     struct hash_files files;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
     status = hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
     if (status == SPIN_OK)
-        status = open_model(&files, values, *self, track);
+        status = open_model(&files, values, *self, sequence);
     hash_files_free(&files);
     return status;
 }
@@ -247,7 +248,7 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
     hash_copy_still(&model->base, columns, out);
     if (columns & ~(unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
         mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
-    return canonical_check(model->base.path, time, columns, out);
+    return model_folder_check(model->base.path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -6,8 +6,8 @@
  * taken, or with --camera those that are alive for one of the given places. Format: modecgs.md. */
 #include "spin.h"
 
-#include "importers/canonical.h"
-#include "importers/hexplane.h"
+#include "importers/lib/model_folder.h"
+#include "importers/lib/hexplane.h"
 #include "io/npy.h"
 #include "io/zip.h"
 
@@ -177,8 +177,8 @@ static spin_status alloc_floats(size_t rows, size_t width, float **out)
 static spin_status count_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                                  struct model *model)
 {
-    int n_offset = canonical_count(e, "f_offset_"),
-        n_feature = canonical_count(e, "f_anchor_feat_");
+    int n_offset = model_folder_count(e, "f_offset_"),
+        n_feature = model_folder_count(e, "f_anchor_feat_");
 
     if (n_offset == 0 || n_feature == 0)
         return spin_fail(SPIN_E_MALFORMED,
@@ -210,21 +210,21 @@ static spin_status read_columns(const struct spin_ply *ply, const struct spin_pl
     SPIN_TRY(alloc_floats(model->n, 6, &model->scaling));
     SPIN_TRY(alloc_floats(model->n, 2, &model->dynamics));
     for (int d = 0; d < 3; d++)
-        SPIN_TRY(canonical_column(ply, e, axis[d], model->anchor + d, 3));
+        SPIN_TRY(model_folder_column(ply, e, axis[d], model->anchor + d, 3));
     for (size_t i = 0; i < 3 * k; i++) { /* axis-major in the file */
         char name[32];
 
         snprintf(name, sizeof name, "f_offset_%zu", i);
-        SPIN_TRY(canonical_column(ply, e, name, model->offset + 3 * (i % k) + i / k, 3 * k));
+        SPIN_TRY(model_folder_column(ply, e, name, model->offset + 3 * (i % k) + i / k, 3 * k));
     }
-    SPIN_TRY(canonical_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
-    SPIN_TRY(canonical_columns(ply, e, "scale_", 6, model->scaling, 6));
+    SPIN_TRY(model_folder_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
+    SPIN_TRY(model_folder_columns(ply, e, "scale_", 6, model->scaling, 6));
     for (size_t i = 0; i < 6 * model->n; i++)
         model->scaling[i] = expf(model->scaling[i]);
     for (int i = 0; i < 2; i++) {
         const char *name = shared ? "dynamics" : i == 0 ? "dynamics_0" : "dynamics_1";
 
-        SPIN_TRY(canonical_column(ply, e, name, model->dynamics + i, 2));
+        SPIN_TRY(model_folder_column(ply, e, name, model->dynamics + i, 2));
     }
     return SPIN_OK;
 }
@@ -237,7 +237,7 @@ static spin_status read_anchors(struct model *model)
     spin_status status;
 
     SPIN_TRY(spin_path_join(model->save, "point_cloud.ply", &path));
-    status = canonical_open(path, &ply, &e);
+    status = model_folder_open(path, &ply, &e);
     free(path);
     SPIN_TRY(status);
     SPIN_TRY_OUT(count_columns(&ply, e, model));
@@ -299,7 +299,7 @@ static spin_status read_times(const struct cfg_args *cfg, struct model *model)
 
 /* The nearest one; where that is still to come, a constant step back from it. Differs: the step
  * before would be the previous entry if the entries were even, but training shifts them. */
-static float canonical_time(const struct model *model, float time)
+static float model_folder_time(const struct model *model, float time)
 {
     int nearest = 0;
 
@@ -364,7 +364,7 @@ static spin_status open_network(const char *name, const struct cfg_args *cfg, st
 out:
     spin_torch_close(&torch);
     if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        status = spin_more(status, "cannot read '%s'", path);
+        status = spin_fail_context(status, "cannot read '%s'", path);
     free(path);
     return status;
 }
@@ -442,7 +442,7 @@ static spin_status read_opacity(struct model *model)
         status = read_layers(&zip, model);
     spin_zip_close(&zip);
     if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        status = spin_more(status, "cannot read '%s'", path);
+        status = spin_fail_context(status, "cannot read '%s'", path);
     free(path);
     return status;
 }
@@ -460,25 +460,26 @@ static size_t count_scratch(const struct model *model)
            (a + 4 + a + k) * MLP_BLOCK + 3 * k * MLP_BLOCK + 4 * MLP_BLOCK;
 }
 
-static void describe(struct model *model, struct spin_track *track)
+static void describe(struct model *model, struct spin_sequence_info *sequence)
 {
-    track->n_frames = 1;
-    track->counts = model->n_cameras > 0 ? NULL : &model->most;
-    track->columns = SPIN_COL_MEANS;
-    track->continuous = true;
-    track->time_last = 1;
-    snprintf(track->variant, sizeof track->variant,
+    sequence->n_frames = 1;
+    sequence->counts = model->n_cameras > 0 ? NULL : &model->most;
+    sequence->columns = SPIN_COL_MEANS;
+    sequence->continuous = true;
+    sequence->time_last = 1;
+    snprintf(sequence->variant, sizeof sequence->variant,
              "MoDec-GS, %zu anchors with %d offsets, %d segments", model->n, model->n_offsets,
              model->n_segments);
-    canonical_note(track, "positions only: opacity, shape and colour depend on the camera\n");
+    model_folder_note(sequence, "positions only: opacity, shape and colour depend on the camera\n");
     if (model->n_cameras == 0)
-        canonical_note(track, "all offsets are taken, also those that no camera sees: say where "
-                              "cameras stand with --camera\n");
-    canonical_note(track, "times run from 0 to 1 and are not stored\n");
+        model_folder_note(sequence,
+                          "all offsets are taken, also those that no camera sees: say where "
+                          "cameras stand with --camera\n");
+    model_folder_note(sequence, "times run from 0 to 1 and are not stored\n");
 }
 
 static spin_status open_model(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                              struct model *model, struct spin_track *track)
+                              struct model *model, struct spin_sequence_info *sequence)
 {
     SPIN_TRY(read_cameras(values, model));
     SPIN_TRY(read_anchors(model));
@@ -490,12 +491,12 @@ static spin_status open_model(const struct cfg_args *cfg, const struct spin_plug
         SPIN_TRY(read_opacity(model));
     SPIN_TRY(alloc_floats(model->most, 3, &model->centre));
     SPIN_TRY(spin_alloc(model->most, sizeof *model->kept, (void **)&model->kept));
-    describe(model, track);
+    describe(model, sequence);
     return mlp_team_create(count_scratch(model), &model->team);
 }
 
 static spin_status modecgs_open(const char *path, const struct spin_plugin_values *values,
-                                void **self, struct spin_track *track)
+                                void **self, struct spin_sequence_info *sequence)
 {
     const char *wanted = spin_plugin_value(values, "iteration", NULL);
     struct cfg_args cfg;
@@ -503,21 +504,21 @@ static spin_status modecgs_open(const char *path, const struct spin_plugin_value
     bool coarse;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
     model = *self;
-    SPIN_TRY(canonical_save(path, wanted, "deformation_GAD.pth", &model->save));
+    SPIN_TRY(model_folder_save(path, wanted, "deformation_GAD.pth", &model->save));
     if (!model->save)
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s",
                          path, wanted ? wanted : "<N>",
-                         canonical_search(path, "deformation.pth", &coarse)
+                         model_folder_search(path, "deformation.pth", &coarse)
                              ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of "
                                "MoDec-GS without GLMD, which is not read"
                              : "");
-    status = canonical_cfg(path, model->save, &cfg);
+    status = model_folder_cfg(path, model->save, &cfg);
     if (status == SPIN_OK)
-        status = open_model(&cfg, values, model, track);
+        status = open_model(&cfg, values, model, sequence);
     cfg_close(&cfg);
     return status;
 }
@@ -701,7 +702,7 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
                                  struct spin_splats *out)
 {
     struct model *model = self;
-    struct job job = {model, (float)time, canonical_time(model, (float)time)};
+    struct job job = {model, (float)time, model_folder_time(model, (float)time)};
     size_t n = 0;
 
     (void)frame;
@@ -720,7 +721,7 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
         if (model->kept[i])
             memcpy(out->means + 3 * n++, model->centre + 3 * i, 3 * sizeof *out->means);
     }
-    return canonical_check(model->save, time, columns, out);
+    return model_folder_check(model->save, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -8,9 +8,9 @@
 
 #include <string.h>
 
-#include "importers/mlp_eval.h"
-#include "importers/settings.h"
-#include "importers/sliced.h"
+#include "importers/lib/mlp_eval.h"
+#include "importers/lib/run_config.h"
+#include "importers/lib/gaussian4d.h"
 #include "io/xz.h"
 #include "math/contract.h"
 
@@ -41,10 +41,10 @@ struct model {
     struct spin_pickle pickle;
     bool parsed, moving; /* moving: FTGS */
     char *path;
-    struct settings settings;
+    struct run_config settings;
     struct clip_times times;
     size_t n;
-    struct sliced gaussians;
+    struct gaussian4d gaussians;
     float *app; /* [n][6] of the rows of the file */
     struct mlp_linear layer[N_NETS][2];
     float *zero;          /* the biases: there are none */
@@ -283,7 +283,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
         status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
                            spin_value_at(tables, i), at, width, out);
         if (status != SPIN_OK)
-            return spin_more(status, "'%s' part %zu", name, i);
+            return spin_fail_context(status, "'%s' part %zu", name, i);
         at += (size_t)book->shape[1];
     }
     if (at != width)
@@ -395,7 +395,7 @@ struct pass {
 /* The place that the networks see: the Gaussian's own, or where FTGS has moved it. */
 static spin_vec3 place_of(const struct pass *p, size_t i)
 {
-    const struct sliced *g = &p->m->gaussians;
+    const struct gaussian4d *g = &p->m->gaussians;
     double dt = p->m->moving ? p->time - g->time[i] : 0;
     float x[3];
 
@@ -425,7 +425,7 @@ static void encode_block(const struct pass *p, size_t first, int n, float *encod
 static void fill_input(const struct pass *p, size_t first, int n, int from, const float *features,
                        float *in)
 {
-    const struct sliced *g = &p->m->gaussians;
+    const struct gaussian4d *g = &p->m->gaussians;
 
     memcpy(in, features, N_FEATURES * MLP_BLOCK * sizeof *in);
     for (int b = 0; b < n; b++) {
@@ -482,7 +482,7 @@ static void run_block(void *context, size_t first, int n, float *scratch)
 
             p->out->logit_opacities[k] =
                 logit_of(sigmoid_of(result[b]) *
-                         sliced_weight(&m->gaussians, m->gaussians.kept[k], p->time));
+                         gaussian4d_weight(&m->gaussians, m->gaussians.kept[k], p->time));
         }
     }
     if (p->columns & SPIN_COL_SH)
@@ -538,8 +538,8 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
             scale[k] = c->scale[3 * i + k];
             velocity[k] = c->velocity[3 * i + k];
         }
-        sliced_add(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, velocity, exp(2.0 * c->scale_t[i]),
-                   scale, quat);
+        gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, velocity,
+                       exp(2.0 * c->scale_t[i]), scale, quat);
         return;
     }
     for (size_t k = 0; k < 4; k++) {
@@ -549,35 +549,36 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
     }
     spin_rotation4_of_pair(quat, right, 0, a);
     spin_slice_of(a, scale, &slice);
-    sliced_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
+    gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
 }
 
-static spin_status add_rows(struct model *m, const struct columns *c, struct spin_track *track)
+static spin_status add_rows(struct model *m, const struct columns *c,
+                            struct spin_sequence_info *sequence)
 {
-    SPIN_TRY(sliced_reserve(&m->gaussians, m->n));
+    SPIN_TRY(gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++)
         add_row(m, c, i);
     if (m->gaussians.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
     if (m->gaussians.n_dropped > 0)
-        add_note(track, "%zu of %zu Gaussians are dropped: values that are not finite",
+        add_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
                  m->gaussians.n_dropped, m->n);
     return SPIN_OK;
 }
 
 static spin_status find_times(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     const char *asked = spin_plugin_value(values, "time-duration", NULL);
 
     if (m->moving) /* fixed in its code, and no formula needs it */
-        return settings_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
-    SPIN_TRY(settings_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
-                           &m->settings));
-    SPIN_TRY(settings_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1, SPREAD,
-                            &m->times));
+        return run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
+    SPIN_TRY(run_config_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
+                             &m->settings));
+    SPIN_TRY(run_config_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1, SPREAD,
+                              &m->times));
     if (m->times.guessed)
-        add_note(track,
+        add_note(sequence,
                  "time_duration is not in the file: guessed %g,%g from the Gaussians' times; "
                  "colours and opacities depend on it: --time-duration or --config decides",
                  m->times.first, m->times.last);
@@ -629,7 +630,7 @@ static spin_status parse(struct model *m)
 }
 
 static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     struct columns c = {0};
     spin_status status;
@@ -637,17 +638,17 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     SPIN_TRY(parse(m));
     SPIN_TRY_OUT(load_columns(m, &c));
     SPIN_TRY_OUT(load_nets(m));
-    SPIN_TRY_OUT(add_rows(m, &c, track));
-    SPIN_TRY_OUT(find_times(m, values, track));
+    SPIN_TRY_OUT(add_rows(m, &c, sequence));
+    SPIN_TRY_OUT(find_times(m, values, sequence));
     spin_pickle_free(&m->pickle);
     m->parsed = false;
-    track->n_frames = 1;
-    track->continuous = true;
-    track->time_first = m->times.first;
-    track->time_last = m->times.last;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    track->sh_degree = 3;
-    snprintf(track->variant, sizeof track->variant, "%s, %zu Gaussians",
+    sequence->n_frames = 1;
+    sequence->continuous = true;
+    sequence->time_first = m->times.first;
+    sequence->time_last = m->times.last;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = 3;
+    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
 out:
     columns_free(&c);
@@ -655,18 +656,18 @@ out:
 }
 
 static spin_status omg4_open(const char *path, const struct spin_plugin_values *values, void **self,
-                             struct spin_track *track)
+                             struct spin_sequence_info *sequence)
 {
     struct model *m;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *m, self));
     m = *self;
     SPIN_TRY(find_file(path, &m->path));
-    status = open_model(m, values, track);
+    status = open_model(m, values, sequence);
     if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_more(status, "cannot read '%s'", m->path);
+        return spin_fail_context(status, "cannot read '%s'", m->path);
     return status;
 }
 
@@ -678,8 +679,8 @@ static void omg4_close(void *self)
         return;
     if (m->parsed)
         spin_pickle_free(&m->pickle);
-    settings_close(&m->settings);
-    sliced_free(&m->gaussians);
+    run_config_close(&m->settings);
+    gaussian4d_free(&m->gaussians);
     for (int net = 0; net < N_NETS; net++) {
         free(m->layer[net][0].weight);
         free(m->layer[net][1].weight);
@@ -703,9 +704,9 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
     if (frame < 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sliced_select(&m->gaussians, time, m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT, 0);
+    gaussian4d_select(&m->gaussians, time, m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT, 0);
     SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, 3));
-    sliced_fill(&m->gaussians, time, columns & ~(unsigned)SPIN_COL_LOGIT_OPACITIES, out);
+    gaussian4d_fill(&m->gaussians, time, columns & ~(unsigned)SPIN_COL_LOGIT_OPACITIES, out);
     if (!(columns & (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH)))
         return SPIN_OK;
     if (!m->team.scratch)

@@ -251,7 +251,7 @@ static int by_number(const void *a, const void *b)
 }
 
 /* Numeric order; "frame_10" comes after "frame_9". Without any numbers the order of the names. */
-static spin_status sort_frames(struct clip *clip, struct spin_track *track)
+static spin_status sort_frames(struct clip *clip, struct spin_sequence_info *sequence)
 {
     const struct frame_file *f;
     size_t n_numbered = 0;
@@ -263,7 +263,7 @@ static spin_status sort_frames(struct clip *clip, struct spin_track *track)
         n_numbered += f[i].number >= 0;
     if (n_numbered == 0) {
         if (clip->n_frames > 1)
-            snprintf(track->notes, sizeof track->notes,
+            snprintf(sequence->notes, sizeof sequence->notes,
                      "file names have no numbers: frames are in the order of the names\n");
         return SPIN_OK;
     }
@@ -280,7 +280,7 @@ static spin_status sort_frames(struct clip *clip, struct spin_track *track)
     missing = (long long)f[clip->n_frames - 1].number - f[0].number + 1 - (long long)clip->n_frames;
     for (size_t i = 1; missing > 0 && i < clip->n_frames; i++) {
         if (f[i].number > f[i - 1].number + 1) {
-            snprintf(track->notes, sizeof track->notes,
+            snprintf(sequence->notes, sizeof sequence->notes,
                      "frame numbers have gaps: %lld missing, the first is %d\n", missing,
                      f[i - 1].number + 1);
             break;
@@ -488,35 +488,36 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static void add_note(struct spin_track *track, const char *fmt, ...) SPIN_PRINTF(2, 3);
-static void add_note(struct spin_track *track, const char *fmt, ...)
+static void add_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
+static void add_note(struct spin_sequence_info *sequence, const char *fmt, ...)
 {
-    size_t used = strlen(track->notes);
+    size_t used = strlen(sequence->notes);
     va_list args;
 
     va_start(args, fmt);
-    vsnprintf(track->notes + used, sizeof track->notes - used, fmt, args);
+    vsnprintf(sequence->notes + used, sizeof sequence->notes - used, fmt, args);
     va_end(args);
 }
 
 /* What the writer said about itself, from the first frame. */
 static void note_writer(const struct spin_ply *ply, const struct content *c,
-                        struct spin_track *track)
+                        struct spin_sequence_info *sequence)
 {
     for (size_t i = 0; i < ply->n_comments; i++) {
         if (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
             strcmp(ply->comment[i], "antialiased 1") == 0) {
-            add_note(track, "trained with an anti-aliasing rasteriser, and drawn so here\n");
-            track->antialias = true;
+            add_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here\n");
+            sequence->antialias = true;
         }
     }
     if (has(c->vertex, "filter_3D")) {
-        add_note(track, "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out "
-                        "too small\n");
+        add_note(sequence,
+                 "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out "
+                 "too small\n");
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
     }
     if (c->n_rest > 45) {
-        add_note(track, "SH degree 4 is cut to degree 3\n");
+        add_note(sequence, "SH degree 4 is cut to degree 3\n");
         spin_warn("'%s': SH degree 4 is cut to degree 3", ply->path);
     }
 }
@@ -554,7 +555,7 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
     return SPIN_OK;
 }
 
-static spin_status open_frame(struct clip *clip, size_t i, struct spin_track *track)
+static spin_status open_frame(struct clip *clip, size_t i, struct spin_sequence_info *sequence)
 {
     struct spin_ply ply;
     struct content c;
@@ -566,11 +567,11 @@ static spin_status open_frame(struct clip *clip, size_t i, struct spin_track *tr
     if (i == 0) {
         clip->kind = c.kind;
         SPIN_TRY_OUT(keep_names(clip, c.vertex));
-        note_writer(&ply, &c, track);
+        note_writer(&ply, &c, sequence);
     } else {
         SPIN_TRY_OUT(compare_names(clip, &ply, &c));
-        if (c.sh_degree != clip->sh_degree && !strstr(track->notes, "padded"))
-            add_note(track, "the SH degree differs between frames: padded with zeros\n");
+        if (c.sh_degree != clip->sh_degree && !strstr(sequence->notes, "padded"))
+            add_note(sequence, "the SH degree differs between frames: padded with zeros\n");
     }
     if (i == 0 || c.sh_degree > clip->sh_degree)
         clip->sh_degree = c.sh_degree;
@@ -584,7 +585,7 @@ out:
     return status;
 }
 
-static spin_status describe(struct clip *clip, struct spin_track *track)
+static spin_status describe(struct clip *clip, struct spin_sequence_info *sequence)
 {
     static const char *const what[] = {"plain points", "coloured points", "Gaussians",
                                        "SuperSplat's compressed Gaussians"};
@@ -599,38 +600,38 @@ static spin_status describe(struct clip *clip, struct spin_track *track)
     }
     if (n_all == 0)
         return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", clip->frame[0].path);
-    track->n_frames = (int)clip->n_frames;
-    track->numbers = clip->numbers[0] >= 0 ? clip->numbers : NULL;
-    track->counts = clip->counts;
-    track->columns = SPIN_COL_MEANS;
+    sequence->n_frames = (int)clip->n_frames;
+    sequence->numbers = clip->numbers[0] >= 0 ? clip->numbers : NULL;
+    sequence->counts = clip->counts;
+    sequence->columns = SPIN_COL_MEANS;
     if (clip->kind >= GAUSSIANS)
-        track->columns |= SPIN_COL_ATTRIBUTES;
+        sequence->columns |= SPIN_COL_ATTRIBUTES;
     else if (clip->kind == COLOURED)
-        track->columns |= SPIN_COL_RGB;
-    track->sh_degree = clip->sh_degree;
-    track->time_last = (double)(clip->n_frames - 1);
-    snprintf(track->variant, sizeof track->variant, "%s of %s",
+        sequence->columns |= SPIN_COL_RGB;
+    sequence->sh_degree = clip->sh_degree;
+    sequence->time_last = (double)(clip->n_frames - 1);
+    snprintf(sequence->variant, sizeof sequence->variant, "%s of %s",
              clip->n_frames == 1 ? "one PLY file" : "PLY files", what[clip->kind]);
     return SPIN_OK;
 }
 
 static spin_status ply_open(const char *path, const struct spin_plugin_values *values, void **self,
-                            struct spin_track *track)
+                            struct spin_sequence_info *sequence)
 {
     struct clip *clip;
 
     (void)values;
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *clip, self));
     clip = *self;
     clip->sh_degree = -1;
     SPIN_TRY(find_files(path, clip));
     if (clip->n_frames > INT_MAX)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds too many files", path);
-    SPIN_TRY(sort_frames(clip, track));
+    SPIN_TRY(sort_frames(clip, sequence));
     for (size_t i = 0; i < clip->n_frames; i++)
-        SPIN_TRY(open_frame(clip, i, track));
-    return describe(clip, track);
+        SPIN_TRY(open_frame(clip, i, sequence));
+    return describe(clip, sequence);
 }
 
 static void ply_close(void *self)

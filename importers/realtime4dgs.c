@@ -9,8 +9,8 @@
 #include <ctype.h>
 #include <string.h>
 
-#include "importers/settings.h"
-#include "importers/sliced.h"
+#include "importers/lib/run_config.h"
+#include "importers/lib/gaussian4d.h"
 #include "io/torch.h"
 
 /* The renderer skips a Gaussian whose weight in time is not above this. */
@@ -31,7 +31,7 @@ struct parts {
 struct model {
     struct spin_torch torch;
     char *path;
-    struct settings settings;
+    struct run_config settings;
     struct parts parts;
     bool torch_open, rot_4d, older, stale;
     struct spin_tensor dc, rest;
@@ -41,7 +41,7 @@ struct model {
     double ratio;         /* the data set's times over the file's */
     double extra;         /* prefilter_var, or 0 */
     struct clip_times times;
-    struct sliced gaussians;
+    struct gaussian4d gaussians;
     float *sh;    /* [rows][3] scratch */
     size_t count; /* of a static scene, for the track */
 };
@@ -430,7 +430,7 @@ static double median_extent(const struct columns *c, size_t n, bool older)
 /* Under the wrong convention the long time axis of static Gaussians lies in space, so the right one
  * has the smaller ellipsoids (realtime4dgs.md, section 3.1). */
 static spin_status choose_convention(struct model *m, const struct columns *c, const char *asked,
-                                     struct spin_track *track)
+                                     struct spin_sequence_info *sequence)
 {
     double today = median_extent(c, m->n, false), older = median_extent(c, m->n, true);
     bool hint = older < 0.95 * today;
@@ -440,12 +440,12 @@ static spin_status choose_convention(struct model *m, const struct columns *c, c
                          asked);
     m->older = strcmp(asked, "auto") == 0 ? hint : strcmp(asked, "older") == 0;
     if (strcmp(asked, "auto") == 0)
-        add_note(track,
+        add_note(sequence,
                  "the convention of rotations is not in the file: guessed '%s' from the sizes of "
                  "the Gaussians (median %.3g; %.3g with the other); --convention decides",
                  m->older ? "older" : "today", m->older ? older : today, m->older ? today : older);
     else if (hint != m->older)
-        add_note(track,
+        add_note(sequence,
                  "the sizes of the Gaussians speak for the other convention of rotations (median "
                  "%.3g; %.3g with the one asked for)",
                  hint ? older : today, hint ? today : older);
@@ -472,7 +472,7 @@ static void add_row(struct model *m, const struct columns *c, size_t i, bool tra
         spin_slice s;
 
         slice_row(c, i, m->older, &s);
-        sliced_add_slice(&m->gaussians, i, c->xyz + 3 * i, time, opacity, &s, m->extra);
+        gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, time, opacity, &s, m->extra);
         return;
     }
     /* Here the exponential is the variance itself (realtime4dgs.md, section 3.2). */
@@ -481,17 +481,18 @@ static void add_row(struct model *m, const struct columns *c, size_t i, bool tra
         log_scale[k] = c->scaling[3 * i + (size_t)k];
         quat[k + 1] = transposed ? -quat[k + 1] : quat[k + 1];
     }
-    sliced_add(&m->gaussians, i, c->xyz + 3 * i, time, opacity, still,
-               m->parts.moving ? exp(c->scaling_t[i]) + m->extra : 1, log_scale, quat);
+    gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, time, opacity, still,
+                   m->parts.moving ? exp(c->scaling_t[i]) + m->extra : 1, log_scale, quat);
 }
 
-static spin_status add_rows(struct model *m, const struct columns *c, struct spin_track *track)
+static spin_status add_rows(struct model *m, const struct columns *c,
+                            struct spin_sequence_info *sequence)
 {
     bool transposed =
         !m->rot_4d && m->parts.moving && yaml_bool(&m->settings, "compute_cov3D_python", false);
     size_t n_faint = 0, n_bad_sh = 0;
 
-    SPIN_TRY(sliced_reserve(&m->gaussians, m->n));
+    SPIN_TRY(gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++) {
         if (!m->stale && !sh_finite(m, i)) {
             n_bad_sh++;
@@ -504,20 +505,21 @@ static spin_status add_rows(struct model *m, const struct columns *c, struct spi
     if (m->gaussians.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
     if (m->gaussians.n_dropped > 0)
-        add_note(track, "%zu of %zu Gaussians are dropped: values that are not finite",
+        add_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
                  m->gaussians.n_dropped, m->n);
     if (!m->stale && n_faint > 0.99 * (double)m->n)
-        add_note(track, "nearly all opacities are below 0.02: training saved this just after it "
-                        "had reset them; positions are fine");
+        add_note(sequence, "nearly all opacities are below 0.02: training saved this just after it "
+                           "had reset them; positions are fine");
     if (transposed)
-        add_note(track, "'%s' has compute_cov3D_python, so rotations are transposed",
+        add_note(sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
                  m->settings.yaml_path);
     return SPIN_OK;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static spin_status find_checkpoint(const char *path, char **out, struct spin_track *track)
+static spin_status find_checkpoint(const char *path, char **out,
+                                   struct spin_sequence_info *sequence)
 {
     char **names = NULL;
     const char *best = NULL;
@@ -542,7 +544,8 @@ static spin_status find_checkpoint(const char *path, char **out, struct spin_tra
     status = best ? spin_path_join(path, best, out)
                   : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth", path);
     if (best && both && iteration >= 0)
-        add_note(track, "'%s' is read; chkpnt_best.pth is there too: name it to import it", best);
+        add_note(sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
+                 best);
     spin_folder_list_free(names);
     return status;
 }
@@ -597,47 +600,48 @@ static bool cosines_are_zero(struct model *m)
     return true;
 }
 
-static void note_losses(struct model *m, struct spin_track *track)
+static void note_losses(struct model *m, struct spin_sequence_info *sequence)
 {
     const struct spin_value *env = m->parts.env_map;
 
     if (m->stale)
-        add_note(track, "a checkpoint of OMG4, whose colours and opacities live in networks that "
-                        "are not in it: geometry only; import comp.xz for the rest");
+        add_note(sequence,
+                 "a checkpoint of OMG4, whose colours and opacities live in networks that "
+                 "are not in it: geometry only; import comp.xz for the rest");
     if (m->times.guessed)
-        add_note(track,
+        add_note(sequence,
                  "time_duration is not in the run's folder: guessed %g,%g from the Gaussians' "
                  "times%s; --time-duration or --config decides",
                  m->times.first, m->times.last,
                  m->degree_t > 0 ? ", and colours depend on it" : "");
     if (is_kind(env, SPIN_VALUE_TENSOR) && env->tensor.count > 0)
-        add_note(track, "the environment map is lost: windows and far background go missing");
+        add_note(sequence, "the environment map is lost: windows and far background go missing");
     if (m->parts.masked)
-        add_note(track, "the mask of a fork (its last item) is ignored");
+        add_note(sequence, "the mask of a fork (its last item) is ignored");
     if (!m->stale && m->degree_t > 0 && cosines_are_zero(m))
-        add_note(track, "all temporal SH are 0: colours do not change");
+        add_note(sequence, "all temporal SH are 0: colours do not change");
 }
 
-static void describe(struct model *m, struct spin_track *track)
+static void describe(struct model *m, struct spin_sequence_info *sequence)
 {
     char iteration[48] = "";
 
-    track->n_frames = 1;
-    track->continuous = m->parts.moving;
-    track->time_first = m->times.first;
-    track->time_last = m->times.last;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES;
+    sequence->n_frames = 1;
+    sequence->continuous = m->parts.moving;
+    sequence->time_first = m->times.first;
+    sequence->time_last = m->times.last;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES;
     if (!m->stale) {
-        track->columns |= SPIN_COL_ATTRIBUTES;
-        track->sh_degree = m->degree;
+        sequence->columns |= SPIN_COL_ATTRIBUTES;
+        sequence->sh_degree = m->degree;
     }
     if (!m->parts.moving) {
         m->count = m->gaussians.n;
-        track->counts = &m->count;
+        sequence->counts = &m->count;
     }
     if (m->parts.iteration >= 0)
         snprintf(iteration, sizeof iteration, ", iteration %.0f", m->parts.iteration);
-    snprintf(track->variant, sizeof track->variant,
+    snprintf(sequence->variant, sizeof sequence->variant,
              "Realtime-4DGS%s, %zu Gaussians, %s, SH degree %d%s", iteration, m->n,
              !m->parts.moving ? "static (3D)"
              : m->rot_4d      ? "rot_4d"
@@ -646,7 +650,7 @@ static void describe(struct model *m, struct spin_track *track)
 }
 
 static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     struct columns c = {0};
     spin_status status;
@@ -654,8 +658,8 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     SPIN_TRY(spin_torch_open(m->path, &m->torch));
     m->torch_open = true;
     SPIN_TRY(take_parts(m->torch.root, &m->parts));
-    SPIN_TRY(settings_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
-                           &m->settings));
+    SPIN_TRY(run_config_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
+                             &m->settings));
     SPIN_TRY(count_rows(m));
     SPIN_TRY(read_flags(m));
     if (!m->stale) {
@@ -665,32 +669,32 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     SPIN_TRY_OUT(load_columns(m, &c));
     if (m->rot_4d)
         SPIN_TRY_OUT(
-            choose_convention(m, &c, spin_plugin_value(values, "convention", "auto"), track));
-    SPIN_TRY_OUT(add_rows(m, &c, track));
+            choose_convention(m, &c, spin_plugin_value(values, "convention", "auto"), sequence));
+    SPIN_TRY_OUT(add_rows(m, &c, sequence));
     if (m->parts.moving)
-        SPIN_TRY_OUT(settings_times(&m->settings, spin_plugin_value(values, "time-duration", NULL),
-                                    m->gaussians.time, m->gaussians.n, m->ratio, SPREAD,
-                                    &m->times));
-    note_losses(m, track);
-    describe(m, track);
+        SPIN_TRY_OUT(
+            run_config_times(&m->settings, spin_plugin_value(values, "time-duration", NULL),
+                             m->gaussians.time, m->gaussians.n, m->ratio, SPREAD, &m->times));
+    note_losses(m, sequence);
+    describe(m, sequence);
 out:
     columns_free(&c);
     return status;
 }
 
 static spin_status realtime4dgs_open(const char *path, const struct spin_plugin_values *values,
-                                     void **self, struct spin_track *track)
+                                     void **self, struct spin_sequence_info *sequence)
 {
     struct model *m;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *m, self));
     m = *self;
-    SPIN_TRY(find_checkpoint(path, &m->path, track));
-    status = open_model(m, values, track);
+    SPIN_TRY(find_checkpoint(path, &m->path, sequence));
+    status = open_model(m, values, sequence);
     if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_more(status, "cannot read '%s'", m->path);
+        return spin_fail_context(status, "cannot read '%s'", m->path);
     return status;
 }
 
@@ -702,8 +706,8 @@ static void realtime4dgs_close(void *self)
         return;
     if (m->torch_open)
         spin_torch_close(&m->torch);
-    settings_close(&m->settings);
-    sliced_free(&m->gaussians);
+    run_config_close(&m->settings);
+    gaussian4d_free(&m->gaussians);
     free(m->sh);
     free(m->path);
     free(m);
@@ -733,9 +737,9 @@ static spin_status realtime4dgs_frame(void *self, int frame, double time, unsign
     columns &= SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES |
                (m->stale ? 0 : SPIN_COL_ATTRIBUTES);
     time = m->parts.moving ? time / m->ratio : 0;
-    sliced_select(&m->gaussians, time, LEAST_WEIGHT, 0);
+    gaussian4d_select(&m->gaussians, time, LEAST_WEIGHT, 0);
     SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, m->degree));
-    sliced_fill(&m->gaussians, time, columns, out);
+    gaussian4d_fill(&m->gaussians, time, columns, out);
     for (size_t k = 0; k < m->gaussians.n_kept && (columns & SPIN_COL_SH); k++) {
         size_t i = m->gaussians.kept[k];
 

@@ -9,8 +9,8 @@
 #include <ctype.h>
 #include <string.h>
 
-#include "importers/settings.h"
-#include "importers/sliced.h"
+#include "importers/lib/run_config.h"
+#include "importers/lib/gaussian4d.h"
 #include "io/json.h"
 #include "io/torch.h"
 
@@ -25,7 +25,7 @@ struct model {
     struct spin_torch torch;
     bool torch_open;
     char *path;
-    struct settings settings;
+    struct run_config settings;
     const struct spin_value *tensors; /* the state dict */
     char prefix[256];                 /* of the names in it */
     struct spin_tensor dc, rest;
@@ -34,7 +34,7 @@ struct model {
     double step; /* of training; -1: not told */
     double least_weight, least_opacity;
     struct clip_times times;
-    struct sliced gaussians;
+    struct gaussian4d gaussians;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -146,7 +146,7 @@ static spin_status count_rows(struct model *m)
     return SPIN_OK;
 }
 
-static spin_status bind_sh(struct model *m, struct spin_track *track)
+static spin_status bind_sh(struct model *m, struct spin_sequence_info *sequence)
 {
     int64_t three[3] = {(int64_t)m->n, 1, 3}, two[2] = {(int64_t)m->n, 3};
     int64_t rest[3] = {(int64_t)m->n, -1, 3};
@@ -163,7 +163,7 @@ static spin_status bind_sh(struct model *m, struct spin_track *track)
                          "'%sfeatures_rest' has %zu rows of SH, expected 0, 3, 8, 15 or 24",
                          m->prefix, m->n_rest);
     if (degree == 4)
-        add_note(track, "SH of degree 4 are cut to degree 3");
+        add_note(sequence, "SH of degree 4 are cut to degree 3");
     m->degree = degree < 3 ? degree : 3;
     return SPIN_OK;
 }
@@ -202,15 +202,16 @@ static void add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
     }
     spin_matrix4_of_rotor(rotor, matrix);
     spin_slice_of(matrix, scale, &slice);
-    sliced_add_slice(&m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i], sigmoid_of(c[OPACITIES][i]),
-                     &slice, 0);
+    gaussian4d_add_slice(&m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i], sigmoid_of(c[OPACITIES][i]),
+                         &slice, 0);
 }
 
-static spin_status add_rows(struct model *m, float *const c[N_COLUMNS], struct spin_track *track)
+static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
+                            struct spin_sequence_info *sequence)
 {
     size_t n_faint = 0, n_bad_sh = 0;
 
-    SPIN_TRY(sliced_reserve(&m->gaussians, m->n));
+    SPIN_TRY(gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++) {
         float sh[48];
         double sum = 0;
@@ -229,13 +230,13 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS], struct s
     if (m->gaussians.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
     if (m->gaussians.n_dropped > 0)
-        add_note(track,
+        add_note(sequence,
                  "%zu of %zu Gaussians are dropped: values that are not finite, or rotors "
                  "of 0",
                  m->gaussians.n_dropped, m->n);
     if (n_faint > 0.99 * (double)m->n)
-        add_note(track, "nearly all opacities are below 0.02: training saved this just after it "
-                        "had reset them; positions are fine");
+        add_note(sequence, "nearly all opacities are below 0.02: training saved this just after it "
+                           "had reset them; positions are fine");
     return SPIN_OK;
 }
 
@@ -286,7 +287,7 @@ static bool is_identity(const spin_json *json)
 }
 
 /* dataparser_transforms.json lies one folder above the checkpoint's. */
-static spin_status note_transform(const struct model *m, struct spin_track *track)
+static spin_status note_transform(const struct model *m, struct spin_sequence_info *sequence)
 {
     char *folder = NULL, *above = NULL, *path = NULL;
     spin_json *json = NULL;
@@ -296,8 +297,9 @@ static spin_status note_transform(const struct model *m, struct spin_track *trac
     SPIN_TRY_OUT(spin_path_join(folder, "..", &above));
     SPIN_TRY_OUT(spin_path_join(above, "dataparser_transforms.json", &path));
     if (spin_path_exists(path) && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
-        add_note(track, "dataparser_transforms.json moves and scales the scene: positions are in "
-                        "that space, not in the data set's");
+        add_note(sequence,
+                 "dataparser_transforms.json moves and scales the scene: positions are in "
+                 "that space, not in the data set's");
 out:
     spin_json_free(json);
     free(folder);
@@ -323,29 +325,29 @@ static spin_status read_cull(struct model *m, const char *rule)
     return SPIN_OK;
 }
 
-static void describe(struct model *m, struct spin_track *track)
+static void describe(struct model *m, struct spin_sequence_info *sequence)
 {
     char step[48] = "";
 
-    track->n_frames = 1;
-    track->continuous = true;
-    track->time_first = m->times.first;
-    track->time_last = m->times.last;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    track->sh_degree = m->degree;
+    sequence->n_frames = 1;
+    sequence->continuous = true;
+    sequence->time_first = m->times.first;
+    sequence->time_last = m->times.last;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = m->degree;
     if (m->step >= 0)
         snprintf(step, sizeof step, ", step %.0f", m->step);
-    snprintf(track->variant, sizeof track->variant,
+    snprintf(sequence->variant, sizeof sequence->variant,
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->degree);
     if (m->times.guessed)
-        add_note(track,
+        add_note(sequence,
                  "the checkpoint does not tell the range of times: guessed %g,%g from the "
                  "Gaussians' own; --time-range decides",
                  m->times.first, m->times.last);
 }
 
 static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_track *track)
+                              struct spin_sequence_info *sequence)
 {
     const struct spin_value *root;
     float *c[N_COLUMNS] = {NULL};
@@ -363,34 +365,34 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
                                            "nerfstudio's have");
     SPIN_TRY(find_prefix(m));
     SPIN_TRY(count_rows(m));
-    SPIN_TRY(bind_sh(m, track));
+    SPIN_TRY(bind_sh(m, sequence));
     for (int k = 0; k < N_COLUMNS && status == SPIN_OK; k++)
         status = load(m, columns_of[k].key, columns_of[k].width, &c[k]);
     if (status == SPIN_OK)
-        status = add_rows(m, c, track);
+        status = add_rows(m, c, sequence);
     for (int k = 0; k < N_COLUMNS; k++)
         free(c[k]);
     SPIN_TRY(status);
-    SPIN_TRY(settings_times(&m->settings, spin_plugin_value(values, "time-range", NULL),
-                            m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
-    SPIN_TRY(note_transform(m, track));
-    describe(m, track);
+    SPIN_TRY(run_config_times(&m->settings, spin_plugin_value(values, "time-range", NULL),
+                              m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
+    SPIN_TRY(note_transform(m, sequence));
+    describe(m, sequence);
     return SPIN_OK;
 }
 
 static spin_status rotor4dgs_open(const char *path, const struct spin_plugin_values *values,
-                                  void **self, struct spin_track *track)
+                                  void **self, struct spin_sequence_info *sequence)
 {
     struct model *m;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *m, self));
     m = *self;
     SPIN_TRY(find_checkpoint(path, &m->path));
-    status = open_model(m, values, track);
+    status = open_model(m, values, sequence);
     if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_more(status, "cannot read '%s'", m->path);
+        return spin_fail_context(status, "cannot read '%s'", m->path);
     return status;
 }
 
@@ -402,8 +404,8 @@ static void rotor4dgs_close(void *self)
         return;
     if (m->torch_open)
         spin_torch_close(&m->torch);
-    settings_close(&m->settings);
-    sliced_free(&m->gaussians);
+    run_config_close(&m->settings);
+    gaussian4d_free(&m->gaussians);
     free(m->path);
     free(m);
 }
@@ -414,14 +416,14 @@ static spin_status rotor4dgs_frame(void *self, int frame, double time, unsigned 
                                    struct spin_splats *out)
 {
     struct model *m = self;
-    struct sliced *g = &m->gaussians;
+    struct gaussian4d *g = &m->gaussians;
 
     if (frame < 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sliced_select(g, time, m->least_weight, m->least_opacity);
+    gaussian4d_select(g, time, m->least_weight, m->least_opacity);
     SPIN_TRY(spin_splats_reserve(out, g->n_kept, columns, m->degree));
-    sliced_fill(g, time, columns, out);
+    gaussian4d_fill(g, time, columns, out);
     for (size_t k = 0; k < g->n_kept && (columns & SPIN_COL_SH); k++)
         read_sh(m, g->row[g->kept[k]], out->sh + sh_width(m) * k);
     return SPIN_OK;

@@ -4,7 +4,7 @@
  * The published code reads the mask in several ways (tc3dgs.md, section 3). Training renders with a
  * hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask hides is
  * left out, not shrunk: a scale of 0 has no logarithm. */
-#include "importers/d3dgs_run.h"
+#include "importers/lib/d3dgs_run.h"
 
 enum mode { FRAME, AVG, ANY, ALL, NONE, N_MODES };
 
@@ -136,7 +136,7 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
 }
 
 static spin_status open_run(const char *path, const struct spin_plugin_values *values,
-                            struct run *run, struct spin_track *track)
+                            struct run *run, struct spin_sequence_info *sequence)
 {
     size_t n;
 
@@ -147,33 +147,34 @@ static spin_status open_run(const char *path, const struct spin_plugin_values *v
         return spin_fail(SPIN_E_MALFORMED,
                          "no array 'mask', which TC3DGS has: import it with --from d3dgs");
     SPIN_TRY(load_mask(run));
-    SPIN_TRY(d3dgs_describe(&run->base, track));
+    SPIN_TRY(d3dgs_describe(&run->base, sequence));
     SPIN_TRY(spin_alloc(n, sizeof *run->row, (void **)&run->row));
     SPIN_TRY(spin_alloc(n, sizeof *run->sum, (void **)&run->sum));
     SPIN_TRY(spin_alloc(n, sizeof *run->off, (void **)&run->off));
     SPIN_TRY(spin_alloc(n, sizeof *run->keep, (void **)&run->keep));
     SPIN_TRY(count(run));
     if (run->mode == FRAME && !run->still_mask) /* rows differ from frame to frame */
-        track->still_columns = 0;
-    snprintf(track->variant, sizeof track->variant, "TC3DGS, %llu Gaussians",
+        sequence->static_columns = 0;
+    snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %llu Gaussians",
              (unsigned long long)run->base.n);
-    snprintf(track->notes, sizeof track->notes, "%s (--tc-mask %s, --tc-threshold %g)\n",
+    snprintf(sequence->notes, sizeof sequence->notes, "%s (--tc-mask %s, --tc-threshold %g)\n",
              modes[run->mode].says, modes[run->mode].name, run->threshold);
     return SPIN_OK;
 }
 
 static spin_status tc3dgs_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_track *track)
+                               void **self, struct spin_sequence_info *sequence)
 {
     struct run *run;
     spin_status status;
 
-    *track = (struct spin_track){.sh_degree = -1};
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *run, self));
     run = *self;
-    status = open_run(path, values, run, track);
+    status = open_run(path, values, run, sequence);
     if (status != SPIN_OK && status != SPIN_E_USAGE && !strstr(spin_last_error(), path))
-        return spin_more(status, "cannot read '%s'", run->base.path ? run->base.path : path);
+        return spin_fail_context(status, "cannot read '%s'",
+                                 run->base.path ? run->base.path : path);
     return status;
 }
 

@@ -20,7 +20,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "importers/views_check.h"
+#include "importers/lib/views_check.h"
 
 enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
 
@@ -316,7 +316,7 @@ static spin_status read_lenses_binary(struct model *m, struct bytes *b)
         SPIN_TRY(reserve_lens(m));
         status = read_lens_binary(m, b, &id);
         if (status != SPIN_OK)
-            return spin_more(status, "camera %d", id);
+            return spin_fail_context(status, "camera %d", id);
     }
     return SPIN_OK;
 }
@@ -337,7 +337,7 @@ static spin_status read_lenses_text(struct model *m, struct bytes *b)
         if (status == SPIN_OK)
             status = read_lens_text(m, line, &id);
         if (status != SPIN_OK)
-            status = spin_more(status, "camera %d", id);
+            status = spin_fail_context(status, "camera %d", id);
     }
     free(line);
     return status;
@@ -449,7 +449,7 @@ static spin_status read_images_binary(struct model *m, struct bytes *b)
         spin_status status = read_image_binary(m, b, &id);
 
         if (status != SPIN_OK)
-            return spin_more(status, "image %d", id);
+            return spin_fail_context(status, "image %d", id);
     }
     return SPIN_OK;
 }
@@ -469,7 +469,7 @@ static spin_status read_images_text(struct model *m, struct bytes *b)
             continue;
         status = read_image_text(m, line, &id);
         if (status != SPIN_OK)
-            status = spin_more(status, "image %d", id);
+            status = spin_fail_context(status, "image %d", id);
         else
             status = next_line(b, &line, &found);
     }
@@ -534,7 +534,7 @@ static spin_status read_points_text(struct model *m, struct bytes *b)
             continue;
         status = read_point_text(m, n, line);
         if (status != SPIN_OK)
-            status = spin_more(status, "point %llu", (unsigned long long)n);
+            status = spin_fail_context(status, "point %llu", (unsigned long long)n);
         n++;
     }
     free(line);
@@ -579,7 +579,7 @@ static spin_status read_file(struct model *m, const char *name,
     bytes = (struct bytes){map.data, map.data + map.size};
     status = m->binary ? binary(m, &bytes) : text(m, &bytes);
     if (status != SPIN_OK)
-        status = spin_more(status, "cannot read '%s'", path);
+        status = spin_fail_context(status, "cannot read '%s'", path);
 out:
     spin_map_close(&map);
     free(path);
@@ -699,7 +699,7 @@ static spin_status add_views(const struct model *m, const struct options *o, con
         size_t place = o->by_name ? i : image->place;
         struct spin_view view = {.camera = image->camera, .camera_id = ids[i]};
 
-        view.row = row < 0 ? (int)place : row;
+        view.dataset_frame = row < 0 ? (int)place : row;
         view.number = row < 0 ? views_number(image->name) : number;
         view.time = row < 0 ? (double)place / (double)m->n_images : row;
         view.test = o->hold < 0    ? (row < 0 ? i % 8 == 0 : i == 0)

@@ -18,7 +18,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "importers/views_check.h"
+#include "importers/lib/views_check.h"
 #include "io/npy.h"
 #include "io/video.h"
 
@@ -217,10 +217,11 @@ static spin_status add_video_frames(struct set *set, char **names)
     spin_status status = spin_video_start();
 
     if (status != SPIN_OK)
-        return spin_more(status,
-                         "there are %zu videos and no frames cam<NN>/images/<number>.png extracted "
-                         "from them",
-                         set->n_video);
+        return spin_fail_context(
+            status,
+            "there are %zu videos and no frames cam<NN>/images/<number>.png extracted "
+            "from them",
+            set->n_video);
     for (size_t i = 0; names[i]; i++) {
         char *file = NULL, name[300];
         int width, height, camera = camera_number(names[i]);
@@ -378,7 +379,7 @@ static spin_status read_cameras(struct set *set)
         spin_status status = read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]);
 
         if (status != SPIN_OK)
-            return spin_more(status, "poses_bounds.npy: row %zu", c);
+            return spin_fail_context(status, "poses_bounds.npy: row %zu", c);
         differs = differs || set->pose[COLUMNS * c + 14] != set->pose[14];
         for (size_t i = 0; i < set->n; i++) {
             if (set->image[i].camera == set->camera[c]) {
@@ -458,13 +459,14 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
         const struct frame_image *image = &set->image[i];
         int c = views_place(set->camera, set->n_cameras, image->camera);
         struct spin_view view = {.camera = set->intrinsics[c],
-                                 .row = views_place(set->number, set->n_rows, image->number),
+                                 .dataset_frame =
+                                     views_place(set->number, set->n_rows, image->number),
                                  .number = image->number,
                                  .camera_id = image->camera,
                                  .test = c == test,
                                  .path = image->path};
 
-        SPIN_TRY(row_time(values, (size_t)view.row, set->n_rows, &view.time));
+        SPIN_TRY(row_time(values, (size_t)view.dataset_frame, set->n_rows, &view.time));
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)

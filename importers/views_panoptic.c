@@ -226,7 +226,7 @@ static spin_status find_mask(const struct split *s, const char *fn, char **out)
 static spin_status read_view(const struct split *s, size_t row, size_t camera,
                              struct spin_views *out)
 {
-    struct spin_view view = {.row = (int)row, .time = (double)row, .test = s->test};
+    struct spin_view view = {.dataset_frame = (int)row, .time = (double)row, .test = s->test};
     const char *fn = spin_json_string(at(s->fn, row, camera));
     char *ims = NULL;
     long long number;
@@ -269,7 +269,7 @@ static spin_status read_views(struct split *s, const spin_json *root, struct spi
             spin_status status = read_view(s, t, c, out);
 
             if (status != SPIN_OK)
-                return spin_more(status, "frame %zu, camera %zu", t, c);
+                return spin_fail_context(status, "frame %zu, camera %zu", t, c);
         }
     }
     return SPIN_OK;
@@ -288,7 +288,7 @@ static spin_status read_split(struct split *s, struct spin_views *out)
     else
         status = read_views(s, root, out);
     if (status != SPIN_OK)
-        status = spin_more(status, "cannot read '%s'", path);
+        status = spin_fail_context(status, "cannot read '%s'", path);
 out:
     spin_json_free(root);
     free(path);

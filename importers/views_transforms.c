@@ -19,7 +19,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "importers/views_check.h"
+#include "importers/lib/views_check.h"
 #include "io/json.h"
 
 enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
@@ -275,7 +275,7 @@ static spin_status read_frames(const struct split *s, struct spin_views *out)
         if (status == SPIN_OK)
             status = spin_views_add(out, &view);
         else
-            status = spin_more(status, "frame %zu", i);
+            status = spin_fail_context(status, "frame %zu", i);
         free(view.path);
         SPIN_TRY(status);
     }
@@ -297,7 +297,7 @@ static spin_status read_split(struct split *s, struct spin_views *out)
         status = read_frames(s, out);
     s->root = NULL;
     if (status != SPIN_OK)
-        status = spin_more(status, "cannot read '%s'", path);
+        status = spin_fail_context(status, "cannot read '%s'", path);
 out:
     spin_json_free(root);
     free(path);
@@ -345,9 +345,11 @@ static spin_status set_rows(struct spin_views *views, size_t first, enum time_ru
             else
                 b = middle;
         }
-        view[i].row = (int)a;
+        view[i].dataset_frame = (int)a;
         view[i].time = (view[i].time - (rule == TIME_UNIT ? low : 0)) / (scale != 0 ? scale : 1);
-        views->n_rows = views->n_rows > view[i].row + 1 ? views->n_rows : view[i].row + 1;
+        views->n_dataset_frames = views->n_dataset_frames > view[i].dataset_frame + 1
+                                      ? views->n_dataset_frames
+                                      : view[i].dataset_frame + 1;
     }
     free(times);
     return SPIN_OK;

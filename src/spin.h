@@ -78,7 +78,7 @@ const char *spin_last_error(void);
 spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
 /* Put "text: " in front of the trail and return code. */
-spin_status spin_more(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
+spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
 /* Return from this function when expr fails. */
 #define SPIN_TRY(expr)                                                                             \
@@ -151,21 +151,21 @@ struct spin_camera {
 /* One image of a data set. */
 struct spin_view {
     struct spin_camera camera;
-    int row;       /* frame of the data set, 0.. */
-    int number;    /* frame number in its file name, or -1 */
-    double time;   /* in the data set's unit (panoptic: row) */
-    int camera_id; /* the data set's own number of the camera */
-    bool test;     /* held out */
-    char *path;    /* image file, absolute or relative to the working directory */
-    char *mask;    /* image of the foreground, 0 elsewhere; NULL: none */
+    int dataset_frame; /* frame of the data set, 0.. */
+    int number;        /* frame number in its file name, or -1 */
+    double time;       /* in the data set's unit (panoptic: dataset_frame) */
+    int camera_id;     /* the data set's own number of the camera */
+    bool test;         /* held out */
+    char *path;        /* image file, absolute or relative to the working directory */
+    char *mask;        /* image of the foreground, 0 elsewhere; NULL: none */
 };
 
-/* All views of a data set, sorted by row, then camera_id. */
+/* All views of a data set, sorted by dataset_frame, then camera_id. */
 struct spin_views {
     struct spin_view *view; /* [n] */
     size_t n, capacity;
-    int n_rows;    /* frames */
-    bool numbered; /* every view has a frame number, one per row */
+    int n_dataset_frames;
+    bool numbered; /* every view has a frame number, one per frame */
 };
 
 /* Append a copy of v (path and mask are copied). */
@@ -206,16 +206,16 @@ struct spin_peek {
 };
 
 /* Filled by an importer's open(). Pointers belong to the importer until close(). */
-struct spin_track {
+struct spin_sequence_info {
     int n_frames;
-    const double *times;    /* [n_frames] in the method's unit; NULL: 0, 1, 2, ... */
-    const int *numbers;     /* [n_frames] frame numbers from file names; NULL: none */
-    const size_t *counts;   /* [n_frames] rows of each frame; NULL: not known before reading */
-    unsigned columns;       /* what frame() can fill */
-    unsigned still_columns; /* the part of it that is the same in every frame */
-    int sh_degree;          /* -1: no SH */
-    bool antialias;         /* its splats were trained to be drawn antialiased */
-    bool continuous;        /* any time may be asked for, in [time_first, time_last] */
+    const double *times;     /* [n_frames] in the method's unit; NULL: 0, 1, 2, ... */
+    const int *numbers;      /* [n_frames] frame numbers from file names; NULL: none */
+    const size_t *counts;    /* [n_frames] rows of each frame; NULL: not known before reading */
+    unsigned columns;        /* what frame() can fill */
+    unsigned static_columns; /* the part of it that is the same in every frame */
+    int sh_degree;           /* -1: no SH */
+    bool antialias;          /* its splats were trained to be drawn antialiased */
+    bool continuous;         /* any time may be asked for, in [time_first, time_last] */
     double time_first, time_last;
     bool half_open;    /* frame i of n of a data set without times is at i/n of it, not i/(n-1) */
     char variant[128]; /* what was recognised, for --info */
@@ -237,7 +237,7 @@ struct spin_importer {
      * in any order, as often as asked, by one thread at a time. close() also follows a failed open()
      * that had set *self. NULL open: no tracks. */
     spin_status (*open)(const char *path, const struct spin_plugin_values *values, void **self,
-                        struct spin_track *track);
+                        struct spin_sequence_info *sequence);
     spin_status (*frame)(void *self, int frame, double time, unsigned columns,
                          struct spin_splats *out);
     void (*close)(void *self);
@@ -262,7 +262,7 @@ struct spin_export_job {
     bool antialias;     /* they are meant to be drawn antialiased */
     const struct spin_plugin_values *values;
     const struct spin_views *views; /* NULL when the bundle has no data set at hand */
-    const int *row_of_frame;        /* [n_frames] the data set's row of each frame, or -1 */
+    const int *dataset_frame_of;    /* [n_frames] the data set's row of each frame, or -1 */
     struct spin_renderer *renderer; /* set when the exporter has needs_renderer */
     const float *background;        /* [3] */
     int n_threads;                  /* 0: all */
@@ -366,7 +366,7 @@ const char *spin_plugin_fault(const char *name);
 
 struct spin_scene;
 
-enum spin_from { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_NETWORK, SPIN_FROM_REFINED };
+enum spin_splat_source { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_NETWORK, SPIN_FROM_REFINED };
 
 spin_status spin_scene_open(const char *path, struct spin_scene **out);
 void spin_scene_close(struct spin_scene *scene);
@@ -377,7 +377,7 @@ unsigned spin_scene_columns(const struct spin_scene *scene); /* of the source */
 /* Fill the columns of a frame. BEST: from the network when there is one, else from refined splats that
  * have all attributes, else from the source. A frame may have another number of splats in each.
  * SPIN_E_NOT_FOUND when the columns are not there (positions only: run spin-retrain). */
-spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_from from,
+spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat_source from,
                             unsigned columns, struct spin_splats *out);
 
 /* ---- 6. Calls behind the commands ------------------------------------------------------------ */
@@ -444,7 +444,7 @@ struct spin_import_report {
     int frames_read; /* for bounds and ranges */
     bool continuous; /* the method is defined from range_first to range_last */
     double range_first, range_last;
-    unsigned still_columns;
+    unsigned static_columns;
     struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
     int n_ranges;
     struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
@@ -475,7 +475,7 @@ enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 /* NONE: not even the contraction; splats outside the unit cube share one set of attributes. */
 enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO, SPIN_NORMALISE_NONE };
 
-#define SPIN_TABLE_RANGE 1e-4 /* as in Instant NGP */
+#define SPIN_HASH_INIT_RANGE 1e-4 /* as in Instant NGP */
 struct spin_retrain_options {
     const char *input, *output;
     const char *data, *data_from, *pair;
@@ -495,19 +495,19 @@ struct spin_retrain_options {
     int finest_resolution[4];            /* 2048 2048 2048 0; 0: max(16, frames) */
     double lambda_dssim;                 /* 0.2 */
     double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
-    double moving_weight;                /* how often a pixel that moves counts; 1 */
+    double dynamic_weight;               /* how often a pixel that moves counts; 1 */
     bool antialias;                      /* draw antialiased, and so train */
-    double table_range;                  /* first values of the table lie within; 1e-4 */
+    double hash_init_range;              /* first values of the table lie within; 1e-4 */
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */
-    int sh_every;          /* iterations until the next degree of SH joins; 0: all from the start */
-    bool camera_colour;    /* learn a gain and offset of every training camera */
-    double lr_camera;      /* their rate; 1e-3 */
+    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start */
+    bool learn_exposure;   /* learn a gain and offset of every training camera */
+    double lr_exposure;    /* their rate; 1e-3 */
     double lr_head_factor; /* on the four head rates; 1 */
     enum spin_residual residual; /* what the network adds to */
     double lr_residual;          /* on 3DGS's rates for a splat's own values; 1; 0: they stay */
-    double scale_bias;           /* -5; NaN: auto, log of the median distance to 3 neighbours */
+    double init_log_scale;       /* -5; NaN: auto, log of the median distance to 3 neighbours */
     bool relu;                   /* ReLU in the heads instead of GELU */
     enum spin_normalise normalise;
     double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
@@ -532,8 +532,9 @@ enum { SPIN_LPIPS_VGG, SPIN_LPIPS_ALEX, SPIN_N_LPIPS };
 struct spin_quality {
     bool valid;
     double psnr, ssim, psnr_channel_mean;
-    double psnr_moving, psnr_still; /* in and outside the moving regions, of views that have both */
-    double moving;                  /* share of the pixels */
+    double psnr_dynamic,
+        psnr_static; /* in and outside the moving regions, of views that have both */
+    double dynamic;  /* share of the pixels */
     double lpips[SPIN_N_LPIPS];
 };
 
@@ -557,11 +558,11 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
 enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
 
 /* What counts as moving when an evaluation looks at moving regions apart. */
-enum spin_moving_from {
-    SPIN_MOVING_AUTO,   /* masks where every view has one, else the images */
-    SPIN_MOVING_MASKS,  /* the data set's foreground masks */
-    SPIN_MOVING_IMAGES, /* pixels that differ from the median over time of their camera */
-    SPIN_MOVING_OFF
+enum spin_dynamic_from {
+    SPIN_DYNAMIC_AUTO,   /* masks where every view has one, else the images */
+    SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
+    SPIN_DYNAMIC_IMAGES, /* pixels that differ from the median over time of their camera */
+    SPIN_DYNAMIC_OFF
 };
 
 struct spin_eval_options {
@@ -573,7 +574,7 @@ struct spin_eval_options {
     double image_scale;
     bool source;        /* measure the imported attributes */
     const char *images; /* folder for renders, or NULL */
-    enum spin_moving_from moving;
+    enum spin_dynamic_from dynamic;
     const char *report, *log; /* a page of HTML; what spin-retrain --log wrote; or NULL */
     const char *lpips; /* folder with the weights of one or both networks of LPIPS; or NULL */
     const char *lpips_backbone, *lpips_lin; /* the two files of one network; or NULL */
@@ -601,11 +602,11 @@ struct spin_eval_report {
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
     int n_frames;
-    bool network, refined;        /* what was measured; neither: the source */
-    enum spin_moving_from moving; /* where the moving regions came from; OFF: nowhere */
-    uint64_t left_out;            /* splats that cannot be drawn, over all frames */
-    double seconds_decode;        /* one frame: positions and network to splats */
-    double seconds_draw;          /* one view of a decoded frame */
+    bool network, refined;          /* what was measured; neither: the source */
+    enum spin_dynamic_from dynamic; /* where the moving regions came from; OFF: nowhere */
+    uint64_t left_out;              /* splats that cannot be drawn, over all frames */
+    double seconds_decode;          /* one frame: positions and network to splats */
+    double seconds_draw;            /* one view of a decoded frame */
     struct spin_bundle_bytes storage;
 };
 

@@ -1,7 +1,7 @@
 // The worker: unpacks frames, keeps some, and sorts the splats of the wanted one for a view.
 //
 // A block is base64 of a gzip of: one byte a column (1: differences to the key frame, 0: as it is),
-// then the columns, those of 16 bits as n low bytes and n high bytes. exporters/html_pack.h writes
+// then the columns, those of 16 bits as n low bytes and n high bytes. exporters/lib/html_pack.h writes
 // them and says what they mean.
 'use strict';
 

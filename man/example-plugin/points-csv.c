@@ -94,7 +94,7 @@ static spin_status read_lines(struct run *run, const char *path, FILE *file)
 }
 
 static spin_status csv_open(const char *path, const struct spin_plugin_values *values, void **self,
-                            struct spin_track *track)
+                            struct spin_sequence_info *sequence)
 {
     const char *size = spin_plugin_value(values, "size", "0.01");
     struct run *run = NULL;
@@ -112,12 +112,12 @@ static spin_status csv_open(const char *path, const struct spin_plugin_values *v
     fclose(file);
     SPIN_TRY(status);
     run->log_scale = logf((float)atof(size));
-    track->n_frames = run->n_frames;
-    track->numbers = run->numbers;
-    track->counts = run->counts;
-    track->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    track->sh_degree = 0;
-    snprintf(track->variant, sizeof track->variant, "%zu points", run->n);
+    sequence->n_frames = run->n_frames;
+    sequence->numbers = run->numbers;
+    sequence->counts = run->counts;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = 0;
+    snprintf(sequence->variant, sizeof sequence->variant, "%zu points", run->n);
     return SPIN_OK;
 }
 

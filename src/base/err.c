@@ -35,7 +35,7 @@ spin_status spin_fail(spin_status code, const char *fmt, ...)
     return code;
 }
 
-spin_status spin_more(spin_status code, const char *fmt, ...)
+spin_status spin_fail_context(spin_status code, const char *fmt, ...)
 {
     char text[2 * TRAIL + 4];
     va_list args;

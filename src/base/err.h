@@ -1,5 +1,5 @@
 /* Status codes with a trail. The innermost failure calls spin_fail(); callers that know more add a
- * link in front with spin_more(). One trail per thread; spin_last_error() reads it. Plug-ins do the
+ * link in front with spin_fail_context(). One trail per thread; spin_last_error() reads it. Plug-ins do the
  * same, so all of this is in spin.h; here is what only the library needs. */
 #ifndef SPIN_BASE_ERR_H
 #define SPIN_BASE_ERR_H

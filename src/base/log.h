@@ -21,8 +21,8 @@ struct spin_progress {
     long long from, total;
     bool shown;
 };
-void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit, long long from,
-                         long long total);
+void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit,
+                         long long from, long long total);
 void spin_progress_set(struct spin_progress *p, long long done, const char *fmt, ...)
     SPIN_PRINTF(3, 4);
 void spin_progress_end(struct spin_progress *p);

@@ -9,8 +9,8 @@ bool spin_mul_size(size_t a, size_t b, size_t *out);
 
 /* malloc / realloc / strdup that leave a trail. count * size is checked. *out is NULL on failure of
  * spin_alloc and untouched on failure of spin_grow. */
-spin_status spin_alloc(size_t count, size_t size, void **out);      /* zeroed */
-spin_status spin_grow(size_t count, size_t size, void **inout);     /* not zeroed */
+spin_status spin_alloc(size_t count, size_t size, void **out);  /* zeroed */
+spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
 spin_status spin_strdup(const char *text, char **out);
 
 /* Big zeroed blocks: 2 MiB-aligned, huge pages where the system gives them. Any size. */

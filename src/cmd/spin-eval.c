@@ -1,56 +1,56 @@
 /* spin-eval: how good the splats of a bundle look from cameras that are known. */
-#include "cmd/opt.h"
+#include "cmd/args.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 static struct spin_eval_options options = {.image_scale = 1, .device = "auto"};
-static struct spin_opt_common common;
-static struct spin_opt_ints test_cameras;
+static struct spin_args_common common;
+static struct spin_args_ints test_cameras;
 static const char *split = "test";
-static const char *moving = "auto";
+static const char *dynamic = "auto";
 
-static const struct spin_opt_row rows[] = {
-    SPIN_OPT_HEADING("What to measure"),
-    SPIN_OPT("source", 0, NULL, "the imported attributes instead of the retrained ones",
-             SPIN_OPT_FLAG, &options.source, 0, 0),
-    SPIN_OPT("split", 0, "test|train|all", "which cameras (test)", SPIN_OPT_CHOICE, &split, 0, 0),
-    SPIN_OPT("test-cams", 0, "LIST", "camera numbers held out (the data set's own)", SPIN_OPT_INTS,
+static const struct spin_args_row rows[] = {
+    SPIN_ARG_HEADING("What to measure"),
+    SPIN_ARG("source", 0, NULL, "the imported attributes instead of the retrained ones",
+             SPIN_ARG_FLAG, &options.source, 0, 0),
+    SPIN_ARG("split", 0, "test|train|all", "which cameras (test)", SPIN_ARG_CHOICE, &split, 0, 0),
+    SPIN_ARG("test-cams", 0, "LIST", "camera numbers held out (the data set's own)", SPIN_ARG_INTS,
              &test_cameras, 0, 1e9),
-    SPIN_OPT("range", 0, "A:B[:STEP]", "frame numbers A to B-1", SPIN_OPT_RANGE, &options.range, 0,
+    SPIN_ARG("range", 0, "A:B[:STEP]", "frame numbers A to B-1", SPIN_ARG_RANGE, &options.range, 0,
              0),
-    SPIN_OPT("scale", 0, "S", "image scale, 0.5 halves both sides (1)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("scale", 0, "S", "image scale, 0.5 halves both sides (1)", SPIN_ARG_DOUBLE,
              &options.image_scale, 0.01, 1),
-    SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
-             SPIN_OPT_COLOUR, options.background, 0, 0),
-    SPIN_OPT("moving", 0, "auto|masks|images|off",
+    SPIN_ARG("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
+             SPIN_ARG_COLOUR, options.background, 0, 0),
+    SPIN_ARG("dynamic", 0, "auto|masks|images|off",
              "where the moving regions are: the data set's masks, or what changes in its images "
              "(auto)",
-             SPIN_OPT_CHOICE, &moving, 0, 0),
-    SPIN_OPT("lpips", 0, "DIR", "measure LPIPS with the weights in this folder, see the manual",
-             SPIN_OPT_STRING, &options.lpips, 0, 0),
-    SPIN_OPT("lpips-backbone", 0, "FILE", "the network of LPIPS, as torchvision publishes it",
-             SPIN_OPT_STRING, &options.lpips_backbone, 0, 0),
-    SPIN_OPT("lpips-lin", 0, "FILE", "its linear heads, as the lpips package has them",
-             SPIN_OPT_STRING, &options.lpips_lin, 0, 0),
-    SPIN_OPT("images", 0, "DIR", "write one PNG a view: ground truth | source | render",
-             SPIN_OPT_STRING, &options.images, 0, 0),
-    SPIN_OPT("report", 0, "FILE.html", "write a page with curves, tables and pictures",
-             SPIN_OPT_STRING, &options.report, 0, 0),
-    SPIN_OPT("log", 0, "FILE", "for the report: what spin-retrain --log wrote", SPIN_OPT_STRING,
+             SPIN_ARG_CHOICE, &dynamic, 0, 0),
+    SPIN_ARG("lpips", 0, "DIR", "measure LPIPS with the weights in this folder, see the manual",
+             SPIN_ARG_STRING, &options.lpips, 0, 0),
+    SPIN_ARG("lpips-backbone", 0, "FILE", "the network of LPIPS, as torchvision publishes it",
+             SPIN_ARG_STRING, &options.lpips_backbone, 0, 0),
+    SPIN_ARG("lpips-lin", 0, "FILE", "its linear heads, as the lpips package has them",
+             SPIN_ARG_STRING, &options.lpips_lin, 0, 0),
+    SPIN_ARG("images", 0, "DIR", "write one PNG a view: ground truth | source | render",
+             SPIN_ARG_STRING, &options.images, 0, 0),
+    SPIN_ARG("report", 0, "FILE.html", "write a page with curves, tables and pictures",
+             SPIN_ARG_STRING, &options.report, 0, 0),
+    SPIN_ARG("log", 0, "FILE", "for the report: what spin-retrain --log wrote", SPIN_ARG_STRING,
              &options.log, 0, 0),
-    SPIN_OPT_HEADING("Data set"),
-    SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
-             SPIN_OPT_STRING, &options.data, 0, 0),
-    SPIN_OPT("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_OPT_STRING,
+    SPIN_ARG_HEADING("Data set"),
+    SPIN_ARG("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
+             SPIN_ARG_STRING, &options.data, 0, 0),
+    SPIN_ARG("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_ARG_STRING,
              &options.data_from, 0, 0),
-    SPIN_OPT("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_OPT_CHOICE,
+    SPIN_ARG("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_ARG_CHOICE,
              &options.pair, 0, 0),
-    SPIN_OPT_HEADING("Machine"),
-    SPIN_OPT("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_OPT_CHOICE, &options.device,
+    SPIN_ARG_HEADING("Machine"),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_ARG_CHOICE, &options.device,
              0, 0),
-    SPIN_OPT_COMMON_ROWS(common),
+    SPIN_ARG_COMMON_ROWS(common),
 };
 
 static const char *const usage[] = {
@@ -58,7 +58,7 @@ static const char *const usage[] = {
     NULL,
 };
 
-static const struct spin_opt_command command = {
+static const struct spin_args_command command = {
     .name = "spin-eval",
     .summary = "PSNR, SSIM and LPIPS of a bundle against its data set",
     .usage = usage,
@@ -75,7 +75,7 @@ static enum spin_split split_of(const char *name)
 
 /* ---- Reports --------------------------------------------------------------------------------- */
 
-static const char *const moving_names[] = {"auto", "masks", "images", "off"};
+static const char *const dynamic_names[] = {"auto", "masks", "images", "off"};
 static const char *const lpips_names[] = {"lpips_vgg", "lpips_alex"};
 
 /* Ids of the cameras, each once, in order of appearance in the first frame; n of them. */
@@ -110,10 +110,10 @@ static void print_quality(const struct spin_eval_report *r, const struct spin_qu
     spin_print_number("psnr", q->valid ? q->psnr : NAN);
     spin_print_number("ssim", q->valid ? q->ssim : NAN);
     spin_print_number("psnr_channel_mean", q->valid ? q->psnr_channel_mean : NAN);
-    if (r->moving != SPIN_MOVING_OFF) {
-        spin_print_number("psnr_moving", q->psnr_moving);
-        spin_print_number("psnr_still", q->psnr_still);
-        spin_print_number("moving", q->moving);
+    if (r->dynamic != SPIN_DYNAMIC_OFF) {
+        spin_print_number("psnr_dynamic", q->psnr_dynamic);
+        spin_print_number("psnr_static", q->psnr_static);
+        spin_print_number("dynamic", q->dynamic);
     }
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         if (!isnan(r->mean.lpips[i]))
@@ -160,7 +160,7 @@ static void report_json(const struct spin_eval_report *r)
     print_quality(r, &r->mean);
     spin_print_string("attributes", attributes(r));
     spin_print_string("split", split);
-    spin_print_string("moving_from", moving_names[r->moving]);
+    spin_print_string("dynamic_from", dynamic_names[r->dynamic]);
     spin_print_number("fps", 1 / (r->seconds_decode + r->seconds_draw));
     spin_print_number("fps_draw", 1 / r->seconds_draw);
     spin_print_number("seconds_decode", r->seconds_decode);
@@ -222,8 +222,8 @@ static void print_row(const struct spin_eval_report *r, const int *frame, const 
             printf("%s%6s", i ? "  " : "", "all");
     print_cell(q->psnr, 8, 3);
     print_cell(q->ssim, 7, 4);
-    if (r->moving != SPIN_MOVING_OFF)
-        print_cell(q->psnr_moving, 8, 3);
+    if (r->dynamic != SPIN_DYNAMIC_OFF)
+        print_cell(q->psnr_dynamic, 8, 3);
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         if (!isnan(r->mean.lpips[i]))
             print_cell(q->lpips[i], 10, 4);
@@ -232,8 +232,8 @@ static void print_row(const struct spin_eval_report *r, const int *frame, const 
 static void print_head(const struct spin_eval_report *r)
 {
     printf("%6s  %6s  %8s  %7s", "frame", "camera", "PSNR", "SSIM");
-    if (r->moving != SPIN_MOVING_OFF)
-        printf("  %8s", "moving");
+    if (r->dynamic != SPIN_DYNAMIC_OFF)
+        printf("  %8s", "dynamic");
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         if (!isnan(r->mean.lpips[i]))
             printf("  %10s", i == SPIN_LPIPS_VGG ? "LPIPS VGG" : "LPIPS Alex");
@@ -244,11 +244,11 @@ static void print_foot(const struct spin_eval_report *r)
 {
     char needed[32], frame[32], file[32];
 
-    if (r->moving != SPIN_MOVING_OFF)
+    if (r->dynamic != SPIN_DYNAMIC_OFF)
         printf("moving   %.2f %% of the pixels, from %s: PSNR %.3f there, %.3f elsewhere\n",
-               100 * r->mean.moving,
-               r->moving == SPIN_MOVING_MASKS ? "foreground masks" : "the images",
-               r->mean.psnr_moving, r->mean.psnr_still);
+               100 * r->mean.dynamic,
+               r->dynamic == SPIN_DYNAMIC_MASKS ? "foreground masks" : "the images",
+               r->mean.psnr_dynamic, r->mean.psnr_static);
     printf("speed    %.2f pictures a second with decoding, %.2f without\n",
            1 / (r->seconds_decode + r->seconds_draw), 1 / r->seconds_draw);
     printf("storage  %s for these attributes, %s a frame; the file has %s\n",
@@ -291,38 +291,38 @@ static void report_text(const struct spin_eval_report *r)
     free(camera);
 }
 
-static enum spin_moving_from moving_of(const char *name)
+static enum spin_dynamic_from dynamic_of(const char *name)
 {
-    for (int i = SPIN_MOVING_AUTO; i < SPIN_MOVING_OFF; i++)
-        if (!strcmp(name, moving_names[i]))
-            return (enum spin_moving_from)i;
-    return SPIN_MOVING_OFF;
+    for (int i = SPIN_DYNAMIC_AUTO; i < SPIN_DYNAMIC_OFF; i++)
+        if (!strcmp(name, dynamic_names[i]))
+            return (enum spin_dynamic_from)i;
+    return SPIN_DYNAMIC_OFF;
 }
 
 int main(int argc, char **argv)
 {
-    struct spin_opt_words words;
+    struct spin_args_words words;
     struct spin_eval_report report = {0};
     int code;
 
-    if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
         return code;
     if (words.n == 0)
-        return spin_opt_misuse(&command, "IN.spin is missing");
+        return spin_args_misuse(&command, "IN.spin is missing");
     options.input = words.word[0];
     options.split = split_of(split);
-    options.moving = moving_of(moving);
+    options.dynamic = dynamic_of(dynamic);
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;
     options.force = common.force;
     spin_status status = spin_eval(&options, &report);
     if (status != SPIN_OK)
-        return spin_opt_fail(&command, status);
+        return spin_args_fail(&command, status);
     if (common.json)
         report_json(&report);
     else
         report_text(&report);
     spin_eval_report_free(&report);
-    return spin_opt_finish(&command, SPIN_EXIT_OK);
+    return spin_args_finish(&command, SPIN_EXIT_OK);
 }

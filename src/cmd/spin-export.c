@@ -1,49 +1,49 @@
 /* spin-export: standard files out of a bundle. */
-#include "cmd/opt.h"
+#include "cmd/args.h"
 
 #include <math.h>
 #include <string.h>
 
 static struct spin_export_options options = {.device = "auto"};
-static struct spin_opt_common common;
+static struct spin_args_common common;
 static bool wants_list;
 
-static const struct spin_opt_row rows[] = {
-    SPIN_OPT_HEADING("Output"),
-    SPIN_OPT("to", 0, "NAME", "the exporter", SPIN_OPT_STRING, &options.to, 0, 0),
-    SPIN_OPT("output", 'o', "OUT", "the folder or file to write", SPIN_OPT_STRING, &options.output,
+static const struct spin_args_row rows[] = {
+    SPIN_ARG_HEADING("Output"),
+    SPIN_ARG("to", 0, "NAME", "the exporter", SPIN_ARG_STRING, &options.to, 0, 0),
+    SPIN_ARG("output", 'o', "OUT", "the folder or file to write", SPIN_ARG_STRING, &options.output,
              0, 0),
-    SPIN_OPT("range", 0, "A:B[:STEP]", "export frame numbers A to B-1", SPIN_OPT_RANGE,
+    SPIN_ARG("range", 0, "A:B[:STEP]", "export frame numbers A to B-1", SPIN_ARG_RANGE,
              &options.range, 0, 0),
-    SPIN_OPT("source", 0, NULL, "the imported attributes, even when there are retrained ones",
-             SPIN_OPT_FLAG, &options.source, 0, 0),
-    SPIN_OPT("check", 0, NULL, "read back what was written and compare it with the bundle",
-             SPIN_OPT_FLAG, &options.check, 0, 0),
-    SPIN_OPT("sync", 0, NULL, "wait until every file is on the disk before it gets its name",
-             SPIN_OPT_FLAG, &options.sync, 0, 0),
-    SPIN_OPT("list", 0, NULL, "list the exporters", SPIN_OPT_FLAG, &wants_list, 0, 0),
-    SPIN_OPT_HEADING("Data set, for exporters that draw"),
-    SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
-             SPIN_OPT_STRING, &options.data, 0, 0),
-    SPIN_OPT("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_OPT_STRING,
+    SPIN_ARG("source", 0, NULL, "the imported attributes, even when there are retrained ones",
+             SPIN_ARG_FLAG, &options.source, 0, 0),
+    SPIN_ARG("check", 0, NULL, "read back what was written and compare it with the bundle",
+             SPIN_ARG_FLAG, &options.check, 0, 0),
+    SPIN_ARG("sync", 0, NULL, "wait until every file is on the disk before it gets its name",
+             SPIN_ARG_FLAG, &options.sync, 0, 0),
+    SPIN_ARG("list", 0, NULL, "list the exporters", SPIN_ARG_FLAG, &wants_list, 0, 0),
+    SPIN_ARG_HEADING("Data set, for exporters that draw"),
+    SPIN_ARG("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
+             SPIN_ARG_STRING, &options.data, 0, 0),
+    SPIN_ARG("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_ARG_STRING,
              &options.data_from, 0, 0),
-    SPIN_OPT("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_OPT_CHOICE,
+    SPIN_ARG("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_ARG_CHOICE,
              &options.pair, 0, 0),
-    SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
-             SPIN_OPT_COLOUR, options.background, 0, 0),
-    SPIN_OPT_HEADING("Machine"),
-    SPIN_OPT("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_OPT_CHOICE, &options.device,
+    SPIN_ARG("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
+             SPIN_ARG_COLOUR, options.background, 0, 0),
+    SPIN_ARG_HEADING("Machine"),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_ARG_CHOICE, &options.device,
              0, 0),
-    SPIN_OPT_COMMON_ROWS(common),
+    SPIN_ARG_COMMON_ROWS(common),
 };
 
-static size_t list_exporters(struct spin_opt_plugin *out, size_t room)
+static size_t list_exporters(struct spin_args_plugin *out, size_t room)
 {
     const struct spin_exporter *const *exporter = spin_exporter_list();
     size_t n = 0;
 
     for (; n < room && exporter[n]; n++)
-        out[n] = (struct spin_opt_plugin){exporter[n]->name, exporter[n]->options};
+        out[n] = (struct spin_args_plugin){exporter[n]->name, exporter[n]->options};
     return n;
 }
 
@@ -53,7 +53,7 @@ static const char *const usage[] = {
     NULL,
 };
 
-static const struct spin_opt_command command = {
+static const struct spin_args_command command = {
     .name = "spin-export",
     .summary = "standard files out of a bundle",
     .usage = usage,
@@ -159,33 +159,34 @@ static void report_text(const struct spin_export_report *r)
         check_text(&r->check);
 }
 
-static int check(const struct spin_opt_words *words)
+static int check(const struct spin_args_words *words)
 {
     if (words->n == 0)
-        return spin_opt_misuse(&command, "IN.spin is missing");
+        return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.to)
-        return spin_opt_misuse(&command, "say what to write with --to; --list shows what there is");
+        return spin_args_misuse(&command,
+                                "say what to write with --to; --list shows what there is");
     if (!options.output)
-        return spin_opt_misuse(&command, "say where to write with --output");
+        return spin_args_misuse(&command, "say where to write with --output");
     return SPIN_EXIT_OK;
 }
 
 int main(int argc, char **argv)
 {
-    struct spin_opt_words words;
+    struct spin_args_words words;
     struct spin_export_report report = {0};
     int code;
 
-    if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
         return code;
     if (wants_list) {
         if (words.n)
-            return spin_opt_misuse(&command, "--list takes no IN.spin");
+            return spin_args_misuse(&command, "--list takes no IN.spin");
         if (common.json)
             list_json();
         else
             list_text();
-        return spin_opt_finish(&command, SPIN_EXIT_OK);
+        return spin_args_finish(&command, SPIN_EXIT_OK);
     }
     code = check(&words);
     if (code != SPIN_EXIT_OK)
@@ -196,10 +197,10 @@ int main(int argc, char **argv)
     options.plugin_pairs = words.plugin_pairs;
     spin_status status = spin_export(&options, &report);
     if (status != SPIN_OK)
-        return spin_opt_fail(&command, status);
+        return spin_args_fail(&command, status);
     if (common.json)
         report_json(&report);
     else if (!common.quiet)
         report_text(&report);
-    return spin_opt_finish(&command, SPIN_EXIT_OK);
+    return spin_args_finish(&command, SPIN_EXIT_OK);
 }

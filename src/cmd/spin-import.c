@@ -1,62 +1,62 @@
 /* spin-import: another method's run to a bundle. */
-#include "cmd/opt.h"
+#include "cmd/args.h"
 
 #include <math.h>
 #include <string.h>
 
 static struct spin_import_options options;
-static struct spin_opt_common common;
-static struct spin_opt_doubles times;
+static struct spin_args_common common;
+static struct spin_args_doubles times;
 static bool wants_info, wants_list;
 
-static const struct spin_opt_row rows[] = {
-    SPIN_OPT_HEADING("Input"),
-    SPIN_OPT("from", 0, "NAME", "the importer (detected)", SPIN_OPT_STRING, &options.from, 0, 0),
-    SPIN_OPT("data", 0, "DIR", "the multi-view video that the run was trained on", SPIN_OPT_STRING,
+static const struct spin_args_row rows[] = {
+    SPIN_ARG_HEADING("Input"),
+    SPIN_ARG("from", 0, "NAME", "the importer (detected)", SPIN_ARG_STRING, &options.from, 0, 0),
+    SPIN_ARG("data", 0, "DIR", "the multi-view video that the run was trained on", SPIN_ARG_STRING,
              &options.data, 0, 0),
-    SPIN_OPT("data-from", 0, "NAME",
-             "kind of that data set (detected); with options NAME:KEY=VALUE,...", SPIN_OPT_STRING,
+    SPIN_ARG("data-from", 0, "NAME",
+             "kind of that data set (detected); with options NAME:KEY=VALUE,...", SPIN_ARG_STRING,
              &options.data_from, 0, 0),
-    SPIN_OPT(
+    SPIN_ARG(
         "pair", 0, "auto|number|order",
         "match frames of the run and of the data set by their numbers or by their order (auto)",
-        SPIN_OPT_CHOICE, &options.pair, 0, 0),
-    SPIN_OPT_HEADING("Frames"),
-    SPIN_OPT("frames", 0, "N", "continuous methods: sample N frames over the whole time, both ends",
-             SPIN_OPT_INT, &options.n_frames, 1, 1000000),
-    SPIN_OPT("times", 0, "T0,T1,...", "continuous methods: sample here, in the method's unit",
-             SPIN_OPT_DOUBLES, &times, 0, 0),
-    SPIN_OPT("frame-times", 0, "auto|data|unit|count",
+        SPIN_ARG_CHOICE, &options.pair, 0, 0),
+    SPIN_ARG_HEADING("Frames"),
+    SPIN_ARG("frames", 0, "N", "continuous methods: sample N frames over the whole time, both ends",
+             SPIN_ARG_INT, &options.n_frames, 1, 1000000),
+    SPIN_ARG("times", 0, "T0,T1,...", "continuous methods: sample here, in the method's unit",
+             SPIN_ARG_DOUBLES, &times, 0, 0),
+    SPIN_ARG("frame-times", 0, "auto|data|unit|count",
              "continuous methods: times of the data set's frames, as it has them, or i/(n-1) or "
              "i/n of the whole (auto)",
-             SPIN_OPT_CHOICE, &options.frame_times, 0, 0),
-    SPIN_OPT("range", 0, "A:B[:STEP]", "keep frame numbers A to B-1", SPIN_OPT_RANGE,
+             SPIN_ARG_CHOICE, &options.frame_times, 0, 0),
+    SPIN_ARG("range", 0, "A:B[:STEP]", "keep frame numbers A to B-1", SPIN_ARG_RANGE,
              &options.range, 0, 0),
-    SPIN_OPT_HEADING("Output"),
-    SPIN_OPT("output", 'o', "FILE", "the bundle to write, *.spin", SPIN_OPT_STRING, &options.output,
+    SPIN_ARG_HEADING("Output"),
+    SPIN_ARG("output", 'o', "FILE", "the bundle to write, *.spin", SPIN_ARG_STRING, &options.output,
              0, 0),
-    SPIN_OPT("sync", 0, NULL, "wait until the bundle is on the disk before it gets its name",
-             SPIN_OPT_FLAG, &options.sync, 0, 0),
-    SPIN_OPT("positions-only", 0, NULL, "leave the source's attributes out", SPIN_OPT_FLAG,
+    SPIN_ARG("sync", 0, NULL, "wait until the bundle is on the disk before it gets its name",
+             SPIN_ARG_FLAG, &options.sync, 0, 0),
+    SPIN_ARG("positions-only", 0, NULL, "leave the source's attributes out", SPIN_ARG_FLAG,
              &options.positions_only, 0, 0),
-    SPIN_OPT("info", 0, NULL, "describe the input, write nothing", SPIN_OPT_FLAG, &wants_info, 0,
+    SPIN_ARG("info", 0, NULL, "describe the input, write nothing", SPIN_ARG_FLAG, &wants_info, 0,
              0),
-    SPIN_OPT("full", 0, NULL, "with --info: read every frame instead of 16 of them", SPIN_OPT_FLAG,
+    SPIN_ARG("full", 0, NULL, "with --info: read every frame instead of 16 of them", SPIN_ARG_FLAG,
              &options.full, 0, 0),
-    SPIN_OPT("check-cameras", 0, "DIR",
-             "draw the clip's points over the images of --data, as PNGs in DIR", SPIN_OPT_STRING,
+    SPIN_ARG("check-cameras", 0, "DIR",
+             "draw the clip's points over the images of --data, as PNGs in DIR", SPIN_ARG_STRING,
              &options.check_cameras, 0, 0),
-    SPIN_OPT("list", 0, NULL, "list the importers", SPIN_OPT_FLAG, &wants_list, 0, 0),
-    SPIN_OPT_COMMON_ROWS(common),
+    SPIN_ARG("list", 0, NULL, "list the importers", SPIN_ARG_FLAG, &wants_list, 0, 0),
+    SPIN_ARG_COMMON_ROWS(common),
 };
 
-static size_t list_importers(struct spin_opt_plugin *out, size_t room)
+static size_t list_importers(struct spin_args_plugin *out, size_t room)
 {
     const struct spin_importer *const *importer = spin_importer_list();
     size_t n = 0;
 
     for (; n < room && importer[n]; n++)
-        out[n] = (struct spin_opt_plugin){importer[n]->name, importer[n]->options};
+        out[n] = (struct spin_args_plugin){importer[n]->name, importer[n]->options};
     return n;
 }
 
@@ -68,7 +68,7 @@ static const char *const usage[] = {
     NULL,
 };
 
-static const struct spin_opt_command command = {
+static const struct spin_args_command command = {
     .name = "spin-import",
     .summary = "another method's run to a bundle",
     .usage = usage,
@@ -239,7 +239,7 @@ static void report_json(const struct spin_import_report *r)
     else
         spin_print_integer("sh_degree", r->sh_degree);
     print_columns("attributes", r->columns);
-    print_columns("still", r->still_columns);
+    print_columns("still", r->static_columns);
     spin_print_open("bounds", '{');
     print_vector("min", r->bounds_min);
     print_vector("max", r->bounds_max);
@@ -325,10 +325,10 @@ static void report_text(const struct spin_import_report *r)
             printf(" %s", columns[i].name);
     if (r->sh_degree >= 0)
         printf(" (SH degree %d)", r->sh_degree);
-    if (wants_info && r->still_columns) {
+    if (wants_info && r->static_columns) {
         printf("\nstill      ");
         for (int i = 0; i < N_COLUMNS; i++)
-            if (r->still_columns & columns[i].column)
+            if (r->static_columns & columns[i].column)
                 printf(" %s", columns[i].name);
     }
     printf("\nbounds      [%g, %g, %g] to [%g, %g, %g]\n", (double)r->bounds_min[0],
@@ -360,46 +360,46 @@ static const struct spin_importer *find_importer(const char *name)
 }
 
 /* What can be said to be asked wrongly without opening anything. */
-static int check(const struct spin_opt_words *words)
+static int check(const struct spin_args_words *words)
 {
     const struct spin_importer *from = find_importer(options.from);
     const struct spin_importer *data_from = find_importer(options.data_from);
 
     if (words->n == 0)
-        return spin_opt_misuse(&command, "INPUT is missing");
+        return spin_args_misuse(&command, "INPUT is missing");
     if (wants_info && options.output)
-        return spin_opt_misuse(&command, "--info writes nothing, but --output was given");
+        return spin_args_misuse(&command, "--info writes nothing, but --output was given");
     if (!wants_info && !options.output && !options.check_cameras)
-        return spin_opt_misuse(&command, "say where to write with --output, or use --info");
+        return spin_args_misuse(&command, "say where to write with --output, or use --info");
     if (options.full && !wants_info)
-        return spin_opt_misuse(&command, "--full goes with --info: an import reads every frame");
+        return spin_args_misuse(&command, "--full goes with --info: an import reads every frame");
     if (from && !from->open)
-        return spin_opt_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
+        return spin_args_misuse(&command, "'%s' reads data sets: use --data-from", from->name);
     if (options.data_from &&
         (data_from ? !data_from->views : !spin_plugin_fault(options.data_from)))
-        return spin_opt_misuse(&command, "no data set is called '%s'; --list shows them",
-                               options.data_from);
+        return spin_args_misuse(&command, "no data set is called '%s'; --list shows them",
+                                options.data_from);
     if (options.n_frames && times.n)
-        return spin_opt_misuse(&command, "--frames and --times exclude each other");
+        return spin_args_misuse(&command, "--frames and --times exclude each other");
     return SPIN_EXIT_OK;
 }
 
 int main(int argc, char **argv)
 {
-    struct spin_opt_words words;
+    struct spin_args_words words;
     struct spin_import_report report = {0};
     int code;
 
-    if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
         return code;
     if (wants_list) {
         if (words.n)
-            return spin_opt_misuse(&command, "--list takes no INPUT");
+            return spin_args_misuse(&command, "--list takes no INPUT");
         if (common.json)
             list_json();
         else
             list_text();
-        return spin_opt_finish(&command, SPIN_EXIT_OK);
+        return spin_args_finish(&command, SPIN_EXIT_OK);
     }
     code = check(&words);
     if (code != SPIN_EXIT_OK)
@@ -411,10 +411,10 @@ int main(int argc, char **argv)
     options.plugin_pairs = words.plugin_pairs;
     spin_status status = spin_import(&options, &report);
     if (status != SPIN_OK)
-        return spin_opt_fail(&command, status);
+        return spin_args_fail(&command, status);
     if (common.json)
         report_json(&report);
     else if (wants_info || !common.quiet)
         report_text(&report);
-    return spin_opt_finish(&command, SPIN_EXIT_OK);
+    return spin_args_finish(&command, SPIN_EXIT_OK);
 }

@@ -1,13 +1,13 @@
 /* spin-retrain: learn the attributes of a bundle anew. */
-#include "cmd/opt.h"
+#include "cmd/args.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 static struct spin_retrain_options options;
-static struct spin_opt_common common;
-static struct spin_opt_ints test_cameras;
+static struct spin_args_common common;
+static struct spin_args_ints test_cameras;
 static const char *preset = "paper", *residual;
 static const char *method = "network", *refine_start = "points", *densify = "on";
 static const char *activation = "gelu";
@@ -121,131 +121,132 @@ static bool parse_finest(const char *text, void *into) { return parse_resolution
 
 enum { MANY = 1000000000 };
 
-static const struct spin_opt_row rows[] = {
-    SPIN_OPT_HEADING("Output"),
-    SPIN_OPT("output", 'o', "OUT.spin", "the bundle to write", SPIN_OPT_STRING, &options.output, 0,
+static const struct spin_args_row rows[] = {
+    SPIN_ARG_HEADING("Output"),
+    SPIN_ARG("output", 'o', "OUT.spin", "the bundle to write", SPIN_ARG_STRING, &options.output, 0,
              0),
-    SPIN_OPT("dry-run", 0, NULL, "print memory and time needed, do no work", SPIN_OPT_FLAG,
+    SPIN_ARG("dry-run", 0, NULL, "print memory and time needed, do no work", SPIN_ARG_FLAG,
              &options.dry_run, 0, 0),
-    SPIN_OPT("resume", 0, NULL, "go on from the unfinished state of OUT.spin", SPIN_OPT_FLAG,
+    SPIN_ARG("resume", 0, NULL, "go on from the unfinished state of OUT.spin", SPIN_ARG_FLAG,
              &options.resume, 0, 0),
-    SPIN_OPT("preview", 0, "DIR", "write PNGs: ground truth beside render", SPIN_OPT_STRING,
+    SPIN_ARG("preview", 0, "DIR", "write PNGs: ground truth beside render", SPIN_ARG_STRING,
              &options.preview, 0, 0),
-    SPIN_OPT("log", 0, "FILE", "write one JSON line a step", SPIN_OPT_STRING, &options.log, 0, 0),
-    SPIN_OPT("eval-every", 0, "N", "measure the test views every N iterations (at the end)",
-             SPIN_OPT_INT, &options.eval_every, 0, MANY),
-    SPIN_OPT("save-every", 0, "N", "keep the state every N iterations (every 5 minutes)",
-             SPIN_OPT_INT, &options.save_every, 0, MANY),
-    SPIN_OPT_HEADING("Data set"),
-    SPIN_OPT("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
-             SPIN_OPT_STRING, &options.data, 0, 0),
-    SPIN_OPT("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_OPT_STRING,
+    SPIN_ARG("log", 0, "FILE", "write one JSON line a step", SPIN_ARG_STRING, &options.log, 0, 0),
+    SPIN_ARG("eval-every", 0, "N", "measure the test views every N iterations (at the end)",
+             SPIN_ARG_INT, &options.eval_every, 0, MANY),
+    SPIN_ARG("save-every", 0, "N", "keep the state every N iterations (every 5 minutes)",
+             SPIN_ARG_INT, &options.save_every, 0, MANY),
+    SPIN_ARG_HEADING("Data set"),
+    SPIN_ARG("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
+             SPIN_ARG_STRING, &options.data, 0, 0),
+    SPIN_ARG("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_ARG_STRING,
              &options.data_from, 0, 0),
-    SPIN_OPT("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_OPT_CHOICE,
+    SPIN_ARG("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_ARG_CHOICE,
              &options.pair, 0, 0),
-    SPIN_OPT("range", 0, "A:B[:STEP]", "use frame numbers A to B-1", SPIN_OPT_RANGE, &options.range,
+    SPIN_ARG("range", 0, "A:B[:STEP]", "use frame numbers A to B-1", SPIN_ARG_RANGE, &options.range,
              0, 0),
-    SPIN_OPT("scale", 0, "S", "image scale, 0.5 halves both sides (1)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("scale", 0, "S", "image scale, 0.5 halves both sides (1)", SPIN_ARG_DOUBLE,
              &options.image_scale, 0.01, 1),
-    SPIN_OPT("test-cams", 0, "LIST", "camera numbers held out (the data set's own)", SPIN_OPT_INTS,
+    SPIN_ARG("test-cams", 0, "LIST", "camera numbers held out (the data set's own)", SPIN_ARG_INTS,
              &test_cameras, 0, MANY),
-    SPIN_OPT("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
-             SPIN_OPT_COLOUR, options.background, 0, 0),
-    SPIN_OPT_HEADING("Training"),
-    SPIN_OPT("preset", 0, "paper|short",
+    SPIN_ARG("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
+             SPIN_ARG_COLOUR, options.background, 0, 0),
+    SPIN_ARG_HEADING("Training"),
+    SPIN_ARG("preset", 0, "paper|short",
              "where all options start: the paper's settings, or what does best in minutes (paper)",
-             SPIN_OPT_CHOICE, &preset, 0, 0),
-    SPIN_OPT("iterations", 0, "N", "steps (40000)", SPIN_OPT_INT, &options.iterations, 1, MANY),
-    SPIN_OPT("batch", 0, "N", "images a step (3)", SPIN_OPT_INT, &options.batch, 1, 1024),
-    SPIN_OPT("views-per-frame", 0, "N", "images of a step taken from one frame (1)", SPIN_OPT_INT,
+             SPIN_ARG_CHOICE, &preset, 0, 0),
+    SPIN_ARG("iterations", 0, "N", "steps (40000)", SPIN_ARG_INT, &options.iterations, 1, MANY),
+    SPIN_ARG("batch", 0, "N", "images a step (3)", SPIN_ARG_INT, &options.batch, 1, 1024),
+    SPIN_ARG("views-per-frame", 0, "N", "images of a step taken from one frame (1)", SPIN_ARG_INT,
              &options.views_per_frame, 1, 1024),
-    SPIN_OPT("lambda-dssim", 0, "W", "weight of the SSIM part of the loss (0.2)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("lambda-dssim", 0, "W", "weight of the SSIM part of the loss (0.2)", SPIN_ARG_DOUBLE,
              &options.lambda_dssim, 0, 1),
-    SPIN_OPT("moving-weight", 0, "W",
-             "how often a pixel counts that shows something that moves (1)", SPIN_OPT_DOUBLE,
-             &options.moving_weight, 1e-3, 1e3),
-    SPIN_OPT("lambda-opacity", 0, "W", "weight of the mean opacity, against floaters (0)",
-             SPIN_OPT_DOUBLE, &options.lambda_opacity, 0, 1e3),
-    SPIN_OPT("lambda-scale", 0, "W", "weight of the mean scale over the scene's extent (0)",
-             SPIN_OPT_DOUBLE, &options.lambda_scale, 0, 1e3),
-    SPIN_OPT("antialias", 0, NULL,
-             "draw small splats fainter, not only wider: for viewers that do so too", SPIN_OPT_FLAG,
+    SPIN_ARG("dynamic-weight", 0, "W",
+             "how often a pixel counts that shows something that moves (1)", SPIN_ARG_DOUBLE,
+             &options.dynamic_weight, 1e-3, 1e3),
+    SPIN_ARG("lambda-opacity", 0, "W", "weight of the mean opacity, against floaters (0)",
+             SPIN_ARG_DOUBLE, &options.lambda_opacity, 0, 1e3),
+    SPIN_ARG("lambda-scale", 0, "W", "weight of the mean scale over the scene's extent (0)",
+             SPIN_ARG_DOUBLE, &options.lambda_scale, 0, 1e3),
+    SPIN_ARG("antialias", 0, NULL,
+             "draw small splats fainter, not only wider: for viewers that do so too", SPIN_ARG_FLAG,
              &options.antialias, 0, 0),
-    SPIN_OPT("seed", 0, "N", "of the first values and the order of the images (0)", SPIN_OPT_UINT64,
+    SPIN_ARG("seed", 0, "N", "of the first values and the order of the images (0)", SPIN_ARG_UINT64,
              &options.seed, 0, 0),
-    SPIN_OPT("warmup", 0, "N", "steps in which the rates rise (iterations / 40)", SPIN_OPT_INT,
+    SPIN_ARG("warmup", 0, "N", "steps in which the rates rise (iterations / 40)", SPIN_ARG_INT,
              &options.warmup, 0, MANY),
-    SPIN_OPT("lr-table", 0, "R", "rate of the hash table (8e-3)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("lr-table", 0, "R", "rate of the hash table (8e-3)", SPIN_ARG_DOUBLE,
              &options.lr_table, 0, 1),
-    SPIN_OPT("lr-sh", 0, "R", "rate of the colour head (1e-3)", SPIN_OPT_DOUBLE, &options.lr_sh, 0,
+    SPIN_ARG("lr-sh", 0, "R", "rate of the colour head (1e-3)", SPIN_ARG_DOUBLE, &options.lr_sh, 0,
              1),
-    SPIN_OPT("lr-scale", 0, "R", "rate of the scale head (3e-4)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("lr-scale", 0, "R", "rate of the scale head (3e-4)", SPIN_ARG_DOUBLE,
              &options.lr_scale, 0, 1),
-    SPIN_OPT("lr-rotation", 0, "R", "rate of the rotation head (3e-5)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("lr-rotation", 0, "R", "rate of the rotation head (3e-5)", SPIN_ARG_DOUBLE,
              &options.lr_rotation, 0, 1),
-    SPIN_OPT("lr-opacity", 0, "R", "rate of the opacity head (8e-4)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("lr-opacity", 0, "R", "rate of the opacity head (8e-4)", SPIN_ARG_DOUBLE,
              &options.lr_opacity, 0, 1),
-    SPIN_OPT("lr-position", 0, "R", "rate of the positions, times the extent (1.6e-4)",
-             SPIN_OPT_DOUBLE, &options.lr_position, 0, 1),
-    SPIN_OPT("head-lr-factor", 0, "F", "on the rates of the four heads (1)", SPIN_OPT_DOUBLE,
+    SPIN_ARG("lr-position", 0, "R", "rate of the positions, times the extent (1.6e-4)",
+             SPIN_ARG_DOUBLE, &options.lr_position, 0, 1),
+    SPIN_ARG("head-lr-factor", 0, "F", "on the rates of the four heads (1)", SPIN_ARG_DOUBLE,
              &options.lr_head_factor, 0, 1000),
-    SPIN_OPT("sh-every", 0, "N", "iterations until the next degree of SH joins (0: all at once)",
-             SPIN_OPT_INT, &options.sh_every, 0, MANY),
-    SPIN_OPT("camera-colour", 0, NULL, "learn a gain and offset of every training camera",
-             SPIN_OPT_FLAG, &options.camera_colour, 0, 0),
-    SPIN_OPT("lr-camera", 0, "R", "rate of these gains and offsets (1e-3)", SPIN_OPT_DOUBLE,
-             &options.lr_camera, 0, 1),
-    SPIN_OPT_HEADING("Frame by frame"),
-    SPIN_OPT("method", 0, "network|explicit",
-             "explicit: every frame on its own, as 3DGS, and no network (network)", SPIN_OPT_CHOICE,
+    SPIN_ARG("sh-increase-every", 0, "N",
+             "iterations until the next degree of SH joins (0: all at once)", SPIN_ARG_INT,
+             &options.sh_increase_every, 0, MANY),
+    SPIN_ARG("learn-exposure", 0, NULL, "learn a gain and offset of every training camera",
+             SPIN_ARG_FLAG, &options.learn_exposure, 0, 0),
+    SPIN_ARG("lr-exposure", 0, "R", "rate of these gains and offsets (1e-3)", SPIN_ARG_DOUBLE,
+             &options.lr_exposure, 0, 1),
+    SPIN_ARG_HEADING("Frame by frame"),
+    SPIN_ARG("method", 0, "network|explicit",
+             "explicit: every frame on its own, as 3DGS, and no network (network)", SPIN_ARG_CHOICE,
              &method, 0, 0),
-    SPIN_OPT("refine", 0, "N",
+    SPIN_ARG("refine", 0, "N",
              "iterations of every frame before the network (0), or instead of it (2000)",
-             SPIN_OPT_INT, &options.refine, 0, MANY),
-    SPIN_OPT("refine-start", 0, "points|source",
-             "from coloured points, or from the source's attributes (points)", SPIN_OPT_CHOICE,
+             SPIN_ARG_INT, &options.refine, 0, MANY),
+    SPIN_ARG("refine-start", 0, "points|source",
+             "from coloured points, or from the source's attributes (points)", SPIN_ARG_CHOICE,
              &refine_start, 0, 0),
-    SPIN_OPT("densify", 0, "on|off", "let frames that are refined gain points (on)",
-             SPIN_OPT_CHOICE, &densify, 0, 0),
-    SPIN_OPT("max-points", 0, "N", "of a frame that is refined; 0: no limit (0)", SPIN_OPT_INT,
+    SPIN_ARG("densify", 0, "on|off", "let frames that are refined gain points (on)",
+             SPIN_ARG_CHOICE, &densify, 0, 0),
+    SPIN_ARG("max-points", 0, "N", "of a frame that is refined; 0: no limit (0)", SPIN_ARG_INT,
              &options.max_points, 0, MANY),
-    SPIN_OPT_HEADING("Network"),
-    SPIN_OPT("levels", 0, "N", "levels of the hash grid (16)", SPIN_OPT_INT, &options.levels, 1,
+    SPIN_ARG_HEADING("Network"),
+    SPIN_ARG("levels", 0, "N", "levels of the hash grid (16)", SPIN_ARG_INT, &options.levels, 1,
              32),
-    SPIN_OPT("features", 0, "N", "numbers a level, 1, 2, 4 or 8 (4)", SPIN_OPT_INT,
+    SPIN_ARG("features", 0, "N", "numbers a level, 1, 2, 4 or 8 (4)", SPIN_ARG_INT,
              &options.features, 1, 8),
-    SPIN_OPT("hash-log2", 0, "N", "2^N entries a level (21)", SPIN_OPT_INT, &options.hash_log2, 4,
+    SPIN_ARG("hash-log2", 0, "N", "2^N entries a level (21)", SPIN_ARG_INT, &options.hash_log2, 4,
              26),
-    SPIN_OPT("hidden", 0, "N", "width of the heads (64)", SPIN_OPT_INT, &options.hidden, 4, 256),
-    SPIN_OPT("sh-degree", 0, "N", "of the colours, 0 to 3 (3)", SPIN_OPT_INT, &options.sh_degree, 0,
+    SPIN_ARG("hidden", 0, "N", "width of the heads (64)", SPIN_ARG_INT, &options.hidden, 4, 256),
+    SPIN_ARG("sh-degree", 0, "N", "of the colours, 0 to 3 (3)", SPIN_ARG_INT, &options.sh_degree, 0,
              3),
-    SPIN_OPT_PARSED("base-resolution", "A[,B,C,D]", "cells of the coarsest level on x, y, z, t (8)",
+    SPIN_ARG_PARSED("base-resolution", "A[,B,C,D]", "cells of the coarsest level on x, y, z, t (8)",
                     options.base_resolution, parse_base),
-    SPIN_OPT_PARSED("finest-resolution", "A[,B,C,D]",
+    SPIN_ARG_PARSED("finest-resolution", "A[,B,C,D]",
                     "cells of the finest level; one number is for space, and time 0 is one per "
                     "frame, at least 16 (2048,2048,2048,0)",
                     options.finest_resolution, parse_finest),
-    SPIN_OPT("table-range", 0, "R", "first values of the table lie in -R to R (1e-4)",
-             SPIN_OPT_DOUBLE, &options.table_range, 0, 10),
-    SPIN_OPT_PARSED("scale-bias", "V|auto",
+    SPIN_ARG("hash-init-range", 0, "R", "first values of the table lie in -R to R (1e-4)",
+             SPIN_ARG_DOUBLE, &options.hash_init_range, 0, 10),
+    SPIN_ARG_PARSED("init-log-scale", "V|auto",
                     "first log scale of all splats; auto: from the distance of neighbours (-5)",
-                    &options.scale_bias, parse_scale_bias),
-    SPIN_OPT_PARSED("scene-normalise", "off|auto|none|CX,CY,CZ,R",
+                    &options.init_log_scale, parse_scale_bias),
+    SPIN_ARG_PARSED("scene-normalise", "off|auto|none|CX,CY,CZ,R",
                     "move and scale the scene where it enters the network; none: without the "
                     "contraction (off)",
                     &options, parse_normalise),
-    SPIN_OPT("residual", 0, "off|points|source",
+    SPIN_ARG("residual", 0, "off|points|source",
              "let the network add to values of every splat's own: off, from points' spacing and "
              "colour, from the source's attributes or the refined frame's (off)",
-             SPIN_OPT_CHOICE, &residual, 0, 0),
-    SPIN_OPT("lr-residual", 0, "F", "on 3DGS's rates for these values; 0: they stay (1)",
-             SPIN_OPT_DOUBLE, &options.lr_residual, 0, 1000),
-    SPIN_OPT("activation", 0, "gelu|relu", "of the heads (gelu)", SPIN_OPT_CHOICE, &activation, 0,
+             SPIN_ARG_CHOICE, &residual, 0, 0),
+    SPIN_ARG("lr-residual", 0, "F", "on 3DGS's rates for these values; 0: they stay (1)",
+             SPIN_ARG_DOUBLE, &options.lr_residual, 0, 1000),
+    SPIN_ARG("activation", 0, "gelu|relu", "of the heads (gelu)", SPIN_ARG_CHOICE, &activation, 0,
              0),
-    SPIN_OPT_HEADING("Machine"),
-    SPIN_OPT("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_OPT_CHOICE, &options.device,
+    SPIN_ARG_HEADING("Machine"),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_ARG_CHOICE, &options.device,
              0, 0),
-    SPIN_OPT_COMMON_ROWS(common),
+    SPIN_ARG_COMMON_ROWS(common),
 };
 
 static const char *const usage[] = {
@@ -254,7 +255,7 @@ static const char *const usage[] = {
     NULL,
 };
 
-static const struct spin_opt_command command = {
+static const struct spin_args_command command = {
     .name = "spin-retrain",
     .summary = "learn the attributes of a bundle anew",
     .usage = usage,
@@ -345,27 +346,27 @@ static void report_text(const struct spin_retrain_report *r)
 
 /* ---- The command ----------------------------------------------------------------------------- */
 
-static int check(const struct spin_opt_words *words)
+static int check(const struct spin_args_words *words)
 {
     if (words->n == 0)
-        return spin_opt_misuse(&command, "IN.spin is missing");
+        return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.output && !options.dry_run)
-        return spin_opt_misuse(&command, "say where to write with --output");
+        return spin_args_misuse(&command, "say where to write with --output");
     if (options.views_per_frame > options.batch)
-        return spin_opt_misuse(&command, "--views-per-frame %d is more than --batch %d",
-                               options.views_per_frame, options.batch);
+        return spin_args_misuse(&command, "--views-per-frame %d is more than --batch %d",
+                                options.views_per_frame, options.batch);
     return SPIN_EXIT_OK;
 }
 
 int main(int argc, char **argv)
 {
-    struct spin_opt_words words;
+    struct spin_args_words words;
     struct spin_retrain_report report = {0};
     int code;
 
     if (spin_retrain_preset(preset_of(argc, argv), &options) != SPIN_OK)
         spin_retrain_defaults(&options); /* parsing says that there is no such */
-    if (!spin_opt_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
         return code;
     code = check(&words);
     if (code != SPIN_EXIT_OK)
@@ -389,12 +390,12 @@ int main(int argc, char **argv)
     options.force = common.force;
     spin_status status = spin_retrain(&options, &report);
     if (status != SPIN_OK)
-        return spin_opt_fail(&command, status);
+        return spin_args_fail(&command, status);
     if (common.json)
         report_json(&report);
     else if (options.dry_run)
         report_plan(&report);
     else if (!common.quiet)
         report_text(&report);
-    return spin_opt_finish(&command, SPIN_EXIT_OK);
+    return spin_args_finish(&command, SPIN_EXIT_OK);
 }

@@ -87,9 +87,9 @@ void spin_device_close(struct spin_device *d)
         memset(d, 0, sizeof *d);
 }
 
-struct spin_cam spin_cam_from(const struct spin_camera *camera)
+struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)
 {
-    struct spin_cam cam;
+    struct spin_camera_f32 cam;
 
     memset(&cam, 0, sizeof cam);
     cam.width = camera->width;

@@ -21,7 +21,8 @@ enum {
     SPIN_ATTR_SH = 7,
     SPIN_ATTR_OPACITY = 55,
     SPIN_ATTR = 56,
-    SPIN_OWN = 11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
+    SPIN_RESIDUAL =
+        11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
     SPIN_TILE = 16, /* pixels; part of the result, method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
@@ -40,12 +41,13 @@ struct spin_grid {
  * at once (spin_adam_skip). Lines begin with the first hashed level: the smaller ones before it
  * are touched everywhere and take every step. */
 enum { SPIN_LINE = 16 };
-struct spin_lazy {
-    float *last;        /* [lines] step a line stands at; done + 1 once the present step needs it */
-    int64_t done;       /* steps that are over */
-    const float *drift; /* host [done + 1][2], by the step a line stands at: spin_adam_skip's drift
+struct spin_lazy_adam {
+    float *last;  /* [lines] step a line stands at; done + 1 once the present step needs it */
+    int64_t done; /* steps that are over */
+    const float
+        *skipped_step; /* host [done + 1][2], by the step a line stands at: spin_adam_skip's drift
                          * and tiny, up to step done */
-    const float *fade;  /* host [done + 1][2], by the steps missed: .9^t, .999^t */
+    const float *moment_decay; /* host [done + 1][2], by the steps missed: .9^t, .999^t */
 };
 /* Level where lines begin; n_levels: there are none. */
 static inline int spin_lazy_level(const struct spin_grid *grid)
@@ -58,7 +60,7 @@ static inline int spin_lazy_level(const struct spin_grid *grid)
 }
 
 /* Encoder input: ((p - centre) * inv_radius), contracted, to the unit cube; time goes last. */
-struct spin_norm {
+struct spin_scene_transform {
     float centre[3], inv_radius;
     bool raw; /* not contracted: what lies outside the unit cube gets zeros (an ablation) */
 };
@@ -75,16 +77,16 @@ struct spin_heads {
 };
 
 /* A camera as the ops use it. */
-struct spin_cam {
+struct spin_camera_f32 {
     int width, height, tiles_x, tiles_y;
     float fx, fy, cx, cy;
     float r[9], t[3];       /* w2c */
     float centre[3];        /* in the world */
     float limit_x, limit_y; /* 1.3 tan of the half field of view */
     bool
-        antialias; /* splats smaller than a pixel are drawn fainter, not only wider; spin_cam_from: no */
+        antialias; /* splats smaller than a pixel are drawn fainter, not only wider; spin_camera_f32_from: no */
 };
-struct spin_cam spin_cam_from(const struct spin_camera *camera);
+struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera);
 
 /* One projected Gaussian: 64 bytes. radius 0 = culled, nothing else is then meaningful. */
 struct spin_splat2d {
@@ -94,10 +96,10 @@ struct spin_splat2d {
     float colour[3];
     float depth;
     int32_t radius_px;
-    uint16_t x0, y0, x1, y1; /* tiles, half open */
-    uint32_t first_slot;     /* of its (splat, tile) pairs, splat-major: set by tile_count */
-    uint32_t flags;  /* bit 0..2: colour channel clamped at 0; bit 3, 4: x, y clamped in J */
-    uint8_t trim[4]; /* set by tile_count: tiles at the left, top, right, bottom of the
+    uint16_t x0, y0, x1, y1;     /* tiles, half open */
+    uint32_t first_intersection; /* of its (splat, tile) pairs, splat-major: set by tile_count */
+    uint32_t flags;       /* bit 0..2: colour channel clamped at 0; bit 3, 4: x, y clamped in J */
+    uint8_t tile_cull[4]; /* set by tile_count: tiles at the left, top, right, bottom of the
                                   * rectangle where alpha is below 1/255 everywhere; they get no pair */
 };
 
@@ -112,9 +114,9 @@ struct spin_splat2d_grad {
 
 /* Where a view's lists live; one struct per view in flight. Sizes are the core's business. */
 struct spin_tiles {
-    uint32_t n_pairs; /* set by tile_count */
-    uint32_t *pairs;  /* [n_pairs] splats, sorted by tile, then depth, then index */
-    uint32_t *start;  /* [tiles_x * tiles_y + 1] */
+    uint32_t n_intersections; /* set by tile_count */
+    uint32_t *intersections;  /* [n_pairs] splats, sorted by tile, then depth, then index */
+    uint32_t *start;          /* [tiles_x * tiles_y + 1] */
 };
 
 struct spin_device;
@@ -127,19 +129,19 @@ struct spin_device_ops {
     /* Memory. reserve() gives zeroed, 64-byte aligned memory. */
     spin_status (*reserve)(struct spin_device *d, size_t bytes, void **out);
     void (*release)(struct spin_device *d, void *block, size_t bytes);
-    void (*up)(struct spin_device *d, void *to, const void *host, size_t bytes);
-    void (*down)(struct spin_device *d, void *host, const void *from, size_t bytes);
+    void (*upload)(struct spin_device *d, void *to, const void *host, size_t bytes);
+    void (*download)(struct spin_device *d, void *host, const void *from, size_t bytes);
     void (*zero)(struct spin_device *d, void *block, size_t bytes);
     spin_status (*wait)(struct spin_device *d); /* also reports what went wrong before */
     size_t (*memory)(struct spin_device *d);    /* bytes that could still be reserved */
 
     /* x_u [n][4] = contract(pos_w [n][3]), t */
-    void (*contract)(struct spin_device *d, const struct spin_norm *norm, size_t n,
+    void (*contract)(struct spin_device *d, const struct spin_scene_transform *transform, size_t n,
                      const float *pos_w, float t, float *x_u);
     /* d_pos_w[rows[i]] += adjoint of d_x_u[i][0..2] */
-    void (*contract_back)(struct spin_device *d, const struct spin_norm *norm, size_t n_rows,
-                          const uint32_t *rows, const float *pos_w, const float *d_x_u,
-                          float *d_pos_w);
+    void (*contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
+                          size_t n_rows, const uint32_t *rows, const float *pos_w,
+                          const float *d_x_u, float *d_pos_w);
 
     /* z [n][levels*features] = */
     void (*grid)(struct spin_device *d, const struct spin_grid *grid, const float *table, size_t n,
@@ -158,48 +160,49 @@ struct spin_device_ops {
                      float *d_param, float *d_z);
 
     /* raw [n][SPIN_ATTR] += a splat's own values, raw as well; the colour is the first coefficient.
-     * own [SPIN_OWN n] is four groups: [n][3], [n][4], [n][3], [n]. Back: d_own [SPIN_OWN n] += */
-    void (*own)(struct spin_device *d, size_t n, const float *own, float *raw);
-    void (*own_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
-                     const float *d_raw, float *d_own);
+     * own [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]. Back: d_residual [SPIN_RESIDUAL n] += */
+    void (*residual)(struct spin_device *d, size_t n, const float *residual, float *raw);
+    void (*residual_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
+                          const float *d_raw, float *d_residual);
 
     /* attr [n][SPIN_ATTR] = finish(raw) */
     void (*attr)(struct spin_device *d, size_t n, const float *raw, float *attr);
     /* d_raw [n_rows][SPIN_ATTR] = from d_attr [n][SPIN_ATTR] */
-    void (*attr_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows, const float *raw,
-                      const float *d_attr, float *d_raw);
+    void (*activate_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
+                          const float *raw, const float *d_attr, float *d_raw);
 
     /* d_attr [rows] += the gradient of d_scale (sum of the three scales) + d_opacity opacity. */
-    void (*shrink)(struct spin_device *d, size_t n_rows, const uint32_t *rows, float d_scale,
-                   float d_opacity, float *d_attr);
+    void (*regularise_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
+                            float d_scale, float d_opacity, float *d_attr);
 
     /* splat2d [n] = ; sh_degree 0..3 */
-    void (*project)(struct spin_device *d, const struct spin_cam *cam, size_t n, const float *pos_w,
-                    const float *attr, int sh_degree, struct spin_splat2d *splat2d);
+    void (*project)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
+                    const float *pos_w, const float *attr, int sh_degree,
+                    struct spin_splat2d *splat2d);
     /* d_attr [n][SPIN_ATTR] +=, d_pos_w [n][3] += */
-    void (*project_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+    void (*project_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                          const float *pos_w, const float *attr, int sh_degree,
                          const struct spin_splat2d *splat2d,
                          const struct spin_splat2d_grad *d_splat2d, float *d_attr, float *d_pos_w);
 
-    /* Sets first_slot of every splat and tiles->n_pairs, and fails where these are more than
+    /* Sets first_intersection of every splat and tiles->n_intersections, and fails where these are more than
      * SPIN_MAX_PAIRS; then, with tiles->pairs large enough, fills. */
-    spin_status (*tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+    spin_status (*tile_count)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                               struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-    spin_status (*tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+    spin_status (*tile_fill)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                              const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
 
     /* image [3][h][w] =, final_t [h][w] =, n_used [h][w] = (one past the last contributor's place in
      * its tile's list) */
-    void (*blend)(struct spin_device *d, const struct spin_cam *cam,
+    void (*blend)(struct spin_device *d, const struct spin_camera_f32 *cam,
                   const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                  const float background[3] /* host */, float *image, float *final_t,
-                  int32_t *n_used);
+                  const float background[3] /* host */, float *image, float *final_transmittance,
+                  int32_t *last_contributor);
     /* d_splat2d [n] = */
-    void (*blend_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+    void (*blend_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                        const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                       const float background[3] /* host */, const float *final_t,
-                       const int32_t *n_used, const float *d_image,
+                       const float background[3] /* host */, const float *final_transmittance,
+                       const int32_t *last_contributor, const float *d_image,
                        struct spin_splat2d_grad *d_splat2d);
 
     /* loss = (1 - lambda) L1 + lambda (1 - SSIM); d_image = weight * its gradient (NULL: none). L1 and
@@ -210,12 +213,12 @@ struct spin_device_ops {
                  const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
                  double values[3] /* host */, float *d_image);
 
-    /* A camera's gain and offset, math/tint.h: out [3][n_pixels] = exp(tint[c]) image + tint[3 + c].
-     * Back: d_image is scaled in place, d_tint [6] +=. */
-    void (*tint)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
-                 float *out);
-    void (*tint_back)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
-                      float *d_image, float *d_tint);
+    /* A camera's gain and offset, math/exposure.h: out [3][n_pixels] = exp(tint[c]) image + tint[3 + c].
+     * Back: d_image is scaled in place, d_exposure [6] +=. */
+    void (*exposure)(struct spin_device *d, size_t n_pixels, const float *exposure,
+                     const float *image, float *out);
+    void (*exposure_back)(struct spin_device *d, size_t n_pixels, const float *exposure,
+                          const float *image, float *d_image, float *d_exposure);
 
     /* rows [<= n] = ascending indices of splats whose d_attr or d_pos_w row is not all zero. Returns
      * their count (host). */
@@ -226,19 +229,19 @@ struct spin_device_ops {
     void (*adam)(struct spin_device *d, size_t n, float *p, float *g, float *m, float *v, double lr,
                  int64_t step);
 
-    /* The same for a lazy table of n floats. grid_lazy is grid, after it has brought the lines that
+    /* The same for a lazy table of n floats. lazy_grid is grid, after it has brought the lines that
      * these points need to step done and marked them; adam_lazy takes step done + 1 with the
      * marked lines and with all levels before them; settle: out [n] = p as it would be after step
      * done if no line had been left alone. */
-    void (*grid_lazy)(struct spin_device *d, const struct spin_grid *grid,
-                      const struct spin_lazy *lazy, float *p, float *m, float *v, size_t n,
+    void (*lazy_grid)(struct spin_device *d, const struct spin_grid *grid,
+                      const struct spin_lazy_adam *lazy, float *p, float *m, float *v, size_t n,
                       const float *x_u, float *z);
-    void (*adam_lazy)(struct spin_device *d, const struct spin_grid *grid,
-                      const struct spin_lazy *lazy, size_t n, float *p, float *g, float *m,
+    void (*lazy_adam)(struct spin_device *d, const struct spin_grid *grid,
+                      const struct spin_lazy_adam *lazy, size_t n, float *p, float *g, float *m,
                       float *v, double lr);
-    void (*settle)(struct spin_device *d, const struct spin_grid *grid,
-                   const struct spin_lazy *lazy, size_t n, const float *p, const float *m,
-                   const float *v, float *out);
+    void (*lazy_flush)(struct spin_device *d, const struct spin_grid *grid,
+                       const struct spin_lazy_adam *lazy, size_t n, const float *p, const float *m,
+                       const float *v, float *out);
 };
 
 struct spin_device {

@@ -285,7 +285,7 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
     spin_status status = spin_image_encode(width, height, rgb, &bytes, &n_bytes);
 
     if (status != SPIN_OK)
-        return spin_more(status, "cannot write image '%s'", path);
+        return spin_fail_context(status, "cannot write image '%s'", path);
     SPIN_TRY_OUT(spin_out_open(path, true, &out));
     out.sync = sync;
     status = spin_out_write(&out, bytes, n_bytes);

@@ -8,13 +8,13 @@
 
 /* A numeric array as it lies in the file. Values are views: they die with the archive or bytes. */
 struct spin_array {
-    char kind;               /* 'f' 'i' 'u' 'b' */
-    int item_size;           /* bytes: 1 2 4 8 */
+    char kind;     /* 'f' 'i' 'u' 'b' */
+    int item_size; /* bytes: 1 2 4 8 */
     bool big_endian;
-    bool fortran;            /* column-major */
+    bool fortran; /* column-major */
     int n_dims;
     uint64_t shape[SPIN_NPY_MAX_DIMS];
-    uint64_t count;          /* product of shape */
+    uint64_t count; /* product of shape */
     const unsigned char *data;
     size_t n_bytes;
 };
@@ -27,7 +27,7 @@ spin_status spin_npy_parse(const char *what, const unsigned char *bytes, size_t 
 /* One open .npz. */
 struct spin_npz {
     struct spin_zip zip;
-    void **owned;            /* inflated members */
+    void **owned; /* inflated members */
     size_t n_owned;
 };
 spin_status spin_npz_open(const char *path, struct spin_npz *out);
@@ -57,8 +57,8 @@ const float *spin_array_f32(const struct spin_array *a);
 void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text);
 
 /* Write `name`.npy into an archive: descr such as "<f4", shape, then all the data at once. */
-spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr, int n_dims,
-                           const uint64_t *shape, const void *data);
+spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr,
+                           int n_dims, const uint64_t *shape, const void *data);
 /* The same in pieces: this, spin_zip_member_write() as often as needed, spin_zip_member_end(). */
 spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
                                  int n_dims, const uint64_t *shape);

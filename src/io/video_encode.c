@@ -49,8 +49,9 @@ static void release(struct spin_video_out *v)
     free(v);
 }
 
-spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height, double fps,
-                              int quality, struct spin_video_out **out, const char **codec)
+spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
+                              double fps, int quality, struct spin_video_out **out,
+                              const char **codec)
 {
     const char *format = format_of(path);
     struct spin_video_out *v = NULL;

@@ -9,8 +9,8 @@
 #include "io/file.h"
 
 struct spin_zip_member {
-    const char *name;              /* NUL-terminated */
-    uint64_t size, packed_size;    /* bytes */
+    const char *name;           /* NUL-terminated */
+    uint64_t size, packed_size; /* bytes */
     uint64_t header_offset;
     uint32_t crc;
     int method;
@@ -18,10 +18,10 @@ struct spin_zip_member {
 
 struct spin_zip {
     struct spin_map map;
-    char *path;                    /* for messages */
+    char *path;                     /* for messages */
     struct spin_zip_member *member; /* [n], in directory order */
     size_t n;
-    char *names;                   /* private */
+    char *names; /* private */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);

@@ -43,12 +43,12 @@ SPIN_FN void spin_adam_one(struct spin_adam_step s, float g, float *p, float *m,
  * second, so that both ends are exact and what lies between them is smooth. `fade_m` and `fade_v`
  * are .9^t and .999^t. Equal to the single steps but for rounding, and for gradients of 1e-16 to
  * 1e-14. */
-SPIN_FN void spin_adam_skip(float drift, float tiny, float fade_m, float fade_v, float *p, float *m,
-                            float *v)
+SPIN_FN void spin_adam_skip(float drift, float tiny, float decay_m, float decay_v, float *p,
+                            float *m, float *v)
 {
     *p -= drift * *m / (sqrtf(*v) + tiny);
-    *m *= fade_m;
-    *v *= fade_v;
+    *m *= decay_m;
+    *v *= decay_v;
 }
 
 /* Iteration i = 1..n: linear warm-up over the first `warmup`, then half a cosine down to lr_end. */

@@ -26,10 +26,7 @@ SPIN_FN spin_vec3 spin_v3(float x, float y, float z)
     return v;
 }
 
-SPIN_FN float spin_dot3(spin_vec3 a, spin_vec3 b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
+SPIN_FN float spin_dot3(spin_vec3 a, spin_vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 SPIN_FN float spin_minf(float a, float b) { return a < b ? a : b; }
 SPIN_FN float spin_maxf(float a, float b) { return a > b ? a : b; }

@@ -8,14 +8,14 @@
 #define SPIN_PROJECT_NEAR 0.2f
 #define SPIN_PROJECT_DILATION 0.3f
 
-struct spin_lens {
+struct spin_projection {
     float fx, fy, cx, cy;   /* pixels */
     float limit_x, limit_y; /* of x/z and y/z in the Jacobian */
     const float *r, *t;     /* [9], [3]: world to camera */
 };
 
 /* What forward and backward both need. */
-struct spin_footprint {
+struct spin_projected_cov {
     spin_vec3 p; /* mean in the camera */
     float x, y;  /* p.x, p.y clamped for the Jacobian */
     int x_clamped, y_clamped;
@@ -72,8 +72,9 @@ SPIN_FN float spin_clampf(float v, float limit)
 }
 
 /* p is the mean in the camera, with p.z > 0. */
-SPIN_FN void spin_footprint_from(const struct spin_lens *lens, spin_vec3 p, const float *scale,
-                                 const float *q, struct spin_footprint *f)
+SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_vec3 p,
+                                     const float *scale, const float *q,
+                                     struct spin_projected_cov *f)
 {
     const float *r = lens->r;
     float inv_z = 1 / p.z, tx = p.x * inv_z, ty = p.y * inv_z;
@@ -100,14 +101,14 @@ SPIN_FN void spin_footprint_from(const struct spin_lens *lens, spin_vec3 p, cons
 /* The 2-D covariance is k k^T + dilation. With its rows k0, k1 the determinant is
  * |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2: a sum of positive terms, where a c - b^2 would cancel for
  * needles. */
-struct spin_gram {
+struct spin_cov2d {
     float aa, b, cc; /* k k^T */
     float area, det; /* determinants without and with the dilation */
 };
 
-SPIN_FN struct spin_gram spin_gram_from(const struct spin_footprint *f)
+SPIN_FN struct spin_cov2d spin_cov2d_from(const struct spin_projected_cov *f)
 {
-    struct spin_gram g;
+    struct spin_cov2d g;
     spin_vec3 k0 = spin_v3(f->k[0][0], f->k[0][1], f->k[0][2]);
     spin_vec3 k1 = spin_v3(f->k[1][0], f->k[1][1], f->k[1][2]);
     spin_vec3 n =
@@ -122,11 +123,11 @@ SPIN_FN struct spin_gram spin_gram_from(const struct spin_footprint *f)
     return g;
 }
 
-SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
-                                              const struct spin_footprint *f)
+SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_projection *lens,
+                                              const struct spin_projected_cov *f)
 {
     struct spin_ellipse e;
-    struct spin_gram g = spin_gram_from(f);
+    struct spin_cov2d g = spin_cov2d_from(f);
     float a = g.aa + SPIN_PROJECT_DILATION, b = g.b, c = g.cc + SPIN_PROJECT_DILATION;
     float half = 0.5f * (g.aa - g.cc), mid = 0.5f * (a + c), inv = 1 / g.det;
 
@@ -145,18 +146,19 @@ SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_lens *lens,
 #define SPIN_PROJECT_FAINTEST 2.5e-5f
 
 /* On the opacity: 0.005 to 1. */
-SPIN_FN float spin_fade(const struct spin_footprint *f)
+SPIN_FN float spin_aa_compensation(const struct spin_projected_cov *f)
 {
-    struct spin_gram g = spin_gram_from(f);
+    struct spin_cov2d g = spin_cov2d_from(f);
     float ratio = g.area / g.det;
 
     return sqrtf(ratio > SPIN_PROJECT_FAINTEST ? ratio : SPIN_PROJECT_FAINTEST);
 }
 
 /* d_k [2][3] += from the gradient of the fade. At its limit there is none. */
-SPIN_FN void spin_fade_adj(const struct spin_footprint *f, float d_fade, float d_k[2][3])
+SPIN_FN void spin_aa_compensation_adj(const struct spin_projected_cov *f, float d_fade,
+                                      float d_k[2][3])
 {
-    struct spin_gram g = spin_gram_from(f);
+    struct spin_cov2d g = spin_cov2d_from(f);
     float ratio = g.area / g.det, dil = SPIN_PROJECT_DILATION;
     float d_ratio = ratio > SPIN_PROJECT_FAINTEST ? 0.5f * d_fade / sqrtf(ratio) : 0;
     float d_area = d_ratio * (g.det - g.area) / (g.det * g.det);
@@ -173,7 +175,8 @@ SPIN_FN void spin_fade_adj(const struct spin_footprint *f, float d_fade, float d
 /* d_k [2][3] = from the gradient of the conic. The conic is the inverse of C = k k^T + dilation,
  * so dL/dC = -conic G conic. In double: for a needle of aspect 100 these products cancel to 1e-4
  * of their terms. */
-SPIN_FN void spin_conic_adj(const struct spin_footprint *f, const float *d_conic, float d_k[2][3])
+SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_conic,
+                            float d_k[2][3])
 {
     double k00 = f->k[0][0], k01 = f->k[0][1], k02 = f->k[0][2];
     double k10 = f->k[1][0], k11 = f->k[1][1], k12 = f->k[1][2];
@@ -197,10 +200,10 @@ SPIN_FN void spin_conic_adj(const struct spin_footprint *f, const float *d_conic
 /* From the gradient of u, v, the conic and the fade (0: not antialiased): d_scale [3] +=, d_q [4] +=, d_pos_w [3] +=. Where x or
  * y was clamped in the Jacobian it counts as a constant, as in 3DGS: no gradient through p.x or
  * p.y there. */
-SPIN_FN void spin_ellipse_adj(const struct spin_lens *lens, const struct spin_footprint *f,
-                              const float *scale, const float *q, float d_u, float d_v,
-                              const float *d_conic, float d_fade, float *d_scale, float *d_q,
-                              float *d_pos_w)
+SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
+                              const struct spin_projected_cov *f, const float *scale,
+                              const float *q, float d_u, float d_v, const float *d_conic,
+                              float d_fade, float *d_scale, float *d_q, float *d_pos_w)
 {
     const float *r = lens->r;
     float d_k[2][3], d_a[2][3], d_j[2][3], d_m[3][3], d_rot[3][3];
@@ -210,7 +213,7 @@ SPIN_FN void spin_ellipse_adj(const struct spin_lens *lens, const struct spin_fo
 
     spin_conic_adj(f, d_conic, d_k);
     if (d_fade != 0)
-        spin_fade_adj(f, d_fade, d_k);
+        spin_aa_compensation_adj(f, d_fade, d_k);
     for (int j = 0; j < 3; j++)
         for (int i = 0; i < 3; i++) {
             d_m[i][j] = f->a[0][i] * d_k[0][j] + f->a[1][i] * d_k[1][j];

@@ -216,7 +216,7 @@ static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *r
         spin_status status = read_frame_entry(meta, (int)i, spin_json_at(list, i));
 
         if (status != SPIN_OK)
-            return spin_more(status, "frame %zu", i);
+            return spin_fail_context(status, "frame %zu", i);
     }
     return SPIN_OK;
 }
@@ -252,10 +252,10 @@ static spin_status read_meta(struct spin_bundle_meta *meta, const spin_json *roo
     if (!spin_json_bool(spin_json_get(root, "numbered"), &meta->numbered))
         return fail_key("numbered", "true or false");
     SPIN_TRY(read_splat_columns(root, &meta->columns, &meta->sh_degree, &meta->antialias));
-    SPIN_TRY(read_columns(root, "still_columns", &meta->still_columns));
-    if (meta->still_columns & ~meta->columns)
+    SPIN_TRY(read_columns(root, "static_columns", &meta->static_columns));
+    if (meta->static_columns & ~meta->columns)
         return spin_fail(SPIN_E_MALFORMED,
-                         "meta.json: 'still_columns' names columns that 'columns' does not");
+                         "meta.json: 'static_columns' names columns that 'columns' does not");
     SPIN_TRY(read_data(meta, root));
     return read_frames(meta, root);
 }
@@ -290,14 +290,14 @@ static spin_status find_array(struct spin_bundle *b, const char *key, bool check
 /* Where columns of a frame are found: the source's, or the refined ones. */
 struct group {
     const char *name;
-    unsigned columns, still_columns;
+    unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
 };
 
 static struct group source_of(const struct spin_bundle *b)
 {
-    return (struct group){"source", b->meta.columns, b->meta.still_columns, b->meta.sh_degree,
+    return (struct group){"source", b->meta.columns, b->meta.static_columns, b->meta.sh_degree,
                           b->meta.antialias};
 }
 
@@ -310,7 +310,7 @@ static struct group refined_of(const struct spin_bundle *b)
 static spin_status find_column(struct spin_bundle *b, const struct group *group, int i, int frame,
                                size_t n, bool check_crc, struct spin_array *out)
 {
-    bool still = (group->still_columns & columns_table[i].column) != 0;
+    bool still = (group->static_columns & columns_table[i].column) != 0;
     uint64_t shape[3];
     int64_t wanted[3];
     char key[64];
@@ -339,7 +339,7 @@ static spin_status check_source(struct spin_bundle *b)
 
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
-        bool still = (b->meta.still_columns & column) != 0;
+        bool still = (b->meta.static_columns & column) != 0;
 
         if (!(b->meta.columns & column))
             continue;
@@ -405,14 +405,14 @@ static spin_status check_network(struct spin_bundle *b)
     shape[1] = features;
     SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
     SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
-    own = spin_npz_has(&b->npz, "network/own/00000");
+    own = spin_npz_has(&b->npz, "network/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
         shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_NETWORK);
         shape[1] = 3;
         snprintf(key, sizeof key, "network/means/%05d", f);
         SPIN_TRY(find_array(b, key, false, 2, shape, &array));
         shape[1] = 11;
-        snprintf(key, sizeof key, "network/own/%05d", f);
+        snprintf(key, sizeof key, "network/residual/%05d", f);
         if (own)
             SPIN_TRY(find_array(b, key, false, 2, shape, &array));
     }
@@ -446,7 +446,7 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     SPIN_TRY_OUT(check_source(out));
     status = check_refined(out);
     if (status != SPIN_OK) {
-        status = spin_more(status, "refined");
+        status = spin_fail_context(status, "refined");
         goto out;
     }
     SPIN_TRY_OUT(check_network(out));
@@ -454,7 +454,7 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
 out:
     spin_bundle_close(out);
     if (!strstr(spin_last_error(), path))
-        status = spin_more(status, "cannot read '%s'", path);
+        status = spin_fail_context(status, "cannot read '%s'", path);
     return status;
 }
 
@@ -522,7 +522,7 @@ static spin_status read_column(struct spin_bundle *b, const struct group *group,
     spin_status status = find_column(b, group, i, frame, n, true, array);
 
     if (status != SPIN_OK && !strstr(spin_last_error(), b->path))
-        return spin_more(status, "cannot read '%s'", b->path);
+        return spin_fail_context(status, "cannot read '%s'", b->path);
     return status;
 }
 
@@ -541,7 +541,7 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
         SPIN_TRY(read_column(bundle, group, i, frame, n, &array));
         if (n > 0)
             memcpy(*spin_column_of(out, column), array.data, (size_t)array.n_bytes);
-        if (!(bundle->meta.still_columns & column)) /* a clip goes by, frame after frame */
+        if (!(bundle->meta.static_columns & column)) /* a clip goes by, frame after frame */
             spin_npz_forget(&bundle->npz, &array, 0, array.count);
     }
     return SPIN_OK;
@@ -601,7 +601,7 @@ spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, uns
     return read_group(bundle, &refined, frame, bundle->refined.n[frame], columns, out);
 }
 
-spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_from from,
+spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
                              unsigned columns, struct spin_splats *out)
 {
     struct group group = from == SPIN_FROM_REFINED ? refined_of(bundle) : source_of(bundle);
@@ -628,7 +628,7 @@ void spin_bundle_rest(const struct spin_splats *view)
     }
 }
 
-size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_from from)
+size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from)
 {
     if (from != SPIN_FROM_SOURCE && bundle->refined.columns)
         return bundle->refined.n[frame];
@@ -646,7 +646,7 @@ uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsig
 
         if (!(columns & bundle->meta.columns & column))
             continue;
-        member_key("source", i, (bundle->meta.still_columns & column) != 0, frame, key);
+        member_key("source", i, (bundle->meta.static_columns & column) != 0, frame, key);
         m = find_member(bundle, key);
         sum =
             (sum ^ (m ? m->crc : 0)) * 0x01000193u + column; /* as FNV-1a does, a word at a time */
@@ -666,14 +666,14 @@ spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
 }
 
 static spin_status write_group(struct spin_bundle_writer *w, const char *group, int index,
-                               unsigned columns, unsigned still_columns,
+                               unsigned columns, unsigned static_columns,
                                const struct spin_splats *splats)
 {
     struct spin_splats view = *splats;
 
     for (int i = 0; i < N_COLUMNS; i++) {
         unsigned column = columns_table[i].column;
-        bool still = (still_columns & column) != 0;
+        bool still = (static_columns & column) != 0;
         uint64_t shape[3];
         char key[64];
         const float *data;
@@ -693,9 +693,9 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
 }
 
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
-                                    unsigned still_columns, const struct spin_splats *splats)
+                                    unsigned static_columns, const struct spin_splats *splats)
 {
-    return write_group(w, "source", index, columns, still_columns, splats);
+    return write_group(w, "source", index, columns, static_columns, splats);
 }
 
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
@@ -730,7 +730,7 @@ spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct s
         if (strncmp(m->name, "source/", 7) == 0 && spin_zip_find(zip, m->name) == m)
             SPIN_TRY(copy_member(w, zip, m));
     }
-    w->still_written = from->meta.still_columns;
+    w->still_written = from->meta.static_columns;
     return SPIN_OK;
 }
 
@@ -775,7 +775,7 @@ static spin_json *meta_json(const struct spin_bundle_meta *meta, spin_json *extr
     spin_json_set_integer(root, "source_frames", meta->n_source_frames);
     spin_json_set_bool(root, "numbered", meta->numbered);
     spin_json_set(root, "columns", spin_column_names(meta->columns));
-    spin_json_set(root, "still_columns", spin_column_names(meta->still_columns));
+    spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
     spin_json_set_integer(root, "sh_degree", meta->sh_degree);
     if (meta->antialias)
         spin_json_set_bool(root, "antialias", true);

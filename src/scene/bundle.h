@@ -5,8 +5,8 @@
  *   source/<column>.npy                      a column that is the same in every frame
  *   refined/<column>/<index>.npy             one frame of splats refined on their own
  *   network/means/<index>.npy                positions after retraining
- *   network/own/<index>.npy                  what the network's outputs are added to, if anything
- *   network/table.npy  network/heads.npy ... what core/model keeps
+ *   network/residual/<index>.npy                  what the network's outputs are added to, if anything
+ *   network/table.npy  network/heads.npy ... what model/field keeps
  *
  * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];
  * all little-endian float32. <index> is the frame's place in meta.json's list, not its number. */
@@ -27,7 +27,7 @@ struct spin_bundle_meta {
     int *source_index;             /* [n_frames] place in the whole source clip */
     int n_source_frames;           /* frames of the source clip before any range */
     bool numbered;                 /* frame numbers are the source's own */
-    unsigned columns, still_columns;
+    unsigned columns, static_columns;
     int sh_degree;       /* -1: none */
     bool antialias;      /* meant to be drawn antialiased */
     char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
@@ -67,13 +67,13 @@ spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, uns
                                       struct spin_splats *out);
 /* The source's columns of a frame, or with SPIN_FROM_REFINED those, without a copy where they can be
  * used as they lie in the map (out->mapped): to be read only, until the bundle is closed. */
-spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_from from,
+spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
                              unsigned columns, struct spin_splats *out);
 /* A view that will not be looked at again soon: its pages leave the process. Of others, nothing. */
 void spin_bundle_rest(const struct spin_splats *view);
 /* Splats of a frame: the source's; or else the refined ones where there are some, which are also the
  * network's. */
-size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_from from);
+size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from);
 /* A number that follows from the values of these columns of a source frame, without reading them. */
 uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsigned columns);
 
@@ -85,9 +85,9 @@ struct spin_bundle_writer {
 /* sync: on the disk before it has its name, as struct spin_out has it. */
 spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
                                     struct spin_bundle_writer *w);
-/* Columns in `columns` of frame `index`; those in still_columns are written at index 0 only. */
+/* Columns in `columns` of frame `index`; those in static_columns are written at index 0 only. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
-                                    unsigned still_columns, const struct spin_splats *splats);
+                                    unsigned static_columns, const struct spin_splats *splats);
 /* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);

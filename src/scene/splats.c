@@ -95,8 +95,8 @@ spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
     views->view[views->n] = *v;
     views->view[views->n].path = path;
     views->view[views->n++].mask = mask;
-    if (v->row >= views->n_rows)
-        views->n_rows = v->row + 1;
+    if (v->dataset_frame >= views->n_dataset_frames)
+        views->n_dataset_frames = v->dataset_frame + 1;
     return SPIN_OK;
 out:
     free(path);

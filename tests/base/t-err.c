@@ -12,7 +12,7 @@ static spin_status outer(void)
 
     SPIN_TRY_OUT(inner());
 out:
-    return spin_more(status, "cannot open '%s'", "a.npz");
+    return spin_fail_context(status, "cannot open '%s'", "a.npz");
 }
 
 static spin_status forwards(void)
@@ -51,10 +51,10 @@ TAP_MAIN
     large[sizeof large - 1] = '\0';
     spin_fail(SPIN_E_IO, "%s", large);
     ok(strlen(spin_last_error()) == 4095, "an overlong text is cut");
-    spin_more(SPIN_E_IO, "outside");
+    spin_fail_context(SPIN_E_IO, "outside");
     ok(strlen(spin_last_error()) == 4095 && strncmp(spin_last_error(), "outside: xxx", 12) == 0,
        "an overlong trail loses its inner end");
-    spin_more(SPIN_E_IO, "%s", large);
+    spin_fail_context(SPIN_E_IO, "%s", large);
     ok(strlen(spin_last_error()) == 4095, "an overlong link is cut");
 
     spin_fail(SPIN_E_IO, "mine");

@@ -61,43 +61,43 @@ static const struct spin_train_frame *frame_of(const struct bench_scene *s)
 
 static void run_contract(struct bench_scene *s)
 {
-    s->device.op->contract(&s->device, &s->trainer.model.norm, s->n, frame_of(s)->pos, 0.37f,
-                           s->trainer.decode.x_u);
+    s->device.op->contract(&s->device, &s->trainer.field.transform, s->n, frame_of(s)->pos, 0.37f,
+                           s->trainer.field_eval.x_u);
 }
 
 static void run_grid(struct bench_scene *s)
 {
-    struct spin_decode *w = &s->trainer.decode;
+    struct spin_field_eval *w = &s->trainer.field_eval;
 
-    s->device.op->grid(&s->device, &s->trainer.model.grid, s->trainer.table.p, s->n, w->x_u, w->z);
+    s->device.op->grid(&s->device, &s->trainer.field.grid, s->trainer.table.p, s->n, w->x_u, w->z);
 }
 
 static void run_grid_lazy(struct bench_scene *s)
 {
     struct spin_trainer *t = &s->trainer;
 
-    s->device.op->grid_lazy(&s->device, &t->model.grid, &s->lazy.lazy, t->table.p, t->table.m,
-                            t->table.v, s->n, t->decode.x_u, t->decode.z);
+    s->device.op->lazy_grid(&s->device, &t->field.grid, &s->lazy.lazy, t->table.p, t->table.m,
+                            t->table.v, s->n, t->field_eval.x_u, t->field_eval.z);
 }
 
 static void run_mlp(struct bench_scene *s)
 {
-    struct spin_decode *w = &s->trainer.decode;
+    struct spin_field_eval *w = &s->trainer.field_eval;
 
-    s->device.op->mlp(&s->device, &s->trainer.model.heads, s->trainer.heads.p, s->n, w->z, w->raw);
+    s->device.op->mlp(&s->device, &s->trainer.field.heads, s->trainer.heads.p, s->n, w->z, w->raw);
 }
 
 static void run_attr(struct bench_scene *s)
 {
-    struct spin_decode *w = &s->trainer.decode;
+    struct spin_field_eval *w = &s->trainer.field_eval;
 
     s->device.op->attr(&s->device, s->n, w->raw, w->attr);
 }
 
 static void run_project(struct bench_scene *s)
 {
-    s->device.op->project(&s->device, &s->cam, s->n, frame_of(s)->pos, s->trainer.decode.attr,
-                          s->trainer.model.sh_degree, s->trainer.raster.splat2d);
+    s->device.op->project(&s->device, &s->cam, s->n, frame_of(s)->pos, s->trainer.field_eval.attr,
+                          s->trainer.field.sh_degree, s->trainer.raster.splat2d);
 }
 
 static void run_lists(struct bench_scene *s)
@@ -113,7 +113,7 @@ static void run_blend(struct bench_scene *s)
     struct spin_raster *r = &s->trainer.raster;
 
     s->device.op->blend(&s->device, &s->cam, r->splat2d, &r->tiles, s->trainer.background, r->image,
-                        r->final_t, r->n_used);
+                        r->final_transmittance, r->last_contributor);
 }
 
 static void run_loss(struct bench_scene *s)
@@ -130,40 +130,40 @@ static void run_blend_back(struct bench_scene *s)
     struct spin_raster *r = &s->trainer.raster;
 
     s->device.op->blend_back(&s->device, &s->cam, s->n, r->splat2d, &r->tiles,
-                             s->trainer.background, r->final_t, r->n_used, r->d_image,
-                             r->d_splat2d);
+                             s->trainer.background, r->final_transmittance, r->last_contributor,
+                             r->d_image, r->d_splat2d);
 }
 
 static void run_project_back(struct bench_scene *s)
 {
     struct spin_raster *r = &s->trainer.raster;
 
-    s->device.op->project_back(&s->device, &s->cam, s->n, frame_of(s)->pos, s->trainer.decode.attr,
-                               s->trainer.model.sh_degree, r->splat2d, r->d_splat2d,
-                               s->trainer.decode.d_attr, s->trainer.d_pos);
+    s->device.op->project_back(&s->device, &s->cam, s->n, frame_of(s)->pos,
+                               s->trainer.field_eval.attr, s->trainer.field.sh_degree, r->splat2d,
+                               r->d_splat2d, s->trainer.field_eval.d_attr, s->trainer.d_pos);
 }
 
 /* All rows, as in the reference, whether they have a gradient or not. */
 static void run_attr_back(struct bench_scene *s)
 {
-    struct spin_decode *w = &s->trainer.decode;
+    struct spin_field_eval *w = &s->trainer.field_eval;
 
-    s->device.op->attr_back(&s->device, s->n, NULL, w->raw, w->d_attr, w->d_raw);
+    s->device.op->activate_back(&s->device, s->n, NULL, w->raw, w->d_attr, w->d_raw);
 }
 
 static void run_mlp_back(struct bench_scene *s)
 {
-    struct spin_decode *w = &s->trainer.decode;
+    struct spin_field_eval *w = &s->trainer.field_eval;
 
-    s->device.op->mlp_back(&s->device, &s->trainer.model.heads, s->trainer.heads.p, s->n, NULL,
+    s->device.op->mlp_back(&s->device, &s->trainer.field.heads, s->trainer.heads.p, s->n, NULL,
                            w->z, w->d_raw, s->trainer.heads.g, w->d_z);
 }
 
 static void run_grid_back(struct bench_scene *s)
 {
-    struct spin_decode *w = &s->trainer.decode;
+    struct spin_field_eval *w = &s->trainer.field_eval;
 
-    s->device.op->grid_back(&s->device, &s->trainer.model.grid, s->trainer.table.p, s->n, NULL,
+    s->device.op->grid_back(&s->device, &s->trainer.field.grid, s->trainer.table.p, s->n, NULL,
                             w->x_u, w->d_z, s->trainer.table.g, w->d_x_u);
 }
 
@@ -172,9 +172,9 @@ static void run_adam_lazy(struct bench_scene *s)
     struct spin_trainer *t = &s->trainer;
     struct spin_param *p = &t->table;
 
-    s->device.op->adam_lazy(&s->device, &t->model.grid, &s->lazy.lazy, p->n, p->p, p->g, p->m, p->v,
+    s->device.op->lazy_adam(&s->device, &t->field.grid, &s->lazy.lazy, p->n, p->p, p->g, p->m, p->v,
                             1e-7);
-    spin_lazy_did(&s->lazy, 1e-7);
+    spin_lazy_advance(&s->lazy, 1e-7);
 }
 
 static void run_adam(struct bench_scene *s)
@@ -198,13 +198,13 @@ static void run_step(struct bench_scene *s)
 
 static double lookups_of(const struct bench_scene *s)
 {
-    return (double)s->n * s->trainer.model.grid.n_levels * 16;
+    return (double)s->n * s->trainer.field.grid.n_levels * 16;
 }
 
 /* Lines of the table that the points of the scene need, after a look at it as a lazy one. */
 static double lines_of(const struct bench_scene *s)
 {
-    const struct spin_lazy *lazy = &s->lazy.lazy;
+    const struct spin_lazy_adam *lazy = &s->lazy.lazy;
     double n = 0;
 
     for (size_t i = 0; i < s->lazy.n_lines; i++)
@@ -226,7 +226,7 @@ static struct work work_grid_back(const struct bench_scene *s)
 
 static double multiply_adds(const struct bench_scene *s)
 {
-    const struct spin_heads *h = &s->trainer.model.heads;
+    const struct spin_heads *h = &s->trainer.field.heads;
     double sum = 0;
 
     for (int k = 0; k < SPIN_HEADS; k++)
@@ -260,7 +260,7 @@ static struct work work_none(const struct bench_scene *s)
 static const struct stage stages[] = {
     {"contract", "contraction", run_contract, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
     {"grid", "encode forward", run_grid, work_grid, PER_SPLAT, BY_LOOKUPS, 1, {7, 35, 131}, 1.5},
-    {"grid_lazy", "  of a lazy table", run_grid_lazy, work_grid, PER_SPLAT, BY_LOOKUPS, 0, {0}, 0},
+    {"lazy_grid", "  of a lazy table", run_grid_lazy, work_grid, PER_SPLAT, BY_LOOKUPS, 0, {0}, 0},
     {"mlp", "heads forward", run_mlp, work_mlp, PER_SPLAT, BY_FMA, 0, {5.5, 27, 109}, 1.3},
     {"attr", "attributes", run_attr, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
     {"project", "project + SH", run_project, work_none, PER_SPLAT, BY_NOTHING, 0, {1, 4, 17}, 1.5},
@@ -269,7 +269,7 @@ static const struct stage stages[] = {
     {"loss", "L1 + SSIM, both ways", run_loss, work_none, PER_PIXEL, BY_NOTHING, 0, {6.4, 6.4, 6.4}, 1.5},
     {"blend_back", "raster backward", run_blend_back, work_none, PER_PAIR, BY_NOTHING, 0, {12, 20, 38}, 1.5},
     {"project_back", "project + SH backward", run_project_back, work_none, PER_SPLAT, BY_NOTHING, 0, {1.4, 6.5, 24}, 1.5},
-    {"attr_back", "attributes backward", run_attr_back, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
+    {"activate_back", "attributes backward", run_attr_back, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
     {"mlp_back", "heads backward", run_mlp_back, work_mlp_back, PER_SPLAT, BY_FMA, 0, {15.5, 76, 303}, 1.3},
     {"grid_back", "encode backward", run_grid_back, work_grid_back, PER_SPLAT, BY_LOOKUPS, 1, {22, 114, 404}, 1.5},
     {"adam_lazy", "Adam, needed lines", run_adam_lazy, work_none, PER_SPLAT, BY_NOTHING, 1, {25, 57, 68}, 1.5},
@@ -318,11 +318,11 @@ static int reference_place(size_t n)
     return -1;
 }
 
-static double units_of(const struct bench_scene *s, enum unit unit, double pairs)
+static double units_of(const struct bench_scene *s, enum unit unit, double intersections)
 {
     switch (unit) {
     case PER_PAIR:
-        return pairs;
+        return intersections;
     case PER_PIXEL:
         return (double)s->cam.width * s->cam.height;
     case PER_PARAMETER:
@@ -348,8 +348,8 @@ static double share_of(const struct stage *stage, const struct work *work, doubl
 }
 
 static struct row row_of(const struct stage *stage, struct timing *t, int rounds, int n_threads,
-                         const struct bench_scene *s, const struct bench_ceilings *c, double pairs,
-                         int log2_rows)
+                         const struct bench_scene *s, const struct bench_ceilings *c,
+                         double intersections, int log2_rows)
 {
     struct work work = stage->work(s);
     struct row row = {.stage = stage};
@@ -362,7 +362,7 @@ static struct row row_of(const struct stage *stage, struct timing *t, int rounds
     row.cpu_ms = 1e3 * t->cpu[0];
     row.cpu_median_ms = 1e3 * t->cpu[rounds / 2];
     row.wall_ms = 1e3 * t->wall[0];
-    row.each_ns = 1e9 * t->cpu[0] / units_of(s, stage->unit, pairs);
+    row.each_ns = 1e9 * t->cpu[0] / units_of(s, stage->unit, intersections);
     row.gflops = work.flop / seconds / 1e9;
     row.gbytes = work.bytes / seconds / 1e9;
     row.share = share_of(stage, &work, seconds, s, c);
@@ -407,12 +407,13 @@ static void print_row(const struct row *r)
         printf("  %-22s %9.1f times the peers' speed\n", "", r->peers);
 }
 
-static void print_head(const struct bench_scene *s, int log2_rows, double pairs)
+static void print_head(const struct bench_scene *s, int log2_rows, double intersections)
 {
     printf("\n%s, %zu Gaussians, 2^%d rows a level (%.1f M parameters), %.1f contributing pairs a "
            "pixel, %u tile pairs\n",
            s->device.description, s->n, log2_rows, (double)s->trainer.table.n / 1e6,
-           pairs / ((double)s->cam.width * s->cam.height), s->trainer.raster.tiles.n_pairs);
+           intersections / ((double)s->cam.width * s->cam.height),
+           s->trainer.raster.tiles.n_intersections);
     printf("  %-22s %9s %9s %9s %9s %9s %9s %9s %9s\n", "", "cpu ms", "median", "wall ms",
            "ns each", "GFLOP/s", "GB/s", "ceiling", "reference");
 }
@@ -499,17 +500,17 @@ static spin_status fill_lists(struct bench_scene *s)
     run_grid(s);
     run_mlp(s);
     run_attr(s);
-    t->device->op->up(t->device, t->raster.truth, s->truth,
-                      (size_t)s->cam.width * (size_t)s->cam.height * 3 * sizeof(float));
-    return spin_raster_forward(&t->raster, &s->cam, s->n, frame_of(s)->pos, t->decode.attr,
-                               t->model.sh_degree, t->background);
+    t->device->op->upload(t->device, t->raster.truth, s->truth,
+                          (size_t)s->cam.width * (size_t)s->cam.height * 3 * sizeof(float));
+    return spin_raster_forward(&t->raster, &s->cam, s->n, frame_of(s)->pos, t->field_eval.attr,
+                               t->field.sh_degree, t->background);
 }
 
 static void zero_gradients(struct bench_scene *s)
 {
     struct spin_device *d = &s->device;
 
-    d->op->zero(d, s->trainer.decode.d_attr, s->n * SPIN_ATTR * sizeof(float));
+    d->op->zero(d, s->trainer.field_eval.d_attr, s->n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, s->trainer.d_pos, s->n * 3 * sizeof(float));
     d->op->zero(d, s->trainer.heads.g, s->trainer.heads.n * sizeof(float));
 }
@@ -540,10 +541,10 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
 {
     static struct timing timing[N_STAGES + N_STEPS];
     spin_json *rows = runs ? spin_json_array() : NULL;
-    double pairs;
+    double intersections;
 
     SPIN_TRY(fill_lists(s)); /* grows what grows */
-    pairs = bench_scene_pairs(s);
+    intersections = bench_scene_pairs(s);
     if (o->alone)
         time_alone(o, s, timing);
     for (int round = 0; round < o->rounds && !o->alone; round++) {
@@ -556,19 +557,19 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
             continue;
         s->trainer.iteration = 0;
         if (i == 1)
-            SPIN_TRY(spin_trainer_be_lazy(&s->trainer));
+            SPIN_TRY(spin_trainer_enable_lazy_adam(&s->trainer));
         for (int round = 0; round < o->rounds; round++)
             time_stage(&steps[i], s, &timing[N_STAGES + i], round);
     }
     if (!runs)
-        print_head(s, log2_rows, pairs);
+        print_head(s, log2_rows, intersections);
     for (int i = 0; i < N_STAGES + N_STEPS; i++) {
         const struct stage *stage = i < N_STAGES ? &stages[i] : &steps[i - N_STAGES];
         struct row row;
 
         if (!wanted(o, stage))
             continue;
-        row = row_of(stage, &timing[i], o->rounds, n_threads, s, c, pairs, log2_rows);
+        row = row_of(stage, &timing[i], o->rounds, n_threads, s, c, intersections, log2_rows);
         report(o, &row, rows);
     }
     if (runs) {
@@ -577,8 +578,9 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
         spin_json_set_string(j, "device", s->device.description);
         spin_json_set_integer(j, "gaussians", (int64_t)s->n);
         spin_json_set_integer(j, "log2_rows", log2_rows);
-        spin_json_set_number(j, "pairs_per_pixel", pairs / ((double)s->cam.width * s->cam.height));
-        spin_json_set_integer(j, "tile_pairs", s->trainer.raster.tiles.n_pairs);
+        spin_json_set_number(j, "pairs_per_pixel",
+                             intersections / ((double)s->cam.width * s->cam.height));
+        spin_json_set_integer(j, "tile_pairs", s->trainer.raster.tiles.n_intersections);
         spin_json_set(j, "stages", rows);
         spin_json_push(runs, j);
     }

@@ -2,7 +2,7 @@
 #ifndef SPIN_TESTS_BENCH_BENCH_H
 #define SPIN_TESTS_BENCH_BENCH_H
 
-#include "core/train.h"
+#include "train/step.h"
 
 /* ---- ceilings.c: measured on the spot, so that a share of them holds on any machine ---------- */
 
@@ -24,7 +24,7 @@ struct bench_scene {
     struct spin_trainer trainer;
     struct spin_lazy_table lazy; /* of the trainer's table, for the stages */
     struct spin_camera camera;
-    struct spin_cam cam;
+    struct spin_camera_f32 cam;
     size_t n;
     float *truth; /* host [3][h][w] */
     bool open;

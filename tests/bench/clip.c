@@ -25,7 +25,7 @@ static float peaked(uint64_t *at)
 static void fill_splat(struct spin_splats *s, size_t i, int frame, uint64_t *at)
 {
     size_t n_sh = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), ball = i % 8;
-    float direction[3], length = 0, *q = s->quats + 4 * i, norm = 0, tone = normal(at);
+    float direction[3], length = 0, *q = s->quats + 4 * i, transform = 0, tone = normal(at);
 
     for (int c = 0; c < 3; c++) {
         direction[c] = normal(at);
@@ -40,10 +40,10 @@ static void fill_splat(struct spin_splats *s, size_t i, int frame, uint64_t *at)
     }
     for (int k = 0; k < 4; k++) {
         q[k] = normal(at);
-        norm += q[k] * q[k];
+        transform += q[k] * q[k];
     }
     for (int k = 0; k < 4; k++)
-        q[k] /= sqrtf(norm + 1e-12f);
+        q[k] /= sqrtf(transform + 1e-12f);
     s->logit_opacities[i] = 1 + 3 * normal(at);
     for (size_t k = 0; k < n_sh; k++) {
         for (size_t c = 0; c < 3; c++)

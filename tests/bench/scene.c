@@ -8,7 +8,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "core/morton.h"
+#include "train/morton.h"
 #include "math/blend.h"
 #include "math/mlp.h"
 #include "math/rng.h"
@@ -88,7 +88,7 @@ static spin_status put_points(struct bench_scene *s, const float *points)
     for (size_t i = 0; i < s->n; i++)
         memcpy((float *)sorted + 3 * i, points + 3 * (size_t)((uint32_t *)block)[i],
                3 * sizeof(float));
-    d->op->up(d, s->trainer.frame[0].pos, sorted, s->n * 3 * sizeof(float));
+    d->op->upload(d, s->trainer.frame[0].pos, sorted, s->n * 3 * sizeof(float));
 out:
     free(block);
     free(sorted);
@@ -113,12 +113,12 @@ static spin_status put_network(struct bench_scene *s)
     SPIN_TRY(spin_alloc(t->table.n + t->heads.n, sizeof(float), &block));
     table = block;
     heads = table + t->table.n;
-    spin_model_init(&t->model, 1, 1e-4, log(3.4 / sqrt((double)s->n)), table, heads);
+    spin_field_init(&t->field, 1, 1e-4, log(3.4 / sqrt((double)s->n)), table, heads);
     for (size_t i = 0; i < t->table.n; i++)
         table[i] *= 5e3f;
-    last_bias(&t->model.heads, heads, SPIN_HEAD_OPACITY)[0] = -1.2f;
-    d->op->up(d, t->table.p, table, t->table.n * sizeof(float));
-    d->op->up(d, t->heads.p, heads, t->heads.n * sizeof(float));
+    last_bias(&t->field.heads, heads, SPIN_HEAD_OPACITY)[0] = -1.2f;
+    d->op->upload(d, t->table.p, table, t->table.n * sizeof(float));
+    d->op->upload(d, t->heads.p, heads, t->heads.n * sizeof(float));
     free(block);
     return SPIN_OK;
 }
@@ -139,16 +139,16 @@ static void set_rates(struct spin_train_rates *r)
 static spin_status open_trainer(struct bench_scene *s, int log2_rows)
 {
     static const int base[4] = {16, 16, 16, 8}, finest[4] = {2048, 2048, 2048, 128};
-    struct spin_model model;
+    struct spin_field field;
 
-    SPIN_TRY(spin_model_plan(&model, 16, 4, log2_rows, 64, 3, base, finest));
-    model.time_last = 1;
-    SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &model, 1, &s->n, WIDTH * HEIGHT,
+    SPIN_TRY(spin_field_plan(&field, 16, 4, log2_rows, 64, 3, base, finest));
+    field.time_last = 1;
+    SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &field, 1, &s->n, WIDTH * HEIGHT,
                                (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y, 0, false));
     s->trainer.frame[0].time = 0.37;
     s->trainer.lambda_dssim = 0.2f;
     set_rates(&s->trainer.rates);
-    SPIN_TRY(spin_lazy_open(&s->lazy, &s->device, &model, s->trainer.rates.iterations));
+    SPIN_TRY(spin_lazy_enable(&s->lazy, &s->device, &field, s->trainer.rates.iterations));
     return put_network(s);
 }
 
@@ -169,7 +169,7 @@ spin_status bench_scene_open(size_t n, int log2_rows, int n_threads, const char 
 
     memset(s, 0, sizeof *s);
     s->camera = camera;
-    s->cam = spin_cam_from(&camera);
+    s->cam = spin_camera_f32_from(&camera);
     SPIN_TRY(spin_device_open("cpu", n_threads, &s->device));
     s->open = true;
     if (path) {
@@ -206,21 +206,21 @@ void bench_scene_close(struct bench_scene *s)
 double bench_scene_pairs(const struct bench_scene *s)
 {
     const struct spin_raster *r = &s->trainer.raster;
-    double pairs = 0;
+    double intersections = 0;
 
     for (int py = 0; py < HEIGHT; py++)
         for (int px = 0; px < WIDTH; px++) {
             int tile = py / SPIN_TILE * s->cam.tiles_x + px / SPIN_TILE;
-            const uint32_t *list = r->tiles.pairs + r->tiles.start[tile];
+            const uint32_t *list = r->tiles.intersections + r->tiles.start[tile];
 
-            for (int i = 0; i < r->n_used[py * WIDTH + px]; i++) {
+            for (int i = 0; i < r->last_contributor[py * WIDTH + px]; i++) {
                 const struct spin_splat2d *p = r->splat2d + list[i];
                 struct spin_blend_splat b =
                     spin_blend_prepare(p->u_px, p->v_px, p->conic, p->opacity, p->colour);
                 float power = spin_blend_power(&b, p->u_px - (float)px, p->v_px - (float)py);
 
-                pairs += spin_blend_counts(power, b.log2_opacity);
+                intersections += spin_blend_counts(power, b.log2_opacity);
             }
         }
-    return pairs;
+    return intersections;
 }

@@ -42,7 +42,7 @@ misuse "not '-1'" spin-retrain a -o b --seed -1
 misuse "not '1.5'" spin-retrain a -o b --lambda-dssim 1.5
 misuse "not 'tpu'" spin-retrain a -o b --device tpu
 misuse "not '1,2'" spin-retrain a -o b --base-resolution 1,2
-misuse "not 'big'" spin-retrain a -o b --scale-bias big
+misuse "not 'big'" spin-retrain a -o b --init-log-scale big
 misuse "not '0,0,0,-1'" spin-retrain a -o b --scene-normalise 0,0,0,-1
 misuse "not '1,2,3'" spin-retrain a -o b --background 1,2,3
 misuse "not '-1'" spin-retrain a -o b --refine -1

@@ -7,7 +7,7 @@ CC=${CC:-gcc}
 
 # The example importer as it is, and one that says that all its columns are the same in every frame.
 example=man/example-plugin/points-csv.c
-sed 's/track->sh_degree = 0;/&\n    track->still_columns = track->columns;/' "$example" >"$work/still.c"
+sed 's/track->sh_degree = 0;/&\n    track->static_columns = track->columns;/' "$example" >"$work/still.c"
 for name in plain still; do
     [ $name = plain ] && cp "$example" "$work/plain.c"
     $CC -std=gnu11 -Isrc -fPIC -shared -w -o "$work/$name.so" "$work/$name.c"
@@ -88,7 +88,7 @@ ok $? "measurements and exports are those of the same clip with a copy for every
     grep -v '^13,' "$work/points.csv"
     grep '^13,' "$work/points.csv" | head -n 20
 } >"$work/fewer.csv"
-sed 's/track->sh_degree = 0;/&\n    track->still_columns = SPIN_COL_SH;/' "$example" >"$work/lying.c"
+sed 's/track->sh_degree = 0;/&\n    track->static_columns = SPIN_COL_SH;/' "$example" >"$work/lying.c"
 $CC -std=gnu11 -Isrc -fPIC -shared -w -o "$work/lying.so" "$work/lying.c"
 SPIN_PLUGIN_PATH=$work/lying.so
 export SPIN_PLUGIN_PATH

@@ -179,7 +179,7 @@ static spin_status two_views(const char *path, const struct spin_plugin_values *
         char image[4096];
         struct spin_view view = {
             .camera = {160, 90, 120, 120, 80, 45, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, z}},
-            .row = i / 2, .number = 8 + i / 2, .time = i / 2,
+            .dataset_frame = i / 2, .number = 8 + i / 2, .time = i / 2,
             .camera_id = id[i % 2], .test = i % 2 == 0, .path = image};
 
         snprintf(image, sizeof image, "%s/ims/%d/%06d.jpg", path, view.camera_id, view.number);

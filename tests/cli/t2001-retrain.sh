@@ -152,7 +152,7 @@ ok $? "and spin-eval adds them as well"
 run "$bin/spin-retrain" "$in" -o "$work/own0.spin" $small --iterations 6 --residual points --lr-residual 0
 if command -v python3 >/dev/null 2>&1; then
     python3 -c 'import sys, zipfile
-a, b = (zipfile.ZipFile(f).read("network/own/00000.npy") for f in sys.argv[1:])
+a, b = (zipfile.ZipFile(f).read("network/residual/00000.npy") for f in sys.argv[1:])
 sys.exit(len(a) != len(b) or a == b)' "$work/own0.spin" "$work/own.spin"
     ok $? "these values are trained, and with --lr-residual 0 they stay"
 else
@@ -164,11 +164,11 @@ same_frames "$work/own.spin" "$work/own2.spin" "one thread and three give the sa
 # Each of the options beyond the paper trains another network, and is kept in the bundle; with what it
 # stands at without, nothing changes.
 run "$bin/spin-retrain" "$in" -o "$work/as.spin" $small --iterations 3
-run "$bin/spin-retrain" "$in" -o "$work/same.spin" $small --iterations 3 --moving-weight 1 \
-    --lambda-opacity 0 --lambda-scale 0 --table-range 1e-4
+run "$bin/spin-retrain" "$in" -o "$work/same.spin" $small --iterations 3 --dynamic-weight 1 \
+    --lambda-opacity 0 --lambda-scale 0 --hash-init-range 1e-4
 cmp -s "$work/as.spin" "$work/same.spin"
 ok $? "spelling out what stands without does nothing"
-for more in '--moving-weight 4' '--lambda-opacity 3' '--lambda-scale 3' '--table-range 1e-2' --antialias; do
+for more in '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3' '--hash-init-range 1e-2' --antialias; do
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/more.spin" $small --iterations 3 $more --force
     is "$code" 0 "retrains with $more"

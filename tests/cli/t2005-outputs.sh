@@ -283,12 +283,12 @@ err_has "refining 1 of 2 frames" "but not the one whose image has changed"
 cp "$work/kept.jpg" "$file"
 
 # Pixels that move, from the images of all frames or from masks.
-run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --refine 12 --iterations 1 --moving-weight 3
+run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --refine 12 --iterations 1 --dynamic-weight 3
 is "$code" 0 "weighs what moves"
 file=$(find "$data/ims/$learned" -name '*.jpg' | sort | tail -n 1)
 cp "$file" "$work/kept.jpg"
 cp "$(find "$data/ims/$learned" -name '*.jpg' | sort | head -n 1)" "$file"
-run "$bin/spin-retrain" "$work/moving.spin" -o "$out" $small --refine 12 --iterations 1 --moving-weight 3 --force
+run "$bin/spin-retrain" "$work/moving.spin" -o "$out" $small --refine 12 --iterations 1 --dynamic-weight 3 --force
 err_has "refining 2 of 2 frames" "an image of another frame has changed, which the medians are taken of"
 run "$bin/spin-retrain" "$work/refined.spin" -o "$out" $small --refine 12 --iterations 1 --force
 err_has "refining 0 of 2 frames" "which does not matter without weights"
@@ -300,13 +300,13 @@ for camera in "$data"/ims/*; do
         cp "$mask" "$data/seg/${camera##*/}/$(basename "$file" .jpg).png"
     done
 done
-run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --refine 12 --iterations 1 --moving-weight 3 --force
+run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --refine 12 --iterations 1 --dynamic-weight 3 --force
 file=$(find "$data/seg/$learned" -name '*.png' | sort | head -n 1)
 cp "$(find "$work/pictures" -name '*.png' | sort | tail -n 1)" "$file"
-run "$bin/spin-retrain" "$work/moving.spin" -o "$out" $small --refine 12 --iterations 1 --moving-weight 3 --force
+run "$bin/spin-retrain" "$work/moving.spin" -o "$out" $small --refine 12 --iterations 1 --dynamic-weight 3 --force
 err_has "refining 1 of 2 frames" "a mask has changed"
 : >"$file"
-run "$bin/spin-retrain" "$work/moving.spin" -o "$work/y.spin" $small --refine 12 --iterations 1 --moving-weight 3
+run "$bin/spin-retrain" "$work/moving.spin" -o "$work/y.spin" $small --refine 12 --iterations 1 --dynamic-weight 3
 fails 1 spin-retrain "an empty mask"
 rm -r "$data/seg"
 

@@ -14,8 +14,8 @@ out_has '"camera": 15' "names the held-out cameras"
 out_has '"frame": 5' "names the frames by the source's numbers"
 is "$(grep -c '"camera":' "$work/out")" 12 "six frames times two cameras"
 before=$(member psnr)
-is "$(member moving_from)" images "what moves is found in the images"
-greater "$(member psnr_still)" 0 && greater "$(member psnr_moving)" 0
+is "$(member dynamic_from)" images "what moves is found in the images"
+greater "$(member psnr_static)" 0 && greater "$(member psnr_dynamic)" 0
 ok $? "and measured apart"
 is "$(grep -c '"id":' "$work/out")" 2 "means of two cameras"
 greater "$(member fps_draw)" "$(member fps)"
@@ -27,9 +27,9 @@ out_has '^storage .* a frame' "and what it weighs"
 speed=$(sed -n 's/^speed *\([0-9.]*\) pictures a second with decoding, \([0-9.]*\) without$/\1 \2/p' "$work/out")
 greater "${speed#* }" "${speed% *}"
 ok $? "and how fast it is: decoding takes time"
-run "$bin/spin-eval" --source "$work/court.spin" --moving off --json
-is "$(member psnr_moving)" "" "or not at all"
-run "$bin/spin-eval" --source "$work/court.spin" --moving masks
+run "$bin/spin-eval" --source "$work/court.spin" --dynamic off --json
+is "$(member psnr_dynamic)" "" "or not at all"
+run "$bin/spin-eval" --source "$work/court.spin" --dynamic masks
 fails 1 spin-eval "masks that are not there"
 run "$bin/spin-eval" --source "$work/court.spin" --lpips-lin x.pth
 fails 2 spin-eval "half of the weights of LPIPS"
@@ -43,7 +43,7 @@ err_has 'libdnnl-dev' "says what to install"
 
 run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --device cpu --iterations 300 \
     --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \
-    --sh-degree 1 --head-lr-factor 8 --scale-bias auto --eval-every 150 --log "$work/log" --json
+    --sh-degree 1 --head-lr-factor 8 --init-log-scale auto --eval-every 150 --log "$work/log" --json
 is "$code" 0 "retrains"
 is_json "spin-retrain --json is one document"
 cp "$work/out" "$work/retrain.json"
@@ -60,7 +60,7 @@ awk -v a="$after" '/"test": {/ { t = 1 } t && /"psnr":/ { gsub(/[^0-9.]/, "");
     d = $0 - a; exit !(d < 0.02 && d > -0.02) }' "$work/retrain.json"
 ok $? "spin-retrain measured the same"
 
-run "$bin/spin-eval" "$work/better.spin" --report "$work/report.html" --log "$work/log" --moving off
+run "$bin/spin-eval" "$work/better.spin" --report "$work/report.html" --log "$work/log" --dynamic off
 is "$code" 0 "writes a report"
 is "$(grep -c '<svg class="chart"' "$work/report.html")" 4 "with four curves"
 greater "$(grep -c 'src="data:image/png;base64,' "$work/report.html")" 15

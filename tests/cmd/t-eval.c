@@ -76,7 +76,7 @@ static bool agree(const struct eval *a, const struct eval *b)
 
 static void test_views(void)
 {
-    static const int test[] = {0, 15}, train[] = {3, 7, 12, 19, 23, 27}, own[] = {3, 19},
+    static const int test[] = {0, 15}, train[] = {3, 7, 12, 19, 23, 27}, residual[] = {3, 19},
                      all[] = {0, 3, 7, 12, 15, 19, 23, 27};
     struct eval one = measure("net.spin", ""), of_train = measure("net.spin", "--split train"),
                 of_all = measure("net.spin", "--split all"),
@@ -87,7 +87,7 @@ static void test_views(void)
     ok(shows(&one, 0, 6, 1, test, 2), "the test views, by default");
     ok(shows(&of_train, 0, 6, 1, train, 6), "--split train: those alone");
     ok(shows(&of_all, 0, 6, 1, all, 8), "--split all: both");
-    ok(shows(&cams, 0, 6, 1, own, 2), "--test-cams: exactly those");
+    ok(shows(&cams, 0, 6, 1, residual, 2), "--test-cams: exactly those");
     ok(shows(&some, 1, 6, 3, test, 2), "--range: frames 1 and 4");
     ok(agree(&one, &of_all) && agree(&of_train, &of_all) && agree(&cams, &of_all) &&
            agree(&some, &of_all),
@@ -125,14 +125,14 @@ static void test_pictures(void)
 
 static void test_moving(void)
 {
-    struct eval images = measure("in.spin", "--moving images"),
-                off = measure("in.spin", "--moving off");
+    struct eval images = measure("in.spin", "--dynamic images"),
+                off = measure("in.spin", "--dynamic off");
 
-    is_text(spin_json_string(spin_json_get(images.json, "moving_from")), "images",
-            "--moving images");
-    ok(number(images.json, "psnr_moving") < number(images.json, "psnr_still"),
+    is_text(spin_json_string(spin_json_get(images.json, "dynamic_from")), "images",
+            "--dynamic images");
+    ok(number(images.json, "psnr_dynamic") < number(images.json, "psnr_static"),
        "what moves is worse than what is still");
-    ok(isnan(number(off.json, "psnr_moving")), "--moving off: not measured");
+    ok(isnan(number(off.json, "psnr_dynamic")), "--dynamic off: not measured");
     spin_json_free(images.json), spin_json_free(off.json);
 }
 
@@ -162,8 +162,9 @@ static void weigh(const char *bundle, const char *more, const char *const measur
     near(number(s, "file"), (double)st.st_size, 0, "the file's bytes");
     near(number(s, "source"), bytes_of(&zip, "source/"), 0, "the source's");
     near(number(s, "refined"), bytes_of(&zip, "refined/"), 0, "the refined frames'");
-    near(number(s, "positions"), bytes_of(&zip, "network/means/") + bytes_of(&zip, "network/own/"),
-         0, "the positions'");
+    near(number(s, "positions"),
+         bytes_of(&zip, "network/means/") + bytes_of(&zip, "network/residual/"), 0,
+         "the positions'");
     near(number(s, "table"), bytes_of(&zip, "network/table.npy"), 0, "the table's");
     near(number(s, "heads"), bytes_of(&zip, "network/heads.npy"), 0, "the heads'");
     for (int i = 0; i < 3; i++)
@@ -178,13 +179,13 @@ static void weigh(const char *bundle, const char *more, const char *const measur
 
 static void test_storage(void)
 {
-    static const char
-        *const network[] = {"network/means/", "network/table.npy", "network/heads.npy"},
-               *const own[] = {"network/", NULL, NULL}, *const source[] = {"source/", NULL, NULL},
-               *const refined[] = {"refined/", NULL, NULL};
+    static const char *const
+        network[] = {"network/means/", "network/table.npy", "network/heads.npy"},
+        *const residual[] = {"network/", NULL, NULL}, *const source[] = {"source/", NULL, NULL},
+        *const refined[] = {"refined/", NULL, NULL};
 
     weigh("net.spin", "", network);
-    weigh("own.spin", "", own);
+    weigh("own.spin", "", residual);
     weigh("net.spin", "--source", source);
     weigh("in.spin", "", source);
     weigh("refined.spin", "", refined);

@@ -89,7 +89,7 @@ static void write_timed(void)
     good = good && spin_bundle_writer_open(path, true, false, &w) == SPIN_OK;
     for (int f = 0; good && f < b.meta.n_frames; f++) {
         good = spin_bundle_frame(&b, f, b.meta.columns, &splats) == SPIN_OK &&
-               spin_bundle_write_frame(&w, f, b.meta.columns, b.meta.still_columns, &splats) ==
+               spin_bundle_write_frame(&w, f, b.meta.columns, b.meta.static_columns, &splats) ==
                    SPIN_OK;
         b.meta.frame[f].time *= 0.5;
     }

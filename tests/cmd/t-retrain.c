@@ -4,7 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
-#include "core/model.h"
+#include "model/field.h"
 #include "tests/cmd/command.h"
 
 enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
@@ -28,7 +28,7 @@ struct run {
     spin_json *meta;
     const spin_json *network, *options;
     struct spin_npz npz;
-    struct spin_model model;
+    struct spin_field field;
     float *table, *heads;
     size_t n_table;
 };
@@ -94,7 +94,7 @@ static void read_bundle(struct run *r, const char *path)
     r->options = spin_json_get(r->network, "options");
     if (!r->network)
         return;
-    if (!ok(spin_model_from_json(r->network, &r->model) == SPIN_OK, "its network is one"))
+    if (!ok(spin_field_from_json(r->network, &r->field) == SPIN_OK, "its network is one"))
         exit(tap_done());
     r->table = check_load_f32(&r->npz, "network/table", &info);
     r->n_table = (size_t)info.count;
@@ -309,7 +309,7 @@ static void test_loss(void)
     struct run *one = retrain(""), *l1 = retrain("--lambda-dssim 0"),
                *ssim = retrain("--lambda-dssim 1"), *white = retrain("--background white"),
                *ones = retrain("--background 1,1,1"), *red = retrain("--background 1,0,0.5"),
-               *blue = retrain("--background 0.5,0,1"), *moving = retrain("--moving-weight 4"),
+               *blue = retrain("--background 0.5,0,1"), *moving = retrain("--dynamic-weight 4"),
                *anti = retrain("--antialias"), *small = retrain("--scale 0.5"), *other;
     bool flag = false;
     double opacity, scale;
@@ -317,7 +317,7 @@ static void test_loss(void)
     is_mix(one, 0.2);
     is_mix(l1, 0);
     is_mix(ssim, 1);
-    ok(farthest(l1->heads, ssim->heads, 0, one->model.n_heads) > 1e-4, "and reaches the gradient");
+    ok(farthest(l1->heads, ssim->heads, 0, one->field.n_heads) > 1e-4, "and reaches the gradient");
     ok(same_order(one, 0, white, 0, 4) && fabs(white->step[0].l1 - one->step[0].l1) > 0.01 &&
            fabs(white->step[3].l1 - one->step[3].l1) > 0.01,
        "--background reaches the loss");
@@ -327,8 +327,8 @@ static void test_loss(void)
            number_at(red->options, "background", 1) == 0 &&
            number_at(red->options, "background", 2) == 0.5,
        "--background is in the bundle");
-    ok(fabs(moving->step[0].l1 - one->step[0].l1) > 1e-3, "--moving-weight weighs the loss");
-    near(number(moving->options, "moving_weight"), 4, 0, "and is in the bundle");
+    ok(fabs(moving->step[0].l1 - one->step[0].l1) > 1e-3, "--dynamic-weight weighs the loss");
+    near(number(moving->options, "dynamic_weight"), 4, 0, "and is in the bundle");
     ok(fabs(anti->step[0].l1 - one->step[0].l1) > 1e-4, "--antialias draws otherwise");
     ok(spin_json_bool(spin_json_get(anti->network, "antialias"), &flag) && flag &&
            !spin_json_get(one->network, "antialias"),
@@ -363,8 +363,8 @@ static const char still[] =
 
 static double moved(const struct run *a, const struct run *b, int head)
 {
-    return farthest(a->heads, b->heads, a->model.heads.offset[head],
-                    a->model.heads.offset[head + 1]);
+    return farthest(a->heads, b->heads, a->field.heads.offset[head],
+                    a->field.heads.offset[head + 1]);
 }
 
 static double moved_array(struct run *a, struct run *b, const char *key)
@@ -436,9 +436,9 @@ static void test_defaults(void)
         retrain("--iterations 40 --warmup 1 --lr-table 8e-3 --lr-sh 1e-3 --lr-scale 3e-4 "
                 "--lr-rotation 3e-5 --lr-opacity 8e-4 --lr-position 1.6e-4 --head-lr-factor 1 "
                 "--lambda-dssim 0.2 --seed 0 --batch 3 --views-per-frame 1 --sh-degree 3 "
-                "--base-resolution 8 --features 4 --table-range 1e-4 --scale-bias -5 "
-                "--scene-normalise off --residual off --activation gelu --sh-every 0 "
-                "--lambda-opacity 0 --lambda-scale 0 --moving-weight 1 --background black "
+                "--base-resolution 8 --features 4 --hash-init-range 1e-4 --init-log-scale -5 "
+                "--scene-normalise off --residual off --activation gelu --sh-increase-every 0 "
+                "--lambda-opacity 0 --lambda-scale 0 --dynamic-weight 1 --background black "
                 "--method network --refine 0 --pair auto --preset paper --test-cams 0,15");
     two = retrain("--iterations 40 --warmup 2");
     ok(moved_array(one, said_so, "network/table") == 0 &&
@@ -469,8 +469,8 @@ static void test_own(void)
         snprintf(more, sizeof more, "%s --residual %s --range 1:2 --lr-residual 0.5", still,
                  word[k]);
         go = retrain(more);
-        a = array_of(stay, "network/own/00000", &n);
-        b = array_of(go, "network/own/00000", &m);
+        a = array_of(stay, "network/residual/00000", &n);
+        b = array_of(go, "network/residual/00000", &m);
         for (int g = 0; g < 4 && ok(n == m && n == 11 * 2940, "eleven values a splat"); g++) {
             double most = 0;
 
@@ -495,7 +495,7 @@ static void test_own(void)
     }
     ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
     off = retrain("--preset short --iterations 1 --residual off");
-    ok(!spin_npz_has(&off->npz, "network/own/00000"),
+    ok(!spin_npz_has(&off->npz, "network/residual/00000"),
        "--residual off: nothing, whatever the preset");
     drop(off);
     free(opacity[0]);
@@ -512,9 +512,9 @@ static void test_cameras(void)
     ok(spin_json_length(spin_json_get(none->network, "cameras")) == 0,
        "cameras have no colours by default");
     drop(none);
-    all = retrain("--camera-colour --lr-camera 0.01 --warmup 0 --iterations 12");
+    all = retrain("--learn-exposure --lr-exposure 0.01 --warmup 0 --iterations 12");
     cameras = spin_json_get(all->network, "cameras");
-    ok(spin_json_length(cameras) == TRAINING, "--camera-colour: one a training camera");
+    ok(spin_json_length(cameras) == TRAINING, "--learn-exposure: one a training camera");
     for (size_t i = 0; i < TRAINING; i++) {
         const spin_json *camera = spin_json_at(cameras, i);
 
@@ -530,8 +530,9 @@ static void test_cameras(void)
     }
     drop(all);
 
-    /* One step at --lr-camera moves those that it saw by the rate; then the mean of all is taken off. */
-    one = retrain("--camera-colour --lr-camera 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
+    /* One step at --lr-exposure moves those that it saw by the rate; then the mean of all is taken off. */
+    one = retrain(
+        "--learn-exposure --lr-exposure 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
     cameras = spin_json_get(one->network, "cameras");
     for (size_t c = 0; c < 3; c++) {
         double mean = 0, unseen = NAN;
@@ -555,7 +556,7 @@ static void test_cameras(void)
             for (int k = 0; k < one->step[0].n; k++)
                 seen = seen || one->step[0].view[k][1] == training[i];
             near(fabs(value - unseen), seen ? 0.01 : 0, 1e-6,
-                 seen ? "a camera of the step moves by --lr-camera" : "others do not move");
+                 seen ? "a camera of the step moves by --lr-exposure" : "others do not move");
         }
     }
     drop(one);
@@ -575,7 +576,7 @@ static float most_of(const float *p, size_t n)
 /* Bias of the scale head's last layer. */
 static double bias_of(const struct run *r)
 {
-    return (double)r->heads[r->model.heads.offset[SPIN_HEAD_SCALE + 1] - 1];
+    return (double)r->heads[r->field.heads.offset[SPIN_HEAD_SCALE + 1] - 1];
 }
 
 static int by_value(const void *a, const void *b)
@@ -621,45 +622,46 @@ static void test_network(void)
     double inverse;
     bool flag = false;
 
-    ok(one->model.grid.n_levels == 4 && one->model.grid.n_features == 4 &&
-           one->model.heads.hidden == 16 && one->model.sh_degree == 3,
+    ok(one->field.grid.n_levels == 4 && one->field.grid.n_features == 4 &&
+           one->field.heads.hidden == 16 && one->field.sh_degree == 3,
        "the network's shape");
     ok(one->n_table == 4 * 4 * 1024, "of 2^10 rows a level");
-    ok(one->model.grid.res[0][0] == 8 && one->model.grid.res[0][3] == 8 &&
-           one->model.grid.res[3][0] == 32 && one->model.grid.res[3][3] == 16,
+    ok(one->field.grid.res[0][0] == 8 && one->field.grid.res[0][3] == 8 &&
+           one->field.grid.res[3][0] == 32 && one->field.grid.res[3][3] == 16,
        "and its resolutions");
     ok(most_of(one->table, one->n_table) <= 1e-4f && most_of(one->table, one->n_table) > 0.9e-4f,
        "first values of the table lie in 1e-4");
     near(bias_of(one), -5, 0, "the first log scale is -5");
-    ok(one->model.norm.inv_radius == 1 && !one->model.norm.raw && !one->model.heads.relu,
+    ok(one->field.transform.inv_radius == 1 && !one->field.transform.raw && !one->field.heads.relu,
        "nothing is normalised, and the heads are GELU's");
-    near(number(one->options, "scale_bias"), -5, 0, "as the bundle says");
+    near(number(one->options, "init_log_scale"), -5, 0, "as the bundle says");
 
     snprintf(more, sizeof more,
              "%s --levels 6 --features 2 --hash-log2 9 --hidden 8 --sh-degree 1 --base-resolution "
              "4,5,6,2 "
-             "--finest-resolution 20,21,22,7 --table-range 0.5 --scale-bias -3 --activation relu "
+             "--finest-resolution 20,21,22,7 --hash-init-range 0.5 --init-log-scale -3 "
+             "--activation relu "
              "--scene-normalise 1,2,3,4",
              still);
     r = retrain(more);
-    ok(r->model.grid.n_levels == 6, "--levels");
-    ok(r->model.grid.n_features == 2, "--features");
+    ok(r->field.grid.n_levels == 6, "--levels");
+    ok(r->field.grid.n_features == 2, "--features");
     ok(r->n_table <= 6 * 2 * 512 && r->n_table > 5 * 2 * 512,
        "--hash-log2: at most 2^9 rows a level");
-    ok(r->model.heads.hidden == 8, "--hidden");
-    ok(r->model.sh_degree == 1, "--sh-degree");
-    ok(r->model.grid.res[0][0] == 4 && r->model.grid.res[0][1] == 5 &&
-           r->model.grid.res[0][2] == 6 && r->model.grid.res[0][3] == 2,
+    ok(r->field.heads.hidden == 8, "--hidden");
+    ok(r->field.sh_degree == 1, "--sh-degree");
+    ok(r->field.grid.res[0][0] == 4 && r->field.grid.res[0][1] == 5 &&
+           r->field.grid.res[0][2] == 6 && r->field.grid.res[0][3] == 2,
        "--base-resolution, axis by axis");
-    ok(r->model.grid.res[5][0] == 20 && r->model.grid.res[5][1] == 21 &&
-           r->model.grid.res[5][2] == 22 && r->model.grid.res[5][3] == 7,
+    ok(r->field.grid.res[5][0] == 20 && r->field.grid.res[5][1] == 21 &&
+           r->field.grid.res[5][2] == 22 && r->field.grid.res[5][3] == 7,
        "--finest-resolution, axis by axis");
     ok(most_of(r->table, r->n_table) <= 0.5f && most_of(r->table, r->n_table) > 0.45f,
-       "--table-range");
-    near(bias_of(r), -3, 0, "--scale-bias");
-    ok(r->model.heads.relu, "--activation relu");
-    ok(r->model.norm.centre[0] == 1 && r->model.norm.centre[1] == 2 &&
-           r->model.norm.centre[2] == 3 && r->model.norm.inv_radius == 0.25f,
+       "--hash-init-range");
+    near(bias_of(r), -3, 0, "--init-log-scale");
+    ok(r->field.heads.relu, "--activation relu");
+    ok(r->field.transform.centre[0] == 1 && r->field.transform.centre[1] == 2 &&
+           r->field.transform.centre[2] == 3 && r->field.transform.inv_radius == 0.25f,
        "--scene-normalise CX,CY,CZ,R");
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-3, "and the network draws otherwise");
     drop(r);
@@ -667,36 +669,37 @@ static void test_network(void)
     snprintf(more, sizeof more, "%s --seed 1", still);
     r = retrain(more);
     ok(farthest(one->table, r->table, 0, one->n_table) > 1e-4 &&
-           farthest(one->heads, r->heads, 0, one->model.n_heads) > 0.1,
+           farthest(one->heads, r->heads, 0, one->field.n_heads) > 0.1,
        "--seed: other first values");
     drop(r);
 
     snprintf(more, sizeof more, "%s --base-resolution 6", still);
     r = retrain(more);
-    ok(r->model.grid.res[0][0] == 6 && r->model.grid.res[0][1] == 6 &&
-           r->model.grid.res[0][2] == 6 && r->model.grid.res[0][3] == 6,
+    ok(r->field.grid.res[0][0] == 6 && r->field.grid.res[0][1] == 6 &&
+           r->field.grid.res[0][2] == 6 && r->field.grid.res[0][3] == 6,
        "one --base-resolution is that of all axes");
     drop(r);
 
-    snprintf(more, sizeof more, "%s --scene-normalise auto --scale-bias auto", still);
+    snprintf(more, sizeof more, "%s --scene-normalise auto --init-log-scale auto", still);
     r = retrain(more);
     norm_of(r, centre, &inverse);
-    ok(fabs((double)r->model.norm.inv_radius / inverse - 1) < 1e-4 &&
-           memcmp(r->model.norm.centre, centre, sizeof centre) == 0,
+    ok(fabs((double)r->field.transform.inv_radius / inverse - 1) < 1e-4 &&
+           memcmp(r->field.transform.centre, centre, sizeof centre) == 0,
        "--scene-normalise auto: from the points");
-    ok(bias_of(r) < -1 && bias_of(r) > -4 && bias_of(r) == (float)number(r->options, "scale_bias"),
-       "--scale-bias auto: from the points");
+    ok(bias_of(r) < -1 && bias_of(r) > -4 &&
+           bias_of(r) == (float)number(r->options, "init_log_scale"),
+       "--init-log-scale auto: from the points");
     drop(r);
     drop(one);
-    snprintf(more, sizeof more, "%s --table-range 0.5", still);
+    snprintf(more, sizeof more, "%s --hash-init-range 0.5", still);
     one = retrain(more);
-    snprintf(more, sizeof more, "%s --table-range 0.5 --scene-normalise none", still);
+    snprintf(more, sizeof more, "%s --hash-init-range 0.5 --scene-normalise none", still);
     r = retrain(more);
     ok(spin_json_bool(spin_json_get(spin_json_get(r->network, "norm"), "raw"), &flag) && flag,
        "--scene-normalise none: without the contraction");
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "which draws otherwise");
     drop(r);
-    snprintf(more, sizeof more, "%s --table-range 0.5 --activation relu", still);
+    snprintf(more, sizeof more, "%s --hash-init-range 0.5 --activation relu", still);
     r = retrain(more);
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "--activation alone draws otherwise");
     drop(r), drop(one);
@@ -705,19 +708,21 @@ static void test_network(void)
 /* Weights of the colour head's last layer behind the first degree. */
 static float rest_of(const struct run *r)
 {
-    size_t hidden = (size_t)r->model.heads.hidden, n = (size_t)r->model.heads.n_out[SPIN_HEAD_SH];
-    const float *w = r->heads + r->model.heads.offset[SPIN_HEAD_SH + 1] - n * (hidden + 1);
+    size_t hidden = (size_t)r->field.heads.hidden, n = (size_t)r->field.heads.n_out[SPIN_HEAD_SH];
+    const float *w = r->heads + r->field.heads.offset[SPIN_HEAD_SH + 1] - n * (hidden + 1);
 
     return most_of(w + 3 * hidden, (n - 3) * hidden);
 }
 
 static void test_sh_every(void)
 {
-    struct run *never = retrain("--sh-every 100"), *soon = retrain("--sh-every 1");
+    struct run *never = retrain("--sh-increase-every 100"),
+               *soon = retrain("--sh-increase-every 1");
 
-    ok(rest_of(never) == 0, "--sh-every 100: four steps know no direction");
-    ok(rest_of(soon) > 0, "--sh-every 1: they do");
-    near(number(never->options, "sh_every"), 100, 0, "--sh-every is in the bundle");
+    ok(rest_of(never) == 0, "--sh-increase-every 100: four steps know no direction");
+    ok(rest_of(soon) > 0, "--sh-increase-every 1: they do");
+    near(number(never->options, "sh_increase_every"), 100, 0,
+         "--sh-increase-every is in the bundle");
     drop(never), drop(soon);
 }
 

@@ -11,7 +11,7 @@
 
 struct view {
     char name[32];
-    struct spin_cam cam;
+    struct spin_camera_f32 cam;
     float background[3];
     int n, degree;
     float *pos_w, *attr;
@@ -19,8 +19,8 @@ struct view {
     struct spin_splat2d_grad *d_splat2d;
     struct spin_tiles tiles;
     size_t pairs_room;
-    float *image, *final_t, *d_image; /* [3][h][w], [h][w], [3][h][w] */
-    int32_t *n_used;
+    float *image, *final_transmittance, *d_image; /* [3][h][w], [h][w], [3][h][w] */
+    int32_t *last_contributor;
     float *d_attr, *d_pos_w;
 };
 
@@ -43,7 +43,7 @@ static inline void view_reserve(struct view *v, const struct spin_camera *camera
 {
     size_t pixels;
 
-    v->cam = spin_cam_from(camera);
+    v->cam = spin_camera_f32_from(camera);
     v->n = n;
     pixels = view_pixels(v);
     v->pos_w = take((size_t)n * 3, sizeof(float));
@@ -53,8 +53,8 @@ static inline void view_reserve(struct view *v, const struct spin_camera *camera
     v->tiles.start = take((size_t)(v->cam.tiles_x * v->cam.tiles_y) + 1, sizeof(uint32_t));
     v->image = take(pixels * 3, sizeof(float));
     v->d_image = take(pixels * 3, sizeof(float));
-    v->final_t = take(pixels, sizeof(float));
-    v->n_used = take(pixels, sizeof(int32_t));
+    v->final_transmittance = take(pixels, sizeof(float));
+    v->last_contributor = take(pixels, sizeof(int32_t));
     v->d_attr = take((size_t)n * SPIN_ATTR, sizeof(float));
     v->d_pos_w = take((size_t)n * 3, sizeof(float));
 }
@@ -66,11 +66,11 @@ static inline void view_free(struct view *v)
     free(v->splat2d);
     free(v->d_splat2d);
     free(v->tiles.start);
-    free(v->tiles.pairs);
+    free(v->tiles.intersections);
     free(v->image);
     free(v->d_image);
-    free(v->final_t);
-    free(v->n_used);
+    free(v->final_transmittance);
+    free(v->last_contributor);
     free(v->d_attr);
     free(v->d_pos_w);
     memset(v, 0, sizeof *v);
@@ -79,10 +79,10 @@ static inline void view_free(struct view *v)
 static inline void view_tiles(struct spin_device *d, struct view *v)
 {
     d->op->tile_count(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles);
-    if (v->tiles.n_pairs > v->pairs_room || !v->tiles.pairs) {
-        free(v->tiles.pairs);
-        v->pairs_room = v->tiles.n_pairs;
-        v->tiles.pairs = take(v->pairs_room, sizeof(uint32_t));
+    if (v->tiles.n_intersections > v->pairs_room || !v->tiles.intersections) {
+        free(v->tiles.intersections);
+        v->pairs_room = v->tiles.n_intersections;
+        v->tiles.intersections = take(v->pairs_room, sizeof(uint32_t));
     }
     d->op->tile_fill(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles);
 }
@@ -91,7 +91,8 @@ static inline void view_forward(struct spin_device *d, struct view *v)
 {
     d->op->project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d);
     view_tiles(d, v);
-    d->op->blend(d, &v->cam, v->splat2d, &v->tiles, v->background, v->image, v->final_t, v->n_used);
+    d->op->blend(d, &v->cam, v->splat2d, &v->tiles, v->background, v->image, v->final_transmittance,
+                 v->last_contributor);
 }
 
 /* After view_forward, from d_image. */
@@ -99,8 +100,8 @@ static inline void view_backward(struct spin_device *d, struct view *v)
 {
     memset(v->d_attr, 0, (size_t)v->n * SPIN_ATTR * sizeof(float));
     memset(v->d_pos_w, 0, (size_t)v->n * 3 * sizeof(float));
-    d->op->blend_back(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles, v->background, v->final_t,
-                      v->n_used, v->d_image, v->d_splat2d);
+    d->op->blend_back(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles, v->background,
+                      v->final_transmittance, v->last_contributor, v->d_image, v->d_splat2d);
     d->op->project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d,
                         v->d_splat2d, v->d_attr, v->d_pos_w);
 }

@@ -54,7 +54,7 @@ static void golden(struct spin_device *d, const char *name)
     rel = check_tolerance(file, "grad_rel_to_absmax", 2e-4);
     view_forward(d, &v);
     check_image(&npz, &v, "image", v.image, 3, abs);
-    check_image(&npz, &v, "final_T", v.final_t, 1, abs);
+    check_image(&npz, &v, "final_T", v.final_transmittance, 1, abs);
     view_backward(d, &v);
     g = &v.d_splat2d->u_px;
     check_columns(&npz, &v, "grad_means2d", g, GRAD, 0, 2, rel);
@@ -77,13 +77,13 @@ static void plain(const struct view *v, float *image, struct spin_blend_sums *su
     for (size_t at = 0; at < pixels; at++) {
         int px = (int)(at % (size_t)v->cam.width), py = (int)(at / (size_t)v->cam.width);
         int tile = py / SPIN_TILE * v->cam.tiles_x + px / SPIN_TILE;
-        const uint32_t *pairs = v->tiles.pairs + v->tiles.start[tile];
+        const uint32_t *intersections = v->tiles.intersections + v->tiles.start[tile];
         int n = (int)(v->tiles.start[tile + 1] - v->tiles.start[tile]);
         char *added = take((size_t)n, 1);
         struct spin_blend_pixel pixel = {1, {0, 0, 0}, 0};
         struct spin_blend_pixel_adj back = {0, 0, {0, 0, 0}};
         for (int i = 0; i < n; i++) {
-            const struct spin_splat2d *s = v->splat2d + pairs[i];
+            const struct spin_splat2d *s = v->splat2d + intersections[i];
             struct spin_blend_splat b =
                 spin_blend_prepare(s->u_px, s->v_px, s->conic, s->opacity, s->colour);
             added[i] = (char)spin_blend_step(&b, s->u_px - (float)px, s->v_px - (float)py, &pixel);
@@ -96,12 +96,12 @@ static void plain(const struct view *v, float *image, struct spin_blend_sums *su
             back.s += pixel.t * v->background[c] * back.g[c];
         }
         for (int i = n - 1; i >= 0; i--) {
-            const struct spin_splat2d *s = v->splat2d + pairs[i];
+            const struct spin_splat2d *s = v->splat2d + intersections[i];
             struct spin_blend_splat b =
                 spin_blend_prepare(s->u_px, s->v_px, s->conic, s->opacity, s->colour);
             if (added[i])
                 spin_blend_step_adj(&b, s->u_px - (float)px, s->v_px - (float)py, &back,
-                                    sums + pairs[i]);
+                                    sums + intersections[i]);
         }
         free(added);
     }
@@ -259,7 +259,8 @@ static void same_bits(const char *path)
             continue;
         printf("# %s, %d threads\n", path, n);
         check_same_bits(more.image, one.image, 3 * view_pixels(v) * sizeof(float), "same image");
-        check_same_bits(more.n_used, one.n_used, view_pixels(v) * sizeof(int32_t), "same n_used");
+        check_same_bits(more.last_contributor, one.last_contributor,
+                        view_pixels(v) * sizeof(int32_t), "same n_used");
         check_same_bits(more.d_splat2d, one.d_splat2d, 3000 * sizeof *one.d_splat2d,
                         "same gradients");
         check_same_bits(more.d_attr, one.d_attr, 3000 * SPIN_ATTR * sizeof(float),
@@ -315,9 +316,9 @@ static void cap_and_stop(struct spin_device *d)
         v.attr[SPIN_ATTR * i + SPIN_ATTR_OPACITY] = 1;
     }
     view_forward(d, &v);
-    near(v.final_t[8 * 17 + 8], 1e-2, 1e-6,
+    near(v.final_transmittance[8 * 17 + 8], 1e-2, 1e-6,
          "alpha is capped, and the splat that would end below 1e-4 is left out");
-    ok(v.n_used[8 * 17 + 8] == 1, "n_used is one past the last that was added");
+    ok(v.last_contributor[8 * 17 + 8] == 1, "n_used is one past the last that was added");
     view_free(&v);
 }
 

@@ -4,7 +4,7 @@
 #include "math/contract.h"
 #include "tests/device/net.h"
 
-static const struct spin_norm identity = {.inv_radius = 1.0f};
+static const struct spin_scene_transform identity = {.inv_radius = 1.0f};
 
 static void golden(const char *path)
 {
@@ -47,12 +47,13 @@ static void golden(const char *path)
 }
 
 /* The map in double, dotted with g. */
-static double dotted(const struct spin_norm *norm, const double p_w[3], const float g[3])
+static double dotted(const struct spin_scene_transform *transform, const double p_w[3],
+                     const float g[3])
 {
     double p[3], r2 = 0, s = 1, sum = 0;
 
     for (int k = 0; k < 3; k++) {
-        p[k] = (p_w[k] - norm->centre[k]) * norm->inv_radius;
+        p[k] = (p_w[k] - transform->centre[k]) * transform->inv_radius;
         r2 += p[k] * p[k];
     }
     if (r2 > 1)
@@ -64,21 +65,22 @@ static double dotted(const struct spin_norm *norm, const double p_w[3], const fl
 
 static void differences(void)
 {
-    struct spin_norm norm = {.centre = {0.5f, -1.25f, 2.0f}, .inv_radius = 0.4f};
+    struct spin_scene_transform transform = {.centre = {0.5f, -1.25f, 2.0f}, .inv_radius = 0.4f};
     struct spin_device *d = check_device(1);
     size_t n = 2000;
     float *pos = net_random(n * 3, 1, -8.0f, 8.0f), *d_x = net_random(n * 4, 2, -1.0f, 1.0f);
     float *d_pos = net_floats(n * 3);
     double worst = 0;
 
-    d->op->contract_back(d, &norm, n, NULL, pos, d_x, d_pos);
+    d->op->contract_back(d, &transform, n, NULL, pos, d_x, d_pos);
     for (size_t i = 0; i < n * 3; i++) {
         const float *at = pos + i / 3 * 3, *g = d_x + i / 3 * 4;
         double h = 1e-5, a[3] = {at[0], at[1], at[2]}, b[3] = {at[0], at[1], at[2]};
 
         a[i % 3] -= h;
         b[i % 3] += h;
-        worst = fmax(worst, fabs((dotted(&norm, b, g) - dotted(&norm, a, g)) / (2 * h) - d_pos[i]));
+        worst = fmax(worst, fabs((dotted(&transform, b, g) - dotted(&transform, a, g)) / (2 * h) -
+                                 d_pos[i]));
     }
     near(worst, 0, 2e-7, "slopes are central differences, with centre and radius");
     free(pos), free(d_x), free(d_pos);
@@ -88,14 +90,15 @@ static void differences(void)
 /* An ablation: without the contraction points go in as they are, moved and scaled. */
 static void uncontracted(void)
 {
-    struct spin_norm norm = {.centre = {0.5f, 0, -0.25f}, .inv_radius = 0.5f, .raw = true};
+    struct spin_scene_transform transform = {
+        .centre = {0.5f, 0, -0.25f}, .inv_radius = 0.5f, .raw = true};
     float pos[] = {1.5f, 0.5f, 0.75f, 9, -9, 0}, d_x[] = {1, 2, 3, 4, 5, 6, 7, 8};
     float want[] = {0.5f, 0.25f, 0.5f, 0.5f, 4.25f, -4.5f, 0.125f, 0.5f};
     float want_d[] = {0.5f, 1, 1.5f, 2.5f, 3, 3.5f}, x[8], d_pos[6] = {0};
     struct spin_device *d = check_device(1);
 
-    d->op->contract(d, &norm, 2, pos, 0.5f, x);
-    d->op->contract_back(d, &norm, 2, NULL, pos, d_x, d_pos);
+    d->op->contract(d, &transform, 2, pos, 0.5f, x);
+    d->op->contract_back(d, &transform, 2, NULL, pos, d_x, d_pos);
     check_same_bits(x, want, sizeof x, "raw: outside stays outside");
     check_same_bits(d_pos, want_d, sizeof d_pos, "raw: the slope is the scale");
     check_device_free(d);

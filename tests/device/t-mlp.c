@@ -79,7 +79,7 @@ static void columns_get(float *part, const float *rows, size_t n, int head)
 }
 
 /* The fixture's loss is on the finished attributes, so its upstream gradient goes through
- * attr_back. */
+ * activate_back. */
 static void golden_decoder(const char *path)
 {
     static const char *const names[SPIN_HEADS] = {"scale", "rot", "sh", "opacity"};
@@ -113,7 +113,7 @@ static void golden_decoder(const char *path)
         free(v);
     }
     d->op->mlp(d, &heads, param, n, z, raw);
-    d->op->attr_back(d, n, NULL, raw, d_attr, d_raw);
+    d->op->activate_back(d, n, NULL, raw, d_attr, d_raw);
     d->op->mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
     for (int h = 0; h < SPIN_HEADS; h++) {
         snprintf(key, sizeof key, "raw_%s", names[h]);

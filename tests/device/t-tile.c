@@ -62,7 +62,7 @@ static void check_lists(const struct view *v)
             const struct spin_splat2d *s = v->splat2d + order[k];
             if (!inside(s, x, y))
                 continue;
-            if (at < end && v->tiles.pairs[at] == order[k]) {
+            if (at < end && v->tiles.intersections[at] == order[k]) {
                 at++;
                 continue;
             }
@@ -73,7 +73,7 @@ static void check_lists(const struct view *v)
     }
     ok(wrong == 0, "%s: every list is in depth order, ties by index", v->name);
     ok(seen == 0, "%s: none of the %d pairs left out reaches 1/255", v->name, left_out);
-    ok(v->tiles.start[0] == 0 && v->tiles.start[tiles] == v->tiles.n_pairs,
+    ok(v->tiles.start[0] == 0 && v->tiles.start[tiles] == v->tiles.n_intersections,
        "%s: the lists hold all pairs", v->name);
     free(order);
 }
@@ -84,14 +84,14 @@ static void check_slots(const struct view *v)
     uint32_t *count = take((size_t)v->n, sizeof *count), at = 0;
     int wrong = 0;
 
-    for (uint32_t i = 0; i < v->tiles.n_pairs; i++)
-        count[v->tiles.pairs[i]]++;
+    for (uint32_t i = 0; i < v->tiles.n_intersections; i++)
+        count[v->tiles.intersections[i]]++;
     for (int i = 0; i < v->n; i++) {
-        wrong += v->splat2d[i].first_slot != at;
+        wrong += v->splat2d[i].first_intersection != at;
         at += count[i];
     }
-    ok(wrong == 0 && at == v->tiles.n_pairs, "%s: every splat has a slot for each of its pairs",
-       v->name);
+    ok(wrong == 0 && at == v->tiles.n_intersections,
+       "%s: every splat has a slot for each of its pairs", v->name);
     free(count);
 }
 
@@ -160,11 +160,11 @@ static void none(struct spin_device *d)
     for (int i = 0; i < 3; i++)
         v.pos_w[3 * i + 2] = -1;
     view_forward(d, &v);
-    ok(v.tiles.n_pairs == 0 && v.tiles.start[9] == 0, "all behind the camera: no pairs");
+    ok(v.tiles.n_intersections == 0 && v.tiles.start[9] == 0, "all behind the camera: no pairs");
     near(v.image[5], v.background[0], 0, "and the picture is the background");
     v.n = 0;
     view_forward(d, &v);
-    ok(v.tiles.n_pairs == 0, "no splats: no pairs");
+    ok(v.tiles.n_intersections == 0, "no splats: no pairs");
     view_free(&v);
 }
 
@@ -182,9 +182,10 @@ static void same_bits(const char *path)
         check_device_free(d);
         if (n == 1)
             continue;
-        ok(one.tiles.n_pairs == more.tiles.n_pairs, "%s, %d threads: as many pairs", path, n);
-        check_same_bits(more.tiles.pairs, one.tiles.pairs, one.tiles.n_pairs * sizeof(uint32_t),
-                        "the same lists");
+        ok(one.tiles.n_intersections == more.tiles.n_intersections, "%s, %d threads: as many pairs",
+           path, n);
+        check_same_bits(more.tiles.intersections, one.tiles.intersections,
+                        one.tiles.n_intersections * sizeof(uint32_t), "the same lists");
         view_free(&more);
     }
     view_free(&one);
@@ -210,16 +211,16 @@ static void too_many(struct spin_device *d)
                                      .x1 = 4096,
                                      .y1 = 4096};
     for (size_t n = 16; n <= 17; n++) {
-        struct spin_cam cam = spin_cam_from(&camera);
+        struct spin_camera_f32 cam = spin_camera_f32_from(&camera);
         spin_status status = d->op->tile_count(d, &cam, n, s, &tiles);
 
-        ok(n == 16 ? status == SPIN_OK && tiles.n_pairs == SPIN_MAX_PAIRS
+        ok(n == 16 ? status == SPIN_OK && tiles.n_intersections == SPIN_MAX_PAIRS
                    : status == SPIN_E_MEMORY && strstr(spin_last_error(), "285212672 pairs"),
            "%zu times 2^24 pairs: %s", n, n == 16 ? "as many as there may be" : "an error");
     }
     camera.width = camera.height = 16;
     for (int turn = 0; turn < 2; turn++) {
-        struct spin_cam cam = spin_cam_from(&camera);
+        struct spin_camera_f32 cam = spin_camera_f32_from(&camera);
         size_t n = (size_t)1 << 56;
 
         ok(d->op->tile_count(d, &cam, n, s, &tiles) == SPIN_E_MEMORY,

@@ -147,8 +147,8 @@ __attribute__((unused)) static void check_folder_rules(const struct spin_exporte
        "refuses a folder with files, and names --force");
     job.force = true;
     ok(run(exporter, &job, &s, 1) == SPIN_OK, "overwrites when told to");
-    ok(spin_folder_list(job.output, &names, &n) == SPIN_OK && n == 2 && strcmp(names[0], file) == 0 &&
-           strcmp(names[1], "sequence.json") == 0,
+    ok(spin_folder_list(job.output, &names, &n) == SPIN_OK && n == 2 &&
+           strcmp(names[0], file) == 0 && strcmp(names[1], "sequence.json") == 0,
        "leaves %s and sequence.json", file);
     spin_folder_list_free(names);
     job.output = in_folder("broken");

@@ -44,7 +44,7 @@ static struct spin_export_job make_job(const struct spin_views *views, const cha
                                     .n_frames = 3,
                                     .views = views,
                                     .values = values,
-                                    .row_of_frame = rows,
+                                    .dataset_frame_of = rows,
                                     .background = background};
 }
 
@@ -52,7 +52,7 @@ static struct spin_export_job make_job(const struct spin_views *views, const cha
 static void make_views(struct spin_views *views, const char *image)
 {
     for (int row = 0; row < 2; row++) {
-        struct spin_view v = {.row = row,
+        struct spin_view v = {.dataset_frame = row,
                               .path = (char *)image,
                               .test = true,
                               .camera = {.width = 4 + 2 * row, .height = 2}};

@@ -2,7 +2,7 @@
  * K: video images export */
 #include "base/err.h"
 #include "base/log.h"
-#include "exporters/drawing.h"
+#include "exporters/lib/camera_path.h"
 #include "io/file.h"
 #include "io/image.h"
 #include "io/video.h"
@@ -64,7 +64,7 @@ static void make_views(struct spin_views *views, const char *image)
 {
     for (int row = 0; row < FRAMES; row++) {
         struct spin_view v = {
-            .row = row,
+            .dataset_frame = row,
             .camera_id = 2,
             .path = (char *)image,
             .camera = {W, H, 40, 40, W / 2.0, H / 2.0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 6}}};
@@ -172,7 +172,7 @@ static double looks_from(const struct spin_camera *camera, bool *at_middle)
 {
     double eye[3];
 
-    spin_look_eye(camera, eye);
+    spin_initial_view_eye(camera, eye);
     *at_middle = fabs(camera->w2c[3]) < 1e-6 && fabs(camera->w2c[7]) < 1e-6 && camera->w2c[11] > 0;
     return sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]);
 }
@@ -256,7 +256,7 @@ TAP_MAIN
     struct spin_export_job job = {.n_frames = FRAMES,
                                   .fps = 25,
                                   .views = &views,
-                                  .row_of_frame = rows,
+                                  .dataset_frame_of = rows,
                                   .source_frame = source_frame,
                                   .background = background};
 

@@ -2,7 +2,7 @@
  * the others are the cameras, two more how many the images; the rest are the points.
  * K: fuzz colmap */
 #include "base/log.h"
-#include "scene/detect.h"
+#include "scene/probe.h"
 #include "tests/fuzz/input.h"
 
 #include <math.h>

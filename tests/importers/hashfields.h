@@ -68,8 +68,8 @@ static inline void compare_hash_model(const char *from, const char *path, const 
         printf("#   %s\n", spin_last_error());
         return;
     }
-    ok(run.track.continuous && run.track.time_last == 1 &&
-           run.track.still_columns == (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH),
+    ok(run.sequence.continuous && run.sequence.time_last == 1 &&
+           run.sequence.static_columns == (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH),
        "%s: any time may be asked for; opacity and colour are still", name);
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
         exit(1);
@@ -78,7 +78,7 @@ static inline void compare_hash_model(const char *from, const char *path, const 
         char what[200];
 
         snprintf(what, sizeof what, "%s, time %g", name, times[t]);
-        if (ok(run.importer->frame(run.self, (int)t, times[t], run.track.columns, &s) == SPIN_OK,
+        if (ok(run.importer->frame(run.self, (int)t, times[t], run.sequence.columns, &s) == SPIN_OK,
                "%s: reads", what))
             compare_hash_time(&npz, (int)t, what, &s);
         else
@@ -189,7 +189,7 @@ static inline void test_hash_settings(const char *from, const char *folder)
     if (ok(run_open(from, make_hash_model(folder, NULL, "Namespace(grid_args={'a': 1})"), &run) ==
                SPIN_OK,
            "the method's bound when grid_args has none"))
-        ok(strstr(run.track.notes, "1.6") != NULL, "which is noted");
+        ok(strstr(run.sequence.notes, "1.6") != NULL, "which is noted");
     run_close(&run);
     cut_file(from, model, path_in(model, "deform/iteration_7"), "deform.pth",
              "no truncation of the network is read");

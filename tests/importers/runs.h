@@ -8,7 +8,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "io/json.h"
-#include "scene/detect.h"
+#include "scene/probe.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -51,7 +51,7 @@ static inline const char *new_folder(void)
 struct run {
     const struct spin_importer *importer;
     void *self;
-    struct spin_track track;
+    struct spin_sequence_info sequence;
 };
 
 static inline void run_close(struct run *run)
@@ -69,7 +69,7 @@ static inline spin_status run_open(const char *from, const char *path, struct ru
     memset(run, 0, sizeof *run);
     status = spin_importer_find(path, from, false, &run->importer);
     if (status == SPIN_OK)
-        status = run->importer->open(path, NULL, &run->self, &run->track);
+        status = run->importer->open(path, NULL, &run->self, &run->sequence);
     if (status != SPIN_OK)
         run_close(run);
     return status;
@@ -82,8 +82,8 @@ static inline spin_status read_all(const char *from, const char *path)
     struct run run;
     spin_status status = run_open(from, path, &run);
 
-    for (int f = 0; status == SPIN_OK && f < run.track.n_frames; f++)
-        status = run.importer->frame(run.self, f, 0, run.track.columns, &s);
+    for (int f = 0; status == SPIN_OK && f < run.sequence.n_frames; f++)
+        status = run.importer->frame(run.self, f, 0, run.sequence.columns, &s);
     run_close(&run);
     spin_splats_free(&s);
     return status;

@@ -3,7 +3,7 @@
 #define SPIN_TESTS_IMPORTERS_SETS_H
 
 #include "io/image.h"
-#include "scene/views.h"
+#include "scene/dataset.h"
 #include "tests/importers/runs.h"
 
 static inline void make_folder(const char *folder, const char *name)

@@ -17,7 +17,7 @@ static inline spin_status open_with(const char *from, const char *path, const ch
     memset(run, 0, sizeof *run);
     status = spin_importer_find(path, from, false, &run->importer);
     if (status == SPIN_OK)
-        status = run->importer->open(path, &values, &run->self, &run->track);
+        status = run->importer->open(path, &values, &run->self, &run->sequence);
     if (status != SPIN_OK)
         run_close(run);
     return status;

@@ -1,7 +1,7 @@
 /* 3dgstream: moved clouds and evaluated networks against the official classes, both layouts, and
  * folders that lie.
  * K: 3dgstream import */
-#include "importers/ntc_eval.h"
+#include "importers/lib/ntc_eval.h"
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
@@ -63,7 +63,7 @@ static spin_status open_with(const char *path, const char *const *pairs, struct 
 
     memset(run, 0, sizeof *run);
     run->importer = importer();
-    status = run->importer->open(path, &values, &run->self, &run->track);
+    status = run->importer->open(path, &values, &run->self, &run->sequence);
     if (status != SPIN_OK)
         run_close(run);
     return status;
@@ -79,14 +79,14 @@ static void compare_run(struct run *run, struct spin_npz *npz, const spin_json *
 
     spin_json_number(spin_json_get(tolerance, "abs"), &abs);
     spin_json_number(spin_json_get(tolerance, "rel"), &rel);
-    for (int k = 0; k < run->track.n_frames; k++) {
-        int f = k % 2 ? k - 1 : k + 1 < run->track.n_frames ? k + 1 : k; /* 1 0 3 2 ... */
+    for (int k = 0; k < run->sequence.n_frames; k++) {
+        int f = k % 2 ? k - 1 : k + 1 < run->sequence.n_frames ? k + 1 : k; /* 1 0 3 2 ... */
         struct expected e = {.npz = npz, .abs = abs, .rel = rel, .name = name};
         struct spin_array info;
         char key[64];
         size_t n;
 
-        if (!ok(run->importer->frame(run->self, f, f, run->track.columns, &s) == SPIN_OK,
+        if (!ok(run->importer->frame(run->self, f, f, run->sequence.columns, &s) == SPIN_OK,
                 "%s: frame %d is read", name, f)) {
             printf("#   %s\n", spin_last_error());
             continue;
@@ -102,7 +102,7 @@ static void compare_run(struct run *run, struct spin_npz *npz, const spin_json *
         if (s.n >= n)
             compare_part(&e, key, &s, 0, n, !networks);
         snprintf(key, sizeof key, "%04d_added_means", f);
-        if (!ok(s.n == run->track.counts[f] && (s.n > n) == spin_npz_has(npz, key),
+        if (!ok(s.n == run->sequence.counts[f] && (s.n > n) == spin_npz_has(npz, key),
                 "%s: frame %d has its %zu Gaussians", name, f, s.n) ||
             s.n <= n)
             continue;
@@ -125,10 +125,11 @@ static void test_route(const char *folder, const char *const *pairs, bool networ
         return;
     }
     spin_json_number(spin_json_get(manifest, "frames"), &frames);
-    near(run.track.n_frames, frames, 0, "has as many frames as the manifest says");
-    ok(run.track.sh_degree == 1 && run.track.numbers[0] == 0 && run.track.numbers[1] == 1,
+    near(run.sequence.n_frames, frames, 0, "has as many frames as the manifest says");
+    ok(run.sequence.sh_degree == 1 && run.sequence.numbers[0] == 0 && run.sequence.numbers[1] == 1,
        "%s: SH degree 1, numbered from 0", name);
-    ok(!strstr(run.track.variant, "evaluated") == !networks, "%s: %s", name, run.track.variant);
+    ok(!strstr(run.sequence.variant, "evaluated") == !networks, "%s: %s", name,
+       run.sequence.variant);
     compare_run(&run, npz, manifest, networks, name);
     run_close(&run);
 }
@@ -275,12 +276,12 @@ static void test_folders(const char *root)
     struct run run;
 
     remove(path_in(folder, "init_3dgs"));
-    ok(run_open("3dgstream", folder, &run) == SPIN_OK && run.track.n_frames == 2 &&
-           run.track.numbers[0] == 1 && strstr(run.track.notes, "--init"),
+    ok(run_open("3dgstream", folder, &run) == SPIN_OK && run.sequence.n_frames == 2 &&
+           run.sequence.numbers[0] == 1 && strstr(run.sequence.notes, "--init"),
        "without the first cloud the clip begins with frame 1, and a note says so");
     run_close(&run);
-    ok(open_with(folder, init, &run) == SPIN_OK && run.track.n_frames == 3 &&
-           run.track.numbers[0] == 0,
+    ok(open_with(folder, init, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
+           run.sequence.numbers[0] == 0,
        "--init says where it is");
     run_close(&run);
     init[1] = path_in(root, "manifest");
@@ -367,7 +368,7 @@ static void test_networks(const char *root)
     struct spin_map map;
     struct run run;
 
-    ok(run_open(NULL, folder, &run) == SPIN_OK && run.track.n_frames == 2,
+    ok(run_open(NULL, folder, &run) == SPIN_OK && run.sequence.n_frames == 2,
        "one network makes two frames");
     run_close(&run);
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {

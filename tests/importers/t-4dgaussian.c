@@ -51,7 +51,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
         printf("#   %s\n", spin_last_error());
         return;
     }
-    ok(run.track.continuous && run.track.time_first == 0 && run.track.time_last == 1,
+    ok(run.sequence.continuous && run.sequence.time_first == 0 && run.sequence.time_last == 1,
        "%s: any time in 0..1 may be asked for", name);
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
         exit(1);
@@ -60,7 +60,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
         char what[200];
 
         snprintf(what, sizeof what, "%s, time %g", name, times[t]);
-        if (ok(run.importer->frame(run.self, (int)t, times[t], run.track.columns, &s) == SPIN_OK,
+        if (ok(run.importer->frame(run.self, (int)t, times[t], run.sequence.columns, &s) == SPIN_OK,
                "%s: reads", what))
             compare_time(&npz, (int)t, fmax(1, largest_of(s.means, 3 * s.n)), what, &s);
         else
@@ -117,8 +117,8 @@ static void test_official(const char *root)
     if (run_open("4dgaussian", path_in(folder, "model"), &run) != SPIN_OK ||
         run_open("ply", path_in(folder, "official_export/time_00003.ply"), &ply) != SPIN_OK)
         exit(1);
-    run.importer->frame(run.self, 0, 0.81, run.track.columns, &ours);
-    ply.importer->frame(ply.self, 0, 0, ply.track.columns, &theirs);
+    run.importer->frame(run.self, 0, 0.81, run.sequence.columns, &ours);
+    ply.importer->frame(ply.self, 0, 0, ply.sequence.columns, &theirs);
     if (ok(ours.n == theirs.n, "as many Gaussians as the method's own export")) {
         double worst = 0, moved = 0;
 
@@ -174,8 +174,8 @@ static void test_options(const char *root)
 
     compare_model(model, flags, folder, "--deform instead of cfg_args");
     if (ok(run_open("4dgaussian", model, &run) == SPIN_OK, "opens without cfg_args")) {
-        ok(strstr(run.track.notes, "no cfg_args") != NULL &&
-               strstr(run.track.notes, "look trained: position opacity\n") != NULL,
+        ok(strstr(run.sequence.notes, "no cfg_args") != NULL &&
+               strstr(run.sequence.notes, "look trained: position opacity\n") != NULL,
            "notes what it assumed and which weights look trained");
         run_close(&run);
     }
@@ -218,7 +218,7 @@ static void test_voxels(const char *root)
     if (model_open("4dgaussian", model, none, &run) != SPIN_OK ||
         run.importer->frame(run.self, 0, 0.5, SPIN_COL_MEANS, &still) != SPIN_OK)
         exit(1);
-    ok(run.track.still_columns == run.track.columns, "without heads nothing moves");
+    ok(run.sequence.static_columns == run.sequence.columns, "without heads nothing moves");
     run_close(&run);
     if (model_open("4dgaussian", model, moved, &run) != SPIN_OK ||
         run.importer->frame(run.self, 0, 0.5, SPIN_COL_MEANS, &plain) != SPIN_OK)
@@ -270,7 +270,7 @@ static void test_prefix_and_threads(const char *root)
     pth_free(&pth);
     if (run_open("4dgaussian", model, &run) != SPIN_OK)
         exit(1);
-    run.importer->frame(run.self, 0, 0.3, run.track.columns, &a);
+    run.importer->frame(run.self, 0, 0.3, run.sequence.columns, &a);
     run.importer->frame(run.self, 0, 0.7, SPIN_COL_MEANS, &b);
     run.importer->frame(run.self, 0, 0.3, SPIN_COL_MEANS, &b);
     check_same_bits(a.means, b.means, 3 * a.n * sizeof *a.means,

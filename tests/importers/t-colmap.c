@@ -61,7 +61,7 @@ static void test_set(const char *folder, const char *name, const spin_json *mani
         if (ok(spin_views_open(folder, NULL, &views, used, sizeof used) == SPIN_OK &&
                    strcmp(used, "colmap") == 0,
                "%s: is recognised and read", name)) {
-            ok(views.n_rows == (int)views.n, "%s: each image is a frame", name);
+            ok(views.n_dataset_frames == (int)views.n, "%s: each image is a frame", name);
             compare_model(&views, folder, name, manifest);
             spin_views_free(&views);
         } else {
@@ -115,7 +115,7 @@ static void test_text(void)
     if (set_opens(folder, NULL, &views, "a text model whose second lines may be empty")) {
         const struct spin_view *v = views.view;
 
-        ok(views.n == 2 && views.n_rows == 2 && v[0].row == 0 &&
+        ok(views.n == 2 && views.n_dataset_frames == 2 && v[0].dataset_frame == 0 &&
                view_of(&views, "images/b.png") == v && v[1].time == 0.5,
            "frames come in the order of the file, times are i/n");
         ok(v[0].camera.fx == 10 && v[0].camera.fy == 11 && v[0].camera.cx == 3 &&
@@ -172,8 +172,8 @@ static void test_frames(void)
     make_model(path_in(folder, "frame000008"), lenses, images);
     make_text(folder, "frames.txt", "not a frame");
     if (set_opens(folder, NULL, &views, "a folder per frame")) {
-        ok(views.n == 6 && views.n_rows == 3 && views.numbered && views.view[0].number == 8 &&
-               views.view[5].number == 10 && views.view[5].time == 2,
+        ok(views.n == 6 && views.n_dataset_frames == 3 && views.numbered &&
+               views.view[0].number == 8 && views.view[5].number == 10 && views.view[5].time == 2,
            "has numbered frames");
         ok(views.view[0].test && !views.view[1].test && views.view[4].test,
            "of cameras, the first of which is held out");

@@ -20,16 +20,17 @@ static void compare_run(const char *path, const char *expected_path, const spin_
         run_close(&run);
         return;
     }
-    ok(run.track.sh_degree == 0, "%s: has degree-0 SH", name);
-    for (int f = 0; f < run.track.n_frames; f++) {
+    ok(run.sequence.sh_degree == 0, "%s: has degree-0 SH", name);
+    for (int f = 0; f < run.sequence.n_frames; f++) {
         struct expected e = {&npz, manifest_tolerance(tolerances, "abs", 2e-6),
                              manifest_tolerance(tolerances, "rel", 2e-5), what};
-        size_t n = run.track.counts[f];
+        size_t n = run.sequence.counts[f];
         uint64_t first = (uint64_t)f * n;
         float *scales, *opacities;
 
         snprintf(what, sizeof what, "%s, frame %d", name, f);
-        if (!ok(run.importer->frame(run.self, f, 0, run.track.columns, &s) == SPIN_OK && s.n == n,
+        if (!ok(run.importer->frame(run.self, f, 0, run.sequence.columns, &s) == SPIN_OK &&
+                    s.n == n,
                 "%s: reads", what)) {
             printf("#   %s\n", spin_last_error());
             continue;
@@ -65,9 +66,10 @@ static void test_input(const char *folder, const char *name, const spin_json *ma
     if (run_open("d3dgs", path, &run) == SPIN_OK) {
         spin_json_number(spin_json_get(manifest, "frames"), &frames);
         spin_json_number(spin_json_get(manifest, "gaussians"), &gaussians);
-        near(run.track.n_frames, frames, 0, "as many frames as the manifest says");
-        near((double)run.track.counts[0], gaussians, 0, "as many Gaussians as the manifest says");
-        ok(run.track.still_columns == (SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES),
+        near(run.sequence.n_frames, frames, 0, "as many frames as the manifest says");
+        near((double)run.sequence.counts[0], gaussians, 0,
+             "as many Gaussians as the manifest says");
+        ok(run.sequence.static_columns == (SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES),
            "%s: scales and opacities are still", name);
         run_close(&run);
     }
@@ -178,7 +180,7 @@ static void test_layouts(void)
     check_same_bits(s.means, numbers + 2 * N * 3, N * 3 * sizeof(float), "and rounds to float32");
     run_close(&run);
     ok(run_open("d3dgs", make_run(&moving), &run) == SPIN_OK &&
-           run.track.still_columns == SPIN_COL_LOGIT_OPACITIES &&
+           run.sequence.static_columns == SPIN_COL_LOGIT_OPACITIES &&
            run.importer->frame(run.self, 1, 0, SPIN_COL_LOG_SCALES, &s) == SPIN_OK,
        "reads scales per frame");
     check_same_bits(s.log_scales, numbers + N * 3, N * 3 * sizeof(float), "of the right frame");

@@ -40,8 +40,8 @@ static void test_static(const char *folder)
         run_open("dash", path_in(folder, "model"), &run) != SPIN_OK)
         exit(1);
     dynamic = check_load(&npz, "dynamic", &info);
-    run.importer->frame(run.self, 0, 0.1, run.track.columns, &early);
-    run.importer->frame(run.self, 0, 0.9, run.track.columns, &late);
+    run.importer->frame(run.self, 0, 0.1, run.sequence.columns, &early);
+    run.importer->frame(run.self, 0, 0.9, run.sequence.columns, &late);
     for (size_t i = 0; dynamic && i < early.n; i++) {
         bool same = !memcmp(early.means + 3 * i, late.means + 3 * i, 3 * sizeof(float)) &&
                     !memcmp(early.quats + 4 * i, late.quats + 4 * i, 4 * sizeof(float)) &&

@@ -88,8 +88,8 @@ static void test_fixture(const char *folder, const char *name)
         printf("#   %s\n", spin_last_error());
         return;
     }
-    ok(run.track.continuous && run.track.time_first == 0 && run.track.time_last == 1 &&
-           run.track.still_columns == (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH),
+    ok(run.sequence.continuous && run.sequence.time_first == 0 && run.sequence.time_last == 1 &&
+           run.sequence.static_columns == (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH),
        "%s: any time in 0..1, opacities and colours are still", name);
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
         exit(1);
@@ -98,7 +98,7 @@ static void test_fixture(const char *folder, const char *name)
         char what[200];
 
         snprintf(what, sizeof what, "%s, time %g", name, times[t]);
-        if (ok(run.importer->frame(run.self, (int)t, times[t], run.track.columns, &s) == SPIN_OK,
+        if (ok(run.importer->frame(run.self, (int)t, times[t], run.sequence.columns, &s) == SPIN_OK,
                "%s: reads", what))
             compare_time(&npz, (int)t, what, &s);
         else
@@ -176,7 +176,7 @@ static void test_saves(const char *folder)
     model_fails("deformable3dgs", model, five, NULL, "iteration_5", "a save that is not there");
     add_save(model, "deform", "deform.pth", 7000, 10000);
     ok(model_open("deformable3dgs", model, NULL, &run) == SPIN_OK &&
-           strstr(run.track.variant, "iteration_10000"),
+           strstr(run.sequence.variant, "iteration_10000"),
        "the largest number counts, not the first by name");
     run_close(&run);
     model_fails("deformable3dgs", make_model(folder, NULL, 7000, 8000, NULL), NULL, NULL,
@@ -190,13 +190,13 @@ static void test_saves(const char *folder)
                 NULL, "give the model's folder", "a cloud alone is not a model");
     ok(model_open("deformable3dgs", make_model(folder, NULL, 2000, 2000, NULL), NULL, &run) ==
                SPIN_OK &&
-           strstr(run.track.notes, "before iteration 3000"),
+           strstr(run.sequence.notes, "before iteration 3000"),
        "a save of the warm-up says so");
     run_close(&run);
     ok(model_open("deformable3dgs",
                   make_model(folder, NULL, 9000, 9000, "Namespace(is_6dof=True, sh_degree=3)"),
                   NULL, &run) == SPIN_OK &&
-           strstr(run.track.notes, "is_6dof=True"),
+           strstr(run.sequence.notes, "is_6dof=True"),
        "a cfg_args that disagrees is noted, and does not count");
     run_close(&run);
 }

@@ -63,7 +63,7 @@ static void compare_truth(const struct spin_views *views, struct spin_npz *npz,
     char what[100];
 
     for (size_t i = 0; i < views->n; i++) {
-        if (views->view[i].row == 0 && (size_t)views->view[i].camera_id < n)
+        if (views->view[i].dataset_frame == 0 && (size_t)views->view[i].camera_id < n)
             pose_of(&views->view[i], got + 16 * views->view[i].camera_id);
     }
     snprintf(what, sizeof what, "%s: the true cameras", name);
@@ -93,7 +93,7 @@ static void test_set(const char *folder, const char *name, const spin_json *mani
     }
     spin_json_number(spin_json_get(manifest, "frames"), &frames);
     spin_json_number(spin_json_get(manifest, "cameras"), &cameras);
-    near(views.n_rows, frames, 0, "has as many frames as the manifest says");
+    near(views.n_dataset_frames, frames, 0, "has as many frames as the manifest says");
     near((double)views.n, frames * cameras, 0, "and a view of every camera in each");
     ok(views.numbered && views.view[0].number == 0, "%s: frames have numbers", name);
     if (ok(spin_npz_open(path_in(folder, "expected.npz"), &npz) == SPIN_OK, "%s: has expected.npz",
@@ -176,7 +176,8 @@ static void test_layouts(void)
     for (int layout = 0; layout < 3; layout++) {
         if (!set_opens(make_set(layout, 8, 6), NULL, &views, what[layout]))
             continue;
-        ok(views.n == 4 && views.n_rows == 2 && views.numbered, "has two frames of two cameras");
+        ok(views.n == 4 && views.n_dataset_frames == 2 && views.numbered,
+           "has two frames of two cameras");
         ok(views.view[0].camera_id == 9 && views.view[1].camera_id == 10 && views.view[0].test &&
                !views.view[1].test && views.view[1].camera.w2c[3] == -1,
            "rows of poses_bounds go to the cameras in the order of their numbers");
@@ -275,7 +276,7 @@ static void test_gaps(void)
 
     make_image(folder, "cam10/images/0002.png", 8, 6);
     if (set_opens(folder, NULL, &views, "a camera with a frame less at its end")) {
-        ok(views.n == 5 && views.n_rows == 3, "has the others");
+        ok(views.n == 5 && views.n_dataset_frames == 3, "has the others");
         spin_views_free(&views);
     }
     make_image(folder, "cam09/images/0003.png", 8, 6);
@@ -313,7 +314,7 @@ static void test_videos(void)
 
 /* Every view's pixels, asked for in an order that jumps, beside those of the image that its path names
  * (tests/io/t-video.c holds those to what was encoded). The worst difference. */
-static double read_all_views(struct spin_pixels *pixels, const struct spin_views *views)
+static double read_all_views(struct spin_image_cache *pixels, const struct spin_views *views)
 {
     const size_t plane = VIDEO_W * VIDEO_H;
     float *image = malloc(3 * plane * sizeof *image);
@@ -324,7 +325,7 @@ static double read_all_views(struct spin_pixels *pixels, const struct spin_views
         uint8_t *rgb = NULL;
         int width, height;
 
-        if (spin_pixels_get(pixels, at, image) != SPIN_OK ||
+        if (spin_image_cache_get(pixels, at, image) != SPIN_OK ||
             spin_image_read(views->view[at].path, NULL, &width, &height, &rgb) != SPIN_OK) {
             printf("# %s\n", spin_last_error());
             worst = INFINITY;
@@ -340,7 +341,7 @@ static double read_all_views(struct spin_pixels *pixels, const struct spin_views
 static void test_from_videos(void)
 {
     const char *folder = make_set(3, 0, 0), *build = getenv("SPIN_BUILD");
-    struct spin_pixels pixels, none;
+    struct spin_image_cache pixels, none;
     struct spin_views views;
     char command[9000];
     int failed = spin_video_start() != SPIN_OK;
@@ -357,29 +358,31 @@ static void test_from_videos(void)
     }
     if (!set_opens(folder, NULL, &views, "two videos and no frames"))
         return;
-    ok(views.n == 24 && views.n_rows == 12 && views.numbered && views.view[23].number == 11,
+    ok(views.n == 24 && views.n_dataset_frames == 12 && views.numbered &&
+           views.view[23].number == 11,
        "have twelve frames of two cameras");
     ok(view_of(&views, "cam01.mp4#11") && views.view[0].camera.width == VIDEO_W &&
            views.view[0].camera.fx == 10.0 * VIDEO_W / 8,
        "whose paths name them, in cameras of the videos' size");
-    ok(spin_pixels_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK &&
-           spin_pixels_open(&views, 0, NULL, &none) == SPIN_OK,
+    ok(spin_image_cache_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK &&
+           spin_image_cache_open(&views, 0, NULL, &none) == SPIN_OK,
        "opens their pixels");
     ok(read_all_views(&none, &views) < 1e-6 && none.held == 0,
        "frames are right when none is kept");
     ok(read_all_views(&pixels, &views) < 1e-6, "and when all are");
-    spin_pixels_close(&pixels);
-    if (spin_pixels_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK) {
+    spin_image_cache_close(&pixels);
+    if (spin_image_cache_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK) {
         float *image = malloc(3 * VIDEO_W * VIDEO_H * sizeof *image);
 
-        ok(spin_pixels_get(&none, 0, image) == SPIN_OK && /* the decoder is at the first frame */
-               spin_pixels_get(&pixels, 2 * 6, image) == SPIN_OK &&
+        ok(spin_image_cache_get(&none, 0, image) ==
+                   SPIN_OK && /* the decoder is at the first frame */
+               spin_image_cache_get(&pixels, 2 * 6, image) == SPIN_OK &&
                pixels.held == 6 * 3 * VIDEO_W * VIDEO_H,
            "what is decoded on the way is kept");
         free(image);
-        spin_pixels_close(&pixels);
+        spin_image_cache_close(&pixels);
     }
-    spin_pixels_close(&none);
+    spin_image_cache_close(&none);
     spin_views_free(&views);
 }
 

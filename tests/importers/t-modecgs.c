@@ -31,8 +31,8 @@ static void compare_model(const char *path, const char *const *pairs, const char
         printf("#   %s\n", spin_last_error());
         return;
     }
-    ok(run.track.continuous && run.track.columns == SPIN_COL_MEANS &&
-           strstr(run.track.notes, "positions only"),
+    ok(run.sequence.continuous && run.sequence.columns == SPIN_COL_MEANS &&
+           strstr(run.sequence.notes, "positions only"),
        "%s: has positions only, and says so", name);
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
         exit(1);
@@ -48,7 +48,7 @@ static void compare_model(const char *path, const char *const *pairs, const char
         char what[200];
 
         snprintf(what, sizeof what, "%s, time %g: %zu centres", name, times[t], kept);
-        if (ok(run.importer->frame(run.self, 0, times[t], run.track.columns, &s) == SPIN_OK &&
+        if (ok(run.importer->frame(run.self, 0, times[t], run.sequence.columns, &s) == SPIN_OK &&
                    s.n == kept,
                "%s are read", what))
             check_close(s.means, rows, 3 * kept, bound("centre").abs, 0, what);
@@ -153,7 +153,7 @@ static void test_lies(const char *folder)
     ok(run_open("modecgs", model, &run) == SPIN_OK, "which does not matter without --camera");
     run_close(&run);
     unlink(path_in(save, "canonical_times.npy"));
-    ok(run_open("modecgs", model, &run) == SPIN_OK && strstr(run.track.variant, "4 segments"),
+    ok(run_open("modecgs", model, &run) == SPIN_OK && strstr(run.sequence.variant, "4 segments"),
        "even segments without canonical_times.npy");
     run_close(&run);
     write_text(path_in(save, "canonical_times.npy"), "x");

@@ -71,7 +71,7 @@ static void compare_time(struct run *run, struct spin_npz *npz, const struct tab
     char what[200];
 
     snprintf(what, sizeof what, "%s at %g", name, time);
-    if (run->importer->frame(run->self, 0, time, run->track.columns, &s) != SPIN_OK) {
+    if (run->importer->frame(run->self, 0, time, run->sequence.columns, &s) != SPIN_OK) {
         ok(0, "%s: %s", what, spin_last_error());
     } else if (ok(s.n == n && s.sh_degree == 3, "%s: %zu Gaussians are seen", what, n)) {
         compare_rows(&t->mean, index, row, n, s.means, 3, bound("mean").abs, bound("mean").rel,
@@ -89,7 +89,7 @@ static void compare_time(struct run *run, struct spin_npz *npz, const struct tab
             compare_rows(&sh, 0, row, n, s.sh, 48, bound(ftgs ? "sh48" : "sh_folded").abs, 0, what);
             free(sh.value);
         }
-        check_sane(&s, run->track.columns, what);
+        check_sane(&s, run->sequence.columns, what);
     }
     spin_splats_free(&s);
     free(row);
@@ -103,7 +103,7 @@ static void compare_fixture(const char *folder, const char *name, bool ftgs)
 
     bounds_of = folder;
     if (!ok(open_with(NULL, folder, ten, &run) == SPIN_OK && !strcmp(run.importer->name, FROM) &&
-                run.track.continuous && (strstr(run.track.variant, "FTGS") != NULL) == ftgs,
+                run.sequence.continuous && (strstr(run.sequence.variant, "FTGS") != NULL) == ftgs,
             "%s: the folder is recognised and opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;
@@ -133,13 +133,13 @@ static void test_times(const char *folder)
     struct spin_splats a = {0}, b = {0};
     struct run run;
 
-    ok(run_open(FROM, folder, &run) == SPIN_OK && run.track.time_first == 0 &&
-           run.track.time_last == 10 && strstr(run.track.notes, "guessed 0,10") &&
-           strstr(run.track.notes, "opacities depend on it"),
+    ok(run_open(FROM, folder, &run) == SPIN_OK && run.sequence.time_first == 0 &&
+           run.sequence.time_last == 10 && strstr(run.sequence.notes, "guessed 0,10") &&
+           strstr(run.sequence.notes, "opacities depend on it"),
        "without a YAML the range of times is guessed, and the notes say so");
-    ok(run.importer->frame(run.self, 0, 3, run.track.columns, &a) == SPIN_OK &&
-           run.importer->frame(run.self, 0, 8, run.track.columns, &b) == SPIN_OK &&
-           run.importer->frame(run.self, 0, 3, run.track.columns, &b) == SPIN_OK && a.n == b.n &&
+    ok(run.importer->frame(run.self, 0, 3, run.sequence.columns, &a) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 8, run.sequence.columns, &b) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 3, run.sequence.columns, &b) == SPIN_OK && a.n == b.n &&
            !memcmp(a.sh, b.sh, 192 * a.n) && !memcmp(a.logit_opacities, b.logit_opacities, 4 * a.n),
        "a time gives the same bits however often it is asked for");
     ok(run.importer->frame(run.self, 0, 3, SPIN_COL_MEANS, &b) == SPIN_OK && a.n == b.n &&

@@ -1,7 +1,7 @@
 /* panoptic: a data set of the D3DGS layout against what the method's own reader yields, and
  * lists that lie.
  * K: panoptic import views */
-#include "scene/views.h"
+#include "scene/dataset.h"
 #include "tests/importers/runs.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
@@ -65,7 +65,7 @@ static void test_data_set(const char *folder, const char *name, const spin_json 
         return;
     }
     spin_json_number(spin_json_get(manifest, "frames"), &frames);
-    near(views.n_rows, frames, 0, "has as many frames as the manifest says");
+    near(views.n_dataset_frames, frames, 0, "has as many frames as the manifest says");
     ok(views.numbered && views.view[0].number >= 0, "%s: file names have frame numbers", name);
     ok(spin_path_exists(views.view[0].path), "%s: image paths are right", name);
     if (ok(spin_npz_open(path_in(folder, "expected.npz"), &npz) == SPIN_OK, "%s: has expected.npz",
@@ -175,7 +175,7 @@ static void test_own(void)
     ok(spin_views_open(write_set(&good, NULL), NULL, &views, NULL, 0) == SPIN_OK && views.n == 2,
        "a set without test_meta.json");
     if (views.n == 2) {
-        ok(!views.view[0].test && views.view[1].row == 1 && views.view[1].time == 1,
+        ok(!views.view[0].test && views.view[1].dataset_frame == 1 && views.view[1].time == 1,
            "trains with every camera");
         ok(views.view[0].camera_id == 7, "the folder's name is the camera's number");
         ok(views.numbered && views.view[0].number == 3 && views.view[1].number == 5,

@@ -64,14 +64,14 @@ static void compare_splats(const struct expected *e, int index, const struct spi
 /* expected.npz counts frames from 0, or by the files' numbers where those have gaps. */
 static int expected_index(const struct spin_npz *npz, const struct run *run, int frame)
 {
-    bool by_number = run->track.numbers != NULL;
+    bool by_number = run->sequence.numbers != NULL;
     char key[40];
 
-    for (int f = 0; by_number && f < run->track.n_frames; f++) {
-        snprintf(key, sizeof key, "%04d_means", run->track.numbers[f]);
+    for (int f = 0; by_number && f < run->sequence.n_frames; f++) {
+        snprintf(key, sizeof key, "%04d_means", run->sequence.numbers[f]);
         by_number = spin_npz_has(npz, key);
     }
-    return by_number ? run->track.numbers[frame] : frame;
+    return by_number ? run->sequence.numbers[frame] : frame;
 }
 
 static void compare_run(const char *path, const char *expected, const spin_json *manifest,
@@ -90,13 +90,13 @@ static void compare_run(const char *path, const char *expected, const spin_json 
         run_close(&run);
         return;
     }
-    for (int f = 0; f < run.track.n_frames; f++) {
+    for (int f = 0; f < run.sequence.n_frames; f++) {
         struct expected e = {&npz, fmax(manifest_tolerance(manifest, "abs", 2e-6), at_least),
                              manifest_tolerance(manifest, "rel", 2e-5), what};
 
         snprintf(what, sizeof what, "%s, frame %d", name, f);
-        if (ok(run.importer->frame(run.self, f, 0, run.track.columns, &s) == SPIN_OK &&
-                   s.n == run.track.counts[f],
+        if (ok(run.importer->frame(run.self, f, 0, run.sequence.columns, &s) == SPIN_OK &&
+                   s.n == run.sequence.counts[f],
                "%s: reads", what))
             compare_splats(&e, expected_index(&npz, &run, f), &s);
         else
@@ -120,12 +120,14 @@ static void test_files(const char *folder, const char *name, const spin_json *ma
     ok(spin_importer_find(first, NULL, false, &found) == SPIN_OK && !strcmp(found->name, "ply"),
        "%s: so is a file", name);
     if (run_open("ply", folder, &run) == SPIN_OK) {
-        near(run.track.n_frames, (double)spin_json_length(files), 0, "has every file as a frame");
-        for (int f = 0; f < run.track.n_frames; f++) {
+        near(run.sequence.n_frames, (double)spin_json_length(files), 0,
+             "has every file as a frame");
+        for (int f = 0; f < run.sequence.n_frames; f++) {
             double count = -1;
 
             spin_json_number(spin_json_at(n, (size_t)f), &count);
-            near((double)run.track.counts[f], count, 0, "knows a frame's count before reading it");
+            near((double)run.sequence.counts[f], count, 0,
+                 "knows a frame's count before reading it");
         }
         run_close(&run);
     }
@@ -199,13 +201,14 @@ static void test_points(void)
     write_ply(folder, "frame_12.ply", "x y z", 2, "4 5 6\n7 8 9\n");
     write_ply(folder, "frame_10.ply", "x y z", 0, "");
     write_ply(folder, "input.ply", "x y", 1, "1 2\n");
-    ok(run_open(NULL, folder, &run) == SPIN_OK && run.track.n_frames == 3 &&
-           run.track.columns == SPIN_COL_MEANS && run.track.sh_degree == -1,
+    ok(run_open(NULL, folder, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
+           run.sequence.columns == SPIN_COL_MEANS && run.sequence.sh_degree == -1,
        "points are positions only");
-    ok(run.track.numbers && run.track.numbers[0] == 9 && run.track.numbers[1] == 10 &&
-           run.track.numbers[2] == 12,
+    ok(run.sequence.numbers && run.sequence.numbers[0] == 9 && run.sequence.numbers[1] == 10 &&
+           run.sequence.numbers[2] == 12,
        "frames go by number, and input.ply is none");
-    ok(strstr(run.track.notes, "gaps") && strstr(run.track.notes, "first is 11"), "a gap is noted");
+    ok(strstr(run.sequence.notes, "gaps") && strstr(run.sequence.notes, "first is 11"),
+       "a gap is noted");
     ok(run.importer->frame(run.self, 1, 0, SPIN_COL_MEANS, &s) == SPIN_OK && s.n == 0,
        "an empty frame of a sequence is legal");
     ok(run.importer->frame(run.self, 2, 0, SPIN_COL_MEANS, &s) == SPIN_OK && s.n == 2 &&
@@ -220,8 +223,8 @@ static void test_points(void)
 
     path = write_ply(new_folder(), "c.ply", "x y z red green blue", 1, "1 2 3 255 0 51\n");
     ok(run_open("ply", path, &run) == SPIN_OK &&
-           run.track.columns == (SPIN_COL_MEANS | SPIN_COL_RGB) && !run.track.numbers &&
-           run.importer->frame(run.self, 0, 0, run.track.columns, &s) == SPIN_OK,
+           run.sequence.columns == (SPIN_COL_MEANS | SPIN_COL_RGB) && !run.sequence.numbers &&
+           run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK,
        "coloured points");
     near(s.rgb[0], 1, 1e-6, "a byte of 255 is 1");
     near(s.rgb[2], 0.2, 1e-6, "a byte of 51 is 0.2");
@@ -239,7 +242,7 @@ static void test_values(void)
     path = write_ply(folder, "g.ply", gaussian, 2,
                      "0 0 0 0 0 0 inf -3 -3 -3 0 0 0 0\n0 0 0 0 0 0 -inf -3 -3 -3 0 0 0 2\n");
     ok(run_open("ply", path, &run) == SPIN_OK &&
-           run.importer->frame(run.self, 0, 0, run.track.columns, &s) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK &&
            s.logit_opacities[0] == 30 && s.logit_opacities[1] == -30,
        "infinite opacities are clamped");
     ok(s.quats[0] == 1 && s.quats[4] == 0 && s.quats[7] == 1,
@@ -301,12 +304,12 @@ static void test_tree(void)
     spin_folder_make(path_in(folder, "frame7/point_cloud/iteration_40000/added"));
     write_ply(folder, "frame7/point_cloud/iteration_7000/point_cloud.ply", "x y z", 1, "1 0 0\n");
     write_ply(folder, "frame7/point_cloud/iteration_30000/point_cloud.ply", "x y z", 1, "2 0 0\n");
-    ok(run_open("ply", folder, &run) == SPIN_OK && run.track.n_frames == 1 && run.track.numbers &&
-           run.track.numbers[0] == 7 &&
+    ok(run_open("ply", folder, &run) == SPIN_OK && run.sequence.n_frames == 1 &&
+           run.sequence.numbers && run.sequence.numbers[0] == 7 &&
            run.importer->frame(run.self, 0, 0, SPIN_COL_MEANS, &s) == SPIN_OK && s.means[0] == 2,
        "a per-frame folder gives its largest iteration");
     run_close(&run);
-    ok(run_open("ply", path_in(folder, "frame7"), &run) == SPIN_OK && run.track.n_frames == 1,
+    ok(run_open("ply", path_in(folder, "frame7"), &run) == SPIN_OK && run.sequence.n_frames == 1,
        "so does a model's own folder");
     run_close(&run);
     spin_splats_free(&s);

@@ -32,7 +32,7 @@ static void compare_time(struct run *run, struct spin_npz *npz, size_t index, do
     char what[200];
 
     snprintf(what, sizeof what, "%s at %g", name, time);
-    if (run->importer->frame(run->self, 0, time, run->track.columns, &s) != SPIN_OK) {
+    if (run->importer->frame(run->self, 0, time, run->sequence.columns, &s) != SPIN_OK) {
         ok(0, "%s: %s", what, spin_last_error());
     } else if (ok(s.n == n, "%s: %zu Gaussians are seen", what, n)) {
         size_t width = 3 * (size_t)((s.sh_degree + 1) * (s.sh_degree + 1));
@@ -45,7 +45,7 @@ static void compare_time(struct run *run, struct spin_npz *npz, size_t index, do
                 compare_rows(&sh, k, row, n, s.sh, width, bound("sh_folded").abs, 0, what);
         }
         compare_colours(&rgb, &eye, index, row, &s, bound("rgb").abs, what);
-        check_sane(&s, run->track.columns, what);
+        check_sane(&s, run->sequence.columns, what);
     }
     spin_splats_free(&s);
     free(row);
@@ -72,9 +72,9 @@ static void compare_fixture(const char *folder, const char *name)
         printf("#   %s\n", spin_last_error());
         return;
     }
-    ok(run.track.continuous && run.track.columns == (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES),
+    ok(run.sequence.continuous && run.sequence.columns == (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES),
        "%s: is defined at any time, with all attributes", name);
-    ok(!strstr(run.track.notes, "time_duration is not"), "%s: the YAML is found", name);
+    ok(!strstr(run.sequence.notes, "time_duration is not"), "%s: the YAML is found", name);
     if (spin_npz_open(expected, &npz) != SPIN_OK) {
         ok(0, "%s: %s", name, spin_last_error());
         run_close(&run);
@@ -110,10 +110,10 @@ static void compare_static(const char *folder)
     row = malloc((n + 1) * sizeof *row);
     for (size_t i = 0; i < n; i++)
         row[i] = i;
-    if (!ok(run_open(NULL, folder, &run) == SPIN_OK && !run.track.continuous &&
-                run.track.n_frames == 1 && run.track.counts[0] == n,
+    if (!ok(run_open(NULL, folder, &run) == SPIN_OK && !run.sequence.continuous &&
+                run.sequence.n_frames == 1 && run.sequence.counts[0] == n,
             "dim3_static: one frame of %zu", n) ||
-        run.importer->frame(run.self, 0, 7, run.track.columns, &s) != SPIN_OK || s.n != n ||
+        run.importer->frame(run.self, 0, 7, run.sequence.columns, &s) != SPIN_OK || s.n != n ||
         spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK) {
         ok(0, "dim3_static: %s", spin_last_error());
         return;
@@ -126,7 +126,7 @@ static void compare_static(const char *folder)
     compare_rows(&scaling, 0, row, s.n, s.log_scales, 3, 0, 0, "dim3_static: scales, exactly");
     compare_rows(&opacity, 0, row, s.n, s.logit_opacities, 1, 1e-4, 0, "dim3_static: opacities");
     compare_rows(&dc, 0, row, s.n, s.sh, 48, 0, 0, "dim3_static: colours, exactly");
-    check_sane(&s, run.track.columns, "dim3_static: nothing odd");
+    check_sane(&s, run.sequence.columns, "dim3_static: nothing odd");
     free(row);
     free(xyz.value);
     free(scaling.value);
@@ -172,16 +172,16 @@ static void test_times(const char *root)
     struct spin_splats a = {0}, b = {0};
     struct run run;
 
-    ok(run_open(NULL, file, &run) == SPIN_OK && run.track.time_first == 0 &&
-           run.track.time_last == 5 && strstr(run.track.notes, "guessed 0,5"),
+    ok(run_open(NULL, file, &run) == SPIN_OK && run.sequence.time_first == 0 &&
+           run.sequence.time_last == 5 && strstr(run.sequence.notes, "guessed 0,5"),
        "without a YAML the range of times is guessed, and the notes say so");
-    ok(strstr(run.track.notes, "colours depend on it") != NULL, "and that colours depend on it");
-    ok(strstr(run.track.variant, "iteration 7000") != NULL, "the iteration inside is told");
+    ok(strstr(run.sequence.notes, "colours depend on it") != NULL, "and that colours depend on it");
+    ok(strstr(run.sequence.variant, "iteration 7000") != NULL, "the iteration inside is told");
     run_close(&run);
     ok(open_with(FROM, file, five, &run) == SPIN_OK &&
-           !strstr(run.track.notes, "time_duration is not"),
+           !strstr(run.sequence.notes, "time_duration is not"),
        "the range may be given");
-    run.importer->frame(run.self, 0, 2, run.track.columns, &a);
+    run.importer->frame(run.self, 0, 2, run.sequence.columns, &a);
     run_close(&run);
     fails_with(FROM, file, wrong, "expected A,B", "half a range");
     fails_with(FROM, file, back, "A < B", "a range backwards");
@@ -191,9 +191,9 @@ static void test_times(const char *root)
                      "  frame_ratio: 2\n");
     const char *config[] = {"config", yaml, NULL};
     write_text(path_in(folder, "cfg_args"), "Namespace(sh_degree=3, frame_ratio=2)");
-    ok(open_with(FROM, file, config, &run) == SPIN_OK && run.track.time_last == 10,
+    ok(open_with(FROM, file, config, &run) == SPIN_OK && run.sequence.time_last == 10,
        "a YAML named by the user, as a block list");
-    run.importer->frame(run.self, 0, 4, run.track.columns, &b);
+    run.importer->frame(run.self, 0, 4, run.sequence.columns, &b);
     ok(a.n == b.n && !memcmp(a.means, b.means, 12 * a.n) && !memcmp(a.sh, b.sh, 192 * a.n),
        "frame_ratio 2: time 4 of the data set is the file's 2");
     run_close(&run);
@@ -220,16 +220,16 @@ static void test_conventions(const char *root)
         if (!has(root, names[i]))
             continue;
         ok(run_open(FROM, path, &run) == SPIN_OK &&
-               strstr(run.track.notes, i == 2 ? "guessed 'older'" : "guessed 'today'"),
+               strstr(run.sequence.notes, i == 2 ? "guessed 'older'" : "guessed 'today'"),
            "%s: the convention is guessed right, and the notes say that it is a guess", names[i]);
         run_close(&run);
         ok(open_with(FROM, path, i == 2 ? today : older, &run) == SPIN_OK &&
-               strstr(run.track.notes, "speak for the other") &&
-               !strstr(run.track.notes, "guessed '"),
+               strstr(run.sequence.notes, "speak for the other") &&
+               !strstr(run.sequence.notes, "guessed '"),
            "%s: the wrong one may be asked for, and is doubted", names[i]);
         run_close(&run);
         ok(open_with(FROM, path, i == 2 ? older : today, &run) == SPIN_OK &&
-               !strstr(run.track.notes, "convention"),
+               !strstr(run.sequence.notes, "convention"),
            "%s: the right one is not", names[i]);
         run_close(&run);
     }
@@ -243,11 +243,12 @@ static void test_notes(const char *root)
 
     if (has(root, "rot4d_sh3d_env")) {
         ok(run_open(FROM, path_in(root, "rot4d_sh3d_env"), &run) == SPIN_OK &&
-               strstr(run.track.notes, "environment map is lost"),
+               strstr(run.sequence.notes, "environment map is lost"),
            "the loss of an environment map is noted");
         run_close(&run);
     }
-    ok(run_open(FROM, path_in(root, "rot4d_noshfs"), &run) == SPIN_OK && run.track.sh_degree == 2,
+    ok(run_open(FROM, path_in(root, "rot4d_noshfs"), &run) == SPIN_OK &&
+           run.sequence.sh_degree == 2,
        "only the active degree is there");
     run_close(&run);
 }
@@ -263,14 +264,15 @@ static void test_stale(void)
         skip("omg4/stale_chkpnt", "it is not here");
         return;
     }
-    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.track.notes, "OMG4") &&
-           run.track.columns == (SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES) &&
-           run.track.sh_degree == -1,
+    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "OMG4") &&
+           run.sequence.columns == (SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES) &&
+           run.sequence.sh_degree == -1,
        "a stale checkpoint of OMG4 gives geometry only, and says so");
-    ok(run.importer->frame(run.self, 0, run.track.time_first, run.track.columns, &s) == SPIN_OK &&
+    ok(run.importer->frame(run.self, 0, run.sequence.time_first, run.sequence.columns, &s) ==
+               SPIN_OK &&
            s.n > 0 && s.n < 120,
        "and its Gaussians come and go in time");
-    check_sane(&s, run.track.columns, "and they are sane");
+    check_sane(&s, run.sequence.columns, "and they are sane");
     run_close(&run);
     spin_splats_free(&s);
 }
@@ -440,12 +442,13 @@ static void test_refused(void)
     struct run run;
 
     ok(run_open(NULL, write_checkpoint(path, &good), &run) == SPIN_OK &&
-           strstr(run.track.notes, "mask of a fork") && strstr(run.track.variant, "iteration 123"),
+           strstr(run.sequence.notes, "mask of a fork") &&
+           strstr(run.sequence.variant, "iteration 123"),
        "a fork's 20 items are read, its mask is not");
     if (run.self) {
-        ok(run.importer->frame(run.self, 0, 1, run.track.columns, &s) == SPIN_OK && s.n == 5,
+        ok(run.importer->frame(run.self, 0, 1, run.sequence.columns, &s) == SPIN_OK && s.n == 5,
            "and give their Gaussians");
-        check_sane(&s, run.track.columns, "which are sane");
+        check_sane(&s, run.sequence.columns, "which are sane");
     } else {
         printf("#   %s\n", spin_last_error());
     }
@@ -505,9 +508,9 @@ static void test_dicts(void)
             PUT(&w, "t");
         }
         end_stream(&w, 1);
-        ok(run_open(FROM, path, &run) == SPIN_OK && strstr(run.track.variant, "rot_4d") &&
-               strstr(run.track.variant, "with time") &&
-               (strstr(run.track.variant, "iteration 77") != NULL) == fork,
+        ok(run_open(FROM, path, &run) == SPIN_OK && strstr(run.sequence.variant, "rot_4d") &&
+               strstr(run.sequence.variant, "with time") &&
+               (strstr(run.sequence.variant, "iteration 77") != NULL) == fork,
            fork ? "a fork's dict of attributes is read" : "the dict of loaded_pth is read");
         if (!run.self)
             printf("#   %s\n", spin_last_error());

@@ -35,7 +35,7 @@ static void compare_time(struct run *run, const struct tables *t, size_t index, 
     char what[200];
 
     snprintf(what, sizeof what, "%s at %g, cull %s", name, t->times.value[index], rule);
-    if (run->importer->frame(run->self, 0, t->times.value[index], run->track.columns, &s) !=
+    if (run->importer->frame(run->self, 0, t->times.value[index], run->sequence.columns, &s) !=
         SPIN_OK) {
         ok(0, "%s: %s", what, spin_last_error());
     } else if (ok(s.n == n, "%s: %zu Gaussians are seen", what, n)) {
@@ -45,7 +45,7 @@ static void compare_time(struct run *run, const struct tables *t, size_t index, 
         compare_opacities(&t->opacity, index, row, &s, bound("opacity").abs, what);
         compare_rows(&t->dc, 0, row, n, s.sh, 48, 0, 0, what);
         compare_colours(&t->rgb, &t->eye, index, row, &s, bound("rgb").abs, what);
-        check_sane(&s, run->track.columns, what);
+        check_sane(&s, run->sequence.columns, what);
     }
     spin_splats_free(&s);
     free(row);
@@ -73,13 +73,13 @@ static void compare_fixture(const char *folder, const char *name)
         const char *pairs[] = {"cull", rules[r], NULL};
 
         if (!ok(open_with(r ? FROM : NULL, folder, pairs, &run) == SPIN_OK &&
-                    !strcmp(run.importer->name, FROM) && run.track.continuous &&
-                    run.track.sh_degree == 3,
+                    !strcmp(run.importer->name, FROM) && run.sequence.continuous &&
+                    run.sequence.sh_degree == 3,
                 "%s: the folder is recognised and opens", name)) {
             printf("#   %s\n", spin_last_error());
             continue;
         }
-        ok(strstr(run.track.notes, "guessed") != NULL && !strstr(run.track.notes, "moves"),
+        ok(strstr(run.sequence.notes, "guessed") != NULL && !strstr(run.sequence.notes, "moves"),
            "%s: the range of times is a guess, and the notes say so", name);
         for (size_t i = 0; i < t.times.n_rows; i++)
             compare_time(&run, &t, i, rules[r], name);
@@ -106,10 +106,10 @@ static void test_options(const char *root)
     FILE *out;
     struct run run;
 
-    ok(open_with(FROM, path, range, &run) == SPIN_OK && run.track.time_first == 0 &&
-           run.track.time_last == 5 && !strstr(run.track.notes, "guessed"),
+    ok(open_with(FROM, path, range, &run) == SPIN_OK && run.sequence.time_first == 0 &&
+           run.sequence.time_last == 5 && !strstr(run.sequence.notes, "guessed"),
        "the range of times may be given");
-    ok(strstr(run.track.variant, "step 2000") != NULL, "the step inside is told");
+    ok(strstr(run.sequence.variant, "step 2000") != NULL, "the step inside is told");
     run_close(&run);
     fails_with(FROM, path, odd, "expected A,B", "a range that is none");
     fails_with(FROM, path, cull, "expected opacity, time or none", "a rule that is none");
@@ -126,7 +126,7 @@ static void test_options(const char *root)
     out = fopen(path_in(folder, "dataparser_transforms.json"), "w");
     fputs("{\"transform\": [[1,0,0,0.5],[0,1,0,0],[0,0,1,0]], \"scale\": 1.0}", out);
     fclose(out);
-    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.track.notes, "moves and scales"),
+    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "moves and scales"),
        "a data parser's transform is noted");
     run_close(&run);
     ok(run_open(NULL, file, &run) == SPIN_OK && !strcmp(run.importer->name, FROM),

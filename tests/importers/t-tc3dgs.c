@@ -10,7 +10,7 @@ static spin_status open_with(const char *path, const char *const *pairs, struct 
 
     memset(run, 0, sizeof *run);
     SPIN_TRY(spin_importer_find(path, "tc3dgs", false, &run->importer));
-    status = run->importer->open(path, &values, &run->self, &run->track);
+    status = run->importer->open(path, &values, &run->self, &run->sequence);
     if (status != SPIN_OK)
         run_close(run);
     return status;
@@ -75,8 +75,8 @@ static void compare_frame(struct run *run, struct spin_npz *npz, const struct ro
     float *scales, *opacities;
     size_t f = (size_t)frame;
 
-    if (!ok(run->importer->frame(run->self, frame, 0, run->track.columns, &s) == SPIN_OK &&
-                s.n == run->track.counts[frame],
+    if (!ok(run->importer->frame(run->self, frame, 0, run->sequence.columns, &s) == SPIN_OK &&
+                s.n == run->sequence.counts[frame],
             "%s: frame %d has as many rows as were announced", name, frame)) {
         printf("#   %s\n", spin_last_error());
         return;
@@ -115,7 +115,7 @@ static void test_mode(const char *folder, const char *file, const char *mode, co
     rows.n = (size_t)info.shape[1];
     if (spin_npz_has(&npz, "visible"))
         rows.visible = check_load(&npz, "visible", &info);
-    for (int f = 0; f < run.track.n_frames; f++)
+    for (int f = 0; f < run.sequence.n_frames; f++)
         compare_frame(&run, &npz, &rows, f, file);
     free(rows.visible);
     run_close(&run);
@@ -180,25 +180,25 @@ static void test_shapes(void)
     struct spin_splats s = {0};
     struct run run;
 
-    ok(run_open("tc3dgs", make_run(3, per_frame), &run) == SPIN_OK && run.track.counts[0] == 2 &&
-           run.track.counts[1] == 3 && run.track.counts[2] == 3,
+    ok(run_open("tc3dgs", make_run(3, per_frame), &run) == SPIN_OK && run.sequence.counts[0] == 2 &&
+           run.sequence.counts[1] == 3 && run.sequence.counts[2] == 3,
        "counts what each frame shows");
     ok(run.importer->frame(run.self, 0, 0, SPIN_COL_MEANS, &s) == SPIN_OK && s.n == 2 &&
            s.means[0] == numbers[3] && s.means[3] == numbers[6],
        "rows that are hidden are left out");
-    ok(run.track.still_columns == 0, "nothing is still, as the rows differ");
+    ok(run.sequence.static_columns == 0, "nothing is still, as the rows differ");
     run_close(&run);
-    ok(run_open("tc3dgs", make_run(2, flat), &run) == SPIN_OK && run.track.counts[1] == 3,
+    ok(run_open("tc3dgs", make_run(2, flat), &run) == SPIN_OK && run.sequence.counts[1] == 3,
        "a mask [T, N]");
     run_close(&run);
-    ok(run_open("tc3dgs", make_run(2, still), &run) == SPIN_OK && run.track.counts[0] == 2 &&
-           run.track.counts[2] == 2 && run.track.still_columns != 0,
+    ok(run_open("tc3dgs", make_run(2, still), &run) == SPIN_OK && run.sequence.counts[0] == 2 &&
+           run.sequence.counts[2] == 2 && run.sequence.static_columns != 0,
        "a mask [N, 1] is the same in all frames");
     run_close(&run);
     for (int i = 0; i < N; i++)
         mask[N + i] = -30;
-    ok(run_open("tc3dgs", make_run(3, per_frame), &run) == SPIN_OK && run.track.counts[1] == 0 &&
-           run.importer->frame(run.self, 1, 0, run.track.columns, &s) == SPIN_OK && s.n == 0,
+    ok(run_open("tc3dgs", make_run(3, per_frame), &run) == SPIN_OK && run.sequence.counts[1] == 0 &&
+           run.importer->frame(run.self, 1, 0, run.sequence.columns, &s) == SPIN_OK && s.n == 0,
        "a frame that shows nothing is empty");
     run_close(&run);
     fill();

@@ -90,13 +90,13 @@ static void compare_white(const struct context *x, struct spin_views *views, boo
     static const float white[3] = {1, 1, 1};
     const char *key = test ? "fudan_test_mean_rgb_white" : "fudan_train_mean_rgb_white";
     struct spin_array info;
-    struct spin_pixels pixels;
+    struct spin_image_cache pixels;
     double *want, darkest = 1;
     float *mean, *image;
     size_t n, k = 0;
     const struct spin_view **list;
 
-    if (!spin_npz_has(x->npz, key) || spin_pixels_open(views, 0, white, &pixels) != SPIN_OK)
+    if (!spin_npz_has(x->npz, key) || spin_image_cache_open(views, 0, white, &pixels) != SPIN_OK)
         return;
     list = split_views(views, test, &n);
     want = check_load(x->npz, key, &info);
@@ -105,7 +105,7 @@ static void compare_white(const struct context *x, struct spin_views *views, boo
         size_t plane = (size_t)list[k]->camera.width * (size_t)list[k]->camera.height;
 
         image = malloc(3 * plane * sizeof *image);
-        if (spin_pixels_get(&pixels, (size_t)(list[k] - views->view), image) != SPIN_OK)
+        if (spin_image_cache_get(&pixels, (size_t)(list[k] - views->view), image) != SPIN_OK)
             break;
         for (size_t i = 0; i < 3 * plane; i++) {
             mean[3 * k + i / plane] += image[i] / (float)plane;
@@ -120,7 +120,7 @@ static void compare_white(const struct context *x, struct spin_views *views, boo
     free(list);
     free(want);
     free(mean);
-    spin_pixels_close(&pixels);
+    spin_image_cache_close(&pixels);
 }
 
 static void test_blender(const char *folder, const char *name, const spin_json *manifest)
@@ -147,7 +147,8 @@ static void test_blender(const char *folder, const char *name, const spin_json *
         compare_white(&x, &views, false, manifest_tolerance(manifest, "mean_rgb", 0.006));
         compare_white(&x, &views, true, manifest_tolerance(manifest, "mean_rgb", 0.006));
         ok(view_of(&views, "train/r_000.png") && view_of(&views, "test/r_000.png") &&
-               view_of(&views, "train/r_000.png")->row == view_of(&views, "test/r_000.png")->row,
+               view_of(&views, "train/r_000.png")->dataset_frame ==
+                   view_of(&views, "test/r_000.png")->dataset_frame,
            "what was seen at one time is one frame, in both files");
         spin_views_free(&views);
     } else {
@@ -203,7 +204,7 @@ static void test_n3v(const char *folder, const char *name, const spin_json *mani
         return;
     if (set_opens(copy, NULL, &views, "what n3v2blender writes")) {
         compare_both(&x, &views);
-        ok(views.n_rows == (int)frames && views.numbered &&
+        ok(views.n_dataset_frames == (int)frames && views.numbered &&
                views.view[views.n - 1].number == frames - 1,
            "has numbered frames");
         ok(views.view[0].camera_id == 0 && views.view[0].test &&
@@ -245,7 +246,7 @@ static void test_own(void)
     if (set_opens(folder, NULL, &views, "a set of two files")) {
         const struct spin_view *v = views.view;
 
-        ok(views.n == 3 && views.n_rows == 3 && v[0].time == 2 && v[1].time == 3 &&
+        ok(views.n == 3 && views.n_dataset_frames == 3 && v[0].time == 2 && v[1].time == 3 &&
                v[2].time == 4 && v[1].test && !v[0].test,
            "has the distinct times of both as frames");
         ok(v[0].camera.w2c[0] == 1 && v[0].camera.w2c[5] == 1 && v[0].camera.w2c[10] == 1 &&

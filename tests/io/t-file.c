@@ -5,7 +5,7 @@
 #include <unistd.h>
 
 #include "io/file.h"
-#include "io/folder.h"
+#include "io/output_folder.h"
 #include "io/zip.h"
 #include "tests/check.h"
 #include "tests/tap.h"
@@ -416,12 +416,12 @@ static void checks(void)
 /* In a child: stderr goes to a file. */
 static void fall(const char *path, const char *out_path)
 {
-    struct spin_out_folder folder;
+    struct spin_output_folder folder;
     struct spin_out out;
     struct spin_map map;
 
     if (!freopen(in_root("stderr"), "w", stderr) || spin_map_open(path, &map) != SPIN_OK ||
-        spin_out_folder_begin(in_root("made"), false, &folder) != SPIN_OK ||
+        spin_output_folder_begin(in_root("made"), false, &folder) != SPIN_OK ||
         spin_out_open(out_path, false, &out) != SPIN_OK)
         _exit(3);
     spin_catch_cut_files("tester");

@@ -1,14 +1,19 @@
 #!/bin/sh
 # Who may include whom: the drawing of the house as a table, and no arrow that is not in it.
 #
-#     cmd        -> spin.h cmd
-#     importers, exporters -> spin.h io math base, and headers of their own room
-#     core       -> spin.h scene device/device.h io math base core
-#     scene      -> spin.h io base scene
-#     device     -> spin.h device math base;  a device sees device.h and its own folder
-#     io         -> spin.h base io
-#     base       -> spin.h base
-#     math       -> math
+#     cmd                  -> spin.h cmd
+#     importers, exporters -> spin.h formats io math base, and headers of their own room
+#     run                  -> every room below
+#     train                -> spin.h eval render model scene device/*.h io math base train
+#     eval                 -> spin.h render model scene device/*.h io math base eval
+#     render               -> spin.h model scene device/*.h io math base render
+#     model                -> spin.h device/*.h io math base model
+#     scene                -> spin.h io base scene
+#     formats              -> spin.h io math base formats
+#     device               -> spin.h device math base;  a device sees device.h and its own folder
+#     io                   -> spin.h base io
+#     base                 -> spin.h base
+#     math                 -> math
 #
 # spin.h includes nothing of ours. Tests may include anything of ours.
 
@@ -17,14 +22,19 @@ ours() {
     case $1 in
     src/spin.h) echo '^$' ;;
     src/cmd/*) echo '^(spin\.h|cmd/.*)$' ;;
-    importers/*) echo '^(spin\.h|(io|math|base|importers)/.*)$' ;;
-    exporters/*) echo '^(spin\.h|(io|math|base|exporters)/.*)$' ;;
-    src/core/*) echo '^(spin\.h|device/device\.h|(scene|io|math|base|core)/.*)$' ;;
+    importers/*) echo '^(spin\.h|(formats|io|math|base|importers)/.*)$' ;;
+    exporters/*) echo '^(spin\.h|(formats|io|math|base|exporters)/.*)$' ;;
+    src/run/*) echo '^(spin\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|io|math|base|run)/.*)$' ;;
+    src/train/*) echo '^(spin\.h|device/[a-z_]+\.h|(eval|render|model|scene|io|math|base|train)/.*)$' ;;
+    src/eval/*) echo '^(spin\.h|device/[a-z_]+\.h|(render|model|scene|io|math|base|eval)/.*)$' ;;
+    src/render/*) echo '^(spin\.h|device/[a-z_]+\.h|(model|scene|io|math|base|render)/.*)$' ;;
+    src/model/*) echo '^(spin\.h|device/[a-z_]+\.h|(io|math|base|model)/.*)$' ;;
+    src/formats/*) echo '^(spin\.h|(io|math|base|formats)/.*)$' ;;
     src/scene/*) echo '^(spin\.h|(io|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
-    src/device/device.h) echo '^(spin\.h|(math|base)/.*)$' ;;
     src/device/cpu/*) echo '^(spin\.h|device/device\.h|device/cpu/.*|(math|base)/.*)$' ;;
     src/device/cuda/*) echo '^(spin\.h|device/device\.h|device/cuda/.*|(math|base)/.*)$' ;;
+    src/device/*.h) echo '^(spin\.h|device/device\.h|(math|base)/.*)$' ;;
     src/io/*) echo '^(spin\.h|(base|io)/.*)$' ;;
     src/base/*) echo '^(spin\.h|base/.*)$' ;;
     src/math/*) echo '^math/.*$' ;;

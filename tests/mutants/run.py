@@ -5,12 +5,12 @@ whether a test fails. With WORD only those that have it in their name or in the 
 The faults stand in the files *.list beside this one, as records with empty lines between:
 
     name: no-shuffling            how it is called
-    file: src/core/some.c         where it goes
+    file: src/train/some.c         where it goes
     old: size_t j = random();     text that stands there once; how it is broken into lines does not count
     nth: 2                        or which of several places, from 1
     new: size_t j = i;            what comes instead; may be empty
-    tests: core/t-some cli/t9001  pieces of the paths of tests that should see it, the cheapest first;
-                                  core/t-some:part is one PART() of a long test
+    tests: train/t-some cli/t9001  pieces of the paths of tests that should see it, the cheapest first;
+                                  train/t-some:part is one PART() of a long test
     survives: why                 it may pass all its tests; at most two may
 
 A fault is killed when one of its tests fails or does not end, and survives when all pass. A text that is

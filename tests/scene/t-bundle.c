@@ -53,7 +53,7 @@ static void fill_meta(struct spin_bundle_meta *meta, unsigned columns, unsigned 
     meta->n_source_frames = 9;
     meta->numbered = true;
     meta->columns = columns;
-    meta->still_columns = still;
+    meta->static_columns = still;
     meta->sh_degree = columns & SPIN_COL_SH ? 1 : -1;
 }
 
@@ -317,7 +317,7 @@ static const char *write_meta(const char *text, const char *descr, uint64_t n)
 }
 
 #define HEAD "{\"format\":\"spin bundle\",\"version\":1,\"from\":\"d3dgs\",\"numbered\":false,"
-#define COLUMNS "\"columns\":[\"means\"],\"still_columns\":[],\"sh_degree\":-1,"
+#define COLUMNS "\"columns\":[\"means\"],\"static_columns\":[],\"sh_degree\":-1,"
 #define FRAME(number, time, n, index)                                                              \
     "{\"number\":" number ",\"time\":" time ",\"n\":" n ",\"source_index\":" index "}"
 #define GOOD FRAME("0", "0", "2", "0")
@@ -345,17 +345,17 @@ static void test_lies(void)
         {HEAD COLUMNS TAIL(FRAME("0", "\"0\"", "2", "0")), "time", "a time that is text"},
         {HEAD COLUMNS TAIL(FRAME("0", "0", "2", "3")), "source_index",
          "a source index past the end"},
-        {HEAD "\"columns\":[\"quats\"],\"still_columns\":[],\"sh_degree\":-1," TAIL(GOOD), "means",
+        {HEAD "\"columns\":[\"quats\"],\"static_columns\":[],\"sh_degree\":-1," TAIL(GOOD), "means",
          "no positions"},
-        {HEAD "\"columns\":[\"means\",\"mass\"],\"still_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
+        {HEAD "\"columns\":[\"means\",\"mass\"],\"static_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
          "mass", "an unknown column"},
-        {HEAD "\"columns\":[\"means\"],\"still_columns\":[\"rgb\"],\"sh_degree\":-1," TAIL(GOOD),
-         "still_columns", "a still column that is none"},
-        {HEAD "\"columns\":[\"means\",\"sh\"],\"still_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
+        {HEAD "\"columns\":[\"means\"],\"static_columns\":[\"rgb\"],\"sh_degree\":-1," TAIL(GOOD),
+         "static_columns", "a still column that is none"},
+        {HEAD "\"columns\":[\"means\",\"sh\"],\"static_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
          "sh_degree", "SH without a degree"},
-        {HEAD "\"columns\":[\"means\",\"sh\"],\"still_columns\":[],\"sh_degree\":9," TAIL(GOOD),
+        {HEAD "\"columns\":[\"means\",\"sh\"],\"static_columns\":[],\"sh_degree\":9," TAIL(GOOD),
          "sh_degree", "SH of degree 9"},
-        {HEAD "\"columns\":[\"means\",\"rgb\"],\"still_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
+        {HEAD "\"columns\":[\"means\",\"rgb\"],\"static_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
          "source/rgb/00000", "a column that is not there"},
         {HEAD COLUMNS "\"network\":{\"features\":4}," TAIL(GOOD), "network/table",
          "a network that is not there"},

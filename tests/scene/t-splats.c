@@ -58,7 +58,8 @@ static void test_views(void)
 {
     struct spin_views views = {0};
     char path[] = "ims/0/000001.jpg";
-    struct spin_view v = {.camera = {.width = 64}, .row = 3, .camera_id = 7, .path = path};
+    struct spin_view v = {
+        .camera = {.width = 64}, .dataset_frame = 3, .camera_id = 7, .path = path};
     int good = 1;
 
     for (int i = 0; i < 200; i++) {
@@ -69,7 +70,7 @@ static void test_views(void)
     ok(good && views.n == 200 && views.view[199].number == 199 && views.view[0].camera_id == 7,
        "keeps views in order");
     is_text(views.view[150].path, "ims/0/000001.jpg", "copies the path");
-    ok(views.n_rows == 4, "counts rows");
+    ok(views.n_dataset_frames == 4, "counts rows");
     spin_views_free(&views);
     ok(!views.view && views.n == 0, "is zero when freed");
 }

@@ -84,7 +84,7 @@ def decode(bundle, meta, frame, nudge=0):
     x = np.clip(x, 0, 1)
     table = bundle["network/table"].astype(np.float64)
     scale, rotation, sh, opacity = heads(bundle["network/heads"], net, encode(table, net, x))
-    own = f"network/own/{frame:05d}"
+    own = f"network/residual/{frame:05d}"
     if own in bundle:  # raw values of every splat, to which the network adds
         own = bundle[own].astype(np.float64)
         scale, rotation, opacity = scale + own[:, :3], rotation + own[:, 3:7], opacity + own[:, 10:]

@@ -4,8 +4,8 @@
     python3 tests/tools/lpips-reference.py > fixtures/lpips/expected.json
 
 Written from the description of the method (Zhang et al. 2018, version 0.1 of its weights), apart from
-src/core/lpips.c: the convolution is a sum over shifted pictures. The weights and pictures come from the
-formula in noise() below, which tests/core/t-lpips.c has as well, so that no weights need to be stored.
+src/eval/lpips.c: the convolution is a sum over shifted pictures. The weights and pictures come from the
+formula in noise() below, which tests/eval/t-lpips.c has as well, so that no weights need to be stored.
 """
 import json
 import sys

@@ -1,5 +1,5 @@
 /* Adam on the CPU: one pass over p, g, m and v that also clears g; and the same for a table whose
- * lines are left alone until they are needed (device.h, struct spin_lazy). */
+ * lines are left alone until they are needed (device.h, struct spin_lazy_adam). */
 #include "device/cpu/cpu.h"
 
 #include "device/cpu/denormals.h"
@@ -17,7 +17,7 @@ struct job {
     float *p, *g, *m, *v;
 
     /* Lazy tables. */
-    const struct spin_lazy *lazy;
+    const struct spin_lazy_adam *lazy;
     size_t n_lines;
     const float *p_in, *m_in, *v_in;
     float *out;
@@ -55,7 +55,8 @@ void SPIN_CPU(adam)(struct spin_device *d, size_t n, float *p, float *g, float *
 /* ---- lines ----------------------------------------------------------------------------------- */
 
 /* The marked lines of [first, end), ascending. Without a branch: it would be guessed wrong. */
-static size_t list_marked(const struct spin_lazy *lazy, size_t first, size_t end, uint32_t *list)
+static size_t list_marked(const struct spin_lazy_adam *lazy, size_t first, size_t end,
+                          uint32_t *list)
 {
     float mark = (float)(lazy->done + 1);
     size_t n = 0, i = first;
@@ -109,8 +110,8 @@ static size_t first_line(const struct spin_grid *grid)
     return (size_t)grid->offset[spin_lazy_level(grid)] * (size_t)grid->n_features;
 }
 
-void SPIN_CPU(adam_lazy)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy *lazy, size_t n, float *p, float *g, float *m,
+void SPIN_CPU(lazy_adam)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy_adam *lazy, size_t n, float *p, float *g, float *m,
                          float *v, double lr)
 {
     size_t before = first_line(grid);
@@ -135,21 +136,21 @@ static void settle_task(void *context, int task, int worker)
 
     (void)worker;
     for (size_t line = first; line < end; line++) {
-        const float *drift = job->lazy->drift + 2 * (size_t)job->lazy->last[line];
+        const float *skipped_step = job->lazy->skipped_step + 2 * (size_t)job->lazy->last[line];
 
         for (size_t i = line * SPIN_LINE; i < (line + 1) * SPIN_LINE; i++) {
             float p = job->p_in[i], m = job->m_in[i], v = job->v_in[i];
 
-            spin_adam_skip(drift[0], drift[1], 1, 1, &p, &m, &v);
+            spin_adam_skip(skipped_step[0], skipped_step[1], 1, 1, &p, &m, &v);
             job->out[i] = p;
         }
     }
     spin_denormals_back(before);
 }
 
-void SPIN_CPU(settle)(struct spin_device *d, const struct spin_grid *grid,
-                      const struct spin_lazy *lazy, size_t n, const float *p, const float *m,
-                      const float *v, float *out)
+void SPIN_CPU(lazy_flush)(struct spin_device *d, const struct spin_grid *grid,
+                          const struct spin_lazy_adam *lazy, size_t n, const float *p,
+                          const float *m, const float *v, float *out)
 {
     size_t before = first_line(grid);
     struct job job = {.lazy = lazy,
@@ -159,6 +160,6 @@ void SPIN_CPU(settle)(struct spin_device *d, const struct spin_grid *grid,
                       .v_in = v + before,
                       .out = out + before};
 
-    d->op->up(d, out, p, before * sizeof *out);
+    d->op->upload(d, out, p, before * sizeof *out);
     spin_pool_run(spin_cpu_pool(d), (int)((job.n_lines + LINES - 1) / LINES), settle_task, &job);
 }

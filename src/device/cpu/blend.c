@@ -22,13 +22,13 @@ enum {
 };
 
 struct job {
-    const struct spin_cam *cam;
+    const struct spin_camera_f32 *cam;
     size_t n;
     const struct spin_splat2d *splat2d;
     const struct spin_tiles *tiles;
     const float *background;
-    float *image, *final_t;
-    int32_t *n_used;
+    float *image, *final_transmittance;
+    int32_t *last_contributor;
     const float *final_t_in, *d_image;
     const int32_t *n_used_in;
     struct spin_splat2d_grad *d_splat2d;
@@ -41,7 +41,7 @@ struct place {
     size_t tile_x, tile_y;
 };
 
-static struct place place_of(const struct spin_cam *cam, int tile)
+static struct place place_of(const struct spin_camera_f32 *cam, int tile)
 {
     struct place p;
 
@@ -91,10 +91,10 @@ static void reach_of(struct ready *r)
 }
 
 static void make_ready(const struct spin_splat2d *splat2d, const struct place *p,
-                       const uint32_t *pairs, uint32_t n, struct ready *r)
+                       const uint32_t *intersections, uint32_t n, struct ready *r)
 {
     for (uint32_t i = 0; i < BATCH; i++) {
-        const struct spin_splat2d *s = splat2d + pairs[i < n ? i : 0];
+        const struct spin_splat2d *s = splat2d + intersections[i < n ? i : 0];
         r->u[i] = s->u_px - (float)p->x0;
         r->v[i] = s->v_px - (float)p->y0;
         r->a[i] = s->conic[0];
@@ -165,8 +165,8 @@ static void fetch_pixels(const struct job *job, const struct place *p)
 
         for (size_t c = 0; c < 3; c++)
             __builtin_prefetch(job->image + c * plane + at, 1);
-        __builtin_prefetch(job->final_t + at, 1);
-        __builtin_prefetch(job->n_used + at, 1);
+        __builtin_prefetch(job->final_transmittance + at, 1);
+        __builtin_prefetch(job->last_contributor + at, 1);
     }
 }
 
@@ -243,8 +243,8 @@ SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane,
 {
     const float *restrict t = f->t + i;
     const int32_t *restrict used = f->used + i;
-    float *restrict final_t = job->final_t + at;
-    int32_t *restrict n_used = job->n_used + at;
+    float *restrict final_transmittance = job->final_transmittance + at;
+    int32_t *restrict last_contributor = job->last_contributor + at;
 
     for (size_t c = 0; c < 3; c++) {
         const float *restrict colour = f->colour[c] + i;
@@ -254,8 +254,8 @@ SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane,
             image[x] = colour[x] + t[x] * background;
     }
     for (int x = 0; x < width; x++) {
-        final_t[x] = t[x];
-        n_used[x] = used[x];
+        final_transmittance[x] = t[x];
+        last_contributor[x] = used[x];
     }
 }
 
@@ -277,7 +277,7 @@ static void blend_task(void *context, int tile, int worker)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
-    const uint32_t *pairs = job->tiles->pairs + job->tiles->start[tile];
+    const uint32_t *intersections = job->tiles->intersections + job->tiles->start[tile];
     uint32_t n = job->tiles->start[tile + 1] - job->tiles->start[tile];
     struct ready ready;
     struct front f;
@@ -287,24 +287,25 @@ static void blend_task(void *context, int tile, int worker)
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
         uint32_t count = n - first < BATCH ? n - first : BATCH;
-        make_ready(job->splat2d, &p, pairs + first, count, &ready);
+        make_ready(job->splat2d, &p, intersections + first, count, &ready);
         for (uint32_t i = 0; i < count && f.n_live; i++)
             front_splat(&f, &ready, i, p.height, (int32_t)(first + i));
     }
     front_end(job, &f, &p);
 }
 
-void SPIN_CPU(blend)(struct spin_device *d, const struct spin_cam *cam,
+void SPIN_CPU(blend)(struct spin_device *d, const struct spin_camera_f32 *cam,
                      const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                     const float background[3], float *image, float *final_t, int32_t *n_used)
+                     const float background[3], float *image, float *final_transmittance,
+                     int32_t *last_contributor)
 {
     struct job job = {.cam = cam,
                       .splat2d = splat2d,
                       .tiles = tiles,
                       .background = background,
                       .image = image,
-                      .final_t = final_t,
-                      .n_used = n_used};
+                      .final_transmittance = final_transmittance,
+                      .last_contributor = last_contributor};
 
     spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, blend_task, &job);
 }
@@ -324,8 +325,8 @@ struct back {
 SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int width, int i,
                     size_t at)
 {
-    const float *restrict final_t = job->final_t_in + at;
-    const int32_t *restrict n_used = job->n_used_in + at;
+    const float *restrict final_transmittance = job->final_t_in + at;
+    const int32_t *restrict last_contributor = job->n_used_in + at;
     float through[SIDE] = {0}, *restrict t = b->t + i, *restrict s = b->s + i;
     float *restrict used = b->used + i;
 
@@ -339,13 +340,13 @@ SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int wid
         }
     }
     for (int x = 0; x < width; x++) {
-        t[x] = final_t[x];
+        t[x] = final_transmittance[x];
         s[x] = t[x] * through[x];
-        used[x] = (float)n_used[x];
+        used[x] = (float)last_contributor[x];
     }
     for (int x = 0; x < width; x++)
-        if (n_used[x] > b->vec_used[(i + x) / LANES])
-            b->vec_used[(i + x) / LANES] = n_used[x];
+        if (last_contributor[x] > b->vec_used[(i + x) / LANES])
+            b->vec_used[(i + x) / LANES] = last_contributor[x];
 }
 
 static void back_begin(const struct job *job, struct back *b, const struct place *p)
@@ -455,14 +456,14 @@ static struct spin_blend_sums *slot_of(const struct job *job, const struct place
     struct spin_pair_rect r = spin_pair_rect(s);
     size_t row = p->tile_y - (size_t)r.y0, width = (size_t)(r.x1 - r.x0);
 
-    return job->slots + s->first_slot + row * width + (p->tile_x - (size_t)r.x0);
+    return job->slots + s->first_intersection + row * width + (p->tile_x - (size_t)r.x0);
 }
 
 static void back_task(void *context, int tile, int worker)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
-    const uint32_t *pairs = job->tiles->pairs + job->tiles->start[tile];
+    const uint32_t *intersections = job->tiles->intersections + job->tiles->start[tile];
     uint32_t n = job->tiles->start[tile + 1] - job->tiles->start[tile], end;
     struct ready ready;
     struct back b;
@@ -471,13 +472,13 @@ static void back_task(void *context, int tile, int worker)
     back_begin(job, &b, &p);
     end = (uint32_t)b.most < n ? (uint32_t)b.most : n;
     for (uint32_t i = end; i < n; i++)
-        memset(slot_of(job, &p, pairs[i]), 0, sizeof *job->slots);
+        memset(slot_of(job, &p, intersections[i]), 0, sizeof *job->slots);
     while (end > 0) {
         uint32_t first = (end - 1) / BATCH * BATCH, n_batch = end - first;
         struct spin_blend_sums *slot[BATCH];
-        make_ready(job->splat2d, &p, pairs + first, n_batch, &ready);
+        make_ready(job->splat2d, &p, intersections + first, n_batch, &ready);
         for (uint32_t i = 0; i < n_batch; i++) {
-            slot[i] = slot_of(job, &p, pairs[first + i]);
+            slot[i] = slot_of(job, &p, intersections[first + i]);
             __builtin_prefetch(slot[i], 1);
         }
         for (uint32_t i = n_batch; i-- > 0;)
@@ -503,9 +504,9 @@ static void reduce_task(void *context, int task, int worker)
         memset(d, 0, sizeof *d);
         if (n == 0)
             continue;
-        sum = job->slots[s->first_slot];
+        sum = job->slots[s->first_intersection];
         for (uint32_t k = 1; k < n; k++) {
-            const struct spin_blend_sums *more = job->slots + s->first_slot + k;
+            const struct spin_blend_sums *more = job->slots + s->first_intersection + k;
             for (int c = 0; c < 3; c++)
                 sum.colour[c] += more->colour[c];
             sum.e += more->e;
@@ -521,23 +522,24 @@ static void reduce_task(void *context, int task, int worker)
     }
 }
 
-void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                           const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                          const float background[3], const float *final_t, const int32_t *n_used,
-                          const float *d_image, struct spin_splat2d_grad *d_splat2d)
+                          const float background[3], const float *final_transmittance,
+                          const int32_t *last_contributor, const float *d_image,
+                          struct spin_splat2d_grad *d_splat2d)
 {
     struct job job = {.cam = cam,
                       .n = n,
                       .splat2d = splat2d,
                       .tiles = tiles,
                       .background = background,
-                      .final_t_in = final_t,
-                      .n_used_in = n_used,
+                      .final_t_in = final_transmittance,
+                      .n_used_in = last_contributor,
                       .d_image = d_image,
                       .d_splat2d = d_splat2d};
 
     job.slots = spin_cpu_scratch_need(d, SPIN_SCRATCH_BLEND,
-                                      ((size_t)tiles->n_pairs + 1) * sizeof *job.slots);
+                                      ((size_t)tiles->n_intersections + 1) * sizeof *job.slots);
     if (!job.slots)
         return;
     spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, back_task, &job);

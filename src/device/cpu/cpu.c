@@ -85,7 +85,7 @@ spin_status SPIN_CPU(wait)(struct spin_device *d)
         return SPIN_OK;
     spin_fail(SPIN_E_MEMORY, "%s", cpu->no_memory);
     cpu->no_memory[0] = '\0';
-    return spin_more(SPIN_E_MEMORY, "scratch of an operation");
+    return spin_fail_context(SPIN_E_MEMORY, "scratch of an operation");
 }
 
 static size_t memory(struct spin_device *d)
@@ -101,8 +101,8 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .close = close_cpu,
     .reserve = reserve,
     .release = release,
-    .up = copy,
-    .down = copy,
+    .upload = copy,
+    .download = copy,
     .zero = zero,
     .wait = SPIN_CPU(wait),
     .memory = memory,
@@ -113,8 +113,8 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .mlp = SPIN_CPU(mlp),
     .mlp_back = SPIN_CPU(mlp_back),
     .attr = SPIN_CPU(attr),
-    .attr_back = SPIN_CPU(attr_back),
-    .shrink = SPIN_CPU(shrink),
+    .activate_back = SPIN_CPU(activate_back),
+    .regularise_back = SPIN_CPU(regularise_back),
     .project = SPIN_CPU(project),
     .project_back = SPIN_CPU(project_back),
     .tile_count = SPIN_CPU(tile_count),
@@ -122,13 +122,13 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .blend = SPIN_CPU(blend),
     .blend_back = SPIN_CPU(blend_back),
     .loss = SPIN_CPU(loss),
-    .own = SPIN_CPU(own),
-    .own_back = SPIN_CPU(own_back),
-    .tint = SPIN_CPU(tint),
-    .tint_back = SPIN_CPU(tint_back),
+    .residual = SPIN_CPU(residual),
+    .residual_back = SPIN_CPU(residual_back),
+    .exposure = SPIN_CPU(exposure),
+    .exposure_back = SPIN_CPU(exposure_back),
     .active = SPIN_CPU(active),
     .adam = SPIN_CPU(adam),
-    .grid_lazy = SPIN_CPU(grid_lazy),
-    .adam_lazy = SPIN_CPU(adam_lazy),
-    .settle = SPIN_CPU(settle),
+    .lazy_grid = SPIN_CPU(lazy_grid),
+    .lazy_adam = SPIN_CPU(lazy_adam),
+    .lazy_flush = SPIN_CPU(lazy_flush),
 };

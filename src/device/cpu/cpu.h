@@ -43,15 +43,15 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
 }
 
 /* grid.c */
-void SPIN_CPU(contract)(struct spin_device *d, const struct spin_norm *norm, size_t n,
-                        const float *pos_w, float t, float *x_u);
-void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_norm *norm, size_t n_rows,
-                             const uint32_t *rows, const float *pos_w, const float *d_x_u,
-                             float *d_pos_w);
+void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform *transform,
+                        size_t n, const float *pos_w, float t, float *x_u);
+void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
+                             size_t n_rows, const uint32_t *rows, const float *pos_w,
+                             const float *d_x_u, float *d_pos_w);
 void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const float *table,
                     size_t n, const float *x_u, float *z);
-void SPIN_CPU(grid_lazy)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy *lazy, float *p, float *m, float *v, size_t n,
+void SPIN_CPU(lazy_grid)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy_adam *lazy, float *p, float *m, float *v, size_t n,
                          const float *x_u, float *z);
 void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, const float *table,
                          size_t n_rows, const uint32_t *rows, const float *x_u, const float *d_z,
@@ -64,56 +64,58 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
                         float *d_param, float *d_z);
 /* attr.c */
 void SPIN_CPU(attr)(struct spin_device *d, size_t n, const float *raw, float *attr);
-void SPIN_CPU(attr_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                         const float *raw, const float *d_attr, float *d_raw);
-void SPIN_CPU(shrink)(struct spin_device *d, size_t n_rows, const uint32_t *rows, float d_scale,
-                      float d_opacity, float *d_attr);
+void SPIN_CPU(activate_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
+                             const float *raw, const float *d_attr, float *d_raw);
+void SPIN_CPU(regularise_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
+                               float d_scale, float d_opacity, float *d_attr);
 size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, const float *d_pos_w,
                         uint32_t *rows);
 /* adam.c */
 void SPIN_CPU(adam)(struct spin_device *d, size_t n, float *p, float *g, float *m, float *v,
                     double lr, int64_t step);
-void SPIN_CPU(adam_lazy)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy *lazy, size_t n, float *p, float *g, float *m,
+void SPIN_CPU(lazy_adam)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy_adam *lazy, size_t n, float *p, float *g, float *m,
                          float *v, double lr);
-void SPIN_CPU(settle)(struct spin_device *d, const struct spin_grid *grid,
-                      const struct spin_lazy *lazy, size_t n, const float *p, const float *m,
-                      const float *v, float *out);
+void SPIN_CPU(lazy_flush)(struct spin_device *d, const struct spin_grid *grid,
+                          const struct spin_lazy_adam *lazy, size_t n, const float *p,
+                          const float *m, const float *v, float *out);
 /* project.c */
-void SPIN_CPU(project)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+void SPIN_CPU(project)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                        const float *pos_w, const float *attr, int sh_degree,
                        struct spin_splat2d *splat2d);
-void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                             const float *pos_w, const float *attr, int sh_degree,
                             const struct spin_splat2d *splat2d,
                             const struct spin_splat2d_grad *d_splat2d, float *d_attr,
                             float *d_pos_w);
 /* tile.c */
-spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                                  struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                                 const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
 /* blend.c */
-void SPIN_CPU(blend)(struct spin_device *d, const struct spin_cam *cam,
+void SPIN_CPU(blend)(struct spin_device *d, const struct spin_camera_f32 *cam,
                      const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                     const float background[3], float *image, float *final_t, int32_t *n_used);
-void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+                     const float background[3], float *image, float *final_transmittance,
+                     int32_t *last_contributor);
+void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                           const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                          const float background[3], const float *final_t, const int32_t *n_used,
-                          const float *d_image, struct spin_splat2d_grad *d_splat2d);
+                          const float background[3], const float *final_transmittance,
+                          const int32_t *last_contributor, const float *d_image,
+                          struct spin_splat2d_grad *d_splat2d);
 /* loss.c */
 void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *image,
                     const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
                     double values[3], float *d_image);
 
 /* own.c */
-void SPIN_CPU(own)(struct spin_device *d, size_t n, const float *own, float *raw);
-void SPIN_CPU(own_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
-                        const float *d_raw, float *d_own);
+void SPIN_CPU(residual)(struct spin_device *d, size_t n, const float *residual, float *raw);
+void SPIN_CPU(residual_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
+                             const float *d_raw, float *d_residual);
 /* tint.c */
-void SPIN_CPU(tint)(struct spin_device *d, size_t n_pixels, const float *tint, const float *image,
-                    float *out);
-void SPIN_CPU(tint_back)(struct spin_device *d, size_t n_pixels, const float *tint,
-                         const float *image, float *d_image, float *d_tint);
+void SPIN_CPU(exposure)(struct spin_device *d, size_t n_pixels, const float *exposure,
+                        const float *image, float *out);
+void SPIN_CPU(exposure_back)(struct spin_device *d, size_t n_pixels, const float *exposure,
+                             const float *image, float *d_image, float *d_exposure);
 
 #endif

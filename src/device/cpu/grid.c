@@ -51,18 +51,18 @@ static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i
 /* ---- contraction ----------------------------------------------------------------------------- */
 
 struct contract_job {
-    const struct spin_norm *norm;
+    const struct spin_scene_transform *transform;
     size_t n;
     const uint32_t *rows;
     const float *pos_w, *d_x_u;
     float t, *x_u, *d_pos_w;
 };
 
-static inline spin_vec3 normalised(const struct spin_norm *norm, const float *p)
+static inline spin_vec3 normalised(const struct spin_scene_transform *transform, const float *p)
 {
-    return spin_v3(spin_contract_axis(p[0], norm->centre[0], norm->inv_radius),
-                   spin_contract_axis(p[1], norm->centre[1], norm->inv_radius),
-                   spin_contract_axis(p[2], norm->centre[2], norm->inv_radius));
+    return spin_v3(spin_contract_axis(p[0], transform->centre[0], transform->inv_radius),
+                   spin_contract_axis(p[1], transform->centre[1], transform->inv_radius),
+                   spin_contract_axis(p[2], transform->centre[2], transform->inv_radius));
 }
 
 static void contract_task(void *context, int task, int worker)
@@ -71,11 +71,11 @@ static void contract_task(void *context, int task, int worker)
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
     float t = spin_clamp_unit(job->t);
-    bool raw = job->norm->raw;
+    bool raw = job->transform->raw;
 
     (void)worker;
     for (size_t i = first; i < end; i++) {
-        spin_vec3 p = normalised(job->norm, job->pos_w + i * 3);
+        spin_vec3 p = normalised(job->transform, job->pos_w + i * 3);
         spin_vec3 u = raw ? p : spin_contract(p);
 
         job->x_u[i * 4] = u.x;
@@ -85,10 +85,10 @@ static void contract_task(void *context, int task, int worker)
     }
 }
 
-void SPIN_CPU(contract)(struct spin_device *d, const struct spin_norm *norm, size_t n,
-                        const float *pos_w, float t, float *x_u)
+void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform *transform,
+                        size_t n, const float *pos_w, float t, float *x_u)
 {
-    struct contract_job job = {.norm = norm, .n = n, .pos_w = pos_w, .t = t, .x_u = x_u};
+    struct contract_job job = {.transform = transform, .n = n, .pos_w = pos_w, .t = t, .x_u = x_u};
 
     spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, CHUNK), contract_task, &job);
 }
@@ -98,7 +98,7 @@ static void contract_back_task(void *context, int task, int worker)
     const struct contract_job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
-    bool raw = job->norm->raw;
+    bool raw = job->transform->raw;
 
     (void)worker;
     for (size_t i = first; i < end; i++) {
@@ -108,19 +108,19 @@ static void contract_back_task(void *context, int task, int worker)
         spin_vec3 g = spin_v3(d_u[0], d_u[1], d_u[2]);
 
         if (!raw)
-            g = spin_contract_adj(normalised(job->norm, job->pos_w + row * 3), g);
+            g = spin_contract_adj(normalised(job->transform, job->pos_w + row * 3), g);
 
-        d_p[0] += g.x * job->norm->inv_radius;
-        d_p[1] += g.y * job->norm->inv_radius;
-        d_p[2] += g.z * job->norm->inv_radius;
+        d_p[0] += g.x * job->transform->inv_radius;
+        d_p[1] += g.y * job->transform->inv_radius;
+        d_p[2] += g.z * job->transform->inv_radius;
     }
 }
 
-void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_norm *norm, size_t n_rows,
-                             const uint32_t *rows, const float *pos_w, const float *d_x_u,
-                             float *d_pos_w)
+void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
+                             size_t n_rows, const uint32_t *rows, const float *pos_w,
+                             const float *d_x_u, float *d_pos_w)
 {
-    struct contract_job job = {.norm = norm,
+    struct contract_job job = {.transform = transform,
                                .n = n_rows,
                                .rows = rows,
                                .pos_w = pos_w,
@@ -280,7 +280,7 @@ struct grid_job {
     float *z, *d_table;
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
-    const struct spin_lazy *lazy;
+    const struct spin_lazy_adam *lazy;
     float *p, *m, *v; /* of a lazy table */
 };
 
@@ -382,14 +382,15 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
 /* Makes up for the steps that a line has missed. */
 static void bring(const struct grid_job *job, float from, size_t at)
 {
-    const struct spin_lazy *lazy = job->lazy;
+    const struct spin_lazy_adam *lazy = job->lazy;
     size_t step = (size_t)from, missed = (size_t)lazy->done - step;
-    float drift = lazy->drift[2 * step], tiny = lazy->drift[2 * step + 1];
-    float fade_m = lazy->fade[2 * missed], fade_v = lazy->fade[2 * missed + 1];
+    float skipped_step = lazy->skipped_step[2 * step],
+          skipped_eps = lazy->skipped_step[2 * step + 1];
+    float decay_m = lazy->moment_decay[2 * missed], decay_v = lazy->moment_decay[2 * missed + 1];
     float *restrict p = job->p + at, *restrict m = job->m + at, *restrict v = job->v + at;
 
     for (size_t i = 0; i < SPIN_LINE; i++)
-        spin_adam_skip(drift, tiny, fade_m, fade_v, &p[i], &m[i], &v[i]);
+        spin_adam_skip(skipped_step, skipped_eps, decay_m, decay_v, &p[i], &m[i], &v[i]);
 }
 
 /* Lines that the corners of a block need. `line` is the first one of the level. */
@@ -454,8 +455,8 @@ static void grid_lazy_task(void *context, int task, int worker)
     spin_denormals_back(before);
 }
 
-void SPIN_CPU(grid_lazy)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy *lazy, float *p, float *m, float *v, size_t n,
+void SPIN_CPU(lazy_grid)(struct spin_device *d, const struct spin_grid *grid,
+                         const struct spin_lazy_adam *lazy, float *p, float *m, float *v, size_t n,
                          const float *x_u, float *z)
 {
     struct grid_job job = {

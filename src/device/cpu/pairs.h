@@ -1,4 +1,4 @@
-/* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot first_slot
+/* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot first_intersection
  * + k. */
 #ifndef SPIN_DEVICE_CPU_PAIRS_H
 #define SPIN_DEVICE_CPU_PAIRS_H
@@ -14,10 +14,10 @@ static inline struct spin_pair_rect spin_pair_rect(const struct spin_splat2d *s)
     struct spin_pair_rect r = {0, 0, 0, 0};
 
     if (s->radius_px > 0) {
-        r.x0 = s->x0 + s->trim[0];
-        r.y0 = s->y0 + s->trim[1];
-        r.x1 = s->x1 - s->trim[2];
-        r.y1 = s->y1 - s->trim[3];
+        r.x0 = s->x0 + s->tile_cull[0];
+        r.y0 = s->y0 + s->tile_cull[1];
+        r.x1 = s->x1 - s->tile_cull[2];
+        r.y1 = s->y1 - s->tile_cull[3];
     }
     return r;
 }

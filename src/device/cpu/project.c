@@ -11,8 +11,8 @@
 enum { CHUNK = 256, CLAMPED_X = 8, CLAMPED_Y = 16 };
 
 struct job {
-    const struct spin_cam *cam;
-    struct spin_lens lens;
+    const struct spin_camera_f32 *cam;
+    struct spin_projection projection;
     size_t n;
     const float *pos_w, *attr;
     int sh_degree;
@@ -22,11 +22,11 @@ struct job {
     float *d_attr, *d_pos_w;
 };
 
-static struct spin_lens lens_of(const struct spin_cam *cam)
+static struct spin_projection lens_of(const struct spin_camera_f32 *cam)
 {
-    struct spin_lens lens = {cam->fx,      cam->fy,      cam->cx, cam->cy,
-                             cam->limit_x, cam->limit_y, cam->r,  cam->t};
-    return lens;
+    struct spin_projection projection = {cam->fx,      cam->fy,      cam->cx, cam->cy,
+                                         cam->limit_x, cam->limit_y, cam->r,  cam->t};
+    return projection;
 }
 
 /* Leaves radius_px at 0 when there is nothing to draw, or nothing finite: a bad splat must not
@@ -34,9 +34,9 @@ static struct spin_lens lens_of(const struct spin_cam *cam)
 static inline void project_one(const struct job *job, int degree, const float *pos_w,
                                const float *attr, struct spin_splat2d *s)
 {
-    const struct spin_cam *cam = job->cam;
+    const struct spin_camera_f32 *cam = job->cam;
     spin_vec3 p = spin_to_camera(cam->r, cam->t, spin_v3(pos_w[0], pos_w[1], pos_w[2])), view;
-    struct spin_footprint f;
+    struct spin_projected_cov f;
     struct spin_ellipse e;
     float distance;
     int x0, y0, x1, y1;
@@ -44,8 +44,9 @@ static inline void project_one(const struct job *job, int degree, const float *p
     memset(s, 0, sizeof *s);
     if (!(p.z > SPIN_PROJECT_NEAR))
         return;
-    spin_footprint_from(&job->lens, p, attr + SPIN_ATTR_SCALE, attr + SPIN_ATTR_ROTATION, &f);
-    e = spin_ellipse_from(&job->lens, &f);
+    spin_projected_cov_from(&job->projection, p, attr + SPIN_ATTR_SCALE, attr + SPIN_ATTR_ROTATION,
+                            &f);
+    e = spin_ellipse_from(&job->projection, &f);
     if (!(e.radius_px > 0 && e.radius_px < 1e9f))
         return;
     spin_tile_rect(e.u_px, e.v_px, e.radius_px, cam->tiles_x, cam->tiles_y, &x0, &y0, &x1, &y1);
@@ -62,7 +63,7 @@ static inline void project_one(const struct job *job, int degree, const float *p
     memcpy(s->conic, e.conic, sizeof s->conic);
     s->opacity = attr[SPIN_ATTR_OPACITY];
     if (cam->antialias)
-        s->opacity *= spin_fade(&f);
+        s->opacity *= spin_aa_compensation(&f);
     s->depth = p.z;
     s->radius_px = (int32_t)e.radius_px;
     s->x0 = (uint16_t)x0;
@@ -91,12 +92,12 @@ static void project_task(void *context, int task, int worker)
         project_range(job, job->sh_degree, first, last);
 }
 
-void SPIN_CPU(project)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+void SPIN_CPU(project)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                        const float *pos_w, const float *attr, int sh_degree,
                        struct spin_splat2d *splat2d)
 {
     struct job job = {.cam = cam,
-                      .lens = lens_of(cam),
+                      .projection = lens_of(cam),
                       .n = n,
                       .pos_w = pos_w,
                       .attr = attr,
@@ -115,33 +116,33 @@ static int all_zero(const struct spin_splat2d_grad *g)
 
 static inline void project_back_one(const struct job *job, int degree, size_t i)
 {
-    const struct spin_cam *cam = job->cam;
+    const struct spin_camera_f32 *cam = job->cam;
     const struct spin_splat2d *s = job->splat2d_in + i;
     const struct spin_splat2d_grad *g = job->d_splat2d + i;
     const float *pos_w = job->pos_w + 3 * i, *attr = job->attr + SPIN_ATTR * i;
     const float *scale = attr + SPIN_ATTR_SCALE, *q = attr + SPIN_ATTR_ROTATION;
     float *d_attr = job->d_attr + SPIN_ATTR * i, *d_pos_w = job->d_pos_w + 3 * i;
-    float d_colour[3], distance, fade = 1, d_fade = 0;
-    struct spin_footprint f;
+    float d_colour[3], distance, aa_compensation = 1, d_fade = 0;
+    struct spin_projected_cov f;
     spin_vec3 view, d_view;
 
     if (s->radius_px <= 0 || all_zero(g))
         return;
-    spin_footprint_from(&job->lens,
-                        spin_to_camera(cam->r, cam->t, spin_v3(pos_w[0], pos_w[1], pos_w[2])),
-                        scale, q, &f);
+    spin_projected_cov_from(&job->projection,
+                            spin_to_camera(cam->r, cam->t, spin_v3(pos_w[0], pos_w[1], pos_w[2])),
+                            scale, q, &f);
     if (cam->antialias) {
-        fade = spin_fade(&f);
+        aa_compensation = spin_aa_compensation(&f);
         d_fade = g->opacity * attr[SPIN_ATTR_OPACITY];
     }
-    spin_ellipse_adj(&job->lens, &f, scale, q, g->u_px, g->v_px, g->conic, d_fade,
+    spin_ellipse_adj(&job->projection, &f, scale, q, g->u_px, g->v_px, g->conic, d_fade,
                      d_attr + SPIN_ATTR_SCALE, d_attr + SPIN_ATTR_ROTATION, d_pos_w);
     for (int c = 0; c < 3; c++)
         d_colour[c] = s->flags >> c & 1 ? 0 : g->colour[c];
     view = spin_view_direction(cam->centre, pos_w, &distance);
     d_view = spin_sh_colour_adj(degree, view, attr + SPIN_ATTR_SH, d_colour, d_attr + SPIN_ATTR_SH);
     spin_view_direction_adj(view, distance, d_view, d_pos_w);
-    d_attr[SPIN_ATTR_OPACITY] += g->opacity * fade;
+    d_attr[SPIN_ATTR_OPACITY] += g->opacity * aa_compensation;
 }
 
 static inline void project_back_range(const struct job *job, int degree, size_t first, size_t last)
@@ -162,14 +163,14 @@ static void project_back_task(void *context, int task, int worker)
         project_back_range(job, job->sh_degree, first, last);
 }
 
-void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                             const float *pos_w, const float *attr, int sh_degree,
                             const struct spin_splat2d *splat2d,
                             const struct spin_splat2d_grad *d_splat2d, float *d_attr,
                             float *d_pos_w)
 {
     struct job job = {.cam = cam,
-                      .lens = lens_of(cam),
+                      .projection = lens_of(cam),
                       .n = n,
                       .pos_w = pos_w,
                       .attr = attr,

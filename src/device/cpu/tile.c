@@ -40,12 +40,12 @@ struct sorted {
 };
 
 struct job {
-    const struct spin_cam *cam;
+    const struct spin_camera_f32 *cam;
     size_t n;
     int parts;
     struct spin_splat2d *splat2d;
     struct spin_tiles *tiles;
-    uint64_t pairs[MAX_PARTS];                /* of a part of the splats; then before it */
+    uint64_t intersections[MAX_PARTS];        /* of a part of the splats; then before it */
     size_t drawn[MAX_PARTS];                  /* likewise */
     uint32_t low[MAX_PARTS], high[MAX_PARTS]; /* keys of a part's drawn splats */
     uint32_t *key;                            /* [n] */
@@ -111,7 +111,7 @@ static __attribute__((noinline)) void trims_narrow(struct trims *t)
 
 static uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* Sets trim and first_slot (counted in its part, for now), key and rect. */
+/* Sets trim and first_intersection (counted in its part, for now), key and rect. */
 static void trims_store(struct job *job, int part, const struct trims *t, size_t first, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -119,22 +119,22 @@ static void trims_store(struct job *job, int part, const struct trims *t, size_t
         struct spin_pair_rect r;
         uint32_t count;
 
-        memset(s->trim, 0, sizeof s->trim);
+        memset(s->tile_cull, 0, sizeof s->tile_cull);
         if (s->radius_px > 0) {
-            s->trim[0] = byte_of(t->x0[i] - s->x0);
-            s->trim[1] = byte_of(t->y0[i] - s->y0);
-            s->trim[2] = byte_of(s->x1 - t->x1[i]);
-            s->trim[3] = byte_of(s->y1 - t->y1[i]);
+            s->tile_cull[0] = byte_of(t->x0[i] - s->x0);
+            s->tile_cull[1] = byte_of(t->y0[i] - s->y0);
+            s->tile_cull[2] = byte_of(s->x1 - t->x1[i]);
+            s->tile_cull[3] = byte_of(s->y1 - t->y1[i]);
         }
         r = spin_pair_rect(s);
         count = spin_pair_count(r);
         job->rect[first + i] =
             (struct rect){(uint16_t)r.x0, (uint16_t)r.y0, (uint16_t)r.x1, (uint16_t)r.y1};
         job->key[first + i] = spin_depth_key(s->depth);
-        s->first_slot = (uint32_t)job->pairs[part];
+        s->first_intersection = (uint32_t)job->intersections[part];
         if (count == 0)
             continue;
-        job->pairs[part] += count;
+        job->intersections[part] += count;
         job->drawn[part]++;
         if (job->key[first + i] < job->low[part])
             job->low[part] = job->key[first + i];
@@ -151,7 +151,7 @@ static void trim_task(void *context, int part, int worker)
 
     (void)worker;
     memset(&trims, 0, sizeof trims);
-    job->pairs[part] = 0;
+    job->intersections[part] = 0;
     job->drawn[part] = 0;
     job->low[part] = UINT32_MAX;
     job->high[part] = 0;
@@ -170,11 +170,11 @@ static void list_task(void *context, int part, int worker)
 {
     struct job *job = context;
     struct entry *to = job->from + job->drawn[part];
-    uint32_t before = (uint32_t)job->pairs[part];
+    uint32_t before = (uint32_t)job->intersections[part];
 
     (void)worker;
     for (size_t i = part_begin(job, job->n, part); i < part_begin(job, job->n, part + 1); i++) {
-        job->splat2d[i].first_slot += before;
+        job->splat2d[i].first_intersection += before;
         if (!is_empty(job->rect[i]))
             *to++ = (struct entry){job->key[i] - job->lowest, (uint32_t)i};
     }
@@ -257,30 +257,30 @@ static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highe
 /* What a part found, to what lies before it; returns all pairs. */
 static uint64_t sum_parts(struct job *job, uint32_t *highest)
 {
-    uint64_t pairs = 0;
+    uint64_t intersections = 0;
 
     job->lowest = UINT32_MAX;
     *highest = 0;
 
     for (int part = 0; part < job->parts; part++) {
         size_t drawn_here = job->drawn[part];
-        uint64_t pairs_here = job->pairs[part];
+        uint64_t pairs_here = job->intersections[part];
         job->drawn[part] = job->n_sorted;
-        job->pairs[part] = pairs;
+        job->intersections[part] = intersections;
         job->n_sorted += drawn_here;
-        pairs += pairs_here;
+        intersections += pairs_here;
         job->lowest = job->low[part] < job->lowest ? job->low[part] : job->lowest;
         *highest = job->high[part] > *highest ? job->high[part] : *highest;
     }
-    return pairs;
+    return intersections;
 }
 
-spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                                  struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
     struct job job = {.cam = cam, .n = n, .parts = parts_of(n), .splat2d = splat2d};
     uint32_t highest;
-    uint64_t pairs;
+    uint64_t intersections;
     struct sorted *sorted;
 
     sorted = spin_cpu_scratch_need(
@@ -294,18 +294,18 @@ spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_cam *c
     job.rect = (struct rect *)(job.to + n);
     job.key = (uint32_t *)(job.rect + n);
     spin_pool_run(spin_cpu_pool(d), job.parts, trim_task, &job);
-    pairs = sum_parts(&job, &highest);
-    if (pairs > SPIN_MAX_PAIRS)
+    intersections = sum_parts(&job, &highest);
+    if (intersections > SPIN_MAX_PAIRS)
         return spin_fail(SPIN_E_MEMORY,
                          "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
                          "the splats are too large, or the image is",
-                         (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
+                         (unsigned long long)intersections, (unsigned long long)SPIN_MAX_PAIRS);
     spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
     sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);
     sorted->n = job.n_sorted;
     sorted->entry = job.from;
     sorted->rect = job.rect;
-    tiles->n_pairs = (uint32_t)pairs;
+    tiles->n_intersections = (uint32_t)intersections;
     return SPIN_OK;
 }
 
@@ -333,7 +333,7 @@ static inline void walk_on(struct walk *w)
 }
 
 /* Corners of tiles: one more than tiles each way. */
-static size_t corners_of(const struct spin_cam *cam)
+static size_t corners_of(const struct spin_camera_f32 *cam)
 {
     return ((size_t)cam->tiles_x + 1) * ((size_t)cam->tiles_y + 1);
 }
@@ -375,7 +375,8 @@ static void tile_move_task(void *context, int part, int worker)
 {
     struct job *job = context;
     size_t tiles_x = (size_t)job->cam->tiles_x;
-    uint32_t *place = job->count + (size_t)part * corners_of(job->cam), *pairs = job->tiles->pairs;
+    uint32_t *place = job->count + (size_t)part * corners_of(job->cam),
+             *intersections = job->tiles->intersections;
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
     (void)worker;
@@ -386,11 +387,11 @@ static void tile_move_task(void *context, int part, int worker)
         if (i + AHEAD < end)
             __builtin_prefetch(&job->rect[job->from[i + AHEAD].splat]);
         for (; w.left > 0; walk_on(&w))
-            pairs[place[w.tile]++] = splat;
+            intersections[place[w.tile]++] = splat;
     }
 }
 
-spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_cam *cam, size_t n,
+spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                                 const struct spin_splat2d *splat2d, struct spin_tiles *tiles)
 {
     const struct sorted *sorted = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, sizeof *sorted);

@@ -1,0 +1,441 @@
+/* One rule for all folders of frames; see frames.h. Within a frame the rows are cut into blocks that all
+ * threads code side by side, each going straight to its place in the file, so that no frame is held
+ * in memory a second time; frames that are done are closed, and with --sync waited for, while the next
+ * one is made. */
+#include "exporters/lib/frames.h"
+
+#include <inttypes.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "exporters/lib/roundtrip_check.h"
+#include "io/json.h"
+
+/* ---- Sizes ----------------------------------------------------------------------------------- */
+
+static const char *bytes_text(uint64_t bytes, char text[32])
+{
+    static const char *const unit[] = {"bytes", "kB", "MB", "GB", "TB"};
+    double value = (double)bytes;
+    int u = 0;
+
+    for (; value >= 999.5 && u < 4; u++)
+        value /= 1000;
+    snprintf(text, 32, "%.3g %s", value, unit[u]);
+    return text;
+}
+
+void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most)
+{
+    uint64_t room = spin_path_free_bytes(spin_path_exists(output) ? output : ".");
+    char size[32], left[32];
+
+    spin_log(0, "writing %d %s to '%s': %s%s", n_frames, n_frames == 1 ? "frame" : "frames", output,
+             at_most ? "at most " : "", bytes_text(bytes, size));
+    if (bytes > room && !at_most)
+        spin_warn("the disk of '%s' has room for %s only", output, bytes_text(room, left));
+}
+
+static void say_size(const struct spin_frames *x, const struct spin_export_job *job)
+{
+    bool at_most = x->format->packed || x->rows.min_logit > -INFINITY || x->skip_complete;
+    uint64_t bytes = 0;
+
+    for (int f = 0; f < job->n_frames && job->counts; f++)
+        bytes += x->format->bytes(x, job->counts[f]);
+    if (job->counts)
+        spin_frames_say_size(job->output, job->n_frames, bytes, at_most);
+}
+
+/* ---- Begin and end --------------------------------------------------------------------------- */
+
+void spin_frames_free(struct spin_frames *x)
+{
+    if (x->format->end)
+        x->format->end(x);
+    spin_commit_queue_free(x->commits);
+    spin_output_folder_end(&x->folder);
+    spin_splat_filter_end(&x->rows);
+    free(x->entry);
+    free(x->scratch);
+    free(x->block_quant);
+    free(x);
+}
+
+static spin_status open_folder(struct spin_frames *x, const struct spin_export_job *job)
+{
+    SPIN_TRY(spin_output_folder_begin(job->output, job->force || x->skip_complete, &x->folder));
+    if (x->folder.n_before > 0 && !x->skip_complete)
+        spin_warn("folder '%s' was not empty: files that are not overwritten stay in it",
+                  job->output);
+    return SPIN_OK;
+}
+
+static spin_status begin(struct spin_frames *x, const struct spin_export_job *job)
+{
+    const struct spin_plugin_values *v = job->values;
+
+    x->skip_complete = spin_plugin_value(v, "skip-complete", NULL) != NULL;
+    x->force = job->force || x->skip_complete;
+    x->job = job;
+    x->source = job->source;
+    x->retrained = job->retrained;
+    x->antialias = job->antialias;
+    x->fps = job->fps;
+    if (x->format->begin)
+        SPIN_TRY(x->format->begin(x, job));
+    SPIN_TRY(spin_pattern_parse(spin_plugin_value(v, "pattern", x->format->pattern), &x->pattern));
+    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
+    if (x->format->ready)
+        x->format->ready(x, job);
+    SPIN_TRY(spin_commit_queue_create(&x->commits));
+    SPIN_TRY(open_folder(x, job));
+    say_size(x, job);
+    return SPIN_OK;
+}
+
+spin_status spin_frames_begin(const struct spin_frames_format *format,
+                              const struct spin_export_job *job, void **self)
+{
+    struct spin_frames *x = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, format->self_bytes, (void **)&x));
+    x->format = format;
+    status = begin(x, job);
+    if (status != SPIN_OK) {
+        spin_frames_free(x);
+        return status;
+    }
+    *self = x;
+    return SPIN_OK;
+}
+
+/* ---- sequence.json --------------------------------------------------------------------------- */
+
+spin_status spin_frames_add(struct spin_frames *x, const struct spin_frame_info *info, size_t n)
+{
+    if (x->n_entries == x->room) {
+        size_t room = x->room ? 2 * x->room : 64;
+
+        SPIN_TRY(spin_grow(room, sizeof *x->entry, (void **)&x->entry));
+        x->room = room;
+    }
+    x->entry[x->n_entries++] = (struct spin_frames_entry){info->number, info->time, n};
+    return SPIN_OK;
+}
+
+static spin_status entries_json(const struct spin_frames *x, spin_json *list)
+{
+    for (size_t i = 0; i < x->n_entries; i++) {
+        const struct spin_frames_entry *e = &x->entry[i];
+        spin_json *item = spin_json_object();
+        char *path = NULL;
+
+        spin_json_push(list, item);
+        SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, e->number, &path));
+        spin_json_set_string(item, "file", spin_path_name(path));
+        free(path);
+        spin_json_set_integer(item, "frame", e->number);
+        spin_json_set_number(item, "time", e->time);
+        spin_json_set_integer(item, "splats", (int64_t)e->n);
+    }
+    return SPIN_OK;
+}
+
+static spin_status write_text(const char *path, const char *text, bool sync)
+{
+    struct spin_out out;
+    spin_status status;
+
+    if (!text)
+        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
+    SPIN_TRY(spin_out_open(path, true, &out));
+    out.sync = sync;
+    status = spin_out_write(&out, text, strlen(text));
+    if (status == SPIN_OK)
+        return spin_out_commit(&out);
+    spin_out_abandon(&out);
+    return status;
+}
+
+static spin_status write_sequence(struct spin_frames *x)
+{
+    spin_json *root = spin_json_object(), *turn = spin_json_array(), *list = spin_json_array();
+    char *path = NULL, *text = NULL;
+    spin_status status;
+
+    spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
+    spin_json_set_string(root, "format", x->format->name);
+    spin_json_set_string(root, "source", x->source);
+    spin_json_set_bool(root, "retrained", x->retrained);
+    spin_json_set_number(root, "fps", x->fps > 0 ? x->fps : (double)NAN);
+    for (int k = 0; k < 4; k++)
+        spin_json_push_number(turn, x->rows.turn_q[k]);
+    spin_json_set(root, "turned_by", turn);
+    spin_json_set(root, "frames", list);
+    SPIN_TRY_OUT(entries_json(x, list));
+    SPIN_TRY_OUT(spin_path_join(x->folder.path, "sequence.json", &path));
+    text = spin_json_text(root, true);
+    status = write_text(path, text, x->job->sync);
+out:
+    free(text);
+    free(path);
+    spin_json_free(root);
+    return status;
+}
+
+/* ---- The plug-in's functions ----------------------------------------------------------------- */
+
+bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info)
+{
+    struct spin_frames *x = self;
+    struct spin_map map = {0};
+    char *path = NULL;
+    size_t n = 0;
+    bool whole = false;
+
+    (void)frame;
+    if (!x->skip_complete ||
+        spin_pattern_path(&x->pattern, x->folder.path, info->number, &path) != SPIN_OK)
+        return false;
+    if (spin_path_exists(path) && spin_map_open(path, &map) == SPIN_OK) {
+        whole = x->format->complete(x, info, &map, &n) && n <= info->n &&
+                spin_frames_add(x, info, n) == SPIN_OK;
+        spin_map_close(&map);
+    }
+    free(path);
+    x->n_skipped += whole;
+    return whole;
+}
+
+spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
+                              const struct spin_splats *splats)
+{
+    struct spin_frames *x = self;
+    struct spin_out out;
+    char *path = NULL;
+    uint64_t length;
+    spin_status status;
+
+    (void)frame;
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
+    SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, info->number, &path));
+    status = spin_out_open(path, x->force, &out);
+    free(path);
+    SPIN_TRY(status);
+    out.sync = x->job->sync;
+    SPIN_TRY_OUT(x->format->write(x, info, &out));
+    SPIN_TRY_OUT(spin_out_length(&out, &length));
+    SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
+    if (x->rows.report)
+        x->rows.report->bytes += length;
+    return spin_commit_queue_add(x->commits, &out);
+out:
+    spin_out_abandon(&out);
+    return status;
+}
+
+spin_status spin_frames_end(void *self)
+{
+    struct spin_frames *x = self;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_commit_queue_wait(x->commits));
+    SPIN_TRY_OUT(write_sequence(x));
+    if (x->n_skipped > 0)
+        spin_log(0, "%zu of %zu frames were complete and are left as they were", x->n_skipped,
+                 x->n_entries);
+    if (x->format->lossy)
+        spin_quant_error_say(&x->quant, x->format->name);
+    if (x->job->check)
+        SPIN_TRY_OUT(spin_frames_check(x, NULL));
+out:
+    if (status != SPIN_OK)
+        spin_output_folder_abandon(&x->folder);
+    spin_frames_free(x);
+    return status;
+}
+
+/* Frames that are whole stay; the folder goes when it is ours and empty. */
+void spin_frames_abort(void *self)
+{
+    struct spin_frames *x = self;
+
+    spin_commit_queue_free(x->commits);
+    x->commits = NULL;
+    spin_output_folder_abandon(&x->folder);
+    spin_frames_free(x);
+}
+
+/* ---- Check ----------------------------------------------------------------------------------- */
+
+/* Frame f of the export, from frame `within` of a file. */
+static spin_status check_file(struct spin_frames *x, struct spin_roundtrip_check *check, int f,
+                              const char *path, int within)
+{
+    const struct spin_splats *splats;
+    const uint32_t *row = NULL;
+    struct spin_splats back = {0};
+    struct spin_map map = {0};
+    spin_status status;
+
+    SPIN_TRY(x->job->again(x->job->context, f, &splats));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, x->entry[f].number));
+    SPIN_TRY(spin_map_open(path, &map));
+    status = x->format->read(x, &map, within, &back);
+    if (status != SPIN_OK) {
+        status = spin_fail_context(status, "check: '%s'", path);
+        goto out;
+    }
+    if (x->format->order)
+        SPIN_TRY_OUT(x->format->order(x, &row));
+    SPIN_TRY_OUT(spin_roundtrip_check_frame(check, &x->rows, path, &back, row));
+    if (f == (int)x->n_entries / 2)
+        status = spin_roundtrip_check_render(check, &x->rows, x->job, f, x->entry[f].number, &back);
+out:
+    spin_map_close(&map);
+    spin_splats_free(&back);
+    return status;
+}
+
+spin_status spin_frames_check(struct spin_frames *x, const char *single)
+{
+    struct spin_roundtrip_check check = {0};
+
+    x->rows.quiet = true;
+    for (size_t f = 0; f < x->n_entries; f++) {
+        char *path = NULL;
+        spin_status status;
+
+        if (!single)
+            SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, x->entry[f].number, &path));
+        status = check_file(x, &check, (int)f, single ? single : path, single ? (int)f : 0);
+        free(path);
+        SPIN_TRY(status);
+    }
+    if (x->job->report)
+        spin_roundtrip_check_report(&check, x->job->report);
+    return SPIN_OK;
+}
+
+/* ---- For write() ------------------------------------------------------------------------------ */
+
+spin_status spin_frames_scratch(struct spin_frames *x, size_t bytes, unsigned char **out)
+{
+    bytes = (bytes + 63) / 64 * 64; /* no two workers on one line of the cache */
+    if (bytes > x->scratch_bytes) {
+        SPIN_TRY(
+            spin_grow((size_t)spin_splat_filter_workers(&x->rows), bytes, (void **)&x->scratch));
+        x->scratch_bytes = bytes;
+    }
+    *out = x->scratch;
+    return SPIN_OK;
+}
+
+spin_status spin_frames_quants(struct spin_frames *x, struct spin_quant_error **out)
+{
+    size_t n = spin_splat_filter_blocks(&x->rows);
+
+    if (n > x->block_quant_room) {
+        SPIN_TRY(spin_grow(n, sizeof *x->block_quant, (void **)&x->block_quant));
+        x->block_quant_room = n;
+    }
+    if (n > 0)
+        memset(x->block_quant, 0, n * sizeof *x->block_quant);
+    *out = x->block_quant;
+    return SPIN_OK;
+}
+
+/* In the order of the blocks: the sum does not depend on the threads. */
+void spin_frames_merge(struct spin_frames *x)
+{
+    for (size_t b = 0; b < spin_splat_filter_blocks(&x->rows); b++)
+        spin_quant_error_merge(&x->quant, &x->block_quant[b]);
+}
+
+struct writing {
+    struct spin_frames *x;
+    struct spin_out *out;
+    uint64_t at;
+    size_t width, stride;
+    spin_frames_code code;
+    unsigned char *scratch;
+    struct spin_quant_error *quant;
+    atomic_int error;
+};
+
+static void write_block(void *context, int b, int worker)
+{
+    struct writing *w = context;
+    const struct spin_splat_filter *rows = &w->x->rows;
+    unsigned char *piece = w->scratch + (size_t)worker * w->stride, *to = piece;
+    size_t first = (size_t)b * SPIN_ROWS_BLOCK, end = first + SPIN_ROWS_BLOCK;
+    int error;
+
+    end = end < rows->splats->n ? end : rows->splats->n;
+    for (size_t i = first; i < end; i++) {
+        if (rows->keep[i]) {
+            w->code(w->x, i, to, &w->quant[b]);
+            to += w->width;
+        }
+    }
+    spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    error = spin_out_put(w->out, w->at + spin_splat_filter_before(rows, (size_t)b) * w->width,
+                         piece, (size_t)(to - piece));
+    if (error)
+        atomic_store(&w->error, error);
+}
+
+spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at, size_t width,
+                                   spin_frames_code code)
+{
+    struct writing w = {.x = self, .out = out, .at = at, .width = width, .code = code};
+
+    SPIN_TRY(spin_frames_scratch(w.x, SPIN_ROWS_BLOCK * width, &w.scratch));
+    SPIN_TRY(spin_frames_quants(w.x, &w.quant));
+    w.stride = w.x->scratch_bytes;
+    spin_splat_filter_each(&w.x->rows, write_block, &w);
+    spin_frames_merge(w.x);
+    return w.error ? spin_out_failed(out, w.error) : SPIN_OK;
+}
+
+/* ---- Comments -------------------------------------------------------------------------------- */
+
+/* Names come from a file: no line of theirs may become a line of ours. */
+static void copy_printable(const char *text, char *out, size_t n_out)
+{
+    size_t n = 0;
+
+    for (; text[n] && n + 1 < n_out; n++)
+        out[n] = (unsigned char)text[n] < 32 || text[n] == 127 ? '_' : text[n];
+    out[n] = '\0';
+}
+
+size_t spin_frames_comments(const struct spin_frames *x, const struct spin_frame_info *info,
+                            char *text, size_t room)
+{
+    const double *q = x->rows.turn_q;
+    char source[64];
+    size_t at = (size_t)snprintf(text, room, "comment Generated by spin4d %s\n", SPIN_VERSION);
+
+    if (x->source && *x->source) {
+        copy_printable(x->source, source, sizeof source);
+        at += (size_t)snprintf(text + at, room - at, "comment source %s%s\n", source,
+                               x->retrained ? ", attributes retrained" : "");
+    }
+    at += (size_t)snprintf(text + at, room - at, "comment frame %d, time %.9g\n", info->number,
+                           info->time);
+    if (x->rows.turn.kind != SPIN_TURN_NONE)
+        at += (size_t)snprintf(text + at, room - at,
+                               "comment turned by w x y z %.9g %.9g %.9g %.9g\n", q[0], q[1], q[2],
+                               q[3]);
+    if (x->antialias) /* as Postshot and Brush say it */
+        at += (size_t)snprintf(text + at, room - at,
+                               "comment antialiased 1\ncomment SplatRenderMode: mip\n");
+    if (x->rows.up)
+        at += (size_t)snprintf(text + at, room - at, "comment Vertical axis: y\n");
+    return at;
+}

@@ -1,0 +1,119 @@
+/* A folder of one file per frame: what all such exporters do, so that a format says only how its
+ * bytes are made. begin, frame, skip, end and abort of the plug-in are those below.
+ *
+ * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. */
+#ifndef SPIN_EXPORTERS_LIB_FRAMES_H
+#define SPIN_EXPORTERS_LIB_FRAMES_H
+
+#include "exporters/lib/quant_error.h"
+#include "exporters/lib/splat_filter.h"
+#include "io/commit_queue.h"
+#include "io/output_folder.h"
+
+#define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
+    {                                                                                              \
+        "pattern", "PATTERN", "file names; one %d or %0Nd stands for the frame number", fallback   \
+    }
+#define SPIN_FRAMES_OPTIONS(pattern)                                                               \
+    SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS,                                        \
+    {                                                                                              \
+        "skip-complete", NULL, "leave frames that are there and whole as they are", NULL           \
+    }
+
+struct spin_frames_format {
+    const char *name;    /* as the plug-in's */
+    const char *pattern; /* of file names */
+    size_t self_bytes;   /* of the struct that begins with a struct spin_frames */
+    bool lossy;          /* says its error at the end */
+    bool packed;         /* bytes() is an upper bound */
+
+    /* Own options. May change frames->axes before the common ones are read. NULL: none. */
+    spin_status (*begin)(void *self, const struct spin_export_job *job);
+    /* The common options are read too. NULL: nothing to do. */
+    void (*ready)(void *self, const struct spin_export_job *job);
+    /* Bytes of a file of n splats: exact, or at most that where it is packed. */
+    uint64_t (*bytes)(const void *self, size_t n);
+    /* Write the chosen rows. */
+    spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
+    /* Whether a file is one that write() makes of at most info->n splats; how many it holds. */
+    bool (*complete)(void *self, const struct spin_frame_info *info, const struct spin_map *map,
+                     size_t *n);
+    /* Frame `frame` of a file (0 but in a file of many) as its readers understand it, in its own axes
+     * and order. Errors do not name the file. */
+    spin_status (*read)(void *self, const struct spin_map *map, int frame, struct spin_splats *out);
+    /* The chosen rows in the order of the file. NULL: the source's. */
+    spin_status (*order)(void *self, const uint32_t **row);
+    /* Release own memory. NULL: none. */
+    void (*end)(void *self);
+};
+
+/* What sequence.json says of a frame. */
+struct spin_frames_entry {
+    int number;
+    double time;
+    size_t n;
+};
+
+struct spin_frames {
+    const struct spin_frames_format *format;
+    const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
+    struct spin_output_folder folder;
+    struct spin_pattern pattern;
+    struct spin_splat_filter rows;
+    struct spin_quant_error quant; /* of the clip */
+    struct spin_commit_queue *commits;
+    bool force, skip_complete;
+    const struct spin_export_job *job;
+    const char *source;
+    bool retrained, antialias;
+    double fps;
+    struct spin_frames_entry *entry; /* [room] */
+    size_t n_entries, room;
+    size_t n_skipped;
+    unsigned char *scratch;
+    size_t scratch_bytes;
+    struct spin_quant_error *block_quant; /* [blocks] */
+    size_t block_quant_room;
+};
+
+/* Makes *self; format->begin() sees it with everything else zero. */
+spin_status spin_frames_begin(const struct spin_frames_format *format,
+                              const struct spin_export_job *job, void **self);
+bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info);
+spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
+                              const struct spin_splats *splats);
+spin_status spin_frames_end(void *self);
+void spin_frames_abort(void *self);
+/* What end() and abort() do last: for an exporter that makes the struct itself. */
+void spin_frames_free(struct spin_frames *frames);
+
+/* What sequence.json and the check know of a frame. */
+spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_info *info,
+                            size_t n);
+/* --check: read all frames back from their files, or from one file with all of them. */
+spin_status spin_frames_check(struct spin_frames *frames, const char *single);
+
+/* ---- For write() ------------------------------------------------------------------------------ */
+
+/* bytes for each worker, one after the other; contents are not kept. */
+spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);
+/* One sum per block of the frame at hand, zero; merged into the clip's by _merge(). */
+spin_status spin_frames_quants(struct spin_frames *frames, struct spin_quant_error **out);
+void spin_frames_merge(struct spin_frames *frames);
+
+/* The kept rows in the source's order, `width` bytes each, from byte `at` of the file on: blocks are
+ * coded side by side and go straight to their places. */
+typedef void (*spin_frames_code)(void *self, size_t row, unsigned char *out,
+                                 struct spin_quant_error *quant);
+spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at, size_t width,
+                                   spin_frames_code code);
+
+/* The comments of a PLY header: where the splats come from, which frame, how they lie. Returns the
+ * length, always below 512. */
+size_t spin_frames_comments(const struct spin_frames *frames, const struct spin_frame_info *info,
+                            char *text, size_t room);
+
+/* How much will be written where, said before it is; a warning when the disk has less. */
+void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most);
+
+#endif

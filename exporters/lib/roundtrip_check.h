@@ -1,0 +1,38 @@
+/* --check: what was written is read back and held to the bundle - counts, the box around the places,
+ * how far each value is off, and a picture of one frame. */
+#ifndef SPIN_EXPORTERS_LIB_ROUNDTRIP_CHECK_H
+#define SPIN_EXPORTERS_LIB_ROUNDTRIP_CHECK_H
+
+#include "exporters/lib/quant_error.h"
+
+struct spin_roundtrip_check {
+    struct spin_quant_error quant;
+    double bounds; /* the most that a side of a frame's box is off by */
+    uint64_t n_splats;
+    int n_frames, rendered; /* number of the frame that was rendered */
+    double psnr;
+};
+
+/* `back`: a frame as a reader of the file understands it, in its axes and order. `rows` has chosen
+ * those of the bundle's frame; row[j] is the one that the file's row j came from, NULL: those kept, in
+ * the source's order. An error names the file. */
+spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
+                                       const struct spin_splat_filter *rows, const char *path,
+                                       const struct spin_splats *back, const uint32_t *row);
+/* Render `back`, turned to the source's axes, and the bundle's own frame. `back` is changed. */
+spin_status spin_roundtrip_check_render(struct spin_roundtrip_check *check,
+                                        const struct spin_splat_filter *rows,
+                                        const struct spin_export_job *job, int frame, int number,
+                                        struct spin_splats *back);
+void spin_roundtrip_check_report(const struct spin_roundtrip_check *check,
+                                 struct spin_export_report *report);
+
+/* Of an opacity 0..1 that was read; finite. */
+static inline float spin_roundtrip_check_logit(float opacity)
+{
+    double p = opacity < 1e-13f ? 1e-13 : (double)opacity;
+
+    return p >= 1 ? SPIN_ROWS_LOGIT_LIMIT : (float)(log(p) - log1p(-p));
+}
+
+#endif

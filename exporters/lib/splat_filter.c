@@ -1,0 +1,347 @@
+/* Which rows are written, for all formats.
+ *
+ * A row that no viewer could draw is left out, as NaN scales are known to hang viewers: one with a NaN
+ * or infinity, a rotation of length zero, a scale whose square leaves the range of float, or one
+ * larger than the scene - its standard deviation beyond the diagonal of the box of all places of its
+ * frame, which would lay one colour over everything (--max-scale). How many, and why, is said for
+ * each such frame and reported at the end.
+ *
+ * An infinite logit is a saturated opacity and is written as a finite one. */
+#include "exporters/lib/splat_filter.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/file.h"
+
+/* exp(2 * 44) is the last whole power that float holds: renderers square the scale. */
+#define LOG_SCALE_LIMIT 44.0f
+/* The box of fewer places than this says nothing about the size of a scene. */
+#define LEAST_FOR_BOX 8
+
+/* Bytes of a frame in the map that do not matter. */
+#define SMALL ((size_t)64 << 20)
+
+struct spin_splat_filter_block {
+    size_t n_before; /* kept rows of the blocks before */
+    uint32_t n_kept, n_finite, n_bad[SPIN_ROWS_REASONS];
+    float low[3], high[3];
+};
+
+struct choice {
+    struct spin_splat_filter *rows;
+    float limit; /* of the log scale */
+};
+
+/* ---- Choosing -------------------------------------------------------------------------------- */
+
+static size_t n_blocks(size_t n) { return (n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK; }
+
+size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows)
+{
+    return n_blocks(rows->splats->n);
+}
+
+size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block)
+{
+    return rows->block[block].n_before;
+}
+
+void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context)
+{
+    spin_pool_run(rows->pool, (int)spin_splat_filter_blocks(rows), fn, context);
+}
+
+static size_t end_of(const struct spin_splat_filter *rows, size_t block)
+{
+    size_t end = (block + 1) * SPIN_ROWS_BLOCK;
+
+    return end < rows->splats->n ? end : rows->splats->n;
+}
+
+void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns)
+{
+    const struct spin_splats *s = rows->splats;
+    size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    /* A small frame stays until it is done with: giving memory back stops all threads for a moment. */
+    if (!s->mapped || (11 + n_sh) * sizeof(float) * s->n < SMALL)
+        return;
+    if (columns & SPIN_COL_MEANS)
+        spin_map_rest(s->means + 3 * first, 3 * n * sizeof(float));
+    if (columns & SPIN_COL_QUATS)
+        spin_map_rest(s->quats + 4 * first, 4 * n * sizeof(float));
+    if (columns & SPIN_COL_LOG_SCALES)
+        spin_map_rest(s->log_scales + 3 * first, 3 * n * sizeof(float));
+    if (columns & SPIN_COL_LOGIT_OPACITIES)
+        spin_map_rest(s->logit_opacities + first, n * sizeof(float));
+    if (columns & SPIN_COL_SH)
+        spin_map_rest(s->sh + n_sh * first, n_sh * n * sizeof(float));
+}
+
+/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
+static float zeros(const float *x, size_t n)
+{
+    float sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += x[i] * 0.0f;
+    return sum;
+}
+
+static void measure_block(void *context, int b, int worker)
+{
+    struct spin_splat_filter *rows = ((struct choice *)context)->rows;
+    struct spin_splat_filter_block *block = &rows->block[b];
+    size_t end = end_of(rows, (size_t)b);
+
+    (void)worker;
+    *block = (struct spin_splat_filter_block){.low = {INFINITY, INFINITY, INFINITY},
+                                              .high = {-INFINITY, -INFINITY, -INFINITY}};
+    for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
+        const float *place = rows->splats->means + 3 * i;
+
+        if (zeros(place, 3) != 0.0f)
+            continue;
+        block->n_finite++;
+        for (int c = 0; c < 3; c++) {
+            block->low[c] = spin_minf(block->low[c], place[c]);
+            block->high[c] = spin_maxf(block->high[c], place[c]);
+        }
+    }
+}
+
+/* The largest log scale that is written. */
+static float limit_of(const struct spin_splat_filter *rows)
+{
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double square = 0, limit;
+    size_t n = 0;
+
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
+        n += rows->block[b].n_finite;
+        for (int c = 0; c < 3; c++) {
+            low[c] = spin_minf(low[c], rows->block[b].low[c]);
+            high[c] = spin_maxf(high[c], rows->block[b].high[c]);
+        }
+    }
+    for (int c = 0; c < 3 && n > 0; c++)
+        square += ((double)high[c] - low[c]) * ((double)high[c] - low[c]);
+    if (n < LEAST_FOR_BOX || !(square > 0) || !(rows->max_scale > 0))
+        return LOG_SCALE_LIMIT;
+    limit = log(rows->max_scale) + 0.5 * log(square);
+    return limit < (double)LOG_SCALE_LIMIT ? (float)limit : LOG_SCALE_LIMIT;
+}
+
+/* Quaternions whose square leaves the range of float can be written. */
+static int reason_of(const struct spin_splats *s, size_t i, size_t n_sh, float limit)
+{
+    const float *q = s->quats + 4 * i, *scale = s->log_scales + 3 * i;
+    float sum =
+        zeros(s->means + 3 * i, 3) + zeros(q, 4) + zeros(scale, 3) + zeros(s->sh + i * n_sh, n_sh);
+
+    if (sum != 0.0f || isnan(s->logit_opacities[i]))
+        return SPIN_ROWS_NOT_FINITE;
+    if (!(q[0] || q[1] || q[2] || q[3]))
+        return SPIN_ROWS_NO_ROTATION;
+    if (!(spin_maxf(scale[0], spin_maxf(scale[1], scale[2])) <= limit))
+        return SPIN_ROWS_TOO_LARGE;
+    return SPIN_ROWS_REASONS;
+}
+
+static void choose_block(void *context, int b, int worker)
+{
+    const struct choice *choice = context;
+    struct spin_splat_filter *rows = choice->rows;
+    struct spin_splat_filter_block *block = &rows->block[b];
+    const struct spin_splats *s = rows->splats;
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree), end = end_of(rows, (size_t)b);
+
+    (void)worker;
+    for (size_t i = (size_t)b * SPIN_ROWS_BLOCK; i < end; i++) {
+        int reason = reason_of(s, i, n_sh, choice->limit);
+
+        rows->keep[i] = reason == SPIN_ROWS_REASONS && s->logit_opacities[i] >= rows->min_logit;
+        block->n_kept += rows->keep[i];
+        if (reason < SPIN_ROWS_REASONS)
+            block->n_bad[reason]++;
+    }
+    spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_ATTRIBUTES);
+}
+
+static spin_status make_room(struct spin_splat_filter *rows, size_t n)
+{
+    if (n <= rows->room)
+        return SPIN_OK;
+    SPIN_TRY(spin_grow(n, 1, (void **)&rows->keep));
+    SPIN_TRY(spin_grow(n_blocks(n), sizeof *rows->block, (void **)&rows->block));
+    rows->room = n;
+    return SPIN_OK;
+}
+
+static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
+{
+    static const char *const words[SPIN_ROWS_REASONS] = {
+        "with NaN or infinity", "with a rotation of length zero", "larger than the scene"};
+    size_t sum = 0, at = 0;
+    char text[256] = "";
+
+    for (int r = 0; r < SPIN_ROWS_REASONS; r++) {
+        if (n_bad[r] > 0)
+            at += (size_t)snprintf(text + at, sizeof text - at, "%s%zu %s", sum ? ", " : "",
+                                   n_bad[r], words[r]);
+        sum += n_bad[r];
+    }
+    if (sum > 0)
+        spin_warn("frame %d: %zu of %zu splats left out: %s", number, sum, n, text);
+}
+
+spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
+                                     int number)
+{
+    struct choice choice = {.rows = rows};
+    size_t n_bad[SPIN_ROWS_REASONS] = {0};
+
+    if (s->n > UINT32_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: %zu splats, at most %u are supported",
+                         number, s->n, UINT32_MAX);
+    SPIN_TRY(make_room(rows, s->n));
+    rows->splats = s;
+    rows->n_kept = 0;
+    spin_splat_filter_each(rows, measure_block, &choice);
+    choice.limit = limit_of(rows);
+    spin_splat_filter_each(rows, choose_block, &choice);
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
+        rows->block[b].n_before = rows->n_kept;
+        rows->n_kept += rows->block[b].n_kept;
+        for (int r = 0; r < SPIN_ROWS_REASONS; r++)
+            n_bad[r] += rows->block[b].n_bad[r];
+    }
+    if (rows->quiet)
+        return SPIN_OK;
+    for (int r = 0; r < SPIN_ROWS_REASONS; r++)
+        rows->n_left_out[r] += n_bad[r];
+    say(n_bad, s->n, number);
+    return SPIN_OK;
+}
+
+/* ---- Options --------------------------------------------------------------------------------- */
+
+spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out)
+{
+    *out = kept < 0 ? 0 : kept;
+    if (strcmp(text, "keep") == 0)
+        return SPIN_OK;
+    if (text[0] < '0' || text[0] > '3' || text[1])
+        return spin_fail(SPIN_E_USAGE, "--sh '%s': expected 0, 1, 2, 3 or keep", text);
+    *out = text[0] - '0';
+    return SPIN_OK;
+}
+
+static spin_status parse_min_opacity(const char *text, float *out)
+{
+    char *end;
+    double value = strtod(text, &end);
+
+    if (end == text || *end || !(value >= 0 && value < 1))
+        return spin_fail(SPIN_E_USAGE, "--min-opacity '%s': expected a number from 0 to below 1",
+                         text);
+    *out = value > 0 ? (float)log(value / (1 - value)) : -INFINITY;
+    return SPIN_OK;
+}
+
+static spin_status parse_max_scale(const char *text, double *out)
+{
+    char *end;
+
+    *out = strtod(text, &end);
+    if (end == text || *end || !(*out >= 0 && *out <= 1e30))
+        return spin_fail(SPIN_E_USAGE, "--max-scale '%s': expected a number of diagonals, or 0",
+                         text);
+    return SPIN_OK;
+}
+
+/* The shortest turn that brings the axis to y; for -y, half a turn about z, as glTF has it. */
+static spin_status parse_up(const char *text, double q[4])
+{
+    static const double r = 0.70710678118654752;
+    static const struct {
+        const char *axis;
+        double q[4];
+    } turns[] = {{"x", {r, 0, 0, r}},  {"-x", {r, 0, 0, -r}}, {"y", {1, 0, 0, 0}},
+                 {"-y", {0, 0, 0, 1}}, {"z", {r, -r, 0, 0}},  {"-z", {r, r, 0, 0}}};
+
+    for (size_t i = 0; i < sizeof turns / sizeof turns[0]; i++) {
+        if (strcmp(text, turns[i].axis) == 0) {
+            memcpy(q, turns[i].q, sizeof turns[i].q);
+            return SPIN_OK;
+        }
+    }
+    return spin_fail(SPIN_E_USAGE, "--up '%s': expected x, y, z, -x, -y or -z", text);
+}
+
+static spin_status parse_rotate(const char *text, double q[4])
+{
+    const char *at = text;
+    double turned[4] = {1, 0, 0, 0};
+
+    for (int axis = 0; axis < 3; axis++) {
+        char *end;
+        double degrees = strtod(at, &end), half = fmod(degrees, 720) * 0.00872664625997164788;
+        double one[4] = {cos(half), 0, 0, 0};
+
+        if (end == at || !isfinite(degrees) || *end != (axis < 2 ? ',' : '\0'))
+            return spin_fail(SPIN_E_USAGE, "--rotate '%s': expected three angles in degrees, X,Y,Z",
+                             text);
+        one[1 + axis] = sin(half);
+        spin_scene_rotation_join(turned, one, turned);
+        at = end + 1;
+    }
+    memcpy(q, turned, sizeof turned);
+    return SPIN_OK;
+}
+
+static spin_status parse_turn(struct spin_splat_filter *rows, const struct spin_plugin_values *v,
+                              const double *axes)
+{
+    const char *up = spin_plugin_value(v, "up", NULL),
+               *rotate = spin_plugin_value(v, "rotate", NULL);
+    double q[4] = {1, 0, 0, 0}, more[4] = {1, 0, 0, 0};
+
+    if (axes)
+        memcpy(q, axes, sizeof q);
+    if (up)
+        SPIN_TRY(parse_up(up, q));
+    if (rotate)
+        SPIN_TRY(parse_rotate(rotate, more));
+    spin_scene_rotation_join(q, more, rows->turn_q);
+    spin_scene_rotation_from(rows->turn_q, &rows->turn);
+    rows->up = up && !rotate;
+    return SPIN_OK;
+}
+
+spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
+                                    const struct spin_export_job *job, const double *axes)
+{
+    const struct spin_plugin_values *v = job->values;
+
+    rows->report = job->report;
+    SPIN_TRY(spin_splat_filter_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree,
+                                        &rows->sh_degree));
+    SPIN_TRY(parse_min_opacity(spin_plugin_value(v, "min-opacity", "0"), &rows->min_logit));
+    SPIN_TRY(parse_max_scale(spin_plugin_value(v, "max-scale", "1"), &rows->max_scale));
+    SPIN_TRY(parse_turn(rows, v, axes));
+    return spin_pool_create(job->n_threads, &rows->pool);
+}
+
+void spin_splat_filter_end(struct spin_splat_filter *rows)
+{
+    for (int r = 0; r < SPIN_ROWS_REASONS && rows->report; r++)
+        rows->report->left_out += rows->n_left_out[r];
+    if (rows->pool)
+        spin_pool_free(rows->pool);
+    free(rows->keep);
+    free(rows->block);
+    *rows = (struct spin_splat_filter){0};
+}

@@ -1,0 +1,186 @@
+/* What every exporter asks of a frame's rows: which can be drawn at all, and how each is written -
+ * turned, its rotation of unit length, its logit finite. The options that go with it are common to
+ * all formats; the rules stand in rows.c. */
+#ifndef SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
+#define SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/pool.h"
+#include "math/scene_rotation.h"
+
+#define SPIN_ROWS_OPTION_SH                                                                        \
+    {                                                                                              \
+        "sh", "DEGREE",                                                                            \
+            "SH degree to write, 0 to 3: cut off, or filled up with zeros; keep: as it is", "keep" \
+    }
+#define SPIN_ROWS_OPTIONS                                                                          \
+    {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},                \
+        {"max-scale", "F",                                                                         \
+         "leave out splats larger than F times the diagonal of the frame; 0: none", "1"},          \
+        {"up", "AXIS",                                                                             \
+         "the source's axis that points up, x, y, z, -x, -y or -z: the scene is turned so that "   \
+         "y does",                                                                                 \
+         NULL},                                                                                    \
+    {                                                                                              \
+        "rotate", "X,Y,Z", "turn the scene about x, then y, then z, in degrees; after --up", NULL  \
+    }
+
+#define SPIN_ROWS_BLOCK 4096 /* rows that one task takes */
+
+/* Why a row is not written. */
+enum spin_splat_filter_reason {
+    SPIN_ROWS_NOT_FINITE,  /* NaN or infinity */
+    SPIN_ROWS_NO_ROTATION, /* of length zero */
+    SPIN_ROWS_TOO_LARGE,   /* against the scene */
+    SPIN_ROWS_REASONS
+};
+
+struct spin_splat_filter_block;
+
+struct spin_splat_filter {
+    /* How; from the options. */
+    struct spin_pool *pool;
+    struct spin_scene_rotation turn; /* from the source's axes to those of the file */
+    double turn_q[4];                /* the same */
+    bool up;                         /* --up was given: y of the file points up */
+    int sh_degree;                   /* to write */
+    float min_logit;                 /* rows below are left out */
+    double max_scale;                /* diagonals of the frame; 0: no limit */
+
+    /* The frame at hand. */
+    const struct spin_splats *splats;
+    size_t n_kept;
+    unsigned char *keep;                   /* [room] 1 for a row to write */
+    struct spin_splat_filter_block *block; /* [blocks of room] */
+    size_t room;
+
+    /* The clip. */
+    bool quiet; /* these frames were counted before: say nothing, add nothing */
+    uint64_t n_left_out[SPIN_ROWS_REASONS];
+    struct spin_export_report *report; /* of the job, or NULL */
+};
+
+/* Read the common options. `axes` (w x y z) turns the source's axes to those that the format is
+ * written in when --up is not given; NULL: they are the same. Free also after a failure. */
+spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
+                                    const struct spin_export_job *job, const double *axes);
+/* An --sh of the user's, of splats of degree `kept` (-1: none). */
+spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out);
+/* Tell the job's report what was left out, and free. */
+void spin_splat_filter_end(struct spin_splat_filter *rows);
+
+/* Mark the rows of a frame that are written, and count them; say how many cannot be drawn. */
+spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
+                                     int number);
+/* Kept rows before a block of the frame. */
+size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);
+size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows);
+/* All threads: fn(context, block, worker) for each block of the frame. */
+void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context);
+/* The rows of a block will not be looked at again soon. */
+void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns);
+
+static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows)
+{
+    return spin_pool_n_threads(rows->pool);
+}
+
+/* ---- One row, as it is written ---------------------------------------------------------------- */
+
+/* In place of an infinite logit: the sigmoid is within 1e-13 of 0 or 1, and finite. */
+#define SPIN_ROWS_LOGIT_LIMIT 30.0f
+
+static inline float spin_splat_filter_logit(float logit)
+{
+    return isinf(logit) ? copysignf(SPIN_ROWS_LOGIT_LIMIT, logit) : logit;
+}
+
+/* Unit length, w >= 0. A quaternion that already is of unit length keeps its bits. */
+static inline void spin_splat_filter_rotation(const float q[4], float out[4])
+{
+    float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3], scale;
+    double wide = 0, sign = q[0] < 0 ? -1 : 1;
+
+    if (square > 1e-30f && square < 1e30f) {
+        scale = fabsf(square - 1.0f) <= 2e-7f ? 1.0f : 1.0f / sqrtf(square);
+        scale = q[0] < 0 ? -scale : scale;
+        for (int k = 0; k < 4; k++)
+            out[k] = q[k] * scale;
+        return;
+    }
+    for (int k = 0; k < 4; k++)
+        wide += (double)q[k] * q[k];
+    for (int k = 0; k < 4; k++)
+        out[k] = (float)(sign * q[k] / sqrt(wide));
+}
+
+static inline void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i,
+                                           float out[3])
+{
+    const float *p = rows->splats->means + 3 * i;
+    spin_vec3 turned;
+
+    memcpy(out, p, 3 * sizeof *out);
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return;
+    turned = spin_scene_rotation_place(&rows->turn, spin_v3(p[0], p[1], p[2]));
+    out[0] = turned.x;
+    out[1] = turned.y;
+    out[2] = turned.z;
+}
+
+static inline void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i,
+                                            float out[4])
+{
+    float q[4];
+
+    spin_splat_filter_rotation(rows->splats->quats + 4 * i, out);
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return;
+    spin_scene_rotation_quat(&rows->turn, out, q);
+    for (int k = 0; k < 4; k++)
+        out[k] = q[0] < 0 ? -q[k] : q[k];
+}
+
+/* Coefficients of a row that there are and that are wanted. */
+static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
+{
+    int from = rows->splats->sh_degree, to = rows->sh_degree;
+
+    return spin_sh_count(from < to ? from : to);
+}
+
+/* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
+static inline const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i,
+                                                float *room)
+{
+    const struct spin_splats *s = rows->splats;
+    const float *sh = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return sh;
+    spin_scene_rotation_sh(&rows->turn, spin_splat_filter_n_sh(rows), sh, room);
+    return room;
+}
+
+/* Words of 4 bytes as the files want them. So is every machine this was built on; others swap. */
+static inline void spin_splat_filter_little_endian(void *words, size_t n)
+{
+#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+    uint32_t *word = words;
+
+    for (size_t i = 0; i < n; i++)
+        word[i] = __builtin_bswap32(word[i]);
+#else
+    (void)words;
+    (void)n;
+#endif
+}
+
+#endif

@@ -1,0 +1,905 @@
+/* The parser, the help text, exit codes and signals, and printing. See opt.h. */
+#include "cmd/args.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <math.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { HELP_COLUMN = 28, HELP_WIDTH = 84, MAX_PLUGINS = 128 };
+
+/* ---- Signals --------------------------------------------------------------------------------- */
+
+static volatile sig_atomic_t signal_seen;
+
+/* The first asks the work to stop and keep what it has; a second Ctrl-C means now. */
+static void on_signal(int number)
+{
+    if (number == SIGINT && signal_seen == SIGINT)
+        _exit(128 + number);
+    signal_seen = number;
+    spin_cancel();
+}
+
+/* SIGPIPE is ignored so that a reader who leaves does not end a long run half-way; the failed write
+ * is reported by spin_args_finish(). */
+static void catch_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
+
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* the write fails instead, and says so */
+}
+
+/* ---- Messages and exit codes ----------------------------------------------------------------- */
+
+/* Text from outside may hold line breaks and escape sequences; an error stays one plain line. */
+static void put_line(const char *name, const char *text, const char *tail)
+{
+    fprintf(stderr, "%s: ", name);
+    for (const unsigned char *c = (const unsigned char *)text; *c; c++)
+        fputc(*c < 0x20 || *c == 0x7f ? '?' : *c, stderr);
+    fprintf(stderr, "%s\n", tail);
+}
+
+int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)
+{
+    char text[1024], tail[96];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(text, sizeof text, fmt, args);
+    va_end(args);
+    snprintf(tail, sizeof tail, " (try '%s --help')", command->name);
+    put_line(command->name, text, tail);
+    return SPIN_EXIT_USAGE;
+}
+
+int spin_args_fail(const struct spin_args_command *command, spin_status status)
+{
+    const char *error = spin_last_error();
+
+    put_line(command->name, *error ? error : "failed without saying why", "");
+    fflush(stdout);
+    if (status == SPIN_E_CANCELLED)
+        return 128 + (signal_seen ? signal_seen : SIGINT);
+    return status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
+}
+
+int spin_args_finish(const struct spin_args_command *command, int code)
+{
+    errno = 0;
+    if (fflush(stdout) == 0 && !ferror(stdout))
+        return code;
+    if (errno != EPIPE) /* a reader that has left needs no explanation */
+        put_line(command->name,
+                 "cannot write to the standard output: ", strerror(errno ? errno : EIO));
+    return SPIN_EXIT_FAILED;
+}
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+static bool has_limits(const struct spin_args_row *row) { return row->min < row->max; }
+
+static bool within(const struct spin_args_row *row, double value)
+{
+    return !has_limits(row) || (value >= row->min && value <= row->max);
+}
+
+/* strtol and friends skip leading space and accept less than the whole text; options do not. */
+static bool begins_like_number(const char *text) { return *text && strchr("+-.0123456789", *text); }
+
+static bool parse_int(const char *text, size_t length, int *out)
+{
+    char copy[32], *end;
+
+    if (length == 0 || length >= sizeof copy || !begins_like_number(text))
+        return false;
+    memcpy(copy, text, length);
+    copy[length] = '\0';
+    errno = 0;
+    long value = strtol(copy, &end, 10);
+    if (errno || *end || end == copy || value < INT_MIN || value > INT_MAX)
+        return false;
+    *out = (int)value;
+    return true;
+}
+
+static bool parse_uint64(const char *text, uint64_t *out)
+{
+    char *end;
+
+    if (!begins_like_number(text) || *text == '-')
+        return false;
+    errno = 0;
+    unsigned long long value = strtoull(text, &end, 10);
+    if (errno || *end || end == text)
+        return false;
+    *out = value;
+    return true;
+}
+
+/* Hexadecimal floats are left out: they are always typing errors here. Underflow is not an error. */
+static bool parse_double(const char *text, size_t length, double *out)
+{
+    char copy[64], *end;
+
+    if (length == 0 || length >= sizeof copy || !begins_like_number(text))
+        return false;
+    memcpy(copy, text, length);
+    copy[length] = '\0';
+    if (strpbrk(copy, "xXpP"))
+        return false;
+    double value = strtod(copy, &end);
+    if (*end || end == copy || !isfinite(value))
+        return false;
+    *out = value;
+    return true;
+}
+
+static int count_items(const char *text)
+{
+    int n = 1;
+
+    for (; *text; text++)
+        n += *text == ',';
+    return n;
+}
+
+static bool parse_ints(const struct spin_args_row *row, const char *text)
+{
+    struct spin_args_ints *list = row->into;
+    int n = count_items(text);
+
+    free(list->value);
+    list->n = 0;
+    list->value = calloc((size_t)n, sizeof *list->value);
+    if (!list->value)
+        return false;
+    for (; list->n < n; list->n++) {
+        size_t length = strcspn(text, ",");
+        int *value = &list->value[list->n];
+
+        if (!parse_int(text, length, value) || !within(row, *value))
+            return false;
+        text += length + 1;
+    }
+    return true;
+}
+
+static bool parse_doubles(const struct spin_args_row *row, const char *text)
+{
+    struct spin_args_doubles *list = row->into;
+    int n = count_items(text);
+
+    free(list->value);
+    list->n = 0;
+    list->value = calloc((size_t)n, sizeof *list->value);
+    if (!list->value)
+        return false;
+    for (; list->n < n; list->n++) {
+        size_t length = strcspn(text, ",");
+        double *value = &list->value[list->n];
+
+        if (!parse_double(text, length, value) || !within(row, *value))
+            return false;
+        text += length + 1;
+    }
+    return true;
+}
+
+/* A:B or A:B:STEP, half open and not empty. */
+static bool parse_range(const char *text, struct spin_range *range)
+{
+    int part[3] = {0, 0, 1};
+    int n = 0;
+
+    for (;;) {
+        size_t length = strcspn(text, ":");
+
+        if (n == 3 || !parse_int(text, length, &part[n++]))
+            return false;
+        if (!text[length])
+            break;
+        text += length + 1;
+    }
+    if (n < 2 || part[0] < 0 || part[1] <= part[0] || part[2] < 1)
+        return false;
+    *range = (struct spin_range){true, part[0], part[1], part[2]};
+    return true;
+}
+
+static bool parse_colour(const char *text, float *colour)
+{
+    if (!strcmp(text, "black") || !strcmp(text, "white")) {
+        colour[0] = colour[1] = colour[2] = *text == 'w';
+        return true;
+    }
+    if (count_items(text) != 3)
+        return false;
+    for (int channel = 0; channel < 3; channel++) {
+        size_t length = strcspn(text, ",");
+        double value;
+
+        if (!parse_double(text, length, &value) || value < 0 || value > 1)
+            return false;
+        colour[channel] = (float)value;
+        text += length + 1;
+    }
+    return true;
+}
+
+static bool is_choice(const char *text, const char *choices)
+{
+    size_t length = strlen(text);
+
+    for (const char *c = choices;; c++) {
+        size_t n = strcspn(c, "|");
+
+        if (n == length && !memcmp(c, text, n))
+            return true;
+        c += n;
+        if (!*c)
+            return false;
+    }
+}
+
+/* What the value should have been, for the message. */
+static void describe(const struct spin_args_row *row, char *out, size_t room)
+{
+    const char *what = row->arg;
+
+    switch (row->kind) {
+    case SPIN_ARG_INT:
+        what = "a whole number";
+        break;
+    case SPIN_ARG_UINT64:
+        what = "a whole number from 0";
+        break;
+    case SPIN_ARG_DOUBLE:
+        what = "a number";
+        break;
+    case SPIN_ARG_INTS:
+        what = "whole numbers with commas between";
+        break;
+    case SPIN_ARG_DOUBLES:
+        what = "numbers with commas between";
+        break;
+    case SPIN_ARG_STRING:
+        what = "a text that is not empty";
+        break;
+    case SPIN_ARG_RANGE:
+        what = "A:B or A:B:STEP with 0 <= A < B and STEP >= 1";
+        break;
+    case SPIN_ARG_COLOUR:
+        what = "black, white or R,G,B with each in 0..1";
+        break;
+    default:
+        break;
+    }
+    int n = snprintf(out, room, "%s", what);
+    if (row->kind != SPIN_ARG_UINT64 && has_limits(row) && n > 0 && (size_t)n < room)
+        snprintf(out + n, room - (size_t)n, " from %.10g to %.10g", row->min, row->max);
+}
+
+/* Store a value; true when it is one. */
+static bool store(const struct spin_args_row *row, const char *text)
+{
+    switch (row->kind) {
+    case SPIN_ARG_INT: {
+        int value;
+
+        if (!parse_int(text, strlen(text), &value) || !within(row, value))
+            return false;
+        *(int *)row->into = value;
+        return true;
+    }
+    case SPIN_ARG_DOUBLE: {
+        double value;
+
+        if (!parse_double(text, strlen(text), &value) || !within(row, value))
+            return false;
+        *(double *)row->into = value;
+        return true;
+    }
+    case SPIN_ARG_UINT64:
+        return parse_uint64(text, row->into);
+    case SPIN_ARG_STRING:
+        *(const char **)row->into = text;
+        return *text != '\0';
+    case SPIN_ARG_CHOICE:
+        *(const char **)row->into = text;
+        return is_choice(text, row->arg);
+    case SPIN_ARG_INTS:
+        return parse_ints(row, text);
+    case SPIN_ARG_DOUBLES:
+        return parse_doubles(row, text);
+    case SPIN_ARG_RANGE:
+        return parse_range(text, row->into);
+    case SPIN_ARG_COLOUR:
+        return parse_colour(text, row->into);
+    case SPIN_ARG_CUSTOM:
+        return row->parse(text, row->into);
+    case SPIN_ARG_FLAG:
+    case SPIN_ARG_COUNT:
+        break;
+    }
+    return false;
+}
+
+static bool takes_value(const struct spin_args_row *row)
+{
+    return row->kind != SPIN_ARG_FLAG && row->kind != SPIN_ARG_COUNT;
+}
+
+static void set_flag(const struct spin_args_row *row)
+{
+    if (row->kind == SPIN_ARG_COUNT)
+        ++*(int *)row->into;
+    else
+        *(bool *)row->into = true;
+}
+
+/* ---- Looking up ------------------------------------------------------------------------------ */
+
+static bool is_end(const struct spin_args_row *row) { return !row->name && !row->section; }
+
+static const struct spin_args_row *find_long(const struct spin_args_row *rows, const char *name,
+                                             size_t length)
+{
+    for (; !is_end(rows); rows++)
+        if (rows->name && strlen(rows->name) == length && !memcmp(rows->name, name, length))
+            return rows;
+    return NULL;
+}
+
+static const struct spin_args_row *find_short(const struct spin_args_row *rows, char name)
+{
+    for (; !is_end(rows); rows++)
+        if (rows->name && rows->short_name == name)
+            return rows;
+    return NULL;
+}
+
+/* Edits that turn one name into the other (Levenshtein); names longer than 31 count as far. */
+static int distance(const char *a, size_t n_a, const char *b, size_t n_b)
+{
+    int row[32];
+
+    if (n_a > 31 || n_b > 31)
+        return 99;
+    for (size_t j = 0; j <= n_b; j++)
+        row[j] = (int)j;
+    for (size_t i = 1; i <= n_a; i++) {
+        int diagonal = row[0];
+
+        row[0] = (int)i;
+        for (size_t j = 1; j <= n_b; j++) {
+            int change = diagonal + (a[i - 1] != b[j - 1]);
+            int best = row[j] < row[j - 1] ? row[j] + 1 : row[j - 1] + 1;
+
+            diagonal = row[j];
+            row[j] = best < change ? best : change;
+        }
+    }
+    return row[n_b];
+}
+
+/* What all functions below share while one command line is read. */
+struct parser {
+    const struct spin_args_command *command;
+    struct spin_args_words *words;
+    int max_words;
+    struct spin_args_plugin plugin[MAX_PLUGINS];
+    size_t n_plugins;
+    const char *chosen; /* plug-in named on the command line, or NULL */
+    size_t n_pairs;     /* strings in words->plugin_pairs */
+    int argc, next;
+    char **argv;
+};
+
+static bool is_candidate(const struct parser *p, size_t plugin)
+{
+    return p->plugin[plugin].options && (!p->chosen || !strcmp(p->chosen, p->plugin[plugin].name));
+}
+
+static int misuse_unknown(const struct parser *p, const char *name, size_t length)
+{
+    const char *best = NULL;
+    int best_distance = length < 5 ? 2 : 3;
+
+    for (const struct spin_args_row *row = p->command->rows; !is_end(row); row++) {
+        int d = row->name ? distance(name, length, row->name, strlen(row->name)) : 99;
+
+        if (d < best_distance ||
+            (row->name && length >= 3 && !strncmp(row->name, name, length) && best_distance > 0)) {
+            best = row->name;
+            best_distance = d < best_distance ? d : 0;
+        }
+    }
+    for (size_t i = 0; i < p->n_plugins; i++)
+        for (const struct spin_plugin_option *o = p->plugin[i].options;
+             is_candidate(p, i) && o->key; o++) {
+            int d = distance(name, length, o->key, strlen(o->key));
+
+            if (d < best_distance) {
+                best = o->key;
+                best_distance = d;
+            }
+        }
+    if (best)
+        return spin_args_misuse(p->command, "unknown option '--%.*s', did you mean '--%s'?",
+                                (int)length, name, best);
+    return spin_args_misuse(p->command, "unknown option '--%.*s'", (int)length, name);
+}
+
+/* ---- Reading the command line ---------------------------------------------------------------- */
+
+/* The last value of the option that names a plug-in, before anything else is read: which options are
+ * known depends on it, wherever it stands. */
+static const char *scan_selector(int argc, char **argv, const char *selector)
+{
+    const char *chosen = NULL;
+    size_t length = strlen(selector);
+
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
+        if (strncmp(argv[i], "--", 2) || strncmp(argv[i] + 2, selector, length))
+            continue;
+        if (argv[i][2 + length] == '=')
+            chosen = argv[i] + 3 + length;
+        else if (!argv[i][2 + length] && i + 1 < argc)
+            chosen = argv[++i];
+    }
+    return chosen;
+}
+
+static const struct spin_plugin_option *find_plugin_option(const struct parser *p, const char *name,
+                                                           size_t length, bool *torn)
+{
+    const struct spin_plugin_option *found = NULL;
+
+    *torn = false;
+    for (size_t i = 0; i < p->n_plugins; i++) {
+        if (!is_candidate(p, i))
+            continue;
+        for (const struct spin_plugin_option *o = p->plugin[i].options; o->key; o++) {
+            if (strlen(o->key) != length || memcmp(o->key, name, length))
+                continue;
+            if (found && !found->arg != !o->arg)
+                *torn = true;
+            found = o;
+        }
+    }
+    return found;
+}
+
+static bool keep_pair(struct parser *p, const char *key, const char *value)
+{
+    const char **pairs = realloc(p->words->plugin_pairs, (p->n_pairs + 3) * sizeof *pairs);
+
+    if (!pairs)
+        return false;
+    p->words->plugin_pairs = pairs;
+    pairs[p->n_pairs++] = key;
+    pairs[p->n_pairs++] = value;
+    pairs[p->n_pairs] = NULL;
+    return true;
+}
+
+/* The next word as a value; another option in its place means that the value was forgotten. */
+static const char *next_value(struct parser *p)
+{
+    if (p->next >= p->argc || !strncmp(p->argv[p->next], "--", 2))
+        return NULL;
+    return p->argv[p->next++];
+}
+
+/* --name, --name=value, --name value of a plug-in. */
+static int take_plugin_option(struct parser *p, const char *name, size_t length, const char *value)
+{
+    bool torn;
+    const struct spin_plugin_option *option = find_plugin_option(p, name, length, &torn);
+
+    if (!option)
+        return misuse_unknown(p, name, length);
+    if (torn)
+        return spin_args_misuse(p->command, "'--%s' means different things; say which %s with --%s",
+                                option->key, p->command->plugin_kind, p->command->plugin_selector);
+    if (option->arg && !value)
+        value = next_value(p);
+    if (option->arg && !value)
+        return spin_args_misuse(p->command, "'--%s' needs a value %s", option->key, option->arg);
+    if (!option->arg && value)
+        return spin_args_misuse(p->command, "'--%s' takes no value", option->key);
+    if (!keep_pair(p, option->key, value ? value : "1"))
+        return spin_args_misuse(p->command, "out of memory");
+    return SPIN_EXIT_OK;
+}
+
+static int take_value(struct parser *p, const struct spin_args_row *row, const char *value)
+{
+    char expected[160];
+
+    if (!value)
+        value = next_value(p);
+    if (!value)
+        return spin_args_misuse(p->command, "'--%s' needs a value %s", row->name, row->arg);
+    if (store(row, value))
+        return SPIN_EXIT_OK;
+    describe(row, expected, sizeof expected);
+    return spin_args_misuse(p->command, "'--%s' takes %s, not '%s'", row->name, expected, value);
+}
+
+static int take_long(struct parser *p, const char *text)
+{
+    size_t length = strcspn(text, "=");
+    const char *value = text[length] ? text + length + 1 : NULL;
+    const struct spin_args_row *row = find_long(p->command->rows, text, length);
+
+    if (!row)
+        return take_plugin_option(p, text, length, value);
+    if (takes_value(row))
+        return take_value(p, row, value);
+    if (value)
+        return spin_args_misuse(p->command, "'--%s' takes no value", row->name);
+    set_flag(row);
+    return SPIN_EXIT_OK;
+}
+
+/* -q, -vvv, -ofile, -o file. */
+static int take_short(struct parser *p, const char *text)
+{
+    for (; *text; text++) {
+        const struct spin_args_row *row = find_short(p->command->rows, *text);
+
+        if (!row)
+            return spin_args_misuse(p->command, "unknown option '-%c'", *text);
+        if (takes_value(row))
+            return take_value(p, row, text[1] ? text + 1 : NULL);
+        set_flag(row);
+    }
+    return SPIN_EXIT_OK;
+}
+
+static int take_word(struct parser *p, const char *text)
+{
+    if (p->words->n == p->max_words)
+        return spin_args_misuse(p->command, "one word too many: '%s'", text);
+    p->words->word[p->words->n++] = text;
+    return SPIN_EXIT_OK;
+}
+
+static int read_all(struct parser *p)
+{
+    bool only_words = false;
+
+    for (p->next = 1; p->next < p->argc;) {
+        const char *text = p->argv[p->next++];
+        int code;
+
+        if (!only_words && !strcmp(text, "--")) {
+            only_words = true;
+            continue;
+        }
+        if (only_words || text[0] != '-' || !text[1])
+            code = take_word(p, text);
+        else if (text[1] == '-')
+            code = take_long(p, text + 2);
+        else
+            code = take_short(p, text + 1);
+        if (code != SPIN_EXIT_OK)
+            return code;
+    }
+    return SPIN_EXIT_OK;
+}
+
+/* ---- Help ------------------------------------------------------------------------------------ */
+
+/* `left` in the first column, `help` wrapped in the second. */
+static void print_row(const char *left, const char *help)
+{
+    int column = printf("%s", left);
+
+    if (column > HELP_COLUMN - 2) {
+        putchar('\n');
+        column = 0;
+    }
+    while (*help) {
+        int room = HELP_WIDTH - HELP_COLUMN;
+        int length = (int)strlen(help);
+
+        if (length > room) {
+            length = room;
+            while (length > 0 && help[length] != ' ')
+                length--;
+            if (length == 0)
+                length = (int)strcspn(help, " ");
+        }
+        printf("%*s%.*s\n", HELP_COLUMN - column, "", length, help);
+        column = 0;
+        help += length;
+        help += strspn(help, " ");
+    }
+}
+
+static void print_option(const struct spin_args_row *row)
+{
+    char left[96], brief[8] = "    ";
+
+    if (row->short_name)
+        snprintf(brief, sizeof brief, "-%c, ", row->short_name);
+    snprintf(left, sizeof left, "  %s--%s%s%s", brief, row->name, row->arg ? " " : "",
+             row->arg ? row->arg : "");
+    print_row(left, row->help);
+}
+
+static void print_plugin_options(const struct spin_args_command *command,
+                                 const struct spin_args_plugin *plugin)
+{
+    printf("\nOptions of the %s '%s':\n", command->plugin_kind, plugin->name);
+    if (!plugin->options || !plugin->options->key)
+        printf("  none\n");
+    for (const struct spin_plugin_option *o = plugin->options; o && o->key; o++) {
+        char left[96], help[512];
+
+        snprintf(left, sizeof left, "      --%s%s%s", o->key, o->arg ? " " : "",
+                 o->arg ? o->arg : "");
+        snprintf(help, sizeof help, o->fallback ? "%s (%s)" : "%s", o->help, o->fallback);
+        print_row(left, help);
+    }
+}
+
+static void print_help(const struct parser *p)
+{
+    const struct spin_args_command *command = p->command;
+
+    printf("%s: %s\n\n", command->name, command->summary);
+    for (const char *const *line = command->usage; *line; line++)
+        printf("  %s\n", *line);
+    for (const struct spin_args_row *row = command->rows; !is_end(row); row++) {
+        if (row->name)
+            print_option(row);
+        else
+            printf("\n%s:\n", row->section);
+    }
+    for (size_t i = 0; i < p->n_plugins; i++)
+        if (p->chosen && !strcmp(p->chosen, p->plugin[i].name))
+            print_plugin_options(command, &p->plugin[i]);
+    if (command->plugin_kind && !p->chosen)
+        printf("\nAn %s can have options of its own: %s --%s NAME --help\n", command->plugin_kind,
+               command->name, command->plugin_selector);
+    printf("\nThe manual page has examples: man %s\n", command->name);
+}
+
+/* ---- The front door -------------------------------------------------------------------------- */
+
+static int check_chosen(const struct parser *p)
+{
+    const char *best = NULL;
+    int best_distance = 3;
+
+    if (!p->chosen)
+        return SPIN_EXIT_OK;
+    for (size_t i = 0; i < p->n_plugins; i++) {
+        const char *name = p->plugin[i].name;
+        int d = distance(p->chosen, strlen(p->chosen), name, strlen(name));
+
+        if (d == 0)
+            return SPIN_EXIT_OK;
+        if (d < best_distance) {
+            best = name;
+            best_distance = d;
+        }
+    }
+    if (spin_plugin_fault(p->chosen)) {
+        put_line(p->command->name, spin_plugin_fault(p->chosen), "");
+        return SPIN_EXIT_FAILED;
+    }
+    if (best)
+        return spin_args_misuse(p->command, "no %s is called '%s', did you mean '%s'?",
+                                p->command->plugin_kind, p->chosen, best);
+    return spin_args_misuse(p->command, "no %s is called '%s'; --list shows them",
+                            p->command->plugin_kind, p->chosen);
+}
+
+/* --help answers whatever else was typed, so it is looked for before mistakes are. */
+static bool asks_for_help(int argc, char **argv)
+{
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++)
+        if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h"))
+            return true;
+    return false;
+}
+
+bool spin_args_parse(const struct spin_args_command *command, int argc, char **argv, int max_words,
+                     struct spin_args_words *words, int *exit_code)
+{
+    const struct spin_args_common *common = command->common;
+    struct parser p = {
+        .command = command, .words = words, .max_words = max_words, .argc = argc, .argv = argv};
+
+    *words = (struct spin_args_words){0};
+    if (command->plugins) {
+        p.chosen = scan_selector(argc, argv, command->plugin_selector);
+        spin_plugins_load(p.chosen);
+        p.n_plugins = command->plugins(p.plugin, MAX_PLUGINS);
+    }
+    if (asks_for_help(argc, argv)) {
+        *exit_code = check_chosen(&p);
+        if (*exit_code == SPIN_EXIT_OK) {
+            print_help(&p);
+            *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
+        }
+        return false;
+    }
+    *exit_code = check_chosen(&p);
+    if (*exit_code == SPIN_EXIT_OK)
+        *exit_code = read_all(&p);
+    if (*exit_code != SPIN_EXIT_OK)
+        return false;
+    if (common->version) {
+        printf("%s %s\n", command->name, SPIN_VERSION);
+        *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
+        return false;
+    }
+    spin_set_verbosity(common->quiet ? -1 : common->verbose > 4 ? 4 : common->verbose);
+    catch_signals();
+    spin_catch_cut_files(command->name);
+    return true;
+}
+
+/* ---- Printing -------------------------------------------------------------------------------- */
+
+const char *spin_print_bytes(double bytes, char text[32])
+{
+    static const char *const unit[] = {"B", "KiB", "MiB", "GiB", "TiB", "PiB"};
+    int u = 0;
+
+    for (; bytes >= 1024 && u < 5; u++)
+        bytes /= 1024;
+    snprintf(text, 32, u ? "%.1f %s" : "%.0f %s", bytes, unit[u]);
+    return text;
+}
+
+const char *spin_print_seconds(double seconds, char text[32])
+{
+    if (!isfinite(seconds) || seconds < 0)
+        snprintf(text, 32, "unknown");
+    else if (seconds < 100)
+        snprintf(text, 32, "%.1f s", seconds);
+    else if (seconds < 5970)
+        snprintf(text, 32, "%.0f min", seconds / 60);
+    else if (seconds < 48 * 3600)
+        snprintf(text, 32, "%.0f h %02.0f min", floor(seconds / 3600),
+                 floor(fmod(seconds, 3600) / 60));
+    else
+        snprintf(text, 32, "%.1f days", fmin(seconds / 86400, 1e9));
+    return text;
+}
+
+static struct {
+    int depth;
+    bool first; /* nothing stands yet at this depth */
+} json = {0, true};
+
+static int utf8_length(const unsigned char *c)
+{
+    int n = *c < 0x80 ? 1 : *c >= 0xc2 && *c < 0xe0 ? 2 : *c >= 0xe0 && *c < 0xf0 ? 3 : 4;
+
+    if (*c >= 0x80 && (*c < 0xc2 || *c > 0xf4))
+        return 0;
+    for (int i = 1; i < n; i++)
+        if ((c[i] & 0xc0) != 0x80)
+            return 0;
+    /* over-long forms, surrogates and what lies beyond the last code point */
+    if ((*c == 0xe0 && c[1] < 0xa0) || (*c == 0xed && c[1] > 0x9f) || (*c == 0xf0 && c[1] < 0x90) ||
+        (*c == 0xf4 && c[1] > 0x8f))
+        return 0;
+    return n;
+}
+
+static void put_quoted(const char *text)
+{
+    const unsigned char *c = (const unsigned char *)text;
+
+    putchar('"');
+    while (*c) {
+        int n = utf8_length(c);
+
+        if (n == 0) {
+            fputs("\\ufffd", stdout);
+            c++;
+        } else if (*c < 0x20 || *c == 0x7f) {
+            printf("\\u%04x", (unsigned)*c++);
+        } else {
+            if (*c == '"' || *c == '\\')
+                putchar('\\');
+            fwrite(c, 1, (size_t)n, stdout);
+            c += n;
+        }
+    }
+    putchar('"');
+}
+
+static void put_key(const char *key)
+{
+    if (!json.first)
+        putchar(',');
+    if (json.depth)
+        printf("\n%*s", 2 * json.depth, "");
+    json.first = false;
+    if (key) {
+        put_quoted(key);
+        fputs(": ", stdout);
+    }
+}
+
+void spin_print_open(const char *key, char bracket)
+{
+    put_key(key);
+    putchar(bracket);
+    json.depth++;
+    json.first = true;
+}
+
+void spin_print_close(char bracket)
+{
+    json.depth--;
+    if (!json.first)
+        printf("\n%*s", 2 * json.depth, "");
+    putchar(bracket);
+    json.first = false;
+    if (json.depth == 0)
+        putchar('\n');
+}
+
+void spin_print_string(const char *key, const char *value)
+{
+    if (!value) {
+        spin_print_null(key);
+        return;
+    }
+    put_key(key);
+    put_quoted(value);
+}
+
+/* The shortest of the two usual precisions that reads back as the same number. */
+void spin_print_number(const char *key, double value)
+{
+    char text[40];
+
+    if (!isfinite(value)) {
+        spin_print_null(key);
+        return;
+    }
+    snprintf(text, sizeof text, "%.15g", value);
+    if (strtod(text, NULL) != value)
+        snprintf(text, sizeof text, "%.17g", value);
+    put_key(key);
+    fputs(text, stdout);
+}
+
+void spin_print_integer(const char *key, long long value)
+{
+    put_key(key);
+    printf("%lld", value);
+}
+
+void spin_print_bool(const char *key, bool value)
+{
+    put_key(key);
+    fputs(value ? "true" : "false", stdout);
+}
+
+void spin_print_null(const char *key)
+{
+    put_key(key);
+    fputs("null", stdout);
+}

@@ -1,0 +1,493 @@
+/* The two networks as tables of layers, their weights, and the distance between features.
+ *
+ *     x = (2 image - 1 - shift) / scale
+ *     f_s = features after the ReLU of stage s, divided at every pixel by their length over channels
+ *     distance = sum over s of the mean over pixels of  sum_c lin_s[c] (f_s[c] - g_s[c])^2  */
+#include "eval/lpips.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/conv.h"
+#include "io/file.h"
+#include "io/torch.h"
+
+enum { MOST_LAYERS = 13, STAGES = SPIN_LPIPS_STAGES, BLOCK = 64 };
+
+/* lpips' ScalingLayer: ImageNet's mean and deviation, for pictures in -1..1. */
+static const float shift[3] = {-0.030f, -0.088f, -0.188f};
+static const float scale[3] = {0.458f, 0.448f, 0.450f};
+static const double smallest_length = 1e-10; /* added to a pixel's length, as lpips does */
+
+/* A convolution with its ReLU. */
+struct layer {
+    int place; /* N in torchvision's features.N */
+    int n_in, n_out, kernel, stride, pad;
+    int pool;   /* window of the max pooling before it, stride 2; 0: none */
+    bool stage; /* its output is compared */
+};
+
+static const struct layer vgg[] = {
+    {0, 3, 64, 3, 1, 1, 0, false},     {2, 64, 64, 3, 1, 1, 0, true},
+    {5, 64, 128, 3, 1, 1, 2, false},   {7, 128, 128, 3, 1, 1, 0, true},
+    {10, 128, 256, 3, 1, 1, 2, false}, {12, 256, 256, 3, 1, 1, 0, false},
+    {14, 256, 256, 3, 1, 1, 0, true},  {17, 256, 512, 3, 1, 1, 2, false},
+    {19, 512, 512, 3, 1, 1, 0, false}, {21, 512, 512, 3, 1, 1, 0, true},
+    {24, 512, 512, 3, 1, 1, 2, false}, {26, 512, 512, 3, 1, 1, 0, false},
+    {28, 512, 512, 3, 1, 1, 0, true},
+};
+static const struct layer alex[] = {
+    {0, 3, 64, 11, 4, 2, 0, true},    {3, 64, 192, 5, 1, 2, 3, true},
+    {6, 192, 384, 3, 1, 1, 3, true},  {8, 384, 256, 3, 1, 1, 0, true},
+    {10, 256, 256, 3, 1, 1, 0, true},
+};
+static const struct network {
+    const char *name;
+    const struct layer *layer;
+    int n_layers;
+} networks[SPIN_N_LPIPS] = {{"VGG", vgg, 13}, {"AlexNet", alex, 5}};
+
+struct spin_lpips {
+    int network, n_threads;
+    float *weights[MOST_LAYERS], *bias[MOST_LAYERS];
+    float *lin[STAGES];
+    int width, height; /* of the pictures that the plan below is for */
+    struct spin_conv conv[MOST_LAYERS];
+    float *feature[2][STAGES]; /* of the two pictures */
+    float *work[2];
+};
+
+/* ---- Weights ------------------------------------------------------------------------------------ */
+
+static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
+{
+    struct spin_tensor tensor;
+    const struct spin_value *v = spin_value_get(t->root, key);
+
+    if (!v || v->kind != SPIN_VALUE_TENSOR)
+        return false;
+    tensor = v->tensor;
+    if (tensor.n_dims != n_dims)
+        return false;
+    for (int d = 0; d < n_dims; d++)
+        if (tensor.shape[d] != (uint64_t)shape[d])
+            return false;
+    return true;
+}
+
+/* The network whose convolutions these are, -1: none that we know. */
+static int backbone_of(struct spin_torch *t)
+{
+    for (int k = 0; k < SPIN_N_LPIPS; k++) {
+        const struct layer *first = &networks[k].layer[0];
+        int64_t shape[4] = {first->n_out, first->n_in, first->kernel, first->kernel};
+
+        if (has_shape(t, "features.0.weight", 4, shape) &&
+            (k != SPIN_LPIPS_VGG || spin_value_get(t->root, "features.28.weight")))
+            return k;
+    }
+    return -1;
+}
+
+/* Channels of stage s. */
+static int stage_channels(int network, int s)
+{
+    const struct layer *layer = networks[network].layer;
+
+    for (; s > 0 || !layer->stage; layer++)
+        s -= layer->stage;
+    return layer->n_out;
+}
+
+static int lin_of(struct spin_torch *t)
+{
+    for (int k = 0; k < SPIN_N_LPIPS; k++) {
+        int64_t shape[4] = {1, stage_channels(k, 1), 1, 1};
+        int64_t last[4] = {1, stage_channels(k, 4), 1, 1};
+
+        if (has_shape(t, "lin1.model.1.weight", 4, shape) &&
+            has_shape(t, "lin4.model.1.weight", 4, last))
+            return k;
+    }
+    return -1;
+}
+
+static spin_status take(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape,
+                        float **out)
+{
+    struct spin_tensor info;
+    const struct spin_value *v = spin_value_get(t->root, key);
+
+    if (!v)
+        return spin_fail(SPIN_E_MALFORMED, "there is no '%s'", key);
+    return spin_torch_floats(t, v, key, n_dims, shape, &info, out);
+}
+
+static spin_status read_backbone(struct spin_torch *t, struct spin_lpips *l)
+{
+    const struct network *net;
+    char key[64];
+
+    l->network = backbone_of(t);
+    if (l->network < 0)
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "these are not the weights of torchvision's vgg16 "
+                                                "or alexnet (features.N.weight)");
+    net = &networks[l->network];
+    for (int i = 0; i < net->n_layers; i++) {
+        const struct layer *a = &net->layer[i];
+        int64_t shape[4] = {a->n_out, a->n_in, a->kernel, a->kernel};
+
+        snprintf(key, sizeof key, "features.%d.weight", a->place);
+        SPIN_TRY(take(t, key, 4, shape, &l->weights[i]));
+        snprintf(key, sizeof key, "features.%d.bias", a->place);
+        SPIN_TRY(take(t, key, 1, shape, &l->bias[i]));
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_lin(struct spin_torch *t, struct spin_lpips *l)
+{
+    int network = lin_of(t);
+    char key[64];
+
+    if (network < 0)
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "these are not linear heads of LPIPS for VGG or AlexNet (lin0.model.1."
+                         "weight)");
+    if (network != l->network)
+        return spin_fail(SPIN_E_USAGE, "these linear heads are for %s, the network is %s",
+                         networks[network].name, networks[l->network].name);
+    for (int s = 0; s < STAGES; s++) {
+        int64_t shape[4] = {1, stage_channels(network, s), 1, 1};
+
+        snprintf(key, sizeof key, "lin%d.model.1.weight", s);
+        SPIN_TRY(take(t, key, 4, shape, &l->lin[s]));
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_file(const char *path, struct spin_lpips *l,
+                             spin_status (*read)(struct spin_torch *, struct spin_lpips *))
+{
+    struct spin_torch t;
+    spin_status status = spin_torch_open(path, &t);
+
+    if (status == SPIN_OK) {
+        status = read(&t, l);
+        spin_torch_close(&t);
+        if (status != SPIN_OK)
+            status = spin_fail_context(status, "cannot read '%s'", path);
+    }
+    return status;
+}
+
+spin_status spin_lpips_open(const char *backbone, const char *lin, int n_threads,
+                            struct spin_lpips **out)
+{
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_conv_start());
+    SPIN_TRY(spin_alloc(1, sizeof **out, &block));
+    *out = block;
+    (*out)->n_threads = n_threads;
+    SPIN_TRY_OUT(read_file(backbone, *out, read_backbone));
+    SPIN_TRY_OUT(read_file(lin, *out, read_lin));
+    return SPIN_OK;
+out:
+    spin_lpips_close(*out);
+    *out = NULL;
+    return status;
+}
+
+int spin_lpips_network(const struct spin_lpips *l) { return l->network; }
+
+/* ---- Finding them in a folder --------------------------------------------------------------------- */
+
+struct found {
+    char *backbone[SPIN_N_LPIPS], *lin[SPIN_N_LPIPS];
+};
+
+/* A file that cannot be read is none of ours. */
+static spin_status look_at(const char *path, struct found *found)
+{
+    struct spin_torch t;
+    int backbone, lin;
+
+    if (spin_torch_open(path, &t) != SPIN_OK)
+        return SPIN_OK;
+    backbone = backbone_of(&t);
+    lin = lin_of(&t);
+    spin_torch_close(&t);
+    if (backbone >= 0 && !found->backbone[backbone])
+        return spin_strdup(path, &found->backbone[backbone]);
+    if (lin >= 0 && !found->lin[lin])
+        return spin_strdup(path, &found->lin[lin]);
+    return SPIN_OK;
+}
+
+static bool ends(const char *name, const char *with)
+{
+    size_t n = strlen(name), k = strlen(with);
+
+    return n >= k && strcmp(name + n - k, with) == 0;
+}
+
+static spin_status search(const char *folder, int depth, struct found *found)
+{
+    char **names = NULL;
+    size_t n = 0;
+    spin_status status = spin_folder_list(folder, &names, &n);
+
+    for (size_t i = 0; status == SPIN_OK && i < n; i++) {
+        char *path = NULL;
+
+        status = spin_path_join(folder, names[i], &path);
+        if (status == SPIN_OK && depth > 0 && spin_path_is_folder(path))
+            status = search(path, depth - 1, found);
+        else if (status == SPIN_OK && (ends(names[i], ".pth") || ends(names[i], ".pt")))
+            status = look_at(path, found);
+        free(path);
+    }
+    spin_folder_list_free(names);
+    return status;
+}
+
+spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips **out)
+{
+    struct found found = {{NULL}, {NULL}};
+    spin_status status;
+    int n = 0;
+
+    for (int k = 0; k < SPIN_N_LPIPS; k++)
+        out[k] = NULL;
+    status = search(folder, 2, &found);
+    for (int k = 0; status == SPIN_OK && k < SPIN_N_LPIPS; k++) {
+        if (!found.backbone[k] || !found.lin[k])
+            continue;
+        status = spin_lpips_open(found.backbone[k], found.lin[k], n_threads, &out[k]);
+        n++;
+    }
+    if (status == SPIN_OK && n == 0)
+        status = spin_fail(SPIN_E_NOT_FOUND,
+                           "'%s' holds no weights for LPIPS: it takes torchvision's vgg16 or "
+                           "alexnet and the linear heads of the lpips package for the same network",
+                           folder);
+    for (int k = 0; k < SPIN_N_LPIPS; k++) {
+        free(found.backbone[k]);
+        free(found.lin[k]);
+        if (status != SPIN_OK) {
+            spin_lpips_close(out[k]);
+            out[k] = NULL;
+        }
+    }
+    return status;
+}
+
+/* ---- The plan for pictures of one size ------------------------------------------------------------ */
+
+static void drop_plan(struct spin_lpips *l)
+{
+    for (int i = 0; i < MOST_LAYERS; i++)
+        spin_conv_close(&l->conv[i]);
+    for (int k = 0; k < 2; k++) {
+        for (int s = 0; s < STAGES; s++) {
+            free(l->feature[k][s]);
+            l->feature[k][s] = NULL;
+        }
+        free(l->work[k]);
+        l->work[k] = NULL;
+    }
+    l->width = l->height = 0;
+}
+
+static int pooled(int n, int window) { return window ? (n - window) / 2 + 1 : n; }
+
+static spin_status plan_layers(struct spin_lpips *l, int width, int height)
+{
+    const struct network *net = &networks[l->network];
+    size_t most = 3 * (size_t)width * (size_t)height;
+    int stage = 0;
+
+    for (int i = 0; i < net->n_layers; i++) {
+        const struct layer *a = &net->layer[i];
+        struct spin_conv_shape shape = {.n_in = a->n_in,
+                                        .height = pooled(height, a->pool),
+                                        .width = pooled(width, a->pool),
+                                        .n_out = a->n_out,
+                                        .kernel = a->kernel,
+                                        .stride = a->stride,
+                                        .pad = a->pad};
+        size_t n;
+
+        SPIN_TRY(spin_conv_open(&shape, l->weights[i], l->bias[i], l->n_threads, &l->conv[i]));
+        width = l->conv[i].out_width;
+        height = l->conv[i].out_height;
+        n = (size_t)a->n_out * (size_t)width * (size_t)height;
+        most = n > most ? n : most;
+        if (!a->stage)
+            continue;
+        for (int k = 0; k < 2; k++)
+            SPIN_TRY(spin_alloc(n, sizeof(float), (void **)&l->feature[k][stage]));
+        stage++;
+    }
+    for (int k = 0; k < 2; k++)
+        SPIN_TRY(spin_alloc(most, sizeof(float), (void **)&l->work[k]));
+    return SPIN_OK;
+}
+
+static spin_status plan(struct spin_lpips *l, int width, int height)
+{
+    if (width < SPIN_LPIPS_SMALLEST || height < SPIN_LPIPS_SMALLEST)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "LPIPS needs pictures of %d x %d pixels at least, not %d x %d",
+                         SPIN_LPIPS_SMALLEST, SPIN_LPIPS_SMALLEST, width, height);
+    if (l->width == width && l->height == height)
+        return SPIN_OK;
+    drop_plan(l);
+    SPIN_TRY(plan_layers(l, width, height));
+    l->width = width;
+    l->height = height;
+    return SPIN_OK;
+}
+
+void spin_lpips_close(struct spin_lpips *l)
+{
+    if (!l)
+        return;
+    drop_plan(l);
+    for (int i = 0; i < MOST_LAYERS; i++) {
+        free(l->weights[i]);
+        free(l->bias[i]);
+    }
+    for (int s = 0; s < STAGES; s++)
+        free(l->lin[s]);
+    free(l);
+}
+
+/* ---- Features and their distance ------------------------------------------------------------------ */
+
+static void max_pool(int n, int width, int height, int window, const float *in, float *out)
+{
+    int to_width = pooled(width, window), to_height = pooled(height, window);
+
+    for (int c = 0; c < n; c++)
+        for (int y = 0; y < to_height; y++)
+            for (int x = 0; x < to_width; x++) {
+                const float *corner = in +
+                                      ((size_t)c * (size_t)height + 2 * (size_t)y) * (size_t)width +
+                                      2 * (size_t)x;
+                float most = corner[0];
+
+                for (int v = 0; v < window; v++)
+                    for (int u = 0; u < window; u++)
+                        most = fmaxf(most, corner[(size_t)v * (size_t)width + (size_t)u]);
+                *out++ = most;
+            }
+}
+
+static spin_status run_network(struct spin_lpips *l, const float *image, float *const *feature)
+{
+    const struct network *net = &networks[l->network];
+    size_t plane = (size_t)l->width * (size_t)l->height;
+    int width = l->width, height = l->height, stage = 0;
+    float *now = l->work[0], *next = l->work[1];
+
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < plane; i++)
+            now[c * plane + i] = (2 * image[c * plane + i] - 1 - shift[c]) / scale[c];
+    for (int i = 0; i < net->n_layers; i++) {
+        const struct layer *a = &net->layer[i];
+        float *keep;
+
+        if (a->pool) {
+            max_pool(a->n_in, width, height, a->pool, now, next);
+            keep = now;
+            now = next;
+            next = keep;
+        }
+        SPIN_TRY(spin_conv_run(&l->conv[i], now, next));
+        width = l->conv[i].out_width;
+        height = l->conv[i].out_height;
+        keep = now;
+        now = next;
+        next = keep;
+        if (a->stage)
+            memcpy(feature[stage++], now,
+                   (size_t)a->n_out * (size_t)width * (size_t)height * sizeof(float));
+    }
+    return SPIN_OK;
+}
+
+/* Sum over a block of pixels; planes are `plane` apart. */
+static double block_distance(int n_channels, size_t plane, size_t n, const float *f, const float *g,
+                             const float *lin)
+{
+    double f2[BLOCK] = {0}, g2[BLOCK] = {0}, sum = 0;
+
+    for (int c = 0; c < n_channels; c++)
+        for (size_t i = 0; i < n; i++) {
+            double x = (double)f[(size_t)c * plane + i], y = (double)g[(size_t)c * plane + i];
+
+            f2[i] += x * x;
+            g2[i] += y * y;
+        }
+    for (size_t i = 0; i < n; i++) {
+        f2[i] = 1 / (sqrt(f2[i]) + smallest_length);
+        g2[i] = 1 / (sqrt(g2[i]) + smallest_length);
+    }
+    for (int c = 0; c < n_channels; c++) {
+        double part = 0;
+
+        for (size_t i = 0; i < n; i++) {
+            double d =
+                (double)f[(size_t)c * plane + i] * f2[i] - (double)g[(size_t)c * plane + i] * g2[i];
+
+            part += d * d;
+        }
+        sum += part * (double)lin[c];
+    }
+    return sum;
+}
+
+static double stage_distance(int n_channels, size_t plane, const float *f, const float *g,
+                             const float *lin)
+{
+    double sum = 0;
+
+    for (size_t at = 0; at < plane; at += BLOCK)
+        sum += block_distance(n_channels, plane, plane - at < BLOCK ? plane - at : BLOCK, f + at,
+                              g + at, lin);
+    return sum / (double)plane;
+}
+
+spin_status spin_lpips_compare(struct spin_lpips *l, int width, int height, const float *image,
+                               const float *truth, double *distance,
+                               double stages[SPIN_LPIPS_STAGES])
+{
+    const struct network *net = &networks[l->network];
+    int stage = 0;
+
+    *distance = NAN;
+    SPIN_TRY(plan(l, width, height));
+    SPIN_TRY(run_network(l, image, l->feature[0]));
+    SPIN_TRY(run_network(l, truth, l->feature[1]));
+    *distance = 0;
+    for (int i = 0; i < net->n_layers; i++) {
+        size_t plane = (size_t)l->conv[i].out_width * (size_t)l->conv[i].out_height;
+        double d;
+
+        if (!net->layer[i].stage)
+            continue;
+        d = stage_distance(net->layer[i].n_out, plane, l->feature[0][stage], l->feature[1][stage],
+                           l->lin[stage]);
+        if (stages)
+            stages[stage] = d;
+        *distance += d;
+        stage++;
+    }
+    return SPIN_OK;
+}

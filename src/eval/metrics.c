@@ -1,0 +1,244 @@
+/* Evaluation: draw every view, compare, average. */
+#include "eval/metrics.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "math/loss.h"
+
+spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
+                              int n)
+{
+    size_t w = (size_t)width, h = (size_t)height, gap = 4;
+    size_t whole = w * (size_t)n + gap * (size_t)(n - 1);
+    void *block = NULL;
+    float *sheet;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(3 * whole * h, sizeof(float), &block));
+    sheet = block;
+    for (size_t i = 0; i < 3 * whole * h; i++)
+        sheet[i] = 1.0f;
+    for (size_t k = 0; k < (size_t)n; k++)
+        for (size_t row = 0; row < 3 * h; row++)
+            memcpy(sheet + row * whole + k * (w + gap), picture[k] + row * w, w * sizeof(float));
+    status = spin_image_save(path, (int)whole, height, sheet, false);
+    free(block);
+    return status;
+}
+
+/* The source's picture of the same view, when there is a source to show. */
+static spin_status draw_source(struct spin_metrics *m, const struct spin_pair *pair, float **out)
+{
+    const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
+    void *block = NULL;
+
+    *out = NULL;
+    if (!m->source)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(3 * (size_t)c->width * (size_t)c->height, sizeof(float), &block));
+    *out = block;
+    SPIN_TRY(spin_frame_renderer_show(m->source, m->clip->frame[pair->frame]));
+    return spin_frame_renderer_draw(m->source, c, m->background, *out);
+}
+
+static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pair, int number,
+                             const float *truth, const float *image)
+{
+    const struct spin_view *view = &m->clip->views.view[pair->view];
+    const float *picture[3];
+    char name[64];
+    char *path = NULL;
+    float *source = NULL;
+    int n = 0;
+    spin_status status;
+
+    snprintf(name, sizeof name, "cam_%02d_frame_%05d.png", view->camera_id, number);
+    SPIN_TRY_OUT(draw_source(m, pair, &source));
+    SPIN_TRY_OUT(spin_path_join(m->images, name, &path));
+    picture[n++] = truth;
+    if (source)
+        picture[n++] = source;
+    picture[n++] = image;
+    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
+out:
+    free(source);
+    free(path);
+    return status;
+}
+
+static spin_status show(struct spin_metrics *m, int frame)
+{
+    int index = m->clip->frame[frame];
+
+    if (m->live_counts)
+        return spin_frame_renderer_show_live(m->frame_renderer, frame, m->live_counts[frame],
+                                             m->clip->bundle.meta.frame[index].time);
+    return spin_frame_renderer_show(m->frame_renderer, index);
+}
+
+/* PSNR in and outside the mask, of views that have enough of both to say something. */
+static void compare_dynamic(const struct spin_dynamic_mask *dynamic, size_t n_dynamic, size_t plane,
+                            const float *image, const float *truth, struct spin_quality *q)
+{
+    enum { FEWEST_PIXELS = 16 };
+    double sum[2] = {0, 0};
+
+    if (!dynamic || dynamic->from == SPIN_DYNAMIC_OFF)
+        return;
+    q->dynamic = (double)n_dynamic / (double)plane;
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < plane; i++) {
+            double d = (double)(image[c * plane + i] - truth[c * plane + i]);
+
+            sum[dynamic->mask[i]] += d * d;
+        }
+    if (n_dynamic >= FEWEST_PIXELS)
+        q->psnr_dynamic = spin_psnr(sum[1] / (3 * (double)n_dynamic));
+    if (plane - n_dynamic >= FEWEST_PIXELS)
+        q->psnr_static = spin_psnr(sum[0] / (3 * (double)(plane - n_dynamic)));
+}
+
+static spin_status draw_one(struct spin_metrics *m, size_t i, float *image)
+{
+    const struct spin_pair *pair = &m->pairs[i];
+    double start = spin_now_s();
+
+    if (i == 0 || m->pairs[i - 1].frame != pair->frame) {
+        SPIN_TRY(show(m, pair->frame));
+        SPIN_TRY(m->frame_renderer->device->op->wait(m->frame_renderer->device));
+        m->seconds_decode += spin_now_s() - start;
+        m->n_decoded++;
+        start = spin_now_s();
+    }
+    SPIN_TRY(spin_frame_renderer_draw(m->frame_renderer, &m->clip->views.view[pair->view].camera,
+                                      m->background, image));
+    m->seconds_draw += spin_now_s() - start;
+    return SPIN_OK;
+}
+
+static spin_status measure_one(struct spin_metrics *m, size_t i, float *image, float *truth,
+                               struct spin_eval_view *out)
+{
+    const struct spin_pair *pair = &m->pairs[i];
+    const struct spin_view *view = &m->clip->views.view[pair->view];
+    const struct spin_camera *camera = &view->camera;
+    struct spin_quality *q = &out->q;
+    size_t n_dynamic = 0;
+
+    SPIN_TRY(draw_one(m, i, image));
+    SPIN_TRY(spin_image_cache_get(m->pixels, pair->view, truth));
+    out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
+    out->camera = view->camera_id;
+    *q = (struct spin_quality){
+        .psnr_dynamic = NAN, .psnr_static = NAN, .dynamic = NAN, .lpips = {NAN, NAN}};
+    q->valid = true;
+    SPIN_TRY(spin_frame_renderer_compare(m->frame_renderer, camera->width, camera->height, image,
+                                         truth, q));
+    if (m->dynamic)
+        SPIN_TRY(spin_dynamic_mask_find(m->dynamic, pair->view, truth, &n_dynamic));
+    compare_dynamic(m->dynamic, n_dynamic, (size_t)camera->width * (size_t)camera->height, image,
+                    truth, q);
+    for (int k = 0; k < SPIN_N_LPIPS; k++)
+        if (m->lpips[k])
+            SPIN_TRY(spin_lpips_compare(m->lpips[k], camera->width, camera->height, image, truth,
+                                        &q->lpips[k], NULL));
+    if (m->images)
+        SPIN_TRY(save_view(m, pair, out->frame, truth, image));
+    return SPIN_OK;
+}
+
+/* ---- Means -------------------------------------------------------------------------------------- */
+
+static void add_one(double value, double *sum, size_t *n)
+{
+    if (isnan(value))
+        return;
+    *sum += value;
+    ++*n;
+}
+
+void spin_quality_add(struct spin_quality_sum *s, const struct spin_quality *q)
+{
+    s->n++;
+    s->sum.psnr += q->psnr;
+    s->sum.ssim += q->ssim;
+    s->sum.psnr_channel_mean += q->psnr_channel_mean;
+    add_one(q->psnr_dynamic, &s->sum.psnr_dynamic, &s->n_dynamic);
+    add_one(q->psnr_static, &s->sum.psnr_static, &s->n_still);
+    add_one(q->dynamic, &s->sum.dynamic, &s->n_share);
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        add_one(q->lpips[i], &s->sum.lpips[i], &s->n_lpips[i]);
+}
+
+static double mean_of(double sum, size_t n) { return n ? sum / (double)n : NAN; }
+
+struct spin_quality spin_quality_mean(const struct spin_quality_sum *s)
+{
+    struct spin_quality mean = {
+        .valid = s->n > 0,
+        .psnr = mean_of(s->sum.psnr, s->n),
+        .ssim = mean_of(s->sum.ssim, s->n),
+        .psnr_channel_mean = mean_of(s->sum.psnr_channel_mean, s->n),
+        .psnr_dynamic = mean_of(s->sum.psnr_dynamic, s->n_dynamic),
+        .psnr_static = mean_of(s->sum.psnr_static, s->n_still),
+        .dynamic = mean_of(s->sum.dynamic, s->n_share),
+    };
+
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        mean.lpips[i] = mean_of(s->sum.lpips[i], s->n_lpips[i]);
+    return mean;
+}
+
+/* ---- All views ---------------------------------------------------------------------------------- */
+
+static size_t largest_picture(const struct spin_metrics *m)
+{
+    size_t most = 1;
+
+    for (size_t i = 0; i < m->n_pairs; i++) {
+        const struct spin_camera *c = &m->clip->views.view[m->pairs[i].view].camera;
+        size_t pixels = (size_t)c->width * (size_t)c->height;
+
+        most = pixels > most ? pixels : most;
+    }
+    return most;
+}
+
+spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
+{
+    struct spin_quality_sum sum = {0};
+    struct spin_progress progress;
+    spin_status status;
+    void *block = NULL;
+    size_t values = 3 * largest_picture(m);
+
+    memset(mean, 0, sizeof *mean);
+    m->seconds_decode = m->seconds_draw = 0;
+    m->n_decoded = 0;
+    spin_progress_begin(&progress, m->what, "views", 0, (long long)m->n_pairs);
+    SPIN_TRY_OUT(spin_alloc(values, 2 * sizeof(float), &block));
+    for (size_t i = 0; i < m->n_pairs; i++) {
+        struct spin_eval_view one;
+
+        if (spin_cancelled()) {
+            status = spin_fail_cancelled();
+            goto out;
+        }
+        SPIN_TRY_OUT(measure_one(m, i, block, (float *)block + values, &one));
+        if (m->view)
+            m->view[i] = one;
+        spin_quality_add(&sum, &one.q);
+        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", one.q.psnr);
+    }
+    *mean = spin_quality_mean(&sum);
+    status = SPIN_OK;
+out:
+    spin_progress_end(&progress);
+    free(block);
+    return status;
+}

@@ -1,0 +1,43 @@
+/* How good a player's pictures are, over views (method.md section 8). */
+#ifndef SPIN_EVAL_METRICS_H
+#define SPIN_EVAL_METRICS_H
+
+#include "eval/lpips.h"
+#include "eval/dynamic_mask.h"
+#include "render/frame_renderer.h"
+
+struct spin_metrics {
+    struct spin_frame_renderer *frame_renderer;
+    const struct spin_clip *clip;
+    struct spin_image_cache *pixels;
+    const struct spin_pair *pairs; /* sorted by frame */
+    size_t n_pairs;
+    const float *background;
+    const size_t *live_counts;              /* live player: splats of each frame, else NULL */
+    struct spin_dynamic_mask *dynamic;      /* moving regions apart, or NULL */
+    struct spin_lpips *lpips[SPIN_N_LPIPS]; /* or NULL */
+    const char *images;                     /* folder for "truth | picture" PNGs, or NULL */
+    struct spin_frame_renderer *source;     /* "truth | source | picture" then; or NULL */
+    const char *what;                       /* for the progress line */
+    struct spin_eval_view *view;            /* [n_pairs] out, or NULL */
+    double seconds_decode;                  /* out: all frames, network or file to splats */
+    double seconds_draw;                    /* out: all views */
+    int n_decoded;                          /* out: frames */
+};
+
+/* Means over the views. */
+spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean);
+
+/* Means of qualities; NaN counts as not measured. Zero it to begin. */
+struct spin_quality_sum {
+    struct spin_quality sum;
+    size_t n, n_dynamic, n_still, n_share, n_lpips[SPIN_N_LPIPS];
+};
+void spin_quality_add(struct spin_quality_sum *sum, const struct spin_quality *q);
+struct spin_quality spin_quality_mean(const struct spin_quality_sum *sum);
+
+/* Pictures side by side into one PNG; every picture is [3][h][w]. */
+spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
+                              int n);
+
+#endif

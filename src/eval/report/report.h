@@ -1,0 +1,22 @@
+/* An evaluation as one page of HTML that needs nothing beside it: curves, tables, pictures. */
+#ifndef SPIN_EVAL_REPORT_REPORT_H
+#define SPIN_EVAL_REPORT_REPORT_H
+
+#include "render/frame_renderer.h"
+
+struct spin_report {
+    const char *path, *log; /* the page; what spin-retrain --log wrote, or NULL */
+    bool force;
+    const struct spin_eval_options *options;
+    const struct spin_clip *clip;
+    struct spin_image_cache *pixels;
+    const struct spin_pair *pairs; /* [n_views] of what was measured */
+    struct spin_frame_renderer *frame_renderer;
+    const struct spin_eval_report *after;
+    struct spin_frame_renderer *source;    /* what it is compared with; NULL: nothing */
+    const struct spin_eval_report *before; /* of source */
+};
+
+spin_status spin_report_write(const struct spin_report *report);
+
+#endif

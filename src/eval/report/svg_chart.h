@@ -1,0 +1,29 @@
+/* A line chart as inline SVG. Colours are the page's: classes line-0, line-1, ... */
+#ifndef SPIN_EVAL_REPORT_SVG_CHART_H
+#define SPIN_EVAL_REPORT_SVG_CHART_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+
+struct spin_svg_chart_line {
+    const char *name;
+    const double *x, *y; /* [n]; y that is not finite leaves a gap */
+    size_t n;
+    int style; /* which of the page's line classes */
+    bool dashed;
+};
+
+struct spin_svg_chart {
+    const char *title, *x_name, *y_name;
+    const struct spin_svg_chart_line *line;
+    int n_lines;
+};
+
+/* Nothing is written when no line has a point. */
+void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart);
+
+/* A step of 1, 2 or 5 times a power of ten that cuts `span` into `most` pieces or fewer. */
+double spin_svg_chart_step(double span, int most);
+
+#endif

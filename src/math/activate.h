@@ -1,0 +1,49 @@
+/* Raw head outputs to finished attributes and back (the table of method.md 3.4). Colour is the
+ * identity and needs no function. */
+#ifndef SPIN_MATH_ACTIVATE_H
+#define SPIN_MATH_ACTIVATE_H
+
+#include "math/approx.h"
+
+/* Truncated exponential: the clamp at 20 keeps the forward finite and does not cut the gradient. */
+SPIN_FN float spin_scale_of(float h) { return spin_exp(h > 20.0f ? 20.0f : h); }
+SPIN_FN float spin_scale_adj(float h, float d_scale) { return d_scale * spin_scale_of(h); }
+
+SPIN_FN float spin_opacity_of(float h) { return spin_sigmoid(h); }
+SPIN_FN float spin_opacity_adj(float h, float d_opacity)
+{
+    float o = spin_sigmoid(h);
+
+    return d_opacity * o * (1.0f - o);
+}
+
+/* 1 / max(|r|, 1e-12). In double: the squares of floats neither overflow nor vanish there. */
+SPIN_FN double spin_rotation_factor(const float r[4])
+{
+    double norm =
+        sqrt((double)r[0] * r[0] + (double)r[1] * r[1] + (double)r[2] * r[2] + (double)r[3] * r[3]);
+
+    return 1.0 / (norm > 1e-12 ? norm : 1e-12);
+}
+
+SPIN_FN void spin_rotation_of(const float r[4], float q[4])
+{
+    double k = spin_rotation_factor(r);
+
+    for (int i = 0; i < 4; i++)
+        q[i] = (float)(r[i] * k);
+}
+
+/* d_r = (g - q (q.g)) / |r|. Below the 1e-12 the divisor is a constant and q is far from unit
+ * length, so the second term fades out by itself. */
+SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4])
+{
+    double k = spin_rotation_factor(r), dot = 0.0;
+
+    for (int i = 0; i < 4; i++)
+        dot += r[i] * k * d_q[i];
+    for (int i = 0; i < 4; i++)
+        d_r[i] = (float)((d_q[i] - r[i] * k * dot) * k);
+}
+
+#endif

@@ -1,0 +1,454 @@
+/* Layout, first values and use of the implicit network (method.md section 3). */
+#include "model/field.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "device/clock.h"
+#include "math/grid.h"
+#include "math/rng.h"
+
+/* Streams of the counter-based generator that belong to the network's first values. */
+enum { STREAM_TABLE = 1, STREAM_HEADS = 2 };
+
+static const int head_outputs[SPIN_HEADS] = {3, 4, 48, 1};
+
+static void plan_heads(struct spin_heads *heads, int n_in, int hidden)
+{
+    size_t offset = 0;
+
+    memset(heads, 0, sizeof *heads);
+    heads->n_in = n_in;
+    heads->hidden = hidden;
+    for (int k = 0; k < SPIN_HEADS; k++) {
+        size_t h = (size_t)hidden;
+
+        heads->n_out[k] = head_outputs[k];
+        heads->offset[k] = offset;
+        offset += h * (size_t)n_in + h + h * h + h + (size_t)head_outputs[k] * (h + 1);
+    }
+    heads->offset[SPIN_HEADS] = offset;
+}
+
+static void count_parameters(struct spin_field *field)
+{
+    field->n_table =
+        (size_t)field->grid.offset[field->grid.n_levels] * (size_t)field->grid.n_features;
+    field->n_heads = field->heads.offset[SPIN_HEADS];
+}
+
+static spin_status check_shape(int levels, int features, int hidden, int sh_degree)
+{
+    if (levels < 1 || levels > SPIN_MAX_LEVELS)
+        return spin_fail(SPIN_E_USAGE, "cannot plan the network: %d levels, not 1 to %d", levels,
+                         SPIN_MAX_LEVELS);
+    if (features != 1 && features != 2 && features != 4 && features != 8)
+        return spin_fail(SPIN_E_USAGE, "cannot plan the network: %d features, not 1, 2, 4 or 8",
+                         features);
+    if (levels * features % 4 != 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "cannot plan the network: levels x features is %d, not a multiple of 4",
+                         levels * features);
+    if (hidden < 4 || hidden > 256 || hidden % 4 != 0)
+        return spin_fail(SPIN_E_USAGE,
+                         "cannot plan the network: hidden width %d, not a multiple of 4 up to 256",
+                         hidden);
+    if (sh_degree < 0 || sh_degree > 3)
+        return spin_fail(SPIN_E_USAGE, "cannot plan the network: SH degree %d, not 0 to 3",
+                         sh_degree);
+    return SPIN_OK;
+}
+
+spin_status spin_field_plan(struct spin_field *field, int levels, int features, int hash_log2,
+                            int hidden, int sh_degree, const int base[4], const int finest[4])
+{
+    uint64_t offset = 0;
+
+    memset(field, 0, sizeof *field);
+    SPIN_TRY(check_shape(levels, features, hidden, sh_degree));
+    if (hash_log2 < 4 || hash_log2 > 26)
+        return spin_fail(SPIN_E_USAGE,
+                         "cannot plan the network: table of 2^%d rows, not 2^4 to 2^26", hash_log2);
+    for (int d = 0; d < 4; d++)
+        if (base[d] < 2 || finest[d] < base[d] || finest[d] > 65536)
+            return spin_fail(SPIN_E_USAGE,
+                             "cannot plan the network: resolution %d to %d on axis %d, not "
+                             "2 <= base <= finest <= 65536",
+                             base[d], finest[d], d);
+    field->grid.n_levels = levels;
+    field->grid.n_features = features;
+    field->sh_degree = sh_degree;
+    for (int l = 0; l < levels; l++) {
+        int hashed = 0;
+
+        field->grid.offset[l] = (uint32_t)offset;
+        offset += spin_grid_level(l, levels, base, finest, hash_log2, field->grid.scale[l],
+                                  field->grid.res[l], &hashed);
+        field->grid.hashed[l] = (uint8_t)hashed;
+    }
+    if (offset > UINT32_MAX / 8)
+        return spin_fail(SPIN_E_USAGE, "cannot plan the network: %llu rows are more than 2^29",
+                         (unsigned long long)offset);
+    field->grid.offset[levels] = (uint32_t)offset;
+    plan_heads(&field->heads, levels * features, hidden);
+    count_parameters(field);
+    field->transform.inv_radius = 1.0f;
+    return SPIN_OK;
+}
+
+static void fill_uniform(float *out, size_t n, uint64_t seed, uint32_t stream, uint64_t first,
+                         float bound)
+{
+    for (size_t i = 0; i < n; i++)
+        out[i] = bound * (2.0f * spin_rng_uniform(seed, stream, first + i) - 1.0f);
+}
+
+void spin_field_init(const struct spin_field *field, uint64_t seed, double range,
+                     double init_log_scale, float *table, float *heads)
+{
+    const struct spin_heads *h = &field->heads;
+
+    fill_uniform(table, field->n_table, seed, STREAM_TABLE, 0, (float)range);
+    for (int k = 0; k < SPIN_HEADS; k++) {
+        float *p = heads + h->offset[k];
+        size_t hidden = (size_t)h->hidden, n_in = (size_t)h->n_in, n_out = (size_t)h->n_out[k];
+        size_t first = h->offset[k];
+        size_t layer[3] = {hidden * (n_in + 1), hidden * (hidden + 1), n_out * (hidden + 1)};
+        float *last_bias = p + layer[0] + layer[1] + n_out * hidden;
+
+        for (int i = 0; i < 3; i++) {
+            float bound = 1.0f / sqrtf((float)(i == 0 ? n_in : hidden));
+
+            fill_uniform(p, layer[i], seed, STREAM_HEADS, first, bound);
+            p += layer[i];
+            first += layer[i];
+        }
+        if (k == SPIN_HEAD_SCALE)
+            for (int i = 0; i < 3; i++)
+                last_bias[i] = (float)init_log_scale;
+        if (k == SPIN_HEAD_ROTATION)
+            for (int i = 0; i < 4; i++)
+                last_bias[i] = i == 0 ? 1.0f : 0.0f;
+        if (k == SPIN_HEAD_OPACITY)
+            last_bias[0] = logf(0.1f / 0.9f);
+    }
+}
+
+void spin_field_clear_sh(const struct spin_field *field, float *heads)
+{
+    const struct spin_heads *h = &field->heads;
+    size_t hidden = (size_t)h->hidden, n_in = (size_t)h->n_in;
+    size_t n_out = (size_t)h->n_out[SPIN_HEAD_SH];
+    float *w3 = heads + h->offset[SPIN_HEAD_SH] + hidden * (n_in + 1) + hidden * (hidden + 1);
+
+    memset(w3 + 3 * hidden, 0, (n_out - 3) * hidden * sizeof *w3);
+    memset(w3 + n_out * hidden + 3, 0, (n_out - 3) * sizeof *w3);
+}
+
+void spin_field_clear_heads(const struct spin_field *field, float *heads)
+{
+    const struct spin_heads *h = &field->heads;
+    size_t hidden = (size_t)h->hidden;
+
+    for (int k = 0; k < SPIN_HEADS; k++) {
+        size_t n = (size_t)h->n_out[k] * (hidden + 1);
+
+        memset(heads + h->offset[k + 1] - n, 0, n * sizeof *heads);
+    }
+}
+
+float spin_field_time(const struct spin_field *field, double time)
+{
+    double span = field->time_last - field->time_first;
+    double t = span > 0 ? (time - field->time_first) / span : 0.0;
+
+    return (float)(t < 0 ? 0 : t > 1 ? 1 : t);
+}
+
+/* ---- meta.json ------------------------------------------------------------------------------- */
+
+spin_json *spin_field_to_json(const struct spin_field *field)
+{
+    spin_json *j = spin_json_object(), *transform = spin_json_object(), *centre = spin_json_array();
+    spin_json *scale = spin_json_array(), *res = spin_json_array();
+    spin_json *offset = spin_json_array(), *hashed = spin_json_array();
+
+    for (int l = 0; l < field->grid.n_levels; l++) {
+        spin_json *s = spin_json_array(), *r = spin_json_array();
+
+        for (int d = 0; d < 4; d++) {
+            spin_json_push_number(s, (double)field->grid.scale[l][d]);
+            spin_json_push_number(r, (double)field->grid.res[l][d]);
+        }
+        spin_json_push(scale, s);
+        spin_json_push(res, r);
+        spin_json_push_number(offset, (double)field->grid.offset[l]);
+        spin_json_push_number(hashed, field->grid.hashed[l]);
+    }
+    spin_json_push_number(offset, (double)field->grid.offset[field->grid.n_levels]);
+    for (int i = 0; i < 3; i++)
+        spin_json_push_number(centre, (double)field->transform.centre[i]);
+    spin_json_set(transform, "centre", centre);
+    spin_json_set_number(transform, "inv_radius", (double)field->transform.inv_radius);
+    if (field->transform.raw) /* said only where it is not as in the paper */
+        spin_json_set_bool(transform, "raw", true);
+    if (field->heads.relu)
+        spin_json_set_string(j, "activation", "relu");
+    if (field->antialias)
+        spin_json_set_bool(j, "antialias", true);
+    spin_json_set_integer(j, "levels", field->grid.n_levels);
+    spin_json_set_integer(j, "features", field->grid.n_features);
+    spin_json_set_integer(j, "hidden", field->heads.hidden);
+    spin_json_set_integer(j, "sh_degree", field->sh_degree);
+    spin_json_set(j, "scale", scale);
+    spin_json_set(j, "res", res);
+    spin_json_set(j, "offset", offset);
+    spin_json_set(j, "hashed", hashed);
+    spin_json_set(j, "norm", transform);
+    spin_json_set_number(j, "time_first", field->time_first);
+    spin_json_set_number(j, "time_last", field->time_last);
+    return j;
+}
+
+static bool get_int(const spin_json *j, const char *key, int lo, int hi, int *out)
+{
+    int64_t v;
+
+    if (!spin_json_integer(spin_json_get(j, key), &v) || v < lo || v > hi)
+        return false;
+    *out = (int)v;
+    return true;
+}
+
+static bool get_float(const spin_json *j, double lo, double hi, float *out)
+{
+    double v;
+
+    if (!spin_json_number(j, &v) || !(v >= lo && v <= hi))
+        return false;
+    *out = (float)v;
+    return true;
+}
+
+static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
+{
+    const spin_json *scale = spin_json_at(spin_json_get(json, "scale"), (size_t)l);
+    const spin_json *res = spin_json_at(spin_json_get(json, "res"), (size_t)l);
+    double offset, hashed, r;
+
+    for (size_t d = 0; d < 4; d++) {
+        if (!get_float(spin_json_at(scale, d), 0, 65536, &grid->scale[l][d]) ||
+            !spin_json_number(spin_json_at(res, d), &r) || !(r >= 1 && r <= 65537))
+            return false;
+        grid->res[l][d] = (uint32_t)r;
+    }
+    if (!spin_json_number(spin_json_at(spin_json_get(json, "offset"), (size_t)l + 1), &offset) ||
+        !(offset > grid->offset[l] && offset <= UINT32_MAX / 8) ||
+        !spin_json_number(spin_json_at(spin_json_get(json, "hashed"), (size_t)l), &hashed))
+        return false;
+    grid->offset[l + 1] = (uint32_t)offset;
+    grid->hashed[l] = hashed != 0;
+    return true;
+}
+
+spin_status spin_field_from_json(const spin_json *json, struct spin_field *out)
+{
+    const spin_json *transform = spin_json_get(json, "norm");
+    const char *activation = spin_json_string(spin_json_get(json, "activation"));
+    int levels, features, hidden, sh_degree;
+
+    memset(out, 0, sizeof *out);
+    if (!get_int(json, "levels", 1, SPIN_MAX_LEVELS, &levels) ||
+        !get_int(json, "features", 1, 8, &features) || !get_int(json, "hidden", 4, 256, &hidden) ||
+        !get_int(json, "sh_degree", 0, 3, &sh_degree) ||
+        check_shape(levels, features, hidden, sh_degree) != SPIN_OK)
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad shape of the network");
+    out->grid.n_levels = levels;
+    out->grid.n_features = features;
+    out->sh_degree = sh_degree;
+    for (int l = 0; l < levels; l++)
+        if (!read_level(json, l, &out->grid))
+            return spin_fail(SPIN_E_MALFORMED, "meta.json: bad grid level %d of the network", l);
+    plan_heads(&out->heads, levels * features, hidden);
+    out->heads.relu = activation && strcmp(activation, "relu") == 0;
+    if (activation && !out->heads.relu && strcmp(activation, "gelu") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "meta.json: the network's activation is '%.32s'",
+                         activation);
+    spin_json_bool(spin_json_get(transform, "raw"), &out->transform.raw);
+    spin_json_bool(spin_json_get(json, "antialias"), &out->antialias);
+    count_parameters(out);
+    for (size_t i = 0; i < 3; i++)
+        if (!get_float(spin_json_at(spin_json_get(transform, "centre"), i), -1e30, 1e30,
+                       &out->transform.centre[i]))
+            return spin_fail(SPIN_E_MALFORMED, "meta.json: bad norm of the network");
+    if (!get_float(spin_json_get(transform, "inv_radius"), 1e-30, 1e30,
+                   &out->transform.inv_radius) ||
+        !spin_json_number(spin_json_get(json, "time_first"), &out->time_first) ||
+        !spin_json_number(spin_json_get(json, "time_last"), &out->time_last))
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad norm or times of the network");
+    return SPIN_OK;
+}
+
+/* ---- Decoding a frame ------------------------------------------------------------------------ */
+
+/* The pieces, once: floats (or rows) per splat. Walked to count, to reserve and to release. */
+struct piece {
+    void **at;
+    size_t floats;
+    bool training;
+};
+
+static int list_pieces(struct spin_field_eval *w, const struct spin_field *field,
+                       struct piece piece[9])
+{
+    size_t n_in = (size_t)field->heads.n_in;
+    const struct piece all[9] = {
+        {(void **)&w->x_u, 4, false},           {(void **)&w->z, n_in, false},
+        {(void **)&w->raw, SPIN_ATTR, false},   {(void **)&w->attr, SPIN_ATTR, false},
+        {(void **)&w->d_attr, SPIN_ATTR, true}, {(void **)&w->d_raw, SPIN_ATTR, true},
+        {(void **)&w->d_z, n_in, true},         {(void **)&w->d_x_u, 4, true},
+        {(void **)&w->rows, 1, true},
+    };
+
+    memcpy(piece, all, sizeof all);
+    return 9;
+}
+
+size_t spin_field_eval_bytes(const struct spin_field *field, size_t capacity, bool training)
+{
+    struct spin_field_eval w;
+    struct piece piece[9];
+    int n = list_pieces(&w, field, piece);
+    size_t floats = 0;
+
+    for (int i = 0; i < n; i++)
+        if (training || !piece[i].training)
+            floats += piece[i].floats;
+    if (training)
+        floats += (size_t)field->grid.n_levels * 4; /* the grid's scratch for d_x_u */
+    return capacity * floats * sizeof(float);
+}
+
+spin_status spin_field_eval_open(struct spin_field_eval *w, struct spin_device *device,
+                                 const struct spin_field *field, size_t capacity, bool training)
+{
+    struct piece piece[9];
+    int n;
+
+    memset(w, 0, sizeof *w);
+    w->device = device;
+    w->capacity = capacity;
+    w->training = training;
+    n = list_pieces(w, field, piece);
+    for (int i = 0; i < n; i++) {
+        spin_status status;
+
+        if (piece[i].training && !training)
+            continue;
+        status =
+            device->op->reserve(device, capacity * piece[i].floats * sizeof(float), piece[i].at);
+        if (status != SPIN_OK) {
+            spin_field_eval_close(w, field);
+            return status;
+        }
+    }
+    return SPIN_OK;
+}
+
+void spin_field_eval_close(struct spin_field_eval *w, const struct spin_field *field)
+{
+    struct piece piece[9];
+    int n;
+
+    if (!w->device)
+        return;
+    n = list_pieces(w, field, piece);
+    for (int i = 0; i < n; i++)
+        w->device->op->release(w->device, *piece[i].at,
+                               w->capacity * piece[i].floats * sizeof(float));
+    memset(w, 0, sizeof *w);
+}
+
+void spin_field_forward(struct spin_field_eval *w, const struct spin_field *field, float *table,
+                        const float *heads, size_t n, const float *pos_w, float t,
+                        const float *residual)
+{
+    struct spin_device *d = w->device;
+
+    SPIN_TIMED(d, SPIN_OP_CONTRACT, d->op->contract(d, &field->transform, n, pos_w, t, w->x_u));
+    if (w->lazy)
+        SPIN_TIMED(d, SPIN_OP_GRID,
+                   d->op->lazy_grid(d, &field->grid, w->lazy, table, w->m, w->v, n, w->x_u, w->z));
+    else
+        SPIN_TIMED(d, SPIN_OP_GRID, d->op->grid(d, &field->grid, table, n, w->x_u, w->z));
+    SPIN_TIMED(d, SPIN_OP_MLP, d->op->mlp(d, &field->heads, heads, n, w->z, w->raw));
+    if (residual)
+        SPIN_TIMED(d, SPIN_OP_ACTIVATE, d->op->residual(d, n, residual, w->raw));
+    SPIN_TIMED(d, SPIN_OP_ACTIVATE, d->op->attr(d, n, w->raw, w->attr));
+}
+
+void spin_field_backward(struct spin_field_eval *w, const struct spin_field *field,
+                         const float *table, const float *heads, size_t n, const float *pos_w,
+                         float *d_table, float *d_heads, float *d_pos_w, float *d_residual)
+{
+    struct spin_device *d = w->device;
+    size_t n_rows;
+
+    SPIN_TIMED(d, SPIN_OP_NONZERO_GRAD, n_rows = d->op->active(d, n, w->d_attr, d_pos_w, w->rows));
+    if (w->d_scale != 0 || w->d_opacity != 0)
+        d->op->regularise_back(d, n_rows, w->rows, w->d_scale, w->d_opacity, w->d_attr);
+    SPIN_TIMED(d, SPIN_OP_ACTIVATE_BACK,
+               d->op->activate_back(d, n_rows, w->rows, w->raw, w->d_attr, w->d_raw));
+    if (d_residual)
+        SPIN_TIMED(d, SPIN_OP_ACTIVATE_BACK,
+                   d->op->residual_back(d, n, n_rows, w->rows, w->d_raw, d_residual));
+    SPIN_TIMED(
+        d, SPIN_OP_MLP_BACK,
+        d->op->mlp_back(d, &field->heads, heads, n_rows, w->rows, w->z, w->d_raw, d_heads, w->d_z));
+    SPIN_TIMED(d, SPIN_OP_GRID_BACK,
+               d->op->grid_back(d, &field->grid, table, n_rows, w->rows, w->x_u, w->d_z, d_table,
+                                w->still ? NULL : w->d_x_u));
+    if (!w->still)
+        SPIN_TIMED(
+            d, SPIN_OP_CONTRACT,
+            d->op->contract_back(d, &field->transform, n_rows, w->rows, pos_w, w->d_x_u, d_pos_w));
+}
+
+/* ---- Rows and columns ------------------------------------------------------------------------ */
+
+/* Log scale and logit opacity are what the heads put out, so nothing is lost to exp and back. */
+void spin_attr_to_splats(const float *raw, const float *attr, struct spin_splats *s)
+{
+    size_t k = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1) * 3;
+
+    for (size_t i = 0; i < s->n; i++) {
+        const float *r = raw + i * SPIN_ATTR, *a = attr + i * SPIN_ATTR;
+
+        if (s->log_scales)
+            for (int c = 0; c < 3; c++)
+                s->log_scales[i * 3 + (size_t)c] = fminf(r[SPIN_ATTR_SCALE + c], 20.0f);
+        if (s->quats)
+            memcpy(s->quats + i * 4, a + SPIN_ATTR_ROTATION, 4 * sizeof(float));
+        if (s->sh)
+            memcpy(s->sh + i * k, a + SPIN_ATTR_SH, k * sizeof(float));
+        if (s->logit_opacities)
+            s->logit_opacities[i] = r[SPIN_ATTR_OPACITY];
+    }
+}
+
+void spin_attr_from_splats(const struct spin_splats *s, float *attr)
+{
+    size_t k = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1) * 3;
+
+    for (size_t i = 0; i < s->n; i++) {
+        float *row = attr + i * SPIN_ATTR;
+
+        for (int c = 0; c < 3; c++)
+            row[SPIN_ATTR_SCALE + c] = expf(s->log_scales[i * 3 + (size_t)c]);
+        memcpy(row + SPIN_ATTR_ROTATION, s->quats + i * 4, 4 * sizeof(float));
+        memset(row + SPIN_ATTR_SH, 0, 48 * sizeof(float));
+        memcpy(row + SPIN_ATTR_SH, s->sh + i * k, k * sizeof(float));
+        row[SPIN_ATTR_OPACITY] = 1.0f / (1.0f + expf(-s->logit_opacities[i]));
+    }
+}

@@ -1,0 +1,446 @@
+/* Frames to pictures. */
+#include "render/frame_renderer.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "math/loss.h"
+
+bool spin_bundle_has_network(const struct spin_bundle *bundle)
+{
+    return spin_json_get(bundle->json, "network") != NULL;
+}
+
+spin_status spin_frame_renderer_choose(const struct spin_bundle *bundle, bool source,
+                                       enum spin_splat_source *out)
+{
+    if (!source && spin_bundle_has_network(bundle))
+        *out = SPIN_FROM_NETWORK;
+    else if (!source && !(SPIN_COL_ATTRIBUTES & ~bundle->refined.columns))
+        *out = SPIN_FROM_REFINED;
+    else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
+        *out = SPIN_FROM_SOURCE;
+    else if (source)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only, no source attributes",
+                         bundle->path);
+    else
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds positions only: run spin-retrain first",
+                         bundle->path);
+    return SPIN_OK;
+}
+
+/* ---- Values that are not finite ---------------------------------------------------------------- */
+
+/* x * 0 is 0 for a finite x and NaN for any other: a sum of them tells without a branch. */
+static float zeros(const float *x, size_t n)
+{
+    float sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += x[i] * 0.0f;
+    return sum;
+}
+
+/* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point. */
+static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
+{
+    const float *scale = s->log_scales + 3 * i;
+
+    return zeros(s->means + 3 * i, 3) + zeros(s->quats + 4 * i, 4) +
+                   zeros(s->sh + n_sh * i, n_sh) ==
+               0.0f &&
+           scale[0] < INFINITY && scale[1] < INFINITY && scale[2] < INFINITY &&
+           !isnan(s->logit_opacities[i]);
+}
+
+static void add_bad(struct spin_frame_renderer *p, int index, size_t n_bad)
+{
+    p->looked[index] = 1;
+    p->n_bad += n_bad;
+    p->n_bad_frames += n_bad > 0;
+}
+
+static void count_stored(struct spin_frame_renderer *p, int index, const struct spin_splats *s)
+{
+    size_t n_sh = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1), n_bad = 0;
+
+    if (!p->looked || p->looked[index])
+        return;
+    for (size_t i = 0; i < s->n; i++)
+        n_bad += !is_drawable(s, i, n_sh);
+    add_bad(p, index, n_bad);
+}
+
+/* Of the network's splats: positions and, or NULL, their own values; the rest follows from weights. */
+static void count_network(struct spin_frame_renderer *p, int index, size_t n, const float *means,
+                          const float *residual)
+{
+    size_t n_bad = 0;
+
+    if (!p->looked || p->looked[index])
+        return;
+    for (size_t i = 0; i < n; i++)
+        n_bad += zeros(means + 3 * i, 3) +
+                     (residual ? zeros(residual + SPIN_RESIDUAL * i, SPIN_RESIDUAL) : 0) !=
+                 0.0f;
+    add_bad(p, index, n_bad);
+}
+
+static void warn_bad(const struct spin_frame_renderer *p)
+{
+    if (p->n_bad == 0 || p->bundle->told_not_finite)
+        return;
+    p->bundle->told_not_finite = true;
+    spin_warn("'%s': %llu splats in %d of its frames have values that are not finite, and are not "
+              "drawn",
+              p->bundle->path, (unsigned long long)p->n_bad, p->n_bad_frames);
+}
+
+static spin_status check_weights(const char *name, const float *values, size_t n)
+{
+    size_t n_bad = 0;
+
+    for (size_t i = 0; i < n; i++)
+        n_bad += !isfinite(values[i]);
+    if (n_bad > 0)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %zu values that are not finite", name,
+                         n_bad);
+    return SPIN_OK;
+}
+
+/* ---- Opening ----------------------------------------------------------------------------------- */
+
+static spin_status load_array(struct spin_frame_renderer *p, const char *name, size_t n,
+                              float **out)
+{
+    struct spin_array a;
+    spin_status status;
+    void *host = NULL;
+
+    SPIN_TRY(spin_npz_array(&p->bundle->npz, name, false, &a));
+    if (a.kind != 'f' || a.item_size != 4 || a.count != n)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu of float32",
+                         name, (unsigned long long)a.count, n);
+    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void **)out));
+    if (spin_array_f32(&a)) {
+        SPIN_TRY(check_weights(name, spin_array_f32(&a), n));
+        p->device->op->upload(p->device, *out, spin_array_f32(&a), n * sizeof(float));
+        return SPIN_OK;
+    }
+    status = spin_alloc(n, sizeof(float), &host);
+    if (status == SPIN_OK) {
+        spin_array_to_f32(&a, 0, n, host);
+        status = check_weights(name, host, n);
+        p->device->op->upload(p->device, *out, host, n * sizeof(float));
+    }
+    free(host);
+    return status;
+}
+
+spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_device *device,
+                                     struct spin_bundle *bundle, enum spin_splat_source from)
+{
+    spin_status status;
+
+    memset(p, 0, sizeof *p);
+    p->device = device;
+    p->bundle = bundle;
+    p->from = from;
+    p->now_frame = -1;
+    if (bundle)
+        SPIN_TRY(spin_alloc((size_t)bundle->meta.n_frames, 1, (void **)&p->looked));
+    if (from != SPIN_FROM_NETWORK)
+        return SPIN_OK;
+    p->owns_network = true;
+    SPIN_TRY_OUT(spin_field_from_json(spin_json_get(bundle->json, "network"), &p->field));
+    SPIN_TRY_OUT(load_array(p, "network/table", p->field.n_table, &p->table));
+    SPIN_TRY_OUT(load_array(p, "network/heads", p->field.n_heads, &p->heads));
+    return SPIN_OK;
+out:
+    spin_frame_renderer_close(p);
+    return spin_fail_context(status, "cannot read '%s'", bundle->path);
+}
+
+spin_status spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
+                                          const struct spin_field *field, float *table,
+                                          float *heads, float *const *live_pos,
+                                          float *const *live_residual)
+{
+    memset(p, 0, sizeof *p);
+    p->device = device;
+    p->from = SPIN_FROM_NETWORK;
+    p->field = *field;
+    p->table = table;
+    p->heads = heads;
+    p->live_pos = live_pos;
+    p->live_residual = live_residual;
+    p->now_frame = -1;
+    return SPIN_OK;
+}
+
+void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_device *device,
+                                     spin_frame_renderer_read_fn read, void *context)
+{
+    memset(p, 0, sizeof *p);
+    p->device = device;
+    p->from = SPIN_FROM_REFINED;
+    p->read = read;
+    p->context = context;
+    p->now_frame = -1;
+}
+
+static void release_frame(struct spin_frame_renderer *p)
+{
+    struct spin_device *d = p->device;
+
+    spin_field_eval_close(&p->field_eval, &p->field);
+    d->op->release(d, p->pos, p->capacity * 3 * sizeof(float));
+    d->op->release(d, p->attr, p->capacity * SPIN_ATTR * sizeof(float));
+    d->op->release(d, p->residual, p->capacity * SPIN_RESIDUAL * sizeof(float));
+    p->pos = p->attr = p->residual = NULL;
+    free(p->staging);
+    p->staging = NULL;
+    spin_raster_close(&p->raster);
+    p->capacity = 0;
+}
+
+static void release_pictures(struct spin_frame_renderer *p)
+{
+    struct spin_device *d = p->device;
+
+    spin_raster_close(&p->raster);
+    d->op->release(d, p->shown, 3 * p->pixels * sizeof(float));
+    d->op->release(d, p->truth, 3 * p->pixels * sizeof(float));
+    p->shown = p->truth = NULL;
+    p->pixels = p->tiles = 0;
+}
+
+void spin_frame_renderer_close(struct spin_frame_renderer *p)
+{
+    if (!p->device)
+        return;
+    warn_bad(p);
+    free(p->looked);
+    release_frame(p);
+    release_pictures(p);
+    if (p->owns_network) {
+        p->device->op->release(p->device, p->table, p->field.n_table * sizeof(float));
+        p->device->op->release(p->device, p->heads, p->field.n_heads * sizeof(float));
+    }
+    spin_splats_free(&p->splats);
+    memset(p, 0, sizeof *p);
+}
+
+/* Room for n splats. */
+static spin_status need(struct spin_frame_renderer *p, size_t n)
+{
+    struct spin_device *d = p->device;
+    size_t capacity = n + n / 8 + 64;
+    void *block = NULL;
+
+    if (n <= p->capacity)
+        return SPIN_OK;
+    release_frame(p);
+    p->capacity = capacity;
+    SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void **)&p->pos));
+    SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), &block));
+    p->staging = block;
+    if (p->from == SPIN_FROM_NETWORK)
+        return spin_field_eval_open(&p->field_eval, d, &p->field, capacity, false);
+    return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void **)&p->attr);
+}
+
+static void decode(struct spin_frame_renderer *p, const float *pos, const float *residual, size_t n,
+                   double time)
+{
+    spin_field_forward(&p->field_eval, &p->field, p->table, p->heads, n, pos,
+                       spin_field_time(&p->field, time), residual);
+    p->now_pos = pos;
+    p->now_attr = p->field_eval.attr;
+    p->now_n = n;
+    p->now_sh_degree = p->field.sh_degree;
+    p->now_antialias = p->field.antialias;
+}
+
+static spin_status read_means(struct spin_frame_renderer *p, int index, struct spin_splats *out)
+{
+    char name[64];
+    struct spin_array a;
+    int64_t shape[2] = {-1, 3};
+    size_t n = spin_bundle_count(p->bundle, index, SPIN_FROM_NETWORK);
+
+    shape[0] = (int64_t)n;
+    snprintf(name, sizeof name, "network/means/%05d", index);
+    SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
+    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS, 0));
+    spin_array_to_f32(&a, 0, n * 3, out->means);
+    return SPIN_OK;
+}
+
+/* Own values of a frame's splats, if they have some, to the device. */
+static spin_status read_own(struct spin_frame_renderer *p, int index, size_t n,
+                            const float **residual)
+{
+    static const size_t width[SPIN_HEADS] = {3, 4, 3, 1};
+    struct spin_device *d = p->device;
+    char name[64];
+    struct spin_array a;
+    int64_t shape[2] = {(int64_t)n, SPIN_RESIDUAL};
+    float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR, *to = groups;
+
+    *residual = NULL;
+    snprintf(name, sizeof name, "network/residual/%05d", index);
+    if (!spin_npz_has(&p->bundle->npz, name))
+        return SPIN_OK;
+    SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
+    if (!p->residual)
+        SPIN_TRY(
+            d->op->reserve(d, p->capacity * SPIN_RESIDUAL * sizeof(float), (void **)&p->residual));
+    spin_array_to_f32(&a, 0, n * SPIN_RESIDUAL, rows);
+    for (size_t k = 0, first = 0; k < SPIN_HEADS; first += width[k++])
+        for (size_t i = 0; i < n; i++, to += width[k])
+            memcpy(to, rows + i * SPIN_RESIDUAL + first, width[k] * sizeof(float));
+    d->op->upload(d, p->residual, groups, n * SPIN_RESIDUAL * sizeof(float));
+    *residual = p->residual;
+    return SPIN_OK;
+}
+
+/* Columns as they are stored. */
+static spin_status read_stored(struct spin_frame_renderer *p, int index, unsigned columns,
+                               struct spin_splats *out)
+{
+    return spin_bundle_view(p->bundle, index, p->from, columns, out);
+}
+
+spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
+{
+    size_t n = spin_bundle_count(p->bundle, index, p->from);
+    const float *residual;
+
+    if (p->now_frame == index)
+        return SPIN_OK;
+    if (p->from != SPIN_FROM_NETWORK) {
+        SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
+        count_stored(p, index, &p->splats);
+        SPIN_TRY(spin_frame_renderer_show_splats(p, &p->splats));
+        spin_bundle_rest(&p->splats);
+    } else {
+        SPIN_TRY(need(p, n));
+        SPIN_TRY(read_means(p, index, &p->splats));
+        p->device->op->upload(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
+        SPIN_TRY(read_own(p, index, n, &residual));
+        count_network(p, index, n, p->splats.means, residual ? p->staging : NULL);
+        decode(p, p->pos, residual, n, p->bundle->meta.frame[index].time);
+    }
+    p->now_frame = index;
+    return SPIN_OK;
+}
+
+spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n,
+                                          double time)
+{
+    if (p->read) {
+        SPIN_TRY(p->read(p->context, index, &p->splats));
+        return spin_frame_renderer_show_splats(p, &p->splats);
+    }
+    SPIN_TRY(need(p, n));
+    decode(p, p->live_pos[index], p->live_residual ? p->live_residual[index] : NULL, n, time);
+    p->now_frame = index;
+    return SPIN_OK;
+}
+
+spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
+                                            const struct spin_splats *s)
+{
+    SPIN_TRY(need(p, s->n));
+    spin_attr_from_splats(s, p->staging);
+    p->device->op->upload(p->device, p->pos, s->means, s->n * 3 * sizeof(float));
+    p->device->op->upload(p->device, p->attr, p->staging, s->n * SPIN_ATTR * sizeof(float));
+    p->now_pos = p->pos;
+    p->now_attr = p->attr;
+    p->now_n = s->n;
+    p->now_sh_degree = s->sh_degree;
+    p->now_antialias = s->antialias;
+    p->now_frame = -1;
+    return SPIN_OK;
+}
+
+spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index, unsigned columns,
+                                       struct spin_splats *out)
+{
+    size_t bytes;
+    float *raw, *attr;
+
+    if (p->from != SPIN_FROM_NETWORK)
+        return read_stored(p, index, columns, out);
+    SPIN_TRY(spin_frame_renderer_show(p, index));
+    SPIN_TRY(p->device->op->wait(p->device));
+    SPIN_TRY(spin_splats_reserve(out, p->now_n, columns, p->field.sh_degree));
+    out->antialias = p->field.antialias;
+    if (columns & SPIN_COL_MEANS)
+        p->device->op->download(p->device, out->means, p->now_pos, p->now_n * 3 * sizeof(float));
+    raw = p->staging;
+    attr = p->staging + p->capacity * SPIN_ATTR;
+    bytes = p->now_n * SPIN_ATTR * sizeof(float);
+    p->device->op->download(p->device, raw, p->field_eval.raw, bytes);
+    p->device->op->download(p->device, attr, p->field_eval.attr, bytes);
+    spin_attr_to_splats(raw, attr, out);
+    return SPIN_OK;
+}
+
+/* Room for a picture, and for the lists of the frame that is shown. */
+static spin_status need_pictures(struct spin_frame_renderer *p, const struct spin_camera_f32 *cam)
+{
+    struct spin_device *d = p->device;
+    size_t pixels = (size_t)cam->width * (size_t)cam->height;
+    size_t tiles = (size_t)cam->tiles_x * (size_t)cam->tiles_y;
+
+    if (pixels > p->pixels || tiles > p->tiles) {
+        release_pictures(p);
+        SPIN_TRY(d->op->reserve(d, 3 * pixels * sizeof(float), (void **)&p->shown));
+        p->pixels = pixels;
+        SPIN_TRY(d->op->reserve(d, 3 * pixels * sizeof(float), (void **)&p->truth));
+        p->tiles = tiles;
+    }
+    if (!p->raster.device)
+        return spin_raster_open(&p->raster, d, p->capacity, p->pixels, p->tiles, false);
+    return SPIN_OK;
+}
+
+spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
+                                     const struct spin_camera *camera, const float background[3],
+                                     float *image)
+{
+    struct spin_camera_f32 cam = spin_camera_f32_from(camera);
+    size_t bytes = 3 * (size_t)cam.width * (size_t)cam.height * sizeof(float);
+
+    cam.antialias = p->now_antialias;
+    SPIN_TRY(need_pictures(p, &cam));
+    SPIN_TRY(spin_raster_forward(&p->raster, &cam, p->now_n, p->now_pos, p->now_attr,
+                                 p->now_sh_degree, background));
+    SPIN_TRY(p->device->op->wait(p->device));
+    p->device->op->download(p->device, image, p->raster.image, bytes);
+    return SPIN_OK;
+}
+
+spin_status spin_frame_renderer_compare(struct spin_frame_renderer *p, int width, int height,
+                                        float *image, const float *truth, struct spin_quality *out)
+{
+    struct spin_device *d = p->device;
+    size_t pixels = (size_t)width * (size_t)height;
+    double values[3];
+
+    for (size_t i = 0; i < 3 * pixels; i++)
+        image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
+    out->psnr = spin_psnr_image(image, truth, pixels, 0);
+    out->psnr_channel_mean = spin_psnr_channel_mean(image, truth, pixels, 0);
+    d->op->upload(d, p->shown, image, 3 * pixels * sizeof(float));
+    d->op->upload(d, p->truth, truth, 3 * pixels * sizeof(float));
+    d->op->loss(d, width, height, p->shown, p->truth, NULL, 1.0f, 0.0f, values, NULL);
+    out->ssim = values[2];
+    return d->op->wait(d);
+}

@@ -1,0 +1,26 @@
+/* What share of a frame's points each camera of a data set sees, and which camera sees far fewer than
+ * the others: its pose or size is probably wrong, though the mean over many cameras hardly shows it. */
+#ifndef SPIN_RUN_CAMERA_CHECK_H
+#define SPIN_RUN_CAMERA_CHECK_H
+
+#include "scene/dataset.h"
+
+/* One camera, in the view in which it sees the fewest. */
+struct spin_camera_share {
+    size_t view;             /* in views->view */
+    double in_front, inside; /* share of the points before it; in its image. 0..1 */
+    bool apart;              /* far fewer than the others see */
+};
+
+struct spin_camera_shares {
+    struct spin_camera_share *camera; /* [n], each camera_id once */
+    size_t n;
+    double in_front, inside; /* medians over all views */
+};
+
+/* Of the views in the rows that are named. The points are those of one frame: what moves is small
+ * against a wrong pose. Free out->camera. */
+spin_status spin_camera_shares(const struct spin_views *views, const int *rows, int n_rows,
+                               const struct spin_splats *s, struct spin_camera_shares *out);
+
+#endif

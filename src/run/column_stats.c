@@ -1,0 +1,164 @@
+/* Least, middle and largest value of every attribute over the frames that are read. */
+#include "run/column_stats.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+/* Values kept of one series, for its median. */
+#define SAMPLE 65536
+
+/* Positions have a line for each axis, as a wrong one shows there; colours one for what is the same
+ * from everywhere and one for the rest. Values first to
+ * first + n - 1 of each row; n 0: all others. */
+static const struct {
+    const char *name;
+    unsigned column;
+    size_t first, n;
+} kinds[] = {
+    {"means.x", SPIN_COL_MEANS, 0, 1},
+    {"means.y", SPIN_COL_MEANS, 1, 1},
+    {"means.z", SPIN_COL_MEANS, 2, 1},
+    {"quats", SPIN_COL_QUATS, 0, 4},
+    {"log_scales", SPIN_COL_LOG_SCALES, 0, 3},
+    {"logit_opacities", SPIN_COL_LOGIT_OPACITIES, 0, 1},
+    {"sh.dc", SPIN_COL_SH, 0, 3},
+    {"sh.rest", SPIN_COL_SH, 3, 0},
+    {"rgb", SPIN_COL_RGB, 0, 3},
+};
+enum { N_KINDS = sizeof kinds / sizeof *kinds };
+_Static_assert(N_KINDS <= SPIN_IMPORT_MAX_RANGES, "every kind has room in the report");
+
+struct spin_series {
+    float min, max;
+    uint64_t n, n_not_finite;
+    float *sample; /* [SAMPLE] */
+    size_t n_sample;
+};
+
+spin_status spin_column_stats_open(struct spin_column_stats *d, int n_frames)
+{
+    void *block = NULL;
+
+    d->n_frames = n_frames > 0 ? n_frames : 1;
+    SPIN_TRY(spin_alloc(N_KINDS, sizeof *d->series, &block));
+    d->series = block;
+    for (int k = 0; k < N_KINDS; k++) {
+        SPIN_TRY(spin_alloc(SAMPLE, sizeof(float), (void **)&d->series[k].sample));
+        d->series[k].min = FLT_MAX;
+        d->series[k].max = -FLT_MAX;
+    }
+    return SPIN_OK;
+}
+
+void spin_column_stats_close(struct spin_column_stats *d)
+{
+    for (int k = 0; d->series && k < N_KINDS; k++)
+        free(d->series[k].sample);
+    free(d->series);
+    memset(d, 0, sizeof *d);
+}
+
+static const float *values_of(const struct spin_splats *s, unsigned column, size_t *width)
+{
+    size_t side = (size_t)(s->sh_degree + 1);
+
+    switch (column) {
+    case SPIN_COL_MEANS:
+        *width = 3;
+        return s->means;
+    case SPIN_COL_QUATS:
+        *width = 4;
+        return s->quats;
+    case SPIN_COL_LOG_SCALES:
+        *width = 3;
+        return s->log_scales;
+    case SPIN_COL_LOGIT_OPACITIES:
+        *width = 1;
+        return s->logit_opacities;
+    case SPIN_COL_SH:
+        *width = 3 * side * side;
+        return s->sh;
+    default:
+        *width = 3;
+        return s->rgb;
+    }
+}
+
+static void take(struct spin_series *series, const float *row, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (!isfinite(row[i])) {
+            series->n_not_finite++;
+            continue;
+        }
+        series->min = row[i] < series->min ? row[i] : series->min;
+        series->max = row[i] > series->max ? row[i] : series->max;
+    }
+    series->n += n;
+}
+
+/* A frame's share of the sample, evenly from its values. */
+static void sample(struct spin_series *series, size_t quota, const float *values, size_t n_rows,
+                   size_t width, size_t first, size_t n)
+{
+    size_t total = n_rows * n, step = total > quota ? (total + quota - 1) / quota : 1;
+
+    for (size_t i = 0; i < total && series->n_sample < SAMPLE; i += step) {
+        float value = values[i / n * width + first + i % n];
+
+        if (isfinite(value))
+            series->sample[series->n_sample++] = value;
+    }
+}
+
+void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
+                             const struct spin_splats *s)
+{
+    size_t quota = SAMPLE / (size_t)d->n_frames;
+
+    for (int k = 0; k < N_KINDS; k++) {
+        size_t width, n;
+        const float *values = values_of(s, kinds[k].column, &width);
+
+        n = kinds[k].n ? kinds[k].n : width - kinds[k].first;
+        if (!(columns & kinds[k].column) || !values || n == 0)
+            continue;
+        for (size_t i = 0; i < s->n; i++)
+            take(&d->series[k], values + i * width + kinds[k].first, n);
+        sample(&d->series[k], quota ? quota : 1, values, s->n, width, kinds[k].first, n);
+    }
+}
+
+static int by_value(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+void spin_column_stats_ranges(struct spin_column_stats *d, struct spin_import_report *report)
+{
+    for (int k = 0; k < N_KINDS; k++) {
+        struct spin_series *series = &d->series[k];
+        struct spin_import_range *out = &report->range[report->n_ranges];
+
+        if (series->n == 0)
+            continue;
+        qsort(series->sample, series->n_sample, sizeof(float), by_value);
+        snprintf(out->name, sizeof out->name, "%s", kinds[k].name);
+        out->not_finite = (double)series->n_not_finite / (double)series->n;
+        out->min = out->median = out->max = NAN;
+        if (series->n_sample > 0) {
+            out->min = (double)series->min;
+            out->median = (double)series->sample[series->n_sample / 2];
+            out->max = (double)series->max;
+        }
+        report->n_ranges++;
+    }
+}

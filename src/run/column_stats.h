@@ -1,0 +1,22 @@
+/* What the attributes of a clip look like: ranges, medians, the share of values that are no numbers. */
+#ifndef SPIN_RUN_COLUMN_STATS_H
+#define SPIN_RUN_COLUMN_STATS_H
+
+#include "spin.h"
+
+struct spin_series; /* private: one line of the description */
+
+struct spin_column_stats {
+    struct spin_series *series; /* [SPIN_IMPORT_MAX_RANGES] */
+    int n_frames;               /* that will come */
+};
+
+spin_status spin_column_stats_open(struct spin_column_stats *d, int n_frames);
+/* Take in the columns of one frame. */
+void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
+                             const struct spin_splats *s);
+/* One entry for each attribute that came. Medians are of 65,536 values spread over the frames. */
+void spin_column_stats_ranges(struct spin_column_stats *d, struct spin_import_report *report);
+void spin_column_stats_close(struct spin_column_stats *d);
+
+#endif

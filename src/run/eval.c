@@ -1,0 +1,245 @@
+/* spin_eval(): a bundle's pictures held to its data set. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "eval/metrics.h"
+#include "eval/report/report.h"
+#include "io/claim.h"
+
+struct eval {
+    const struct spin_eval_options *o;
+    struct spin_eval_report *report;
+    struct spin_clip clip;
+    struct spin_image_cache pixels;
+    struct spin_dynamic_mask dynamic;
+    struct spin_lpips *lpips[SPIN_N_LPIPS];
+    struct spin_device device;
+    struct spin_frame_renderer frame_renderer, source;
+    bool has_source; /* source is open: what is measured is compared with it */
+    enum spin_splat_source from;
+    struct spin_pair *pairs;
+    size_t n_pairs;
+};
+
+/* ---- Opening ------------------------------------------------------------------------------------ */
+
+static spin_status open_clip(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_clip_options c = {.input = o->input,
+                                  .data = o->data,
+                                  .data_from = o->data_from,
+                                  .pair = o->pair,
+                                  .range = o->range,
+                                  .test_cameras = o->test_cameras,
+                                  .n_test_cameras = o->n_test_cameras,
+                                  .image_scale = o->image_scale,
+                                  .needs_views = true};
+
+    SPIN_TRY(spin_clip_open(&c, &e->clip));
+    SPIN_TRY(spin_frame_renderer_choose(&e->clip.bundle, o->source, &e->from));
+    e->report->network = e->from == SPIN_FROM_NETWORK;
+    e->report->refined = e->from == SPIN_FROM_REFINED;
+    SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
+    if (e->n_pairs == 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no view in this split");
+    SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
+                                   &e->pixels));
+    return spin_dynamic_mask_open(&e->clip.views, &e->pixels, o->dynamic, e->pairs, e->n_pairs,
+                                  &e->dynamic);
+}
+
+static spin_status open_players(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+
+    SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
+    SPIN_TRY(spin_frame_renderer_open(&e->frame_renderer, &e->device, &e->clip.bundle, e->from));
+    if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
+        (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
+        return SPIN_OK;
+    SPIN_TRY(spin_frame_renderer_open(&e->source, &e->device, &e->clip.bundle, SPIN_FROM_SOURCE));
+    e->has_source = true;
+    return SPIN_OK;
+}
+
+/* Before anything is drawn: weights that cannot be read are said at once. */
+static spin_status open_lpips(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_lpips *one = NULL;
+    int network;
+
+    if (o->lpips)
+        SPIN_TRY(spin_lpips_find(o->lpips, o->n_threads, e->lpips));
+    if (!o->lpips_backbone && !o->lpips_lin)
+        return SPIN_OK;
+    if (!o->lpips_backbone || !o->lpips_lin)
+        return spin_fail(SPIN_E_USAGE,
+                         "LPIPS needs both files of a network: --lpips-backbone and --lpips-lin");
+    SPIN_TRY(spin_lpips_open(o->lpips_backbone, o->lpips_lin, o->n_threads, &one));
+    network = spin_lpips_network(one);
+    spin_lpips_close(e->lpips[network]);
+    e->lpips[network] = one;
+    return SPIN_OK;
+}
+
+/* ---- Storage ------------------------------------------------------------------------------------ */
+
+static bool begins(const char *text, const char *with)
+{
+    return strncmp(text, with, strlen(with)) == 0;
+}
+
+static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out)
+{
+    const struct spin_zip *zip = &bundle->npz.zip;
+
+    out->file = zip->map.size;
+    for (size_t i = 0; i < zip->n; i++) {
+        const struct spin_zip_member *member = &zip->member[i];
+
+        if (begins(member->name, "source/"))
+            out->source += member->packed_size;
+        else if (begins(member->name, "refined/"))
+            out->refined += member->packed_size;
+        else if (begins(member->name, "network/means/") ||
+                 begins(member->name, "network/residual/"))
+            out->positions += member->packed_size;
+        else if (begins(member->name, "network/table"))
+            out->table += member->packed_size;
+        else if (begins(member->name, "network/"))
+            out->heads += member->packed_size;
+    }
+}
+
+/* ---- The report --------------------------------------------------------------------------------- */
+
+/* A page that cannot be written, or a log that is not there, is said before the work. */
+static spin_status check_report(const struct spin_eval_options *o)
+{
+    if (o->log && !o->report)
+        return spin_fail(SPIN_E_USAGE, "the log is for the report: say where with --report");
+    if (o->log && !spin_path_exists(o->log))
+        return spin_fail(SPIN_E_NOT_FOUND, "the log '%s' does not exist", o->log);
+    return o->report ? spin_claim_file(o->report, o->force) : SPIN_OK;
+}
+
+/* The source is measured as well, when there is one to compare with. */
+static spin_status write_report(struct eval *e, const struct spin_metrics *after)
+{
+    struct spin_eval_report before = {
+        .n_views = e->n_pairs, .n_frames = e->clip.n_frames, .dynamic = e->dynamic.from};
+    struct spin_report r = {.path = e->o->report,
+                            .log = e->o->log,
+                            .force = e->o->force,
+                            .options = e->o,
+                            .clip = &e->clip,
+                            .pixels = &e->pixels,
+                            .pairs = e->pairs,
+                            .frame_renderer = &e->frame_renderer,
+                            .after = e->report};
+    struct spin_metrics m = *after;
+    void *block = NULL;
+    spin_status status = SPIN_OK;
+
+    if (e->has_source) {
+        SPIN_TRY(spin_alloc(e->n_pairs, sizeof *before.view, &block));
+        before.view = block;
+        m.frame_renderer = &e->source;
+        m.source = NULL;
+        m.images = NULL;
+        m.view = before.view;
+        m.what = "evaluating the source";
+        status = spin_metrics_run(&m, &before.mean);
+        r.source = &e->source;
+        r.before = &before;
+    }
+    if (status == SPIN_OK)
+        status = spin_report_write(&r);
+    spin_eval_report_free(&before);
+    return status;
+}
+
+/* ---- Measuring ---------------------------------------------------------------------------------- */
+
+static spin_status run_eval(struct eval *e)
+{
+    const struct spin_eval_options *o = e->o;
+    struct spin_eval_report *report = e->report;
+    struct spin_metrics m = {.frame_renderer = &e->frame_renderer,
+                             .clip = &e->clip,
+                             .pixels = &e->pixels,
+                             .dynamic = &e->dynamic,
+                             .background = o->background,
+                             .images = o->images,
+                             .what = "evaluating"};
+    void *block = NULL;
+
+    SPIN_TRY(check_report(o));
+    SPIN_TRY(open_lpips(e));
+    SPIN_TRY(open_clip(e));
+    SPIN_TRY(open_players(e));
+    SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, &block));
+    report->view = block;
+    if (o->images)
+        SPIN_TRY(spin_claim_folder(o->images));
+    m.source = e->has_source ? &e->source : NULL;
+    m.pairs = e->pairs;
+    m.n_pairs = e->n_pairs;
+    m.view = report->view;
+    memcpy(m.lpips, e->lpips, sizeof m.lpips);
+    SPIN_TRY(spin_metrics_run(&m, &report->mean));
+    report->left_out = e->frame_renderer.n_bad;
+    report->n_views = e->n_pairs;
+    report->n_frames = e->clip.n_frames;
+    report->dynamic = e->dynamic.from;
+    report->seconds_decode = m.seconds_decode / m.n_decoded;
+    report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
+    weigh(&e->clip.bundle, &report->storage);
+    return o->report ? write_report(e, &m) : SPIN_OK;
+}
+
+spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report)
+{
+    struct eval e = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_eval(&e);
+    spin_frame_renderer_close(&e.frame_renderer);
+    spin_frame_renderer_close(&e.source);
+    spin_device_close(&e.device);
+    spin_dynamic_mask_close(&e.dynamic);
+    for (int i = 0; i < SPIN_N_LPIPS; i++)
+        spin_lpips_close(e.lpips[i]);
+    spin_image_cache_close(&e.pixels);
+    spin_clip_close(&e.clip);
+    free(e.pairs);
+    if (status != SPIN_OK)
+        spin_eval_report_free(report);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_fail_context(status, "cannot evaluate '%s'", o->input);
+    return status;
+}
+
+void spin_eval_report_free(struct spin_eval_report *report)
+{
+    free(report->view);
+    memset(report, 0, sizeof *report);
+}
+
+struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *frame,
+                                   const int *camera)
+{
+    struct spin_quality_sum sum = {0};
+
+    for (size_t i = 0; i < r->n_views; i++)
+        if ((!frame || r->view[i].frame == *frame) && (!camera || r->view[i].camera == *camera))
+            spin_quality_add(&sum, &r->view[i].q);
+    return spin_quality_mean(&sum);
+}

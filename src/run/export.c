@@ -1,0 +1,326 @@
+/* The calls of spin.h that wire the rooms together: open, read, export, render. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "render/frame_renderer.h"
+#include "scene/probe.h"
+
+void spin_set_verbosity(int level) { spin_log_set_level(level); }
+
+/* ---- A clip, open for reading ------------------------------------------------------------------ */
+
+struct spin_scene {
+    struct spin_bundle bundle;
+    struct spin_device device;
+    struct spin_frame_renderer frame_renderer; /* of the network; opened when first needed */
+    bool has_network, device_open, player_open;
+};
+
+spin_status spin_scene_open(const char *path, struct spin_scene **out)
+{
+    void *block = NULL;
+    struct spin_scene *scene;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, sizeof *scene, &block));
+    scene = block;
+    status = spin_bundle_open(path, &scene->bundle);
+    if (status != SPIN_OK) {
+        free(scene);
+        return status;
+    }
+    scene->has_network = spin_bundle_has_network(&scene->bundle);
+    *out = scene;
+    return SPIN_OK;
+}
+
+void spin_scene_close(struct spin_scene *scene)
+{
+    if (!scene)
+        return;
+    if (scene->player_open)
+        spin_frame_renderer_close(&scene->frame_renderer);
+    if (scene->device_open)
+        spin_device_close(&scene->device);
+    spin_bundle_close(&scene->bundle);
+    free(scene);
+}
+
+int spin_scene_n_frames(const struct spin_scene *scene) { return scene->bundle.meta.n_frames; }
+
+const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame)
+{
+    return &scene->bundle.meta.frame[frame];
+}
+
+bool spin_scene_has_network(const struct spin_scene *scene) { return scene->has_network; }
+
+unsigned spin_scene_columns(const struct spin_scene *scene) { return scene->bundle.meta.columns; }
+
+spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat_source from,
+                            unsigned columns, struct spin_splats *out)
+{
+    const struct spin_bundle *bundle = &scene->bundle;
+
+    if (from == SPIN_FROM_BEST)
+        from = scene->has_network                               ? SPIN_FROM_NETWORK
+               : SPIN_COL_ATTRIBUTES & ~bundle->refined.columns ? SPIN_FROM_SOURCE
+                                                                : SPIN_FROM_REFINED;
+    if (from == SPIN_FROM_SOURCE)
+        return spin_bundle_frame(&scene->bundle, frame, columns, out);
+    if (from == SPIN_FROM_REFINED)
+        return spin_bundle_refined_frame(&scene->bundle, frame, columns, out);
+    if (!scene->has_network)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no network: run spin-retrain",
+                         scene->bundle.path);
+    if (!scene->device_open) {
+        SPIN_TRY(spin_device_open("auto", 0, &scene->device));
+        scene->device_open = true;
+    }
+    if (!scene->player_open) {
+        SPIN_TRY(spin_frame_renderer_open(&scene->frame_renderer, &scene->device, &scene->bundle,
+                                          SPIN_FROM_NETWORK));
+        scene->player_open = true;
+    }
+    return spin_frame_renderer_splats(&scene->frame_renderer, frame, columns, out);
+}
+
+/* ---- Drawing ----------------------------------------------------------------------------------- */
+
+struct spin_renderer {
+    struct spin_frame_renderer frame_renderer;
+};
+
+spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
+                        const struct spin_camera *camera, const float background[3], float *image)
+{
+    SPIN_TRY(spin_frame_renderer_show_splats(&r->frame_renderer, splats));
+    return spin_frame_renderer_draw(&r->frame_renderer, camera, background, image);
+}
+
+/* ---- Export ---------------------------------------------------------------------------------------- */
+
+struct export
+{
+    const struct spin_export_options *o;
+    struct spin_export_report *report;
+    const struct spin_exporter *exporter;
+    struct spin_clip clip;
+    struct spin_device device;
+    struct spin_frame_renderer frame_renderer;
+    struct spin_renderer *renderer;
+    struct spin_splats splats;
+    enum spin_splat_source from;
+    size_t *counts; /* [n_frames] */
+    void *self;
+};
+
+static spin_status find_exporter(const char *name, const struct spin_exporter **out)
+{
+    char known[256] = "";
+
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
+        size_t used = strlen(known);
+
+        if (strcmp((*i)->name, name) == 0) {
+            *out = *i;
+            return SPIN_OK;
+        }
+        snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", (*i)->name);
+    }
+    if (spin_plugin_fault(name))
+        return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(name));
+    return spin_fail(SPIN_E_USAGE, "no exporter '%s': there is %s", name, known);
+}
+
+static double clip_fps(const struct spin_clip *clip)
+{
+    const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
+    const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
+    double span = last->time - first->time;
+
+    /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out. */
+    if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
+        span == last->number - first->number)
+        return 0;
+    return (clip->n_frames - 1) / span;
+}
+
+static spin_status write_frames(struct export *x)
+{
+    struct spin_progress progress;
+    unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    spin_status status = SPIN_OK;
+
+    spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
+    for (int f = 0; f < x->clip.n_frames; f++) {
+        int index = x->clip.frame[f];
+        struct spin_frame_info info = x->clip.bundle.meta.frame[index];
+
+        if (spin_cancelled()) {
+            status = spin_fail_cancelled();
+            break;
+        }
+        info.n = x->counts[f];
+        if (x->exporter->skip && x->exporter->skip(x->self, f, &info))
+            continue;
+        status = spin_frame_renderer_splats(&x->frame_renderer, index, columns, &x->splats);
+        info.n = x->splats.n;
+        if (status == SPIN_OK)
+            status = x->exporter->frame(x->self, f, &info, &x->splats);
+        spin_bundle_rest(&x->splats);
+        if (status != SPIN_OK)
+            break;
+        spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
+    }
+    spin_progress_end(&progress);
+    return status;
+}
+
+static spin_status source_frame(void *source_of, int frame, struct spin_splats *out)
+{
+    struct export *x = source_of;
+
+    return spin_bundle_frame(&x->clip.bundle, x->clip.frame[frame],
+                             SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+}
+
+static bool is_antialiased(const struct export *x)
+{
+    return x->from == SPIN_FROM_NETWORK   ? x->frame_renderer.field.antialias
+           : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
+                                          : x->clip.bundle.meta.antialias;
+}
+
+static int sh_degree_of(const struct export *x)
+{
+    if (x->from == SPIN_FROM_NETWORK)
+        return x->frame_renderer.field.sh_degree;
+    return x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.sh_degree
+                                        : x->clip.bundle.meta.sh_degree;
+}
+
+static double mean_count(const struct export *x)
+{
+    double sum = 0;
+
+    for (int f = 0; f < x->clip.n_frames; f++)
+        sum += (double)spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
+    return sum / x->clip.n_frames;
+}
+
+static spin_status read_again(void *context, int frame, const struct spin_splats **out)
+{
+    struct export *x = context;
+
+    *out = &x->splats;
+    if (spin_cancelled())
+        return spin_fail_cancelled();
+    return spin_frame_renderer_splats(&x->frame_renderer, x->clip.frame[frame],
+                                      SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->splats);
+}
+
+static spin_status begin_export(struct export *x)
+{
+    const struct spin_export_options *o = x->o;
+    struct spin_plugin_values values = {.pairs = o->plugin_pairs};
+    struct spin_export_job job = {
+        .output = o->output,
+        .force = o->force,
+        .sync = o->sync,
+        .n_frames = x->clip.n_frames,
+        .fps = clip_fps(&x->clip),
+        .source = x->clip.bundle.meta.from,
+        .sh_degree = sh_degree_of(x),
+        .antialias = is_antialiased(x),
+        .values = &values,
+        .views = x->clip.has_views ? &x->clip.views : NULL,
+        .dataset_frame_of = x->clip.dataset_frame,
+        .renderer = x->renderer,
+        .background = o->background,
+        .n_threads = o->n_threads,
+        .source_of = x,
+        .source_sh_degree = x->clip.bundle.meta.sh_degree,
+        .source_antialias = x->clip.bundle.meta.antialias,
+        .retrained = x->from == SPIN_FROM_NETWORK,
+        .report = x->report,
+        .check = o->check,
+        .again = read_again,
+        .context = x,
+    };
+    spin_status status;
+
+    if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
+        job.source_frame = source_frame;
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
+    for (int f = 0; f < x->clip.n_frames; f++)
+        x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
+    job.counts = x->counts;
+    if (job.antialias && !x->exporter->antialias)
+        spin_warn("these splats are meant to be drawn antialiased, and '%s' has no word for it: "
+                  "switch it on in the viewer",
+                  o->to);
+    SPIN_TRY(x->exporter->begin(&job, &x->self));
+    status = write_frames(x);
+    if (status != SPIN_OK) {
+        x->exporter->abort(x->self);
+        return status;
+    }
+    return x->exporter->end(x->self);
+}
+
+static spin_status run_export(struct export *x)
+{
+    const struct spin_export_options *o = x->o;
+    struct spin_clip_options c = {.input = o->input,
+                                  .data = o->data,
+                                  .data_from = o->data_from,
+                                  .pair = o->pair,
+                                  .range = o->range};
+    void *block = NULL;
+
+    SPIN_TRY(find_exporter(o->to, &x->exporter));
+    SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
+    if (o->check && !x->exporter->checks)
+        return spin_fail(SPIN_E_USAGE, "--check: what '%s' writes cannot be read back", o->to);
+    c.needs_views = x->exporter->needs_renderer;
+    SPIN_TRY(spin_clip_open(&c, &x->clip));
+    x->clip.bundle.told_not_finite = true; /* exporters say which rows they leave out */
+    SPIN_TRY(spin_frame_renderer_choose(&x->clip.bundle, o->source, &x->from));
+    SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
+    SPIN_TRY(spin_frame_renderer_open(&x->frame_renderer, &x->device, &x->clip.bundle, x->from));
+    if (x->exporter->needs_renderer || o->check) {
+        SPIN_TRY(spin_alloc(1, sizeof *x->renderer, &block));
+        x->renderer = block;
+        SPIN_TRY(spin_frame_renderer_open(&x->renderer->frame_renderer, &x->device, NULL,
+                                          SPIN_FROM_SOURCE));
+    }
+    x->report->frames = x->clip.n_frames;
+    x->report->splats_mean = mean_count(x);
+    return begin_export(x);
+}
+
+spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report)
+{
+    struct export x = {.o = o, .report = report};
+    spin_status status;
+
+    memset(report, 0, sizeof *report);
+    status = run_export(&x);
+    if (x.renderer)
+        spin_frame_renderer_close(&x.renderer->frame_renderer);
+    free(x.renderer);
+    spin_frame_renderer_close(&x.frame_renderer);
+    spin_device_close(&x.device);
+    spin_splats_free(&x.splats);
+    spin_clip_close(&x.clip);
+    free(x.counts);
+    if (status != SPIN_OK && status != SPIN_E_CANCELLED)
+        return spin_fail_context(status, "cannot export '%s'", o->input);
+    return status;
+}

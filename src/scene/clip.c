@@ -1,0 +1,193 @@
+/* Opening a bundle together with its data set. */
+#include "scene/clip.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+
+spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
+                              int n, int **index, int *n_index)
+{
+    void *block = NULL;
+    int *list, count = 0;
+
+    SPIN_TRY(spin_alloc((size_t)n + 1, sizeof(int), &block));
+    list = block;
+    for (int i = 0; i < n; i++) {
+        int number = info[i].number, step = range->step > 0 ? range->step : 1;
+
+        if (!range->given ||
+            (number >= range->first && number < range->last && (number - range->first) % step == 0))
+            list[count++] = i;
+    }
+    if (count == 0) {
+        free(list);
+        return spin_fail(
+            SPIN_E_NOT_FOUND, "no frame has a number in %d:%d (the clip's run from %d to %d)",
+            range->first, range->last, n ? info[0].number : 0, n ? info[n - 1].number : 0);
+    }
+    *index = list;
+    *n_index = count;
+    return SPIN_OK;
+}
+
+static int by_time(const void *a, const void *b)
+{
+    const struct spin_frame_info *x = a, *y = b;
+
+    if (x->time != y->time)
+        return x->time < y->time ? -1 : 1;
+    return (x->number > y->number) - (x->number < y->number);
+}
+
+spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n)
+{
+    void *block = NULL;
+    struct spin_frame_info *sorted;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *sorted, &block));
+    sorted = block;
+    for (int i = 0; i < n && status == SPIN_OK; i++) {
+        sorted[i] = info[index ? index[i] : i];
+        if (!isfinite(sorted[i].time))
+            status = spin_fail(SPIN_E_MALFORMED, "the time of frame %d is not a finite number",
+                               sorted[i].number);
+    }
+    if (status == SPIN_OK)
+        qsort(sorted, (size_t)n, sizeof *sorted, by_time);
+    for (int i = 1; i < n && status == SPIN_OK; i++)
+        if (sorted[i].time == sorted[i - 1].time)
+            status = spin_fail(SPIN_E_MALFORMED,
+                               "frames %d and %d are both at time %g, expected another time for "
+                               "every frame",
+                               sorted[i - 1].number, sorted[i].number, sorted[i].time);
+    free(block);
+    return status;
+}
+
+static spin_status open_views(const struct spin_clip_options *o, struct spin_clip *clip)
+{
+    char *path = NULL;
+    const char *from = o->data_from;
+    spin_status status = SPIN_OK;
+
+    if (o->data) {
+        SPIN_TRY(spin_path_absolute(o->data, &path));
+    } else {
+        SPIN_TRY(spin_bundle_data_path(&clip->bundle, &path));
+        if (path && !from && clip->bundle.meta.data_from[0])
+            from = clip->bundle.meta.data_from;
+    }
+    if (!path) {
+        if (o->needs_views)
+            return spin_fail(SPIN_E_USAGE,
+                             "'%s' names no data set: say where the images are with --data",
+                             o->input);
+        return SPIN_OK;
+    }
+    if (!o->needs_views && !o->data && !spin_path_exists(path)) {
+        free(path);
+        return SPIN_OK;
+    }
+    clip->data_path = path;
+    SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
+    clip->has_views = true;
+    if (o->needs_views)
+        SPIN_TRY(spin_views_check_cameras(&clip->views));
+    if (o->n_test_cameras > 0)
+        SPIN_TRY(spin_views_split(&clip->views, o->test_cameras, o->n_test_cameras));
+    if (o->image_scale > 0 && o->image_scale != 1.0)
+        SPIN_TRY(spin_views_scale(&clip->views, o->image_scale));
+    return status;
+}
+
+static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip *clip)
+{
+    const struct spin_bundle_meta *meta = &clip->bundle.meta;
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)clip->n_frames, sizeof(int), &block));
+    clip->dataset_frame = block;
+    for (int i = 0; i < clip->n_frames; i++)
+        clip->dataset_frame[i] = -1;
+    if (!clip->has_views)
+        return SPIN_OK;
+    block = NULL;
+    SPIN_TRY(spin_alloc((size_t)meta->n_frames, sizeof(int), &block));
+    status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : "auto", block);
+    for (int i = 0; status == SPIN_OK && i < clip->n_frames; i++)
+        clip->dataset_frame[i] = ((int *)block)[clip->frame[i]];
+    free(block);
+    return status;
+}
+
+spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *clip)
+{
+    spin_status status;
+
+    memset(clip, 0, sizeof *clip);
+    SPIN_TRY(spin_bundle_open(o->input, &clip->bundle));
+    SPIN_TRY_OUT(spin_range_select(&o->range, clip->bundle.meta.frame, clip->bundle.meta.n_frames,
+                                   &clip->frame, &clip->n_frames));
+    for (int i = 0; i < clip->n_frames; i++) {
+        size_t n = clip->bundle.meta.frame[clip->frame[i]].n;
+
+        clip->n_max = n > clip->n_max ? n : clip->n_max;
+        clip->n_mean += (double)n / clip->n_frames;
+    }
+    SPIN_TRY_OUT(open_views(o, clip));
+    SPIN_TRY_OUT(pair_rows(o, clip));
+    return SPIN_OK;
+out:
+    spin_clip_close(clip);
+    return status;
+}
+
+void spin_clip_close(struct spin_clip *clip)
+{
+    spin_bundle_close(&clip->bundle);
+    spin_views_free(&clip->views);
+    free(clip->frame);
+    free(clip->dataset_frame);
+    free(clip->data_path);
+    memset(clip, 0, sizeof *clip);
+}
+
+spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
+                            struct spin_pair **pairs, size_t *n)
+{
+    size_t count = 0, capacity = 0;
+    struct spin_pair *list = NULL;
+
+    for (int f = 0; f < clip->n_frames; f++)
+        for (size_t v = 0; v < clip->views.n; v++) {
+            const struct spin_view *view = &clip->views.view[v];
+
+            if (view->dataset_frame != clip->dataset_frame[f] ||
+                (split != SPIN_SPLIT_ALL && view->test != (split == SPIN_SPLIT_TEST)))
+                continue;
+            if (count == capacity) {
+                void *block = list;
+                spin_status status;
+
+                capacity = capacity ? 2 * capacity : 256;
+                status = spin_grow(capacity, sizeof *list, &block);
+                if (status != SPIN_OK) {
+                    free(list);
+                    return status;
+                }
+                list = block;
+            }
+            list[count].frame = f;
+            list[count++].view = v;
+        }
+    *pairs = list;
+    *n = count;
+    return SPIN_OK;
+}

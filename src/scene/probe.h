@@ -1,0 +1,17 @@
+/* Which importer reads this input. */
+#ifndef SPIN_SCENE_PROBE_H
+#define SPIN_SCENE_PROBE_H
+
+#include "spin.h"
+
+/* The importer called `from`, or with from NULL the one whose probe() is surest of `path`. Only
+ * importers with open() count, or with views() when want_views. Two that are about equally sure are
+ * an error that names both; SPIN_E_NOT_RECOGNISED when there is none. */
+spin_status spin_importer_find(const char *path, const char *from, bool want_views,
+                               const struct spin_importer **out);
+
+/* Every key of the pairs is an option of the plug-in: others are asked wrongly, not dropped. */
+spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
+                              const char *const *pairs);
+
+#endif

@@ -1,0 +1,141 @@
+/* Frames on a shelf are bundles of one frame: written whole, checked when opened. */
+#include "train/frame_cache.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "scene/bundle.h"
+
+static const unsigned held = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+
+static spin_status path_of(const char *folder, int index, char **out)
+{
+    char name[32];
+
+    snprintf(name, sizeof name, "%05d.spin", index);
+    return spin_path_join(folder, name, out);
+}
+
+spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
+                                 const char *code_path, const struct spin_splats *splats)
+{
+    struct spin_bundle_writer w;
+    struct spin_bundle_meta meta = {0};
+    spin_json *extra;
+    char *path = NULL;
+    bool writing = false;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_folder_make(folder));
+    SPIN_TRY_OUT(path_of(folder, index, &path));
+    SPIN_TRY_OUT(spin_bundle_meta_reserve(&meta, 1));
+    meta.frame[0].number = index;
+    meta.frame[0].n = splats->n;
+    meta.n_source_frames = 1;
+    meta.columns = held;
+    meta.sh_degree = splats->sh_degree;
+    SPIN_TRY_OUT(spin_bundle_writer_open(path, true, true, &w));
+    writing = true;
+    SPIN_TRY_OUT(spin_bundle_write_frame(&w, 0, held, 0, splats));
+    extra = spin_json_object();
+    spin_json_set_string(extra, "key", key);
+    spin_json_set_string(extra, "path", code_path);
+    writing = false;
+    SPIN_TRY_OUT(spin_bundle_writer_finish(&w, &meta, extra));
+out:
+    if (writing)
+        spin_bundle_writer_abandon(&w);
+    spin_bundle_meta_free(&meta);
+    free(path);
+    return status;
+}
+
+/* The frame, open; another than the key names is an error. */
+static spin_status open_frame(const char *path, const char *key, struct spin_bundle *out)
+{
+    const char *text;
+
+    SPIN_TRY(spin_bundle_open(path, out));
+    text = spin_json_string(spin_json_get(out->json, "key"));
+    if (text && strcmp(text, key) == 0 && out->meta.columns == held)
+        return SPIN_OK;
+    spin_bundle_close(out);
+    return spin_fail(SPIN_E_USAGE,
+                     "'%s' was made from another input or with other options than these, or from "
+                     "images that have changed; give the same ones, or --force without --resume to "
+                     "start anew",
+                     path);
+}
+
+spin_status spin_frame_cache_find(const char *folder, int index, const char *key, bool *found,
+                                  struct spin_shelved *out)
+{
+    struct spin_bundle bundle;
+    const char *text;
+    char *path = NULL;
+    spin_status status;
+
+    *found = false;
+    SPIN_TRY(path_of(folder, index, &path));
+    if (!spin_path_exists(path)) {
+        free(path);
+        return SPIN_OK;
+    }
+    SPIN_TRY_OUT(open_frame(path, key, &bundle));
+    text = spin_json_string(spin_json_get(bundle.json, "path"));
+    *found = true;
+    out->n = bundle.meta.frame[0].n;
+    snprintf(out->path, sizeof out->path, "%s", text ? text : "");
+    spin_bundle_close(&bundle);
+out:
+    free(path);
+    return status;
+}
+
+spin_status spin_frame_cache_get(const char *folder, int index, const char *key, unsigned columns,
+                                 struct spin_splats *out)
+{
+    struct spin_bundle bundle;
+    char *path = NULL;
+    spin_status status;
+
+    SPIN_TRY(path_of(folder, index, &path));
+    SPIN_TRY_OUT(open_frame(path, key, &bundle));
+    status = spin_bundle_frame(&bundle, 0, columns, out);
+    spin_bundle_close(&bundle);
+out:
+    free(path);
+    return status;
+}
+
+/* "00012.spin", or what a killed writer left of it: "00012.spin.tmp.4711". */
+static bool is_ours(const char *name)
+{
+    size_t digits = 0;
+
+    while (isdigit((unsigned char)name[digits]))
+        digits++;
+    return digits >= 5 && strncmp(name + digits, ".spin", 5) == 0;
+}
+
+void spin_frame_cache_clear(const char *folder)
+{
+    char **names = NULL;
+    size_t n = 0;
+
+    if (!spin_path_is_folder(folder) || spin_folder_list(folder, &names, &n) != SPIN_OK)
+        return;
+    for (size_t i = 0; i < n; i++) {
+        char *path = NULL;
+
+        if (is_ours(names[i]) && spin_path_join(folder, names[i], &path) == SPIN_OK)
+            remove(path);
+        free(path);
+    }
+    spin_folder_list_free(names);
+    rmdir(folder);
+}

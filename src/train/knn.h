@@ -1,0 +1,13 @@
+/* Distances to the nearest neighbours: the start scale of 3DGS (method.md section 2). */
+#ifndef SPIN_TRAIN_KNN_H
+#define SPIN_TRAIN_KNN_H
+
+#include "base/pool.h"
+#include "spin.h"
+
+/* mean_dist2[i] = mean of the squared distances from points[i] to its 3 nearest other points (fewer when
+ * there are fewer; 0 when there is none). points [n][3], finite. The same for any number of threads. */
+spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *points,
+                                float *mean_dist2);
+
+#endif

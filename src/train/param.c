@@ -1,0 +1,30 @@
+/* Four arrays that go together. */
+#include "train/param.h"
+
+#include <string.h>
+
+#include "base/err.h"
+
+spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad)
+{
+    float **at[4] = {&param->p, &param->g, &param->m, &param->v};
+
+    memset(param, 0, sizeof *param);
+    param->n = n;
+    param->pad = pad;
+    for (int i = 0; i < 4; i++) {
+        SPIN_TRY(d->op->reserve(d, (n + pad) * sizeof(float), (void **)at[i]));
+        *at[i] += pad;
+    }
+    return SPIN_OK;
+}
+
+void spin_param_close(struct spin_param *param, struct spin_device *d)
+{
+    float *at[4] = {param->p, param->g, param->m, param->v};
+
+    for (int i = 0; i < 4; i++)
+        if (at[i])
+            d->op->release(d, at[i] - param->pad, (param->n + param->pad) * sizeof(float));
+    memset(param, 0, sizeof *param);
+}

@@ -1,0 +1,16 @@
+/* Parameters with their gradient and Adam's moments, on the device. */
+#ifndef SPIN_TRAIN_PARAM_H
+#define SPIN_TRAIN_PARAM_H
+
+#include "device/device.h"
+
+struct spin_param {
+    float *p, *g, *m, *v; /* [n] */
+    size_t n, pad;        /* pad: floats reserved before each */
+};
+
+/* All zero; p lies `pad` floats into its block, and so do the others. After a failure close as well. */
+spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad);
+void spin_param_close(struct spin_param *param, struct spin_device *d);
+
+#endif

@@ -1,0 +1,89 @@
+/* A splat's own values beside the heads' outputs: where they go, back the same way, the same bits for any
+ * number of threads.
+ * K: threads residual */
+#include <stdlib.h>
+
+#include "tests/check.h"
+#include "tests/tap.h"
+
+enum { N = 2500, ROWS = 1700 };
+
+static float residual[SPIN_RESIDUAL * N], raw[N * SPIN_ATTR], first[N * SPIN_ATTR],
+    d_raw[ROWS * SPIN_ATTR];
+static float d_residual[SPIN_RESIDUAL * N];
+static uint32_t rows[ROWS];
+
+/* Every group of own values is a matrix of its own; a row of attributes has columns of all. */
+static float of_own(const float *v, size_t i, int column)
+{
+    if (column < SPIN_ATTR_ROTATION)
+        return v[3 * i + (size_t)column];
+    if (column < SPIN_ATTR_SH)
+        return v[3 * N + 4 * i + (size_t)(column - SPIN_ATTR_ROTATION)];
+    if (column < SPIN_ATTR_SH + 3)
+        return v[7 * N + 3 * i + (size_t)(column - SPIN_ATTR_SH)];
+    return column == SPIN_ATTR_OPACITY ? v[10 * N + i] : 0;
+}
+
+static void check_path(const char *path, int n_threads)
+{
+    struct spin_device *d;
+    int wrong = 0;
+
+    setenv("SPIN_CPU", path, 1);
+    d = check_device(n_threads);
+    memcpy(raw, first, sizeof raw);
+    d->op->residual(d, N, residual, raw);
+    for (size_t i = 0; i < N; i++)
+        for (int k = 0; k < SPIN_ATTR; k++) {
+            float sum = first[i * SPIN_ATTR + (size_t)k] + of_own(residual, i, k);
+
+            wrong += raw[i * SPIN_ATTR + (size_t)k] != sum;
+        }
+    ok(wrong == 0, "%s, %d threads: outputs plus own values (%d differ)", path, n_threads, wrong);
+    wrong = 0;
+    for (size_t i = 0; i < SPIN_RESIDUAL * N; i++)
+        d_residual[i] = 1;
+    d->op->residual_back(d, N, ROWS, rows, d_raw, d_residual);
+    for (size_t i = 0, r = 0; i < N; i++) {
+        bool active = r < ROWS && rows[r] == i;
+
+        for (int k = 0; k < SPIN_ATTR; k++)
+            if ((k < SPIN_ATTR_SH + 3 || k == SPIN_ATTR_OPACITY) &&
+                of_own(d_residual, i, k) != 1 + (active ? d_raw[r * SPIN_ATTR + (size_t)k] : 0))
+                wrong++;
+        r += active;
+    }
+    ok(wrong == 0, "%s, %d threads: gradients of the active rows gather (%d differ)", path,
+       n_threads, wrong);
+    check_device_free(d);
+}
+
+static void fill(float *to, size_t n, size_t step)
+{
+    for (size_t i = 0; i < n; i++)
+        to[i] = (float)(i * step % 1999) / 1000 - 1;
+}
+
+TAP_MAIN
+{
+    static const char *const paths[] = {"base", "v3", "v4"};
+
+    fill(residual, SPIN_RESIDUAL * N, 7919);
+    fill(first, (size_t)N * SPIN_ATTR, 104729);
+    fill(d_raw, (size_t)ROWS * SPIN_ATTR, 1299709);
+    for (uint32_t i = 0; i < ROWS; i++)
+        rows[i] = i + i / 3;
+    for (int p = 0; p < 3; p++) {
+        struct spin_device d;
+
+        setenv("SPIN_CPU", paths[p], 1);
+        if (spin_device_open("cpu", 1, &d) != SPIN_OK) {
+            skip(paths[p], spin_last_error());
+            continue;
+        }
+        spin_device_close(&d);
+        for (int n = 1; n <= 8; n = n == 3 ? 8 : n + 1)
+            check_path(paths[p], n);
+    }
+}

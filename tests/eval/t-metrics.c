@@ -1,0 +1,883 @@
+/* What spin_eval() says, held to what is worked out here: the quality of every view and its means, moving
+ * regions, which views, storage, speed, pictures.
+ * K: eval measure */
+#include <pthread.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <zlib.h>
+
+#include "base/log.h"
+#include "model/field.h"
+#include "io/image.h"
+#include "scene/bundle.h"
+#include "scene/dataset.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+enum { W = 16, H = 12, ROWS = 3, CAMERAS = 3, FIRST = 7, MOVING = 4, SHIFT = 25 };
+
+/* In the order of the files: the last one is held out. */
+static const int camera_id[CAMERAS] = {0, 3, 5};
+static const char *folder;
+static char bundle[600], data[600], trained[600];
+
+static const char *in(const char *format, int a, int b)
+{
+    static char path[4][700];
+    static int next;
+    char *p = path[next++ % 4];
+    int n = snprintf(p, sizeof path[0], "%s/", folder);
+
+    snprintf(p + n, sizeof path[0] - (size_t)n, format, a, b);
+    return p;
+}
+
+/* ---- A data set of plain pictures, and splats that nobody sees ---------------------------------- */
+
+static int value_of(int row, int camera, int channel)
+{
+    return 20 + 30 * row + 50 * camera + 13 * channel;
+}
+
+/* Columns at the left that move: SHIFT brighter. One mask is too small to say something. */
+static int n_dynamic(int row, int camera) { return row == 1 && camera == 2 ? 1 : MOVING * H; }
+
+/* The camera in the middle has half of the background in its pictures. */
+static double alpha_of(int camera) { return camera == 1 ? 128 / 255.0 : 1; }
+
+static void put_chunk(FILE *f, const char *name, const unsigned char *bytes, size_t n)
+{
+    unsigned char word[8] = {0, 0, (unsigned char)(n >> 8), (unsigned char)n};
+    uint32_t crc;
+
+    memcpy(word + 4, name, 4);
+    crc = (uint32_t)crc32(crc32(0, word + 4, 4), bytes, (uInt)n);
+    fwrite(word, 1, 8, f);
+    if (n > 0)
+        fwrite(bytes, 1, n, f);
+    for (int i = 0; i < 4; i++)
+        fputc((int)(crc >> (24 - 8 * i) & 255), f);
+}
+
+/* A PNG with an alpha of 128. */
+static void write_half(const char *path, const uint8_t *rgb)
+{
+    unsigned char rows[H * (1 + 4 * W)] = {0}, packed[4 * sizeof rows];
+    const unsigned char head[13] = {0, 0, 0, W, 0, 0, 0, H, 8, 6};
+    uLongf n = sizeof packed;
+    FILE *f = fopen(path, "wb");
+
+    for (int i = 0; i < W * H; i++) {
+        unsigned char *to = rows + i / W * (1 + 4 * W) + 1 + 4 * (i % W);
+
+        memcpy(to, rgb + 3 * i, 3);
+        to[3] = 128;
+    }
+    if (!f || compress(packed, &n, rows, sizeof rows) != Z_OK)
+        exit(1);
+    fwrite("\x89PNG\r\n\x1a\n", 1, 8, f);
+    put_chunk(f, "IHDR", head, sizeof head);
+    put_chunk(f, "IDAT", packed, n);
+    put_chunk(f, "IEND", head, 0);
+    fclose(f);
+}
+
+static void write_pictures(void)
+{
+    uint8_t rgb[3 * W * H], mask[3 * W * H];
+
+    for (int row = 0; row < ROWS; row++)
+        for (int k = 0; k < CAMERAS; k++) {
+            for (int i = 0; i < W * H; i++) {
+                bool moves = n_dynamic(row, k) == 1 ? i == 0 : i % W < MOVING;
+
+                for (int c = 0; c < 3; c++) {
+                    rgb[3 * i + c] = (uint8_t)(value_of(row, k, c) + (moves ? SHIFT : 0));
+                    mask[3 * i + c] = moves ? (k == 0 ? 1 : 255) : 0;
+                }
+            }
+            if (k == 1)
+                write_half(in("data/ims/%d/%06d.png", camera_id[k], FIRST + row), rgb);
+            else if (spin_image_write(in("data/ims/%d/%06d.png", camera_id[k], FIRST + row), W, H,
+                                      rgb, false) != SPIN_OK)
+                exit(1);
+            if (spin_image_write(in("data/seg/%d/%06d.png", camera_id[k], FIRST + row), W, H, mask,
+                                 false) != SPIN_OK)
+                exit(1);
+        }
+}
+
+static void put_list(FILE *f, const char *key, int first, int end, const char *what)
+{
+    fprintf(f, ", \"%s\": [", key);
+    for (int row = 0; row < ROWS; row++) {
+        fprintf(f, "%s[", row ? ", " : "");
+        for (int k = first; k < end; k++) {
+            fprintf(f, "%s", k > first ? ", " : "");
+            if (what)
+                fprintf(f, "%s", what);
+            else if (!strcmp(key, "w2c"))
+                fprintf(f, "[[1, 0, 0, %g], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", 0.1 * k);
+            else if (!strcmp(key, "fn"))
+                fprintf(f, "\"%d/%06d.png\"", camera_id[k], FIRST + row);
+            else
+                fprintf(f, "%d", camera_id[k]);
+        }
+        fprintf(f, "]");
+    }
+    fprintf(f, "]");
+}
+
+static void write_meta(const char *name, int first, int end)
+{
+    FILE *f = fopen(in(name, 0, 0), "w");
+
+    if (!f)
+        exit(1);
+    fprintf(f, "{\"w\": %d, \"h\": %d", W, H);
+    put_list(f, "k", first, end, "[[20, 0, 8], [0, 20, 6], [0, 0, 1]]");
+    put_list(f, "w2c", first, end, NULL);
+    put_list(f, "fn", first, end, NULL);
+    put_list(f, "cam_id", first, end, NULL);
+    fprintf(f, "}\n");
+    fclose(f);
+}
+
+static void write_cloud(const char *name, int number, int row)
+{
+    static const char *const names[] = {"x",      "y",       "z",       "f_dc_0",  "f_dc_1",
+                                        "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
+                                        "rot_0",  "rot_1",   "rot_2",   "rot_3"};
+    FILE *f = fopen(in(name, number, 0), "w");
+
+    if (!f)
+        exit(1);
+    fprintf(f, "ply\nformat ascii 1.0\nelement vertex 1\n");
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        fprintf(f, "property float %s\n", names[i]);
+    fprintf(f, "end_header\n%d %d 30000 0 0 0 -9 -5 -5 -5 1 0 0 0\n", 10000 + row, 20000 - row);
+    fclose(f);
+}
+
+static void make_clip(void)
+{
+    struct spin_import_options o = {.output = bundle, .data = data};
+    struct spin_import_report r;
+
+    mkdir(in("far", 0, 0), 0777);
+    mkdir(in("other", 0, 0), 0777);
+    mkdir(in("data", 0, 0), 0777);
+    mkdir(in("data/ims", 0, 0), 0777);
+    mkdir(in("data/seg", 0, 0), 0777);
+    for (int k = 0; k < CAMERAS; k++) {
+        mkdir(in("data/ims/%d", camera_id[k], 0), 0777);
+        mkdir(in("data/seg/%d", camera_id[k], 0), 0777);
+    }
+    for (int row = 0; row < ROWS; row++) {
+        write_cloud("far/f%d.ply", FIRST + row, row);
+        write_cloud("other/f%d.ply", row, row);
+    }
+    write_pictures();
+    write_meta("data/train_meta.json", 0, 2);
+    write_meta("data/test_meta.json", 2, 3);
+    snprintf(bundle, sizeof bundle, "%s/far.spin", folder);
+    snprintf(data, sizeof data, "%s/data", folder);
+    o.input = in("far", 0, 0);
+    if (!ok(spin_import(&o, &r) == SPIN_OK && r.frames == ROWS && r.number_first == FIRST,
+            "a clip of three frames, numbered as the pictures"))
+        printf("#   %s\n", spin_last_error());
+    ok(r.bounds_min[0] == 10000 && r.bounds_min[1] == 20000 - ROWS + 1 &&
+           r.bounds_min[2] == 30000 && r.bounds_max[0] == 10000 + ROWS - 1 &&
+           r.bounds_max[1] == 20000 && r.bounds_max[2] == 30000,
+       "the box around all of its frames");
+    o.input = in("other", 0, 0);
+    o.force = true;
+    o.output = in("other.spin", 0, 0);
+    ok(spin_import(&o, &r) == SPIN_E_USAGE, "other numbers do not meet those of the pictures");
+    o.pair = "order";
+    ok(spin_import(&o, &r) == SPIN_OK && r.number_first == 0, "unless paired by order");
+}
+
+/* --check-cameras: every picture is of its own frame and camera, darkened. */
+static void check_overlays(void)
+{
+    struct spin_import_options o = {.data = data};
+    struct spin_import_report r;
+    char overlays[600];
+    int good = 0;
+
+    snprintf(overlays, sizeof overlays, "%s/overlays", folder);
+    o.input = in("far", 0, 0);
+    o.check_cameras = overlays;
+    if (!ok(spin_import(&o, &r) == SPIN_OK && r.n_cameras == ROWS * CAMERAS, "nine overlays"))
+        return;
+    for (int row = 0; row < ROWS; row++)
+        for (int k = 0; k < CAMERAS; k++) {
+            uint8_t *rgb = NULL;
+            int w, h, last = 3 * (W * H - 1);
+            double dark = 0.45;
+            const char *path = in("overlays/frame%05d_cam%03d.png", FIRST + row, camera_id[k]);
+
+            if (spin_image_read(path, NULL, &w, &h, &rgb) != SPIN_OK)
+                continue;
+            dark *= alpha_of(k); /* over black */
+            good += w == W && h == H && fabs(rgb[last] - dark * value_of(row, k, 0)) <= 1 &&
+                    fabs(rgb[last + 2] - dark * value_of(row, k, 2)) <= 1;
+            free(rgb);
+        }
+    ok(good == ROWS * CAMERAS, "each over the picture of its frame and camera (%d)", good);
+}
+
+/* ---- Quality ------------------------------------------------------------------------------------- */
+
+/* Mean squared error of n pixels of this shift, summed over the channels, against what is drawn. */
+static double errors(int row, int camera, int shift, const float drawn[3])
+{
+    double sum = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double a = alpha_of(camera), v = value_of(row, camera, c) + shift, back = (double)drawn[c];
+
+        sum += pow(rint(a * v + (1 - a) * 255 * back) / 255 - back, 2) / 3;
+    }
+    return sum;
+}
+
+static double decibels(double mse) { return -10 * log(mse) / log(10); }
+
+struct sums {
+    double psnr, dynamic, still, share, ssim;
+    int n, n_dynamic;
+};
+
+static int place_of(int id)
+{
+    int k = 0;
+
+    while (k < CAMERAS - 1 && camera_id[k] != id)
+        k++;
+    return k;
+}
+
+static bool is(double got, double want)
+{
+    return isnan(want) ? isnan(got) : fabs(got - want) < 2e-4;
+}
+
+/* Every view, and the sums of what there should be. */
+static bool views_are_right(const struct spin_eval_report *r, const float drawn[3], struct sums *s)
+{
+    bool good = true;
+
+    memset(s, 0, sizeof *s);
+    for (size_t i = 0; i < r->n_views; i++) {
+        const struct spin_quality *q = &r->view[i].q;
+        int row = r->view[i].frame - FIRST, k = place_of(r->view[i].camera);
+        double share = (double)n_dynamic(row, k) / (W * H);
+        double dynamic = errors(row, k, SHIFT, drawn), still = errors(row, k, 0, drawn);
+        bool few = n_dynamic(row, k) < 16;
+
+        good = good && is(q->psnr, decibels(share * dynamic + (1 - share) * still)) &&
+               is(q->psnr_dynamic, few ? NAN : decibels(dynamic)) &&
+               is(q->psnr_static, decibels(still)) && is(q->dynamic, share) && q->valid;
+        s->psnr += q->psnr;
+        s->ssim += q->ssim;
+        s->still += q->psnr_static;
+        s->share += q->dynamic;
+        s->dynamic += few ? 0 : q->psnr_dynamic;
+        s->n_dynamic += !few;
+        s->n++;
+    }
+    return good;
+}
+
+static bool means_are_right(const struct spin_quality *q, const struct sums *s)
+{
+    return q->valid && is(q->psnr, s->psnr / s->n) && is(q->ssim, s->ssim / s->n) &&
+           is(q->psnr_static, s->still / s->n) && is(q->dynamic, s->share / s->n) &&
+           is(q->psnr_dynamic, s->dynamic / s->n_dynamic);
+}
+
+static void check_eval(const struct spin_eval_options *o, size_t n_views, const char *what)
+{
+    struct spin_eval_report r;
+    struct sums s;
+    float drawn[3];
+    int seen[ROWS][CAMERAS] = {{0}}, most = 0;
+
+    for (int c = 0; c < 3; c++)
+        drawn[c] = fminf(fmaxf(o->background[c], 0), 1);
+    if (!ok(spin_eval(o, &r) == SPIN_OK && r.n_views == n_views, "%s: %zu views", what, n_views)) {
+        printf("#   %zu, %s\n", r.n_views, spin_last_error());
+        return;
+    }
+    for (size_t i = 0; i < r.n_views; i++) {
+        int *at = &seen[r.view[i].frame - FIRST][place_of(r.view[i].camera)];
+
+        most = ++*at > most ? *at : most;
+    }
+    ok(most == 1, "%s: each once", what);
+    ok(r.dynamic == SPIN_DYNAMIC_MASKS, "%s: what moves is known from the masks", what);
+    ok(views_are_right(&r, drawn, &s), "%s: the PSNR of every view, and of what moves", what);
+    ok(means_are_right(&r.mean, &s), "%s: means over the views that have it", what);
+    spin_eval_report_free(&r);
+}
+
+static void check_quality(void)
+{
+    struct spin_eval_options o = {.input = bundle, .device = "cpu", .n_threads = 1};
+    static const int held_out[] = {0, 3}, none[] = {5};
+    struct spin_eval_report r;
+
+    o.background[0] = 0.1f;
+    o.background[1] = 0.5f;
+    o.background[2] = 0.9f;
+    check_eval(&o, ROWS, "held out");
+    o.split = SPIN_SPLIT_TRAIN;
+    check_eval(&o, 2 * ROWS, "training");
+    o.split = SPIN_SPLIT_ALL;
+    check_eval(&o, 3 * ROWS, "all");
+    o.range = (struct spin_range){true, FIRST + 1, FIRST + 3, 1};
+    check_eval(&o, 3 * 2, "two frames");
+    o.split = SPIN_SPLIT_TEST;
+    o.test_cameras = held_out;
+    o.n_test_cameras = 2;
+    check_eval(&o, 2 * 2, "two frames, other cameras held out");
+    o.split = SPIN_SPLIT_TRAIN;
+    o.range.given = false;
+    check_eval(&o, ROWS, "all frames, the camera left");
+    o.background[0] = 1.5f;
+    o.background[2] = -0.5f;
+    check_eval(&o, ROWS, "pictures out of range are cut off before they are compared");
+    o.split = SPIN_SPLIT_TEST;
+    o.test_cameras = none;
+    o.n_test_cameras = 1;
+    ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == ROWS && r.view[0].camera == 5,
+       "the held-out camera is the one that was asked for");
+    spin_eval_report_free(&r);
+}
+
+/* ---- Camera colours ------------------------------------------------------------------------------ */
+
+/* The largest of the logarithms of gains (first 0) or of the offsets (first 3) of two cameras. */
+static double largest_of(const float *exposure, size_t first)
+{
+    double most = 0;
+
+    for (size_t i = 0; i < 12; i++)
+        if (i % 6 / 3 == first / 3)
+            most = fmax(most, fabs((double)exposure[i]));
+    return most;
+}
+
+/* Where nothing is drawn there is nothing to brighten: cameras learn offsets and no gains. A run that sees
+ * nothing ends with an error, and its state is kept. */
+static void check_tints(void)
+{
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    struct spin_npz state;
+    char part[700];
+    float *exposure;
+
+    spin_retrain_defaults(&o);
+    o.input = bundle;
+    o.output = in("tinted.spin", 0, 0);
+    snprintf(part, sizeof part, "%s.part", o.output);
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.hash_log2 = 8;
+    o.iterations = o.warmup = 1;
+    o.batch = 1;
+    o.learn_exposure = true;
+    o.lr_exposure = 0.01;
+    if (!ok(spin_retrain(&o, &r) == SPIN_E_MALFORMED &&
+                strstr(spin_last_error(), "no splat is visible") &&
+                spin_npz_open(part, &state) == SPIN_OK,
+            "learns colours of cameras that see nothing: %s", spin_last_error()))
+        return;
+    exposure = check_load_f32(&state, "tint/p", NULL);
+    ok(largest_of(exposure, 0) == 0, "no gains");
+    near(largest_of(exposure, 3), 0.005, 1e-6, "offsets, with a mean of 0");
+    free(exposure);
+    spin_npz_close(&state);
+}
+
+/* Behind splats that nobody sees is the background, and in pictures that let it through as well: the first
+ * loss is known. */
+static void check_first_loss(void)
+{
+    static const int held_out_too[] = {0, 5};
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    char log[600], line[2000] = "";
+    const char *l1, *views;
+    double want = 0;
+    int frame = 0;
+    FILE *f;
+
+    snprintf(log, sizeof log, "%s/first.log", folder);
+    spin_retrain_defaults(&o);
+    o.input = bundle;
+    o.output = in("first.spin", 0, 0);
+    o.log = log;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.hash_log2 = 8;
+    o.iterations = o.batch = 1;
+    o.test_cameras = held_out_too;
+    o.n_test_cameras = 2;
+    o.background[0] = 0.9f;
+    o.background[1] = 0.1f;
+    o.background[2] = 0.6f;
+    if (!ok(spin_retrain(&o, &r) == SPIN_E_MALFORMED &&
+                strstr(spin_last_error(), "no splat is visible"),
+            "one step over a background"))
+        return;
+    f = fopen(log, "r");
+    if (!f || !fgets(line, sizeof line, f))
+        exit(1);
+    fclose(f);
+    l1 = strstr(line, "\"l1\": ");
+    views = strstr(line, "[[");
+    if (!ok(l1 && views && sscanf(views, "[[%d, 3]]", &frame) == 1, "is logged"))
+        return;
+    for (int c = 0; c < 3; c++)
+        for (int moves = 0; moves < 2; moves++)
+            want += (moves ? MOVING : W - MOVING) / (3.0 * W) * alpha_of(1) *
+                    fabs((value_of(frame - FIRST, 1, c) + moves * SHIFT) / 255.0 -
+                         (double)o.background[c]);
+    near(atof(l1 + 6), want, 0.002, "its loss is that of the pictures over the background");
+}
+
+/* ---- A network: storage, speed, pictures ---------------------------------------------------------- */
+
+static void train(void)
+{
+    struct spin_import_options i = {.input = "fixtures/court-mini/params.npz",
+                                    .data = "fixtures/court-mini"};
+    struct spin_import_report ir;
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    struct spin_eval_options e = {.image_scale = 0.1, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report er;
+    char source[600];
+
+    snprintf(source, sizeof source, "%s/court.spin", folder);
+    snprintf(trained, sizeof trained, "%s/trained.spin", folder);
+    i.output = source;
+    if (spin_import(&i, &ir) != SPIN_OK)
+        exit(1);
+    spin_retrain_defaults(&o);
+    o.input = source;
+    o.output = trained;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.image_scale = 0.1;
+    o.iterations = 2;
+    o.hash_log2 = 12;
+    o.refine = 2;
+    o.residual = SPIN_RESIDUAL_SOURCE;
+    o.hash_init_range = 0.3; /* places and times differ */
+    o.background[1] = e.background[1] = 0.7f;
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network"))
+        printf("#   %s\n", spin_last_error());
+    e.input = trained;
+    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.network, "measured again");
+    near(er.mean.psnr, r.test.psnr, 1e-9, "from its file, the network is what it was in training");
+    near(er.mean.ssim, r.test.ssim, 1e-9, "in its SSIM as well");
+    spin_eval_report_free(&er);
+}
+
+/* A network that does not learn is drawn in training as it is drawn afterwards: every view of the log has
+ * the SSIM that it has in the evaluation, so frames have their times and views their frames. */
+static void check_log(void)
+{
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    struct spin_eval_options e = {.image_scale = 0.25, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report er;
+    char source[600], output[600], path[600], line[4096];
+    int n = 0, good = 0;
+    FILE *f;
+
+    snprintf(source, sizeof source, "%s/court.spin", folder);
+    snprintf(output, sizeof output, "%s/still.spin", folder);
+    snprintf(path, sizeof path, "%s/still.log", folder);
+    spin_retrain_defaults(&o);
+    o.input = source;
+    o.output = output;
+    o.log = path;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.image_scale = 0.25;
+    o.iterations = 12;
+    o.batch = 1;
+    o.hash_log2 = 12;
+    o.hash_init_range = 0.3;
+    o.lr_table = o.lr_position = o.lr_head_factor = 0;
+    e.input = output;
+    e.split = SPIN_SPLIT_TRAIN;
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_eval(&e, &er) == SPIN_OK, "learns nothing"))
+        return;
+    f = fopen(path, "r");
+    while (f && fgets(line, sizeof line, f)) {
+        const char *ssim = strstr(line, "\"ssim\": "), *views = strstr(line, "\"views\": [[");
+        int frame, camera;
+
+        if (!ssim || !views || sscanf(views, "\"views\": [[%d, %d]]", &frame, &camera) != 2)
+            continue;
+        n++;
+        for (size_t i = 0; i < er.n_views; i++)
+            good += er.view[i].frame == frame && er.view[i].camera == camera &&
+                    fabs(er.view[i].q.ssim - atof(ssim + 8)) < 1e-5;
+    }
+    if (f)
+        fclose(f);
+    ok(n == 12 && good == n, "%d of %d views of the log look as they do afterwards", good, n);
+    spin_eval_report_free(&er);
+}
+
+/* Bytes of the members whose names begin so. */
+static uint64_t bytes_of(const struct spin_zip *zip, const char *begin)
+{
+    uint64_t sum = 0;
+
+    for (size_t i = 0; i < zip->n; i++)
+        if (!strncmp(zip->member[i].name, begin, strlen(begin)))
+            sum += zip->member[i].packed_size;
+    return sum;
+}
+
+static void check_storage(const struct spin_eval_report *r)
+{
+    const struct spin_bundle_bytes *s = &r->storage;
+    struct spin_npz npz;
+    struct stat at;
+    uint64_t network;
+
+    if (stat(trained, &at) != 0 || spin_npz_open(trained, &npz) != SPIN_OK)
+        exit(1);
+    network = bytes_of(&npz.zip, "network/");
+    ok(s->file == (uint64_t)at.st_size, "storage: the file");
+    ok(s->source > 0 && s->source == bytes_of(&npz.zip, "source/"), "storage: the source");
+    ok(s->refined > 0 && s->refined == bytes_of(&npz.zip, "refined/"), "storage: refined frames");
+    ok(s->positions > bytes_of(&npz.zip, "network/means/") &&
+           s->positions ==
+               bytes_of(&npz.zip, "network/means/") + bytes_of(&npz.zip, "network/residual/"),
+       "storage: positions, and what splats have of their own");
+    ok(s->table > 0 && s->table == bytes_of(&npz.zip, "network/table"), "storage: the table");
+    ok(s->heads > 0 && s->heads == network - s->positions - s->table, "storage: the heads");
+    spin_npz_close(&npz);
+}
+
+static void *cancel_once_saved(void *part)
+{
+    while (!spin_path_exists(part))
+        usleep(1000);
+    spin_cancel();
+    return NULL;
+}
+
+/* A process of its own, as nothing runs to its end after spin_cancel(). Ends once a state is kept. */
+static bool run_until_saved(const struct spin_retrain_options *o, char *part)
+{
+    pid_t child;
+    int status;
+
+    fflush(stdout);
+    child = fork();
+    if (child == 0) {
+        struct spin_retrain_report r;
+        pthread_t thread;
+
+        alarm(120);
+        if (pthread_create(&thread, NULL, cancel_once_saved, part) != 0)
+            _exit(2);
+        _exit(spin_retrain(o, &r) == SPIN_E_CANCELLED ? 0 : 1);
+    }
+    return child > 0 && waitpid(child, &status, 0) == child && status == 0;
+}
+
+/* The gradient of the last biases of the scale head, and of that of the opacity, from Adam's first moment in
+ * the state of a run that was stopped. Every step sees every view and no rate is above 0, so all steps had
+ * this gradient. */
+static bool first_gradient(const struct spin_retrain_options *o, double out[4])
+{
+    const int finest[4] = {2048, 2048, 2048, 16};
+    struct spin_field field;
+    struct spin_npz state;
+    const struct spin_zip_member *member;
+    char part[700];
+    const unsigned char *bytes;
+    void *owned = NULL;
+    spin_json *j = NULL;
+    int64_t steps = 0;
+    double share;
+    float *m;
+
+    snprintf(part, sizeof part, "%s.part", o->output);
+    remove(part);
+    if (spin_field_plan(&field, o->levels, o->features, o->hash_log2, o->hidden, o->sh_degree,
+                        o->base_resolution, finest) != SPIN_OK ||
+        !ok(run_until_saved(o, part) && spin_npz_open(part, &state) == SPIN_OK,
+            "a run that is stopped after some steps"))
+        return false;
+    member = spin_zip_find(&state.zip, "state.json");
+    if (!member || spin_zip_read(&state.zip, member, true, 1 << 26, &bytes, &owned) != SPIN_OK ||
+        spin_json_parse("state.json", (const char *)bytes, member->size, &j) != SPIN_OK ||
+        !spin_json_integer(spin_json_get(j, "iteration"), &steps) || steps < 1)
+        exit(1);
+    spin_json_free(j);
+    free(owned);
+    share = 1 - pow(0.9, (double)steps);
+    m = check_load_f32(&state, "heads/m", NULL);
+    for (int c = 0; c < 3; c++)
+        out[c] = (double)m[field.heads.offset[SPIN_HEAD_SCALE + 1] - 3 + (size_t)c] / share;
+    out[3] = (double)m[field.heads.offset[SPIN_HEAD_OPACITY + 1] - 1] / share;
+    free(m);
+    spin_npz_close(&state);
+    return true;
+}
+
+/* What the mean scale, by axis, and the mean opacity of a network give to those biases. */
+static double mean_slopes(const char *path, double slope[4])
+{
+    struct spin_scene *scene = NULL;
+    struct spin_splats s = {0};
+    struct spin_bundle b;
+    double extent = 0;
+
+    if (spin_scene_open(path, &scene) != SPIN_OK || spin_bundle_open(path, &b) != SPIN_OK ||
+        !spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "network"), "options"),
+                                        "spatial_extent"),
+                          &extent))
+        exit(1);
+    for (int f = 0; f < 2; f++) {
+        if (spin_scene_read(scene, f, SPIN_FROM_NETWORK,
+                            SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES, &s) != SPIN_OK)
+            exit(1);
+        for (size_t k = 0; k < s.n; k++) {
+            double o = 1 / (1 + exp(-(double)s.logit_opacities[k])), n = 2 * (double)s.n;
+
+            for (size_t c = 0; c < 3; c++)
+                slope[c] += exp((double)s.log_scales[3 * k + c]) / 3 / n;
+            slope[3] += o * (1 - o) / n;
+        }
+    }
+    spin_splats_free(&s);
+    spin_bundle_close(&b);
+    spin_scene_close(scene);
+    return extent;
+}
+
+/* The weights on the mean scale and opacity: over the extent, by axis, splat and frame of the step. Splats
+ * that no view of the step sees have no part in it. */
+static void check_weights(void)
+{
+    struct spin_import_options i = {
+        .input = "fixtures/court-mini", .data = "fixtures/court-mini", .positions_only = true};
+    struct spin_import_report ir;
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    double slope[4] = {0}, without[4], scale[4], opacity[4], extent;
+    char source[600], output[600];
+    bool good = true;
+
+    snprintf(source, sizeof source, "%s/bare.spin", folder);
+    snprintf(output, sizeof output, "%s/weighed.spin", folder);
+    i.output = source;
+    spin_retrain_defaults(&o);
+    o.input = source;
+    o.output = output;
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.image_scale = 0.25;
+    o.range = (struct spin_range){true, 2, 4, 1};
+    o.hash_log2 = 10;
+    o.iterations = 1;
+    o.batch = 6;
+    o.init_log_scale = -3;
+    o.lr_table = o.lr_position = o.lr_head_factor = 0;
+    o.force = true;
+    if (!ok(spin_import(&i, &ir) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK,
+            "what a network begins with"))
+        return;
+    extent = mean_slopes(output, slope);
+    o.iterations = 1000;
+    o.batch = 12;
+    o.save_every = 1;
+    if (!first_gradient(&o, without))
+        return;
+    o.lambda_scale = 50;
+    if (!first_gradient(&o, scale))
+        return;
+    o.lambda_scale = 0;
+    o.lambda_opacity = 50;
+    if (!first_gradient(&o, opacity))
+        return;
+    for (int k = 0; k < 4; k++) {
+        double weight = k < 3 ? 50 / extent : 50;
+        double share = ((k < 3 ? scale : opacity)[k] - without[k]) / (weight * slope[k]);
+
+        good = good && share > 0.8 && share < 1.01;
+        printf("#   %s: %.4f of what all splats would give\n", k < 3 ? "scale" : "opacity", share);
+    }
+    ok(good && extent > 2, "weights on the mean scale, over the extent (%.3g), and opacity",
+       extent);
+}
+
+/* What each frame and each view took cannot be more, all together, than what went by. */
+static void check_speed(void)
+{
+    struct spin_eval_options o = {
+        .input = trained, .image_scale = 0.1, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report r;
+    double start = spin_now_s(), took;
+
+    o.dynamic = SPIN_DYNAMIC_OFF;
+    o.test_cameras = (const int[]){0};
+    o.n_test_cameras = 1;
+    if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 6, "a view of every frame"))
+        return;
+    took = spin_now_s() - start;
+    ok(r.dynamic == SPIN_DYNAMIC_OFF && isnan(r.mean.psnr_dynamic),
+       "what moves only when asked for");
+    ok(r.seconds_decode > 0 && 6 * r.seconds_decode < took, "seconds to decode are of one frame");
+    spin_eval_report_free(&r);
+
+    o.image_scale = 1;
+    o.split = SPIN_SPLIT_ALL;
+    o.range = (struct spin_range){true, 1, 2, 1};
+    o.source = true;
+    start = spin_now_s();
+    if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 8, "eight views of a frame"))
+        return;
+    took = spin_now_s() - start;
+    ok(r.seconds_draw > 0 && 8 * r.seconds_draw < took, "seconds to draw are of one view");
+    check_storage(&r);
+    spin_eval_report_free(&r);
+}
+
+/* Panel k of n in a picture of --images. */
+static void read_panel(const char *in_folder, int camera, int number, int k, int n, int w, int h,
+                       uint8_t *out)
+{
+    char path[800];
+    uint8_t *rgb = NULL;
+    int width, height, gap = 4;
+
+    snprintf(path, sizeof path, "%s/%s/cam_%02d_frame_%05d.png", folder, in_folder, camera, number);
+    if (spin_image_read(path, NULL, &width, &height, &rgb) != SPIN_OK ||
+        !ok(width == n * w + (n - 1) * gap && height == h, "%s: %d pictures beside each other",
+            in_folder, n))
+        exit(tap_done());
+    for (int y = 0; y < h; y++)
+        memcpy(out + 3 * y * w, rgb + 3 * ((size_t)y * (size_t)width + (size_t)(k * (w + gap))),
+               3 * (size_t)w);
+    free(rgb);
+}
+
+/* Mean difference of 8-bit pictures. */
+static double difference(const uint8_t *a, const uint8_t *b, int n)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        sum += abs(a[i] - b[i]);
+    return sum / n;
+}
+
+static void check_pictures(void)
+{
+    enum { PW = 80, PH = 45, BYTES = 3 * PW * PH };
+    static uint8_t truth[BYTES], panel[3][BYTES], alone[BYTES];
+    static float image[BYTES];
+    struct spin_eval_options o = {
+        .input = trained, .image_scale = 0.5, .device = "cpu", .n_threads = 1};
+    struct spin_eval_report r, source;
+    char images[700], images2[700];
+
+    snprintf(images, sizeof images, "%s/images", folder);
+    snprintf(images2, sizeof images2, "%s/images2", folder);
+    o.images = images;
+    o.range = (struct spin_range){true, 2, 4, 1};
+    if (!ok(spin_eval(&o, &r) == SPIN_OK, "draws"))
+        return;
+    o.images = images2;
+    o.source = true;
+    if (!ok(spin_eval(&o, &source) == SPIN_OK, "draws the source"))
+        return;
+    if (spin_image_load("fixtures/court-mini/ims/15/000011.jpg", PW, PH, NULL, image) != SPIN_OK)
+        exit(1);
+    for (int i = 0; i < PW * PH; i++)
+        for (int c = 0; c < 3; c++)
+            truth[3 * i + c] = (uint8_t)lrintf(255 * image[c * PW * PH + i]);
+    for (int k = 0; k < 3; k++)
+        read_panel("images", 15, 3, k, 3, PW, PH, panel[k]);
+    read_panel("images2", 15, 3, 1, 2, PW, PH, alone);
+    ok(difference(panel[0], truth, BYTES) < 0.6, "the truth is on the left");
+    ok(difference(panel[1], alone, BYTES) == 0, "then the source");
+    ok(difference(panel[2], alone, BYTES) > 0.5, "then what was trained");
+    for (size_t i = 0; i < r.n_views; i++)
+        if (r.view[i].frame == 3 && r.view[i].camera == 15) {
+            double sum = 0;
+
+            for (int k = 0; k < BYTES; k++)
+                sum += pow((panel[2][k] - panel[0][k]) / 255.0, 2);
+            near(r.view[i].q.psnr, decibels(sum / BYTES), 0.05, "which has the PSNR of that view");
+        }
+    spin_eval_report_free(&r);
+    spin_eval_report_free(&source);
+}
+
+/* --panels before, of some frames or of all: the same pictures. */
+static void check_before(void)
+{
+    static const char *const pairs[] = {"panels", "before", NULL};
+    struct spin_export_options o = {
+        .input = trained, .to = "images", .device = "cpu", .plugin_pairs = pairs};
+    struct spin_export_report r;
+    uint8_t *rgb[3] = {NULL};
+    int w, h;
+    char all[700], one[700];
+
+    snprintf(all, sizeof all, "%s/all", folder);
+    snprintf(one, sizeof one, "%s/one", folder);
+    o.output = all;
+    ok(spin_export(&o, &r) == SPIN_OK && r.frames == 6, "draws all frames as imported");
+    o.output = one;
+    o.range = (struct spin_range){true, 3, 4, 1};
+    ok(spin_export(&o, &r) == SPIN_OK && r.frames == 1, "or one of them");
+    if (spin_image_read(in("all/15/%05d.png", 3, 0), NULL, &w, &h, &rgb[0]) != SPIN_OK ||
+        spin_image_read(in("one/15/%05d.png", 3, 0), NULL, &w, &h, &rgb[1]) != SPIN_OK ||
+        spin_image_read(in("all/15/%05d.png", 0, 0), NULL, &w, &h, &rgb[2]) != SPIN_OK)
+        exit(1);
+    ok(difference(rgb[0], rgb[1], 3 * w * h) == 0, "the same picture");
+    ok(difference(rgb[0], rgb[2], 3 * w * h) > 0.1, "which is not that of another frame");
+    for (int i = 0; i < 3; i++)
+        free(rgb[i]);
+}
+
+TAP_MAIN
+{
+    folder = check_folder();
+    if (spin_image_start() != SPIN_OK) {
+        skip("measuring", spin_last_error());
+        return;
+    }
+    spin_log_set_level(-2);
+    make_clip();
+    check_overlays();
+    check_quality();
+    check_tints();
+    check_first_loss();
+    train();
+    check_log();
+    check_speed();
+    check_pictures();
+    check_before();
+    check_weights();
+}

@@ -1,0 +1,204 @@
+/* K: export rows threads */
+#include "base/log.h"
+#include "exporters/lib/splat_filter.h"
+#include "tests/exporters/frame.h"
+
+static struct spin_splat_filter begin(const char *const *pairs, int n_threads,
+                                      struct spin_export_report *report)
+{
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .sh_degree = 1, .values = &values, .n_threads = n_threads, .report = report};
+    struct spin_splat_filter rows = {0};
+
+    ok(spin_splat_filter_begin(&rows, &job, NULL) == SPIN_OK, "takes the options");
+    return rows;
+}
+
+static void test_reasons(void)
+{
+    struct spin_export_report report = {0};
+    struct spin_splat_filter rows = begin(NULL, 1, &report);
+    struct spin_splats s = {0};
+
+    make_frame(&s, 20000, 1, 3);
+    spoil_frame(&s);
+    s.log_scales[3 * 9000 + 2] = 2.7f; /* 14.9 against a diagonal of 13.8 */
+    s.log_scales[3 * 9001 + 2] = 2.5f;
+    s.logit_opacities[9002] = NAN;
+    ok(spin_splat_filter_choose(&rows, &s, 4) == SPIN_OK && rows.n_kept == s.n - 8,
+       "eight rows are left out");
+    ok(rows.n_left_out[SPIN_ROWS_NOT_FINITE] == 5 && rows.n_left_out[SPIN_ROWS_NO_ROTATION] == 1 &&
+           rows.n_left_out[SPIN_ROWS_TOO_LARGE] == 2,
+       "each for its reason");
+    ok(rows.keep[0] && !rows.keep[1] && rows.keep[7] && !rows.keep[9000] && rows.keep[9001],
+       "an infinite logit is no reason, nor is a large splat within the scene");
+    ok(spin_splat_filter_before(&rows, 2) == 8192 - 6, "kept rows before a block are counted");
+    spin_splat_filter_end(&rows);
+    ok(report.left_out == 8, "the report has the sum");
+    spin_splats_free(&s);
+}
+
+static void test_limits(void)
+{
+    static const char *const none[] = {"max-scale", "0", NULL};
+    static const char *const half[] = {"max-scale", "0.5", NULL};
+    struct spin_splat_filter rows = begin(none, 1, NULL);
+    struct spin_splats s = {0};
+
+    make_frame(&s, 100, 0, 3);
+    s.log_scales[3] = 40;
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 100,
+       "--max-scale 0: no limit");
+    s.log_scales[3] = 45;
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 99, "but that of float");
+    spin_splat_filter_end(&rows);
+    rows = begin(half, 1, NULL);
+    s.log_scales[3] = 2.1f;
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 99, "--max-scale 0.5");
+    spin_splat_filter_end(&rows);
+    rows = begin(NULL, 1, NULL);
+    make_frame(&s, 7, 0, 3);
+    s.log_scales[3] = 5;
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 7,
+       "seven places do not say how large a scene is");
+    make_frame(&s, 50, 0, 3);
+    for (size_t i = 0; i < 150; i++)
+        s.means[i] = 2;
+    s.log_scales[3] = 5;
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 50,
+       "nor does one place");
+    s.means[0] = 3e38f;
+    s.means[3] = -3e38f;
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 50,
+       "places at the ends of float overflow nothing");
+    make_frame(&s, 0, 0, 3);
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK && rows.n_kept == 0, "an empty frame");
+    spin_splat_filter_end(&rows);
+    spin_splats_free(&s);
+}
+
+static void test_threads(void)
+{
+    static const char *const pairs[] = {"min-opacity", "0.3", NULL};
+    struct spin_splat_filter one = begin(pairs, 1, NULL), four = begin(pairs, 4, NULL);
+    struct spin_splats s = {0};
+
+    make_frame(&s, 50001, 1, 8);
+    ok(spin_splat_filter_choose(&one, &s, 0) == SPIN_OK &&
+           spin_splat_filter_choose(&four, &s, 0) == SPIN_OK && one.n_kept == four.n_kept &&
+           one.n_kept < s.n && memcmp(one.keep, four.keep, s.n) == 0,
+       "four threads choose as one does");
+    spin_splat_filter_end(&one);
+    spin_splat_filter_end(&four);
+    spin_splats_free(&s);
+}
+
+/* Where each axis of the source goes. */
+static void test_up(void)
+{
+    static const char *const axes[] = {"x", "y", "z", "-x", "-y", "-z"};
+
+    for (int a = 0; a < 6; a++) {
+        const char *pairs[] = {"up", axes[a], NULL};
+        struct spin_splat_filter rows = begin(pairs, 1, NULL);
+        float v[3] = {0};
+        spin_vec3 up;
+
+        v[a % 3] = a < 3 ? 1 : -1;
+        up = spin_scene_rotation_place(&rows.turn, spin_v3(v[0], v[1], v[2]));
+        ok(up.x == 0 && up.y == 1 && up.z == 0 && rows.up, "--up %s: it becomes y", axes[a]);
+        spin_splat_filter_end(&rows);
+    }
+}
+
+static void test_rotate(void)
+{
+    static const char *const pairs[] = {"up", "z", "rotate", "0,90,-30", NULL};
+    struct spin_splat_filter rows = begin(pairs, 1, NULL);
+    spin_vec3 p = spin_scene_rotation_place(&rows.turn, spin_v3(0, 0, 1));
+
+    /* z becomes y; y stays in the turn about y; about z by -30 degrees it leans to x. */
+    near((double)p.x, 0.5, 1e-6, "--rotate comes after --up");
+    near((double)p.y, sqrt(0.75), 1e-6, "and goes about x, y, z");
+    ok(!rows.up, "which way is up is not said then");
+    spin_splat_filter_end(&rows);
+}
+
+static bool close_to(const float *got, const float *want, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (!(fabsf(got[i] - want[i]) < 1e-6f))
+            return false;
+    return true;
+}
+
+/* A quarter turn about x, y to z and z to -y: places, rotations and harmonics of degree 1, which are
+ * -y, z and -x, all go with it. */
+static void test_turned(void)
+{
+    static const char *const pairs[] = {"rotate", "90,0,0", NULL};
+    static const float place[] = {1, -3, 2}, half = 0.70710678f;
+    static const float quats[2][4] = {{-0.1f, 0.7f, 0.1f, 0.7f}, {0.1f, 0.7f, 0.1f, 0.7f}};
+    static const float turned[2][4] = {{0.8f, -0.6f, 0.6f, -0.8f}, {0.6f, -0.8f, 0.6f, -0.8f}};
+    struct spin_splat_filter rows = begin(pairs, 1, NULL);
+    float out[3], q[4], want[4], room[3 * SPIN_SH_MAX];
+    struct spin_splats s = {0};
+    const float *sh, *was;
+
+    make_frame(&s, 2, 1, 3);
+    s.means[0] = 1, s.means[1] = 2, s.means[2] = 3;
+    memcpy(s.quats, quats, sizeof quats);
+    ok(spin_splat_filter_choose(&rows, &s, 0) == SPIN_OK, "a quarter turn about x");
+    spin_splat_filter_place(&rows, 0, out);
+    ok(close_to(out, place, 3), "places are turned");
+    for (size_t i = 0; i < 2; i++) {
+        for (int k = 0; k < 4; k++)
+            want[k] = half * turned[i][k];
+        spin_splat_filter_turned(&rows, i, q);
+        ok(close_to(q, want, 4), "rotations are turned, and w stays positive");
+    }
+    was = s.sh + 12;
+    sh = spin_splat_filter_sh(&rows, 1, room);
+    for (int c = 0; c < 3; c++) {
+        const float expected[] = {was[c], was[6 + c], -was[3 + c], was[9 + c]};
+        const float got[] = {sh[c], sh[3 + c], sh[6 + c], sh[9 + c]};
+
+        ok(close_to(got, expected, 4), "harmonics are turned, channel %d", c);
+    }
+    spin_splat_filter_end(&rows);
+    spin_splats_free(&s);
+}
+
+static void test_refused(void)
+{
+    static const char *const bad[][2] = {{"up", "w"},         {"up", ""},
+                                         {"rotate", "1,2"},   {"rotate", "1,2,3,4"},
+                                         {"rotate", "a,0,0"}, {"rotate", "inf,0,0"},
+                                         {"max-scale", "-1"}, {"max-scale", "nan"},
+                                         {"sh", "4"},         {"min-opacity", "1"}};
+
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        const char *pairs[] = {bad[i][0], bad[i][1], NULL};
+        struct spin_plugin_values values = {pairs};
+        struct spin_export_job job = {.values = &values};
+        struct spin_splat_filter rows = {0};
+
+        ok(spin_splat_filter_begin(&rows, &job, NULL) == SPIN_E_USAGE &&
+               strstr(spin_last_error(), bad[i][0]),
+           "refuses --%s '%s'", bad[i][0], bad[i][1]);
+        spin_splat_filter_end(&rows);
+    }
+}
+
+TAP_MAIN
+{
+    spin_log_set_level(-2);
+    test_reasons();
+    test_limits();
+    test_threads();
+    test_up();
+    test_rotate();
+    test_turned();
+    test_refused();
+}

@@ -1,0 +1,91 @@
+/* The library as a program uses it: import, open, read, evaluate, export, and what it says when asked
+ * wrongly. Retraining is covered by tests/cli/t2*.
+ * K: api d3dgs */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "spin.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+static char bundle[512], folder[600];
+
+static void check_import(const char *run, const char *data)
+{
+    struct spin_import_options o = {.input = run, .output = bundle, .data = data};
+    struct spin_import_report r;
+
+    ok(spin_import(&o, &r) == SPIN_OK, "imports %s", r.from);
+    is_text(r.from, "d3dgs", "the importer was found");
+    ok(r.frames == 6 && r.splats_min == r.splats_max && r.splats_min > 0, "six frames alike");
+    ok(spin_import(&o, &r) == SPIN_E_IO, "does not overwrite: %s", spin_last_error());
+    o.force = true;
+    o.plugin_pairs = (const char *const[]){"no-such-option", "1", NULL};
+    ok(spin_import(&o, &r) == SPIN_E_USAGE, "unknown option: %s", spin_last_error());
+    o.plugin_pairs = NULL;
+    o.n_frames = 3;
+    ok(spin_import(&o, &r) == SPIN_E_USAGE, "stored frames are not sampled: %s", spin_last_error());
+}
+
+static void check_read(void)
+{
+    struct spin_scene *scene = NULL;
+    struct spin_splats s = {0};
+
+    ok(spin_scene_open(bundle, &scene) == SPIN_OK, "opens the bundle");
+    ok(spin_scene_n_frames(scene) == 6 && !spin_scene_has_network(scene), "six frames, no network");
+    ok((spin_scene_columns(scene) & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES, "all attributes");
+    ok(spin_scene_read(scene, 5, SPIN_FROM_BEST, SPIN_COL_MEANS | SPIN_COL_SH, &s) == SPIN_OK,
+       "reads the last frame");
+    ok(s.n == spin_scene_frame(scene, 5)->n && s.means && s.sh, "with the rows it announced");
+    ok(spin_scene_read(scene, 0, SPIN_FROM_NETWORK, SPIN_COL_MEANS, &s) == SPIN_E_NOT_FOUND,
+       "no network yet: %s", spin_last_error());
+    spin_splats_free(&s);
+    spin_scene_close(scene);
+    ok(spin_scene_open("no/such.spin", &scene) != SPIN_OK, "no such bundle: %s", spin_last_error());
+}
+
+static void check_use(void)
+{
+    struct spin_eval_options e = {.input = bundle, .device = "cpu", .n_threads = 2};
+    struct spin_export_options x = {
+        .input = bundle, .output = folder, .to = "ply", .device = "cpu"};
+    struct spin_eval_report er;
+    struct spin_export_report xr;
+
+    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid && er.mean.psnr > 5,
+       "evaluates 12 test views");
+    spin_eval_report_free(&er);
+    e.split = SPIN_SPLIT_ALL;
+    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 66, "or all 66");
+    spin_eval_report_free(&er);
+    e.split = SPIN_SPLIT_TRAIN;
+    ok(spin_eval(&e, &er) == SPIN_OK && er.dynamic == SPIN_DYNAMIC_MASKS && er.mean.dynamic > 0 &&
+           er.mean.dynamic < 0.5 && er.mean.psnr_dynamic > 5 && er.mean.psnr_static > 5,
+       "the training views have masks of what moves");
+    ok(er.storage.source > 0 && er.storage.file > er.storage.source && er.storage.table == 0 &&
+           er.seconds_decode > 0 && er.seconds_draw > 0,
+       "storage and speed");
+    spin_eval_report_free(&er);
+    ok(spin_export(&x, &xr) == SPIN_OK && xr.frames == 6, "exports six frames");
+    x.to = "nothing";
+    ok(spin_export(&x, &xr) == SPIN_E_USAGE, "unknown exporter: %s", spin_last_error());
+}
+
+TAP_MAIN
+{
+    const char *run = check_fixture("d3dgs/trained"),
+               *data = check_fixture("datasets/panoptic_mini");
+
+    if (!run || !data) {
+        skip("api", "no fixtures d3dgs/trained and datasets/panoptic_mini");
+        return;
+    }
+    spin_set_verbosity(-1);
+    snprintf(bundle, sizeof bundle, "%s/ball.spin", check_folder());
+    snprintf(folder, sizeof folder, "%s.frames", bundle);
+    check_import(run, data);
+    check_read();
+    check_use();
+}

@@ -1,0 +1,269 @@
+/* views: order, split, size, pairing with a clip, pixels; choosing an importer.  K: views */
+#include <stdlib.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "io/image.h"
+#include "scene/probe.h"
+#include "scene/dataset.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+static const struct spin_camera camera = {.width = 9,
+                                          .height = 5,
+                                          .fx = 10,
+                                          .fy = 11,
+                                          .cx = 4,
+                                          .cy = 2,
+                                          .w2c = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+
+/* n_rows frames of three cameras; camera 2 is held out; row r has number first + r, or none. */
+static void make_views(struct spin_views *views, int n_rows, int first)
+{
+    memset(views, 0, sizeof *views);
+    for (int r = 0; r < n_rows; r++) {
+        for (int c = 0; c < 3; c++) {
+            struct spin_view v = {
+                .camera = camera, .dataset_frame = r, .camera_id = c, .test = c == 2};
+
+            v.number = first < 0 ? -1 : first + r;
+            v.camera.w2c[3] = c; /* centres at 0, -1, -2 along x */
+            v.path = (char[]){"none.png"};
+            if (spin_views_add(views, &v) != SPIN_OK)
+                exit(1);
+        }
+    }
+    views->n_dataset_frames = n_rows;
+    views->numbered = first >= 0;
+}
+
+static void make_meta(struct spin_bundle_meta *meta, int n, int n_source, int first, int step)
+{
+    memset(meta, 0, sizeof *meta);
+    if (spin_bundle_meta_reserve(meta, n) != SPIN_OK)
+        exit(1);
+    for (int i = 0; i < n; i++) {
+        meta->frame[i].number = (first < 0 ? 0 : first) + step * i;
+        meta->source_index[i] = step * i;
+    }
+    meta->n_source_frames = n_source;
+    meta->numbered = first >= 0;
+}
+
+/* Clip of n frames (of n_source) numbered from `clip`, data set of 6 rows numbered from `data`; -1:
+ * no numbers. want: row of the last frame, or -1 for an error with `word` in it. */
+static void test_pair(int n, int n_source, int clip, int step, int data, const char *pair, int want,
+                      const char *word, const char *what)
+{
+    struct spin_views views;
+    struct spin_bundle_meta meta;
+    int rows[16];
+    spin_status status;
+    bool good;
+
+    make_views(&views, 6, data);
+    make_meta(&meta, n, n_source, clip, step);
+    status = spin_views_pair(&views, &meta, pair, rows);
+    good = want < 0 ? status == SPIN_E_USAGE && strstr(spin_last_error(), word)
+                    : status == SPIN_OK && rows[n - 1] == want;
+    ok(good, "%s", what);
+    if (!good)
+        printf("#   status %d, %s\n", status, status == SPIN_OK ? "paired" : spin_last_error());
+    spin_bundle_meta_free(&meta);
+    spin_views_free(&views);
+}
+
+static void test_pairs(void)
+{
+    test_pair(6, 6, 122, 1, 122, "auto", 5, NULL, "both numbered: by number");
+    test_pair(3, 6, 123, 2, 122, "auto", 5, NULL, "some frames of the clip: by number");
+    test_pair(6, 6, 0, 1, 122, "auto", -1, "--pair order", "numbers that do not meet are an error");
+    test_pair(6, 6, 0, 1, 122, "order", 5, NULL, "unless order is asked for");
+    test_pair(6, 6, -1, 1, 122, "auto", 5, NULL, "one side without numbers: by order");
+    test_pair(3, 6, -1, 2, 122, "auto", 4, NULL, "by the place in the whole source clip");
+    test_pair(5, 5, -1, 1, 122, "auto", -1, "--pair order", "other counts are an error");
+    test_pair(5, 5, -1, 1, 122, "order", 4, NULL, "unless order is asked for");
+    test_pair(7, 7, -1, 1, 122, "order", -1, "6 frames", "there must be a row for each frame");
+    test_pair(6, 6, -1, 1, 122, "number", -1, "--pair", "by number needs numbers of the clip");
+    test_pair(6, 6, 1, 1, -1, "number", -1, "--pair", "and of the data set");
+    test_pair(6, 6, 1, 1, 1, "colour", -1, "colour", "another word is an error");
+}
+
+static void test_split(void)
+{
+    struct spin_views views;
+    const int cameras[] = {0, 2}, unknown[] = {0, 7}, other[] = {1};
+
+    make_views(&views, 2, 0);
+    ok(spin_views_split(&views, unknown, 2) == SPIN_E_USAGE && strstr(spin_last_error(), "7"),
+       "an unknown camera is named");
+    ok(!views.view[0].test, "and nothing has changed");
+    ok(spin_views_split(&views, cameras, 2) == SPIN_OK && views.view[0].test &&
+           !views.view[1].test && views.view[2].test && views.view[3].test,
+       "cameras of the list are held out");
+    ok(spin_views_split(&views, other, 1) == SPIN_OK && !views.view[0].test && views.view[1].test &&
+           !views.view[2].test && !views.view[5].test,
+       "and no others, whatever was before");
+    spin_views_free(&views);
+}
+
+static void test_scale(void)
+{
+    struct spin_views views;
+
+    make_views(&views, 1, 0);
+    ok(spin_views_scale(&views, 0.5) == SPIN_OK && views.view[0].camera.width == 5 &&
+           views.view[0].camera.height == 3,
+       "sizes are rounded");
+    near(views.view[0].camera.fx, 10 * 5.0 / 9, 1e-12, "fx follows the real ratio");
+    near(views.view[0].camera.cy, 2 * 3.0 / 5, 1e-12, "cy too");
+    ok(spin_views_scale(&views, 0) == SPIN_E_USAGE &&
+           spin_views_scale(&views, -1) == SPIN_E_USAGE &&
+           spin_views_scale(&views, NAN) == SPIN_E_USAGE &&
+           spin_views_scale(&views, 0.01) == SPIN_E_USAGE,
+       "nothing is left at 0, -1, NaN or 0.01");
+    near(spin_views_extent(&views), 1.1 * 0.5, 1e-12, "the extent is of the training cameras");
+    spin_views_free(&views);
+}
+
+/* The centre of a camera that does not turn. */
+static void stand_at(struct spin_view *view, double x) { view->camera.w2c[3] = -x; }
+
+static void test_extent(void)
+{
+    struct spin_views views;
+    double still;
+
+    make_views(&views, 1, 0);
+    stand_at(&views.view[0], 0.1);
+    stand_at(&views.view[1], 0.7);
+    still = spin_views_extent(&views);
+    spin_views_free(&views);
+    make_views(&views, 5, 0);
+    for (size_t i = 0; i < views.n; i++)
+        stand_at(&views.view[i], i % 3 == 0 ? 0.1 : i % 3 == 1 ? 0.7 : 50);
+    ok(spin_views_extent(&views) == still, "cameras that stand still: the same bits as of a frame");
+    stand_at(&views.view[3 * 4 + 2], 90);
+    ok(spin_views_extent(&views) == still, "whatever a test camera does");
+    stand_at(&views.view[3 * 2], 1.3);
+    near(spin_views_extent(&views), 1.1 * 0.6, 1e-12, "where a camera goes counts as well, once");
+    spin_views_free(&views);
+
+    make_views(&views, 4, 0);
+    for (size_t i = 0; i < views.n; i++) {
+        views.view[i].test = views.view[i].camera_id > 0;
+        stand_at(&views.view[i], (double)views.view[i].dataset_frame);
+    }
+    near(spin_views_extent(&views), 1.1 * 1.5, 1e-12, "one camera that moves has an extent");
+    for (size_t i = 0; i < views.n; i++)
+        stand_at(&views.view[i], 3);
+    near(spin_views_extent(&views), 0, 0, "one camera in one place has none");
+    for (size_t i = 0; i < views.n; i++) {
+        views.view[i].test = true;
+        stand_at(&views.view[i], views.view[i].camera_id);
+    }
+    near(spin_views_extent(&views), 1.1, 1e-12, "without training cameras it is that of all");
+    spin_views_free(&views);
+}
+
+static void test_find(void)
+{
+    const struct spin_importer *found = NULL;
+
+    ok(spin_importer_find("x", "ply", false, &found) == SPIN_OK && !strcmp(found->name, "ply"),
+       "an importer is found by name");
+    ok(spin_importer_find("x", "plyy", false, &found) == SPIN_E_USAGE &&
+           strstr(spin_last_error(), "plyy") && strstr(spin_last_error(), "d3dgs"),
+       "an unknown name is an error that lists the known ones");
+    ok(spin_importer_find("x", "d3dgs", true, &found) == SPIN_E_USAGE &&
+           strstr(spin_last_error(), "panoptic"),
+       "one that reads no views is not for data sets");
+    ok(spin_importer_find(check_folder(), NULL, false, &found) == SPIN_E_NOT_RECOGNISED &&
+           strstr(spin_last_error(), "no importer knows it"),
+       "an empty folder is not recognised");
+    ok(spin_importer_find("no/such/thing", NULL, false, &found) != SPIN_OK &&
+           strstr(spin_last_error(), "no/such/thing"),
+       "what does not exist is named");
+}
+
+/* ---- Pixels ---------------------------------------------------------------------------------- */
+
+enum { W = 8, H = 4 };
+
+static void error_is(spin_status got, spin_status want, const char *word, const char *what)
+{
+    ok(got == want && strstr(spin_last_error(), word), "%s", what);
+}
+
+static void test_pixels(void)
+{
+    struct spin_views views = {0};
+    struct spin_image_cache pixels, tight;
+    struct spin_view v = {.camera = camera};
+    uint8_t rgb[W * H * 3];
+    float a[3 * W * H], b[3 * W * H];
+    char path[300];
+
+    if (spin_image_start() != SPIN_OK) {
+        skip("pixels", spin_last_error());
+        return;
+    }
+    for (int i = 0; i < W * H * 3; i++)
+        rgb[i] = (uint8_t)(7 * i);
+    snprintf(path, sizeof path, "%s/image.png", check_folder());
+    ok(spin_image_write(path, W, H, rgb, false) == SPIN_OK, "writes an image");
+    v.path = path;
+    for (int i = 0; i < 4; i++) {
+        v.camera.width = i == 1 ? W / 2 : i == 3 ? W + 3 : W;
+        v.camera.height = i == 1 ? H / 2 : H;
+        if (spin_views_add(&views, &v) != SPIN_OK)
+            exit(1);
+    }
+    ok(spin_image_cache_open(&views, W * H * 3, NULL, &pixels) == SPIN_OK &&
+           spin_image_cache_open(&views, 0, NULL, &tight) == SPIN_OK,
+       "opens");
+    ok(spin_image_cache_get(&pixels, 0, a) == SPIN_OK &&
+           spin_image_cache_get(&tight, 0, b) == SPIN_OK,
+       "decodes an image");
+    near(a[W * H + 3], rgb[3 * 3 + 1] / 255.0, 1e-6, "green of the fourth pixel is in its plane");
+    check_same_bits(a, b, sizeof a, "kept or not, it is the same");
+    ok(pixels.held == W * H * 3 && tight.held == 0, "and kept only within the budget");
+    ok(spin_image_cache_get(&pixels, 0, b) == SPIN_OK, "comes again");
+    check_same_bits(a, b, sizeof a, "the same");
+    ok(spin_image_cache_get(&pixels, 2, b) == SPIN_OK && pixels.held == W * H * 3 && !pixels.rgb[2],
+       "what does not fit is not kept");
+    ok(spin_image_cache_get(&tight, 1, b) == SPIN_OK, "reads at half the size");
+    near(b[0], (a[0] + a[1] + a[W] + a[W + 1]) / 4, 0.6 / 255, "as the mean of four pixels");
+    ok(spin_image_cache_get(&tight, 3, b) == SPIN_E_MALFORMED && strstr(spin_last_error(), path),
+       "another shape is an error that names the image");
+    for (int i = 0; i < 4; i++)
+        views.view[i].camera_id = i;
+    ok(spin_view_check_image(&views.view[0]) == SPIN_OK &&
+           spin_view_check_image(&views.view[1]) == SPIN_OK,
+       "its header has the camera's shape, at any size");
+    error_is(spin_view_check_image(&views.view[3]), SPIN_E_MALFORMED, "camera 3: image",
+             "another shape names the camera");
+    error_is(spin_views_check_cameras(&views), SPIN_E_MALFORMED, "8 x 4 pixels",
+             "it is found among all cameras");
+    views.view[3].camera_id = 0;
+    ok(spin_views_check_cameras(&views) == SPIN_OK, "one image of a camera is looked at");
+    views.view[0].path[0] = '?';
+    error_is(spin_views_check_cameras(&views), SPIN_E_MALFORMED, "11 x 4",
+             "the first that is there");
+    error_is(spin_view_check_image(&views.view[0]), SPIN_E_NOT_FOUND, "camera 0: image '?",
+             "one that is not there");
+    spin_image_cache_close(&pixels);
+    spin_image_cache_close(&tight);
+    spin_views_free(&views);
+}
+
+TAP_MAIN
+{
+    spin_log_set_level(-1);
+    test_pairs();
+    test_split();
+    test_scale();
+    test_extent();
+    test_find();
+    test_pixels();
+}

@@ -1,0 +1,332 @@
+/* Clone, split and prune against the reference, which used the random numbers given here.
+ * K: golden refine */
+#include "train/refine.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+struct fixture {
+    struct spin_npz npz;
+    struct spin_refine_cloud start;
+    double *xyz_after, *scale_after, *opacity_after, *source, *pruned;
+    size_t n_after, clones, splits, n_pruned;
+    double prune_opacity; /* under it, and above every point that is to go */
+    float *noise;
+    size_t n_noise;
+};
+
+static size_t marked(struct fixture *f, const char *key)
+{
+    struct spin_array info;
+    double *mask = check_load(&f->npz, key, &info);
+    size_t n = 0;
+
+    for (size_t i = 0; i < info.count; i++)
+        n += mask[i] != 0;
+    free(mask);
+    return n;
+}
+
+/* An opacity that parts those that the reference pruned from the others. */
+static double between(const struct fixture *f)
+{
+    double below = 0, above = 1;
+
+    for (size_t i = 0; i < f->n_after; i++) {
+        if (f->pruned[i])
+            below = fmax(below, f->opacity_after[i]);
+        else
+            above = fmin(above, f->opacity_after[i]);
+    }
+    return (below + above) / 2;
+}
+
+static void load(struct fixture *f)
+{
+    struct spin_array info;
+    double *xyz = check_load(&f->npz, "xyz", &info), *scale = check_load(&f->npz, "scale", NULL);
+    double *quat = check_load(&f->npz, "quat", NULL),
+           *opacity = check_load(&f->npz, "opacity", NULL);
+    double *sum = check_load(&f->npz, "grad_accum", NULL),
+           *seen = check_load(&f->npz, "denom", NULL);
+    size_t n = (size_t)info.shape[0];
+
+    if (spin_refine_cloud_reserve(&f->start, n) != SPIN_OK)
+        exit(1);
+    f->start.n = n;
+    memset(f->start.point, 0, n * sizeof *f->start.point);
+    for (size_t i = 0; i < n; i++) {
+        struct spin_refine_point *p = &f->start.point[i];
+
+        for (size_t c = 0; c < 3; c++) {
+            p->p.pos_w[c] = (float)xyz[3 * i + c];
+            p->p.log_scale[c] = (float)log(scale[3 * i + c]);
+            p->p.dc[c] = (float)i; /* to be recognised by */
+            p->m.pos_w[c] = p->v.dc[c] = (float)i + 1;
+        }
+        for (size_t c = 0; c < 4; c++)
+            p->p.rotation[c] = 3 * (float)quat[4 * i + c]; /* any length will do */
+        p->p.logit_opacity = (float)log(opacity[i] / (1 - opacity[i]));
+        p->gradient = (float)sum[i];
+        p->seen = (uint32_t)seen[i];
+    }
+    f->xyz_after = check_load(&f->npz, "xyz_after", &info);
+    f->n_after = (size_t)info.shape[0];
+    f->scale_after = check_load(&f->npz, "scale_after", NULL);
+    f->opacity_after = check_load(&f->npz, "opacity_after", NULL);
+    f->source = check_load(&f->npz, "source", NULL);
+    f->pruned = check_load(&f->npz, "prune_opacity", NULL);
+    f->noise = check_load_f32(&f->npz, "noise", &info);
+    f->n_noise = (size_t)info.shape[0];
+    f->clones = marked(f, "clone");
+    f->splits = marked(f, "split_after_clone");
+    f->n_pruned = marked(f, "prune_opacity");
+    f->prune_opacity = check_setting_or("densify.npz", "prune_opacity", between(f));
+    free(xyz);
+    free(scale);
+    free(quat);
+    free(opacity);
+    free(sum);
+    free(seen);
+}
+
+static void unload(struct fixture *f)
+{
+    spin_refine_cloud_free(&f->start);
+    free(f->xyz_after);
+    free(f->scale_after);
+    free(f->opacity_after);
+    free(f->source);
+    free(f->pruned);
+    free(f->noise);
+    spin_npz_close(&f->npz);
+}
+
+static void given_normals(void *context, int iteration, size_t n, float *out)
+{
+    struct fixture *f = context;
+
+    (void)iteration;
+    if (ok(n == f->n_noise, "asks for %zu normals, two to a split", n))
+        memcpy(out, f->noise, n * 3 * sizeof *out);
+}
+
+static struct spin_refine_cloud copy_of(const struct spin_refine_cloud *from)
+{
+    struct spin_refine_cloud c = {0};
+
+    if (spin_refine_cloud_reserve(&c, from->n) != SPIN_OK)
+        exit(1);
+    memcpy(c.point, from->point, from->n * sizeof *c.point);
+    c.n = from->n;
+    return c;
+}
+
+static struct spin_densify_options options_of(struct fixture *f)
+{
+    struct spin_densify_options o;
+
+    spin_densify_defaults(&o);
+    o.extent = check_setting("densify.npz", "extent");
+    o.percent_dense = check_setting("densify.npz", "percent_dense");
+    o.gradient_threshold = check_setting("densify.npz", "threshold");
+    o.normals = given_normals;
+    o.context = f;
+    return o;
+}
+
+/* Every field of what is left, in order, with the rows named in `pruned` left out (NULL: none). */
+static void compare(struct fixture *f, const struct spin_refine_cloud *c, const double *pruned,
+                    const char *what)
+{
+    double abs = check_tolerance("densify.npz", "abs", 1e-6), worst = 0;
+    size_t k = 0;
+    int origin = 1, moments = 1, statistics = 1;
+
+    for (size_t i = 0; i < f->n_after; i++) {
+        const struct spin_refine_point *p = &c->point[k];
+        int source = (int)f->source[i];
+        int kept = i < f->start.n - f->splits; /* the originals that were not split come first */
+
+        if (pruned && pruned[i])
+            continue;
+        if (k++ >= c->n)
+            break;
+        for (size_t j = 0; j < 3; j++) {
+            worst = fmax(worst, fabs(p->p.pos_w[j] - f->xyz_after[3 * i + j]));
+            worst = fmax(worst, fabs(exp((double)p->p.log_scale[j]) - f->scale_after[3 * i + j]));
+        }
+        worst = fmax(worst, fabs(1 / (1 + exp(-(double)p->p.logit_opacity)) - f->opacity_after[i]));
+        origin &= p->p.dc[2] == (float)source;
+        moments &= p->m.pos_w[0] == (kept ? (float)source + 1 : 0);
+        moments &= p->v.dc[0] == (kept ? (float)source + 1 : 0);
+        statistics &= p->gradient == 0 && p->seen == 0;
+    }
+    ok(k == c->n, "%s: %zu points", what, k);
+    if (!ok(worst <= abs, "%s: places, scales, opacities as the reference's", what))
+        printf("#   off by up to %.3g, allowed %.3g\n", worst, abs);
+    ok(origin, "%s: kept, clones, first children, second children, in order", what);
+    ok(moments, "%s: kept points keep their moments, new ones have none", what);
+    ok(statistics, "%s: statistics start again", what);
+}
+
+static void against_reference(struct fixture *f)
+{
+    struct spin_densify_options o = options_of(f);
+    struct spin_densify_change change;
+    struct spin_refine_cloud c = copy_of(&f->start);
+
+    o.prune_opacity = 0;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK, "densifies");
+    ok(change.clones == f->clones && change.splits == f->splits && change.pruned == 0,
+       "%zu clones, %zu splits", f->clones, f->splits);
+    compare(f, &c, NULL, "without pruning");
+    spin_refine_cloud_free(&c);
+
+    c = copy_of(&f->start);
+    o.prune_opacity = f->prune_opacity;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && change.pruned == f->n_pruned,
+       "and prunes %zu", f->n_pruned);
+    compare(f, &c, f->pruned, "with pruning");
+    ok(spin_refine_prune(&c, f->prune_opacity) == 0, "pruning again finds nothing");
+    ok(spin_refine_prune(&c, 1) == f->n_after - f->n_pruned && c.n == 0, "all are below opacity 1");
+    spin_refine_cloud_free(&c);
+}
+
+/* With room for two more, the two largest mean gradients win. */
+static void capped(struct fixture *f)
+{
+    struct spin_densify_options o = options_of(f);
+    struct spin_densify_change change;
+    struct spin_refine_cloud c = copy_of(&f->start);
+    double best = 0, second = 0;
+    int first_place = -1, second_place = -1, found = 0;
+    size_t cap = c.n + 2;
+
+    for (size_t i = 0; i < c.n; i++) {
+        double mean = c.point[i].seen ? c.point[i].gradient / c.point[i].seen : 0;
+
+        if (mean > best) {
+            second = best, second_place = first_place;
+            best = mean, first_place = (int)i;
+        } else if (mean > second) {
+            second = mean, second_place = (int)i;
+        }
+    }
+    o.normals = NULL;
+    o.prune_opacity = 0;
+    o.max_points = cap;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && c.n == cap, "a cap of %zu is reached", cap);
+    ok(change.clones + change.splits == 2, "of two clones or splits");
+    for (size_t i = c.n - 2 * change.splits - change.clones; i < c.n; i++)
+        found +=
+            c.point[i].p.dc[0] == (float)first_place || c.point[i].p.dc[0] == (float)second_place;
+    ok(found == (int)(2 * change.splits + change.clones), "those with the largest gradients");
+    ok(spin_densify(&o, 2, &c, &change) == SPIN_OK && c.n == cap && !change.clones &&
+           !change.splits,
+       "at the cap nothing is added");
+    spin_refine_cloud_free(&c);
+}
+
+static void own_normals(struct fixture *f)
+{
+    struct spin_densify_options o = options_of(f);
+    struct spin_densify_change change;
+    struct spin_refine_cloud a = copy_of(&f->start), b = copy_of(&f->start), c = copy_of(&f->start);
+    size_t bytes;
+
+    o.normals = NULL;
+    ok(spin_densify(&o, 100, &a, &change) == SPIN_OK &&
+           spin_densify(&o, 100, &b, &change) == SPIN_OK,
+       "draws its own normals");
+    bytes = a.n * sizeof *a.point;
+    check_same_bits(a.point, b.point, bytes, "the same ones from the same seed");
+    o.frame = 1;
+    ok(spin_densify(&o, 100, &c, &change) == SPIN_OK && c.n == a.n &&
+           memcmp(a.point, c.point, bytes) != 0,
+       "and others in another frame");
+    spin_refine_cloud_free(&a);
+    spin_refine_cloud_free(&b);
+    spin_refine_cloud_free(&c);
+}
+
+static void not_finite(struct fixture *f)
+{
+    struct spin_densify_options o = options_of(f);
+    struct spin_densify_change change;
+    struct spin_refine_cloud c = copy_of(&f->start);
+
+    o.normals = NULL;
+    o.prune_opacity = 0;
+    c.point[0].gradient = c.point[2].gradient = 0; /* neither cloned nor split */
+    c.point[0].p.pos_w[1] = NAN;
+    c.point[2].p.log_scale[0] = INFINITY;
+    c.point[3].gradient = NAN;
+    c.point[3].seen = 1;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && change.pruned == 2,
+       "points that are not finite go, one whose statistics are not stays");
+    spin_refine_cloud_free(&c);
+}
+
+static void from_splats(void)
+{
+    float means[6] = {1, 2, 3, 4, 5, 6}, quats[8] = {1, 0, 0, 0, 0, 1, 0, 0};
+    float log_scales[6] = {-1, -2, -3, -4, -5, -6}, logits[2] = {0.5f, -0.5f}, sh[24];
+    struct spin_splats s = {.n = 2,
+                            .sh_degree = 1,
+                            .means = means,
+                            .quats = quats,
+                            .log_scales = log_scales,
+                            .logit_opacities = logits};
+    struct spin_refine_cloud c = {0};
+
+    for (int i = 0; i < 24; i++)
+        sh[i] = (float)i;
+    ok(spin_refine_init_from_splats(&s, &c) == SPIN_E_USAGE, "refuses splats without colour");
+    s.sh = sh;
+    ok(spin_refine_init_from_splats(&s, &c) == SPIN_OK && c.n == 2, "starts from finished splats");
+    ok(c.point[1].p.pos_w[2] == 6 && c.point[1].p.dc[0] == 12 && c.point[1].p.dc[2] == 14 &&
+           c.point[1].p.logit_opacity == -0.5f && c.point[1].p.log_scale[1] == -5 &&
+           c.point[1].p.rotation[1] == 1 && c.point[1].m.dc[0] == 0,
+       "with their own attributes");
+    spin_refine_cloud_free(&c);
+}
+
+/* What 3DGS takes (method.md, section 2). */
+static void defaults(void)
+{
+    struct spin_refine_options o;
+
+    spin_refine_defaults(&o);
+    ok(o.iterations == 2000 && o.lr_position == 1.6e-4 && o.lr_position_end == 1.6e-6 &&
+           o.lr_dc == 2.5e-3 && o.lr_opacity == 0.05 && o.lr_scale == 5e-3 &&
+           o.lr_rotation == 1e-3 && o.lambda_dssim == 0.2,
+       "rates and iterations of 3DGS");
+    ok(o.densify_from == -1 && o.densify_until == -1 && o.densify_every == 100 && !o.densify_at &&
+           o.densify.gradient_threshold == 2e-4 && o.densify.percent_dense == 0.01 &&
+           o.densify.prune_opacity == 0.005 && o.densify.max_points == 0,
+       "its densification");
+    ok(o.lr_exposure == 0 && o.lambda_scale == 0 && o.lambda_opacity == 0 && !o.antialias &&
+           !o.no_final_prune && o.densify.seed == 0,
+       "nothing beyond it");
+}
+
+TAP_MAIN
+{
+    struct fixture f = {0};
+    const char *path = check_fixture("core/densify.npz");
+
+    defaults();
+    from_splats();
+    if (!path) {
+        skip("densify", "no fixture core/densify.npz");
+        return;
+    }
+    if (!ok(spin_npz_open(path, &f.npz) == SPIN_OK, "opens densify.npz"))
+        return;
+    load(&f);
+    against_reference(&f);
+    capped(&f);
+    own_normals(&f);
+    not_finite(&f);
+    unload(&f);
+}

@@ -1,0 +1,305 @@
+/* Frames refined by spin-retrain are what spin_refine_frame() makes of the frame's splats and its training
+ * views with the options that were given: the same bits. So no option is lost or changed on the way.
+ * K: refine explicit retrain options */
+#include "scene/clip.h"
+#include "eval/dynamic_mask.h"
+#include "train/refine.h"
+
+#include "base/log.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+enum { FRAMES = 2, MOST_VIEWS = 8 };
+static const char clip_path[] = "fixtures/court-mini";
+static const int held_out[] = {7, 23};
+static char in[600], out[600];
+
+static struct spin_retrain_options explicit_options(int iterations)
+{
+    struct spin_retrain_options o;
+
+    spin_retrain_defaults(&o);
+    o.input = in;
+    o.output = out;
+    o.method = SPIN_METHOD_EXPLICIT;
+    o.refine = iterations;
+    o.image_scale = 0.25;
+    o.range = (struct spin_range){true, 2, 5, 2};
+    o.test_cameras = held_out;
+    o.n_test_cameras = 2;
+    o.device = "cpu";
+    o.n_threads = 2;
+    o.force = true;
+    return o;
+}
+
+static struct spin_refine_options same_options(const struct spin_retrain_options *from,
+                                               double extent)
+{
+    struct spin_refine_options o;
+
+    spin_refine_defaults(&o);
+    o.iterations = from->refine;
+    o.lambda_dssim = from->lambda_dssim;
+    o.lambda_scale = from->lambda_scale;
+    o.lambda_opacity = from->lambda_opacity;
+    o.antialias = from->antialias;
+    memcpy(o.background, from->background, sizeof o.background);
+    o.lr_exposure = from->learn_exposure ? from->lr_exposure : 0;
+    o.densify.extent = extent;
+    o.densify.max_points = (size_t)from->max_points;
+    o.densify.seed = from->seed;
+    if (from->no_densify)
+        o.densify_until = 0;
+    return o;
+}
+
+/* The training views of a frame, in the order of their cameras. */
+static int take_views(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
+                      struct spin_refine_view *view)
+{
+    struct spin_image_cache pixels;
+    struct spin_dynamic_mask dynamic = {0};
+    struct spin_pair *pairs = NULL;
+    size_t n_pairs = 0;
+    int n = 0;
+
+    if (spin_image_cache_open(&clip->views, 1 << 24, from->background, &pixels) != SPIN_OK ||
+        spin_clip_pairs(clip, SPIN_SPLIT_TRAIN, &pairs, &n_pairs) != SPIN_OK ||
+        spin_dynamic_mask_open(&clip->views, &pixels, SPIN_DYNAMIC_AUTO, pairs, n_pairs,
+                               &dynamic) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < clip->views.n; i++) {
+        const struct spin_view *v = &clip->views.view[i];
+        size_t plane = (size_t)v->camera.width * (size_t)v->camera.height, n_dynamic;
+        float *truth, *weight;
+
+        if (v->dataset_frame != clip->dataset_frame[frame] || v->camera_id == held_out[0] ||
+            v->camera_id == held_out[1])
+            continue;
+        truth = malloc(4 * plane * sizeof *truth);
+        weight = truth + 3 * plane;
+        if (!truth || n == MOST_VIEWS || spin_image_cache_get(&pixels, i, truth) != SPIN_OK ||
+            spin_dynamic_mask_find(&dynamic, i, truth, &n_dynamic) != SPIN_OK)
+            exit(1);
+        for (size_t k = 0; k < plane; k++)
+            weight[k] = dynamic.mask[k] ? (float)from->dynamic_weight : 1;
+        view[n].camera = v->camera;
+        view[n].truth = truth;
+        view[n++].weight = from->dynamic_weight != 1 ? weight : NULL;
+    }
+    spin_dynamic_mask_close(&dynamic);
+    spin_image_cache_close(&pixels);
+    free(pairs);
+    return n;
+}
+
+/* Frame `frame` of the clip, refined here. */
+static void refine_here(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
+                        struct spin_splats *result)
+{
+    struct spin_refine_options o = same_options(from, spin_views_extent(&clip->views));
+    struct spin_refine_view view[MOST_VIEWS];
+    struct spin_refine_cloud cloud = {0};
+    struct spin_splats s = {0};
+    struct spin_device *d = check_device(1);
+    int n = take_views(from, clip, frame, view);
+
+    o.densify.frame = clip->bundle.meta.frame[clip->frame[frame]].number;
+    if (spin_bundle_frame(&clip->bundle, clip->frame[frame], SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                          &s) != SPIN_OK)
+        exit(1);
+    if ((from->refine_start == SPIN_REFINE_FROM_SOURCE
+             ? spin_refine_init_from_splats(&s, &cloud)
+             : spin_refine_init_from_colours(&s, &cloud)) != SPIN_OK)
+        exit(1);
+    if (spin_refine_frame(d, &o, view, n, NULL, &cloud, NULL) != SPIN_OK ||
+        spin_refine_to_splats(&cloud, result) != SPIN_OK)
+        exit(1);
+    ok(n == 6 &&
+           (from->max_points == 0 || (result->n > s.n && result->n <= (size_t)from->max_points)),
+       "refined here from six views: %zu splats became %zu", s.n, result->n);
+    for (int i = 0; i < n; i++)
+        free((void *)(uintptr_t)view[i].truth);
+    spin_refine_cloud_free(&cloud);
+    spin_splats_free(&s);
+    check_device_free(d);
+}
+
+static bool open_clip(const struct spin_retrain_options *o, struct spin_clip *clip)
+{
+    struct spin_clip_options c = {.input = o->input,
+                                  .range = o->range,
+                                  .test_cameras = o->test_cameras,
+                                  .n_test_cameras = o->n_test_cameras,
+                                  .image_scale = o->image_scale,
+                                  .needs_views = true};
+
+    return ok(spin_clip_open(&c, clip) == SPIN_OK && clip->n_frames == FRAMES, "opens the clip");
+}
+
+static void compare(const struct spin_retrain_options *o, const char *what)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_retrain_report r;
+    struct spin_clip clip;
+    struct spin_bundle bundle;
+
+    if (!ok(spin_retrain(o, &r) == SPIN_OK, "%s: refines two frames", what) ||
+        spin_bundle_open(out, &bundle) != SPIN_OK) {
+        printf("#   %s\n", spin_last_error());
+        return;
+    }
+    if (open_clip(o, &clip))
+        for (int f = 0; f < FRAMES; f++) {
+            struct spin_splats got = {0}, want = {0};
+
+            refine_here(o, &clip, f, &want);
+            if (ok(spin_bundle_refined_frame(&bundle, f, columns, &got) == SPIN_OK &&
+                       got.n == want.n,
+                   "%s: frame %d has as many splats", what, f)) {
+                size_t n = got.n * sizeof(float);
+
+                check_same_bits(got.means, want.means, 3 * n, "places");
+                check_same_bits(got.sh, want.sh, 3 * n, "colours");
+                check_same_bits(got.logit_opacities, want.logit_opacities, n, "opacities");
+                check_same_bits(got.log_scales, want.log_scales, 3 * n, "scales");
+                check_same_bits(got.quats, want.quats, 4 * n, "rotations");
+            }
+            spin_splats_free(&got);
+            spin_splats_free(&want);
+        }
+    spin_clip_close(&clip);
+    spin_bundle_close(&bundle);
+}
+
+/* Before a network the colour of a refined frame goes on, cut off at 0 and 1. */
+static void compare_colours(void)
+{
+    struct spin_retrain_options o = explicit_options(5);
+    struct spin_retrain_report r;
+    struct spin_bundle bundle;
+    struct spin_clip clip;
+    double worst = 0;
+
+    o.method = SPIN_METHOD_NETWORK;
+    o.iterations = 1;
+    o.hash_log2 = 10;
+    o.residual = SPIN_RESIDUAL_POINTS;
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
+            "refines, then a network"))
+        return;
+    if (open_clip(&o, &clip)) {
+        struct spin_splats got = {0}, want = {0};
+
+        refine_here(&o, &clip, 1, &want);
+        if (ok(spin_bundle_refined_frame(&bundle, 1, SPIN_COL_MEANS | SPIN_COL_RGB, &got) ==
+                       SPIN_OK &&
+                   got.n == want.n,
+               "as many splats"))
+            for (size_t i = 0; i < 3 * got.n; i++) {
+                double c = 0.5 + 0.28209479177387814 * (double)want.sh[i];
+
+                worst = fmax(worst, fabs(fmin(fmax(c, 0), 1) - (double)got.rgb[i]));
+            }
+        ok(worst < 1e-6, "the colours of the refined frame (off by %.2g)", worst);
+        spin_splats_free(&got);
+        spin_splats_free(&want);
+    }
+    spin_clip_close(&clip);
+    spin_bundle_close(&bundle);
+}
+
+/* ---- Keys ------------------------------------------------------------------------------------------ */
+
+enum { MOST_KEYS = 32 };
+static char keys[MOST_KEYS][40];
+static int n_keys;
+
+/* The key of the first frame refined with these options; it is that of no run before. */
+static void another_key(struct spin_retrain_options o, const char *what)
+{
+    struct spin_retrain_report r;
+    struct spin_bundle bundle;
+    const spin_json *frames;
+    const char *key;
+    bool new = true;
+
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
+            "refines with another %s", what))
+        exit(tap_done());
+    frames = spin_json_get(spin_json_get(bundle.json, "refined"), "frames");
+    key = spin_json_string(spin_json_get(spin_json_at(frames, 0), "key"));
+    for (int i = 0; key && i < n_keys; i++)
+        new = new &&strcmp(keys[i], key) != 0;
+    if (ok(key && new, "another %s: another key", what))
+        snprintf(keys[n_keys++], sizeof keys[0], "%s", key);
+    spin_bundle_close(&bundle);
+}
+
+/* Whatever decides what becomes of a frame is in its key: else old work passes for new. */
+static void compare_keys(void)
+{
+    static const int others[] = {3, 23};
+    struct spin_retrain_options base = explicit_options(1), o;
+    struct spin_import_options i = {
+        .input = clip_path, .from = "d3dgs", .data = clip_path, .positions_only = true};
+    struct spin_import_report r;
+    char bare[620];
+
+    base.image_scale = 0.1;
+    another_key(base, "run");
+    o = base, o.refine = 2, another_key(o, "number of iterations");
+    o = base, o.seed = 1, another_key(o, "seed");
+    o = base, o.background[1] = 0.5f, another_key(o, "background");
+    o = base, o.lambda_dssim = 0.3, another_key(o, "weight of SSIM");
+    o = base, o.lambda_scale = 1, another_key(o, "weight of the scale");
+    o = base, o.lambda_opacity = 1, another_key(o, "weight of the opacity");
+    o = base, o.dynamic_weight = 2, another_key(o, "weight of what moves");
+    o = base, o.max_points = 9999, another_key(o, "limit of points");
+    o = base, o.no_densify = true, another_key(o, "densification");
+    o = base, o.refine_start = SPIN_REFINE_FROM_SOURCE, another_key(o, "start");
+    o = base, o.antialias = true, another_key(o, "way to draw");
+    o = base, o.learn_exposure = true, another_key(o, "colour of the cameras");
+    o = base, o.learn_exposure = true, o.lr_exposure = 0.1, another_key(o, "rate of these colours");
+    o = base, o.image_scale = 0.2, another_key(o, "size of the images");
+    o = base, o.test_cameras = others, another_key(o, "list of held-out cameras");
+    o = base, o.range.first = 1, another_key(o, "frame");
+    snprintf(bare, sizeof bare, "%s.bare", in);
+    i.output = bare;
+    if (!ok(spin_import(&i, &r) == SPIN_OK, "imports positions alone"))
+        return;
+    o = base, o.input = bare, another_key(o, "input");
+}
+
+TAP_MAIN
+{
+    struct spin_import_options i = {.input = clip_path, .from = "d3dgs", .data = clip_path};
+    struct spin_retrain_options o = explicit_options(136);
+    struct spin_import_report r;
+
+    spin_log_set_level(-2);
+    snprintf(in, sizeof in, "%s/in.spin", check_folder());
+    snprintf(out, sizeof out, "%s/out.spin", check_folder());
+    i.output = in;
+    if (!ok(spin_import(&i, &r) == SPIN_OK, "imports the clip"))
+        return;
+    o.seed = 5;
+    o.max_points = 2950;
+    o.background[0] = 0.2f;
+    o.background[2] = 0.7f;
+    o.lambda_dssim = 0.5;
+    compare(&o, "from points, with a cap");
+    o = explicit_options(136);
+    o.no_densify = true;
+    o.refine_start = SPIN_REFINE_FROM_SOURCE;
+    o.learn_exposure = true;
+    o.lr_exposure = 0.03;
+    o.lambda_scale = 2;
+    o.lambda_opacity = 3;
+    o.antialias = true;
+    o.dynamic_weight = 4;
+    compare(&o, "from the source, all that goes beyond 3DGS");
+    compare_colours();
+    compare_keys();
+}

@@ -1,0 +1,297 @@
+/* Retraining does not go wrong silently: values that are not finite, times in any order, a scene seen
+ * from one place, a state that must not be resumed.
+ * K: retrain sound d3dgs */
+#include "base/log.h"
+#include "scene/clip.h"
+#include "render/raster.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+static char from[400], input[500], output[500], part[600];
+
+/* Two frames of the court at a quarter of the size, on a small network. */
+static struct spin_retrain_options small(int iterations)
+{
+    struct spin_retrain_options o;
+
+    spin_retrain_defaults(&o);
+    o.input = input;
+    o.output = output;
+    o.range = (struct spin_range){.given = true, .first = 0, .last = 2};
+    o.image_scale = 0.25;
+    o.iterations = iterations;
+    o.batch = 1;
+    o.levels = 2;
+    o.hash_log2 = 8;
+    o.hidden = 8;
+    o.device = "cpu";
+    o.n_threads = 2;
+    o.force = true;
+    for (int d = 0; d < 4; d++)
+        o.finest_resolution[d] = 16;
+    return o;
+}
+
+static bool run(const struct spin_retrain_options *o, spin_status want, const char *word)
+{
+    struct spin_retrain_report report;
+    spin_status status = spin_retrain(o, &report);
+    bool good = status == want && (status == SPIN_OK || strstr(spin_last_error(), word));
+
+    if (!good)
+        printf("#   status %d: %s\n", status, status == SPIN_OK ? "done" : spin_last_error());
+    return good;
+}
+
+/* ---- Values that are not finite ----------------------------------------------------------------- */
+
+/* A rate that takes an array out of the range of floats in the first step. The loss, made before the
+ * step, says nothing; the state does, before it is kept. */
+static void test_array(const char *array, size_t rate, bool colour)
+{
+    struct spin_retrain_options o = small(3);
+
+    o.residual = SPIN_RESIDUAL_POINTS;
+    o.learn_exposure = colour;
+    o.save_every = 1;
+    *(double *)((char *)&o + rate) = 1e45;
+    ok(run(&o, SPIN_E_MALFORMED, array) && strstr(spin_last_error(), "iteration 1:") != NULL,
+       "%s is looked at before it is kept: %s", array, spin_last_error());
+    ok(!spin_path_exists(output) && !spin_path_exists(part), "neither output nor state is left");
+    remove(output);
+    remove(part);
+}
+
+/* Splats that are nowhere are not seen, so the loss stays finite: found at the next look, or at the end. */
+static void test_when(int iterations, const char *when)
+{
+    struct spin_retrain_options o = small(iterations);
+
+    o.lr_position = 1e45;
+    ok(run(&o, SPIN_E_MALFORMED, when) && strstr(spin_last_error(), "array 'frames/") != NULL,
+       "of %d iterations: %s", iterations, spin_last_error());
+    ok(!spin_path_exists(output), "no output");
+    remove(output);
+}
+
+/* Every array of the state is finite. */
+static bool state_is_finite(const char *path, size_t *n_arrays)
+{
+    struct spin_npz npz;
+    bool good = true;
+
+    *n_arrays = 0;
+    if (spin_npz_open(path, &npz) != SPIN_OK)
+        return false;
+    for (size_t i = 0; i < npz.zip.n; i++) {
+        struct spin_array info;
+        char name[100];
+        float *v;
+
+        snprintf(name, sizeof name, "%.*s", (int)strlen(npz.zip.member[i].name) - 4,
+                 npz.zip.member[i].name);
+        if (strcmp(npz.zip.member[i].name, "state.json") == 0)
+            continue;
+        v = check_load_f32(&npz, name, &info);
+        for (size_t k = 0; v && k < info.count; k++)
+            good = good && isfinite(v[k]);
+        free(v);
+        ++*n_arrays;
+    }
+    spin_npz_close(&npz);
+    return good;
+}
+
+/* Rates rise to where positions overflow; a state is kept after every step before. */
+static void test_last_good(void)
+{
+    struct spin_retrain_options o = small(200);
+    size_t n = 0;
+    bool good;
+
+    o.lr_position = 1e39;
+    o.lr_table = o.lr_head_factor = 0;
+    o.warmup = 100;
+    o.save_every = 1;
+    ok(run(&o, SPIN_E_MALFORMED, "finite"), "positions run away: %s", spin_last_error());
+    ok(strstr(spin_last_error(), "the state of iteration") && strstr(spin_last_error(), part),
+       "the error says where the last good state is");
+    good = state_is_finite(part, &n);
+    ok(good && n >= 15, "which is finite, all of its %zu arrays", n);
+    ok(!spin_path_exists(output), "no output");
+    remove(part);
+}
+
+/* ---- Times -------------------------------------------------------------------------------------- */
+
+/* The bundle once more, with other times of its first three frames. */
+static void write_times(double a, double b, double c)
+{
+    struct spin_bundle in;
+    struct spin_bundle_writer w;
+    struct spin_splats s = {0};
+    struct spin_bundle_meta *meta = &in.meta;
+    const double times[3] = {a, b, c};
+
+    if (spin_bundle_open(from, &in) != SPIN_OK ||
+        spin_bundle_writer_open(input, true, false, &w) != SPIN_OK)
+        exit(1);
+    for (int f = 0; f < meta->n_frames; f++) {
+        if (f < 3)
+            meta->frame[f].time = times[f];
+        if (spin_bundle_frame(&in, f, meta->columns, &s) != SPIN_OK ||
+            spin_bundle_write_frame(&w, f, meta->columns, meta->static_columns, &s) != SPIN_OK)
+            exit(1);
+    }
+    if (spin_bundle_writer_finish(&w, meta, NULL) != SPIN_OK)
+        exit(1);
+    spin_splats_free(&s);
+    spin_bundle_close(&in);
+}
+
+static double of_network(const char *key)
+{
+    struct spin_bundle b;
+    double value = NAN;
+
+    if (spin_bundle_open(output, &b) != SPIN_OK)
+        return NAN;
+    spin_json_number(spin_json_get(spin_json_get(b.json, "network"), key), &value);
+    spin_bundle_close(&b);
+    return value;
+}
+
+static void test_times(void)
+{
+    struct spin_retrain_options o = small(2);
+
+    o.range.last = 3;
+    write_times(7, 4, 5.5);
+    ok(run(&o, SPIN_OK, NULL), "retrains frames in any order of time");
+    near(of_network("time_first"), 4, 0, "the network's times begin with the earliest");
+    near(of_network("time_last"), 7, 0, "and end with the latest");
+    remove(output);
+    write_times(4, 7, 4);
+    ok(run(&o, SPIN_E_MALFORMED, "frames 0 and 2 are both at time 4"),
+       "two frames at one time are refused: %s", spin_last_error());
+    ok(!spin_path_exists(output), "without output");
+    o.range.last = 2;
+    ok(run(&o, SPIN_OK, NULL), "unless one of them is left out");
+    remove(output);
+    write_times(0, 1, 2);
+}
+
+static void test_check_times(void)
+{
+    struct spin_frame_info info[4] = {
+        {.number = 3, .time = 1}, {.number = 4, .time = 0}, {.number = 5, .time = 1}, {0}};
+    const int index[2] = {0, 1};
+
+    ok(spin_times_check(info, NULL, 3) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "frames 3 and 5"),
+       "the frames of one time are named");
+    ok(spin_times_check(info, NULL, 2) == SPIN_OK && spin_times_check(info, index, 2) == SPIN_OK,
+       "others may come in any order");
+    info[3].time = NAN;
+    ok(spin_times_check(info + 3, NULL, 1) == SPIN_E_MALFORMED, "a time is a number");
+}
+
+/* ---- Seeds -------------------------------------------------------------------------------------- */
+
+/* 2^53 and 2^53 + 1 are one double. */
+static void test_seeds(void)
+{
+    struct spin_retrain_options o = small(2);
+
+    o.seed = (uint64_t)1 << 53;
+    ok(run(&o, SPIN_OK, NULL), "retrains with a seed of 2^53");
+    o.force = false;
+    o.resume = true;
+    ok(run(&o, SPIN_OK, NULL), "--resume finds it finished");
+    o.seed++;
+    ok(run(&o, SPIN_E_IO, "exists"), "with 2^53 + 1 it is another run: %s", spin_last_error());
+    remove(output);
+}
+
+/* ---- Memory ------------------------------------------------------------------------------------- */
+
+static size_t no_memory(struct spin_device *d)
+{
+    (void)d;
+    return 0;
+}
+
+/* A splat before the camera, on a device that has no more memory for the lists. */
+static void test_pairs(void)
+{
+    struct spin_camera camera = {.width = 64,
+                                 .height = 64,
+                                 .fx = 60,
+                                 .fy = 60,
+                                 .cx = 32,
+                                 .cy = 32,
+                                 .w2c = {1, 0, 0, 0, 0, 1}};
+    struct spin_device *d = check_device(1), poor;
+    struct spin_device_ops ops;
+    float pos[3] = {0, 0, 3}, attr[SPIN_ATTR] = {0}, black[3] = {0};
+    struct spin_raster raster;
+    struct spin_camera_f32 cam;
+
+    if (!d)
+        return;
+    camera.w2c[10] = 1;
+    cam = spin_camera_f32_from(&camera);
+    attr[SPIN_ATTR_SCALE] = attr[SPIN_ATTR_SCALE + 1] = attr[SPIN_ATTR_SCALE + 2] = 1;
+    attr[SPIN_ATTR_ROTATION] = attr[SPIN_ATTR_OPACITY] = 1;
+    for (int k = 0; k < 2; k++) {
+        poor = *d;
+        ops = *d->op;
+        poor.op = &ops;
+        if (k == 1)
+            ops.memory = no_memory;
+        if (!ok(spin_raster_open(&raster, &poor, 1, 64 * 64, 16, true) == SPIN_OK, "opens"))
+            return;
+        if (k == 0)
+            ok(spin_raster_forward(&raster, &cam, 1, pos, attr, 0, black) == SPIN_OK &&
+                   raster.tiles.n_intersections == 16,
+               "a splat over 16 tiles");
+        else
+            ok(spin_raster_forward(&raster, &cam, 1, pos, attr, 0, black) == SPIN_E_MEMORY &&
+                   strstr(spin_last_error(), "16 pairs of splats and tiles") != NULL,
+               "is refused where memory has no room for its pairs: %s", spin_last_error());
+        spin_raster_close(&raster);
+    }
+    check_device_free(d);
+}
+
+TAP_MAIN
+{
+    const char *run_of = check_fixture("court-mini/params.npz"),
+               *data = check_fixture("court-mini");
+    struct spin_import_options o = {.input = run_of, .output = from, .data = data};
+    struct spin_import_report report;
+
+    spin_log_set_level(-1);
+    test_pairs();
+    if (!run_of) {
+        skip("retraining", "no fixture court-mini");
+        return;
+    }
+    snprintf(from, sizeof from, "%s/from.spin", check_folder());
+    snprintf(input, sizeof input, "%s/in.spin", check_folder());
+    snprintf(output, sizeof output, "%s/out.spin", check_folder());
+    snprintf(part, sizeof part, "%s.part", output);
+    ok(spin_import(&o, &report) == SPIN_OK, "imports the court");
+    write_times(0, 1, 2);
+    test_array("table/p", offsetof(struct spin_retrain_options, lr_table), false);
+    test_array("heads/p", offsetof(struct spin_retrain_options, lr_head_factor), false);
+    test_array("frames/", offsetof(struct spin_retrain_options, lr_position), false);
+    test_array("own/", offsetof(struct spin_retrain_options, lr_residual), false);
+    test_array("tint/p", offsetof(struct spin_retrain_options, lr_exposure), true);
+    test_when(2, "iteration 2:");
+    test_when(150, "iteration 100:");
+    test_last_good();
+    test_times();
+    test_check_times();
+    test_seeds();
+}
