@@ -465,7 +465,7 @@ static void read_row(const unsigned char *const element[3], size_t i, struct spi
     for (size_t c = 0; c < 3; c++) {
         float *sh = out->sh + 3 * n_sh * i + c;
 
-        sh[0] = (row.colour[c] - 0.5f) / SPIN_SH_C0;
+        sh[0] = (row.colour[c] - 0.5f) / (float)SPIN_SH_C0;
         for (size_t k = 0; k < n; k++)
             sh[3 * (k + 1)] = shown_rest(element[2][(3 * i + c) * n + k]);
     }

@@ -186,7 +186,7 @@ static spin_status splat_read(void *self, const struct spin_map *map, int frame,
         out->logit_opacities[i] = spin_roundtrip_check_logit(shown.opacity);
         for (size_t c = 0; c < 3; c++) {
             out->log_scales[3 * i + c] = logf(spin_maxf(scale[c], 1e-38f));
-            out->sh[3 * i + c] = (shown.colour[c] - 0.5f) / SPIN_SH_C0;
+            out->sh[3 * i + c] = (shown.colour[c] - 0.5f) / (float)SPIN_SH_C0;
         }
     }
     return SPIN_OK;

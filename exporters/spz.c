@@ -95,8 +95,8 @@ static void code_colour(const struct export *x, size_t i, unsigned char *out,
 
     spin_quant_error_colour(&x->frames.rows, i, colour);
     for (int c = 0; c < 3; c++) {
-        out[c] = byte_of((colour[c] - 0.5f) / SPIN_SH_C0 * 0.15f * 255 + 127.5f);
-        shown[c] = 0.5f + SPIN_SH_C0 * ((float)out[c] - 127.5f) / (0.15f * 255);
+        out[c] = byte_of((colour[c] - 0.5f) / (float)SPIN_SH_C0 * 0.15f * 255 + 127.5f);
+        shown[c] = 0.5f + (float)SPIN_SH_C0 * ((float)out[c] - 127.5f) / (0.15f * 255);
     }
     spin_quant_error_add_3(quant, SPIN_QUANT_COLOUR, colour, shown);
 }

@@ -14,10 +14,17 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <stdio.h>
+#include <stdlib.h>
 
+#include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
+#include "importers/lib/notes.h"
 #include "importers/lib/ntc_eval.h"
+#include "io/json.h"
+#include "io/torch.h"
+#include "math/quat.h"
 
 /* Where an opacity of exactly 0 or 1 ends up: the upstream stores logit(sigmoid(o)). */
 #define LOGIT_LIMIT 30.0f
@@ -112,9 +119,9 @@ static spin_status find_cloud(const char *folder, int iteration, const char *fil
     pick.folder = clouds;
     status = SPIN_OK;
     if (spin_path_is_folder(clouds) && iteration >= 0)
-        status = model_folder_choose(&pick, wanted, &name);
+        status = spin_model_folder_choose(&pick, wanted, &name);
     if (spin_path_is_folder(clouds) && status == SPIN_OK && !name)
-        status = model_folder_choose(&pick, NULL, &name);
+        status = spin_model_folder_choose(&pick, NULL, &name);
     if (status == SPIN_OK && name)
         status = spin_path_join(clouds, name, &sub);
     if (status == SPIN_OK && sub)
@@ -298,7 +305,7 @@ static spin_status find_files(struct clip *clip, const struct spin_plugin_values
     spin_status status;
 
     SPIN_TRY(read_settings(clip));
-    clip->packed = model_folder_holds(clip->folder, "NTCs");
+    clip->packed = spin_model_folder_holds(clip->folder, "NTCs");
     if (clip->packed) {
         SPIN_TRY(find_indexed(clip, "NTCs", "NTC_", ".pth"));
         SPIN_TRY(spin_path_join(clip->folder, "raw", &path));
@@ -347,14 +354,14 @@ static spin_status prepare_networks(struct clip *clip, const struct spin_plugin_
 
     SPIN_TRY(find_config(clip, values));
     if (clip->config) {
-        SPIN_TRY(ntc_open_config(clip->config, &clip->shape));
+        SPIN_TRY(spin_ntc_open_config(clip->config, &clip->shape));
     } else {
-        ntc_default_shape(&clip->shape);
-        SPIN_TRY(ntc_layout(&clip->shape));
+        spin_ntc_default_shape(&clip->shape);
+        SPIN_TRY(spin_ntc_layout(&clip->shape));
     }
-    status = ntc_open(clip->step[1].network, &clip->shape, &network);
+    status = spin_ntc_open(clip->step[1].network, &clip->shape, &network);
     if (status == SPIN_OK)
-        ntc_free(&network);
+        spin_ntc_free(&network);
     else if (!clip->config)
         status = spin_fail_context(status,
                                    "there is no config.json (give it with --config), and with the "
@@ -424,7 +431,7 @@ static spin_status inspect(const char *path, size_t *n, int *sh_degree)
             status = spin_fail(SPIN_E_MALFORMED, "'%s': no property '%s'", path, needed[i]);
     }
     if (status == SPIN_OK)
-        status = model_folder_degree(&ply, e, sh_degree);
+        status = spin_model_folder_degree(&ply, e, sh_degree);
     for (int i = 0; status == SPIN_OK && i < 3 * ((*sh_degree + 1) * (*sh_degree + 1) - 1); i++) {
         char name[32];
 
@@ -494,14 +501,15 @@ static spin_status read_cloud(const char *path, size_t n, unsigned columns, size
     if (columns & SPIN_COL_MEANS) {
         float *means = out->means + 3 * first;
 
-        SPIN_TRY_OUT(model_folder_column(&ply, e, "x", means, 3));
-        SPIN_TRY_OUT(model_folder_column(&ply, e, "y", means + 1, 3));
-        SPIN_TRY_OUT(model_folder_column(&ply, e, "z", means + 2, 3));
+        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "x", means, 3));
+        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "y", means + 1, 3));
+        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "z", means + 2, 3));
     }
     if (columns & SPIN_COL_QUATS)
-        SPIN_TRY_OUT(model_folder_columns(&ply, e, "rot_", 4, out->quats + 4 * first, 4));
+        SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "rot_", 4, out->quats + 4 * first, 4));
     if (columns & SPIN_COL_LOG_SCALES)
-        SPIN_TRY_OUT(model_folder_columns(&ply, e, "scale_", 3, out->log_scales + 3 * first, 3));
+        SPIN_TRY_OUT(
+            spin_model_folder_columns(&ply, e, "scale_", 3, out->log_scales + 3 * first, 3));
     if (columns & SPIN_COL_LOGIT_OPACITIES) {
         float *logits = out->logit_opacities + first;
         size_t bad = 0;
@@ -518,17 +526,17 @@ static spin_status read_cloud(const char *path, size_t n, unsigned columns, size
     if (columns & SPIN_COL_SH) {
         float *sh = out->sh + step * first;
 
-        SPIN_TRY_OUT(model_folder_columns(&ply, e, "f_dc_", 3, sh, step));
+        SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "f_dc_", 3, sh, step));
         for (int i = 0; i < 3 * n_rest; i++) { /* channel-major in the file */
             char name[32];
 
             snprintf(name, sizeof name, "f_rest_%d", i);
-            SPIN_TRY_OUT(
-                model_folder_column(&ply, e, name, sh + 3 * (i % n_rest + 1) + i / n_rest, step));
+            SPIN_TRY_OUT(spin_model_folder_column(&ply, e, name,
+                                                  sh + 3 * (i % n_rest + 1) + i / n_rest, step));
         }
     }
     for (size_t i = 0; (columns & SPIN_COL_QUATS) && i < n; i++)
-        model_folder_unit(out->quats + 4 * (first + i));
+        spin_quat_normalise(out->quats + 4 * (first + i));
 out:
     spin_ply_close(&ply);
     return status;
@@ -557,23 +565,21 @@ static spin_status describe(struct clip *clip, struct spin_sequence_info *sequen
              clip->packed ? " packed for its viewer" : "",
              clip->evaluate ? "networks evaluated" : "moved clouds");
     if (n_added > 0)
-        model_folder_note(sequence,
-                          "rows from %zu on are Gaussians added for one frame (%.1f a frame): they "
-                          "have no tracks\n",
-                          clip->n, (double)n_added / (double)clip->n_steps);
+        spin_note(sequence,
+                  "rows from %zu on are Gaussians added for one frame (%.1f a frame): they "
+                  "have no tracks",
+                  clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
-        model_folder_note(sequence,
-                          "the cloud of frame 0 was not found: the clip begins with frame %d "
-                          "(--init says where it is)\n",
-                          clip->step[0].number);
+        spin_note(sequence,
+                  "the cloud of frame 0 was not found: the clip begins with frame %d "
+                  "(--init says where it is)",
+                  clip->step[0].number);
     if (clip->evaluate)
-        model_folder_note(sequence,
-                          "positions and rotations come from half-precision networks, whose "
-                          "errors add up from frame to frame\n");
+        spin_note(sequence, "positions and rotations come from half-precision networks, whose "
+                            "errors add up from frame to frame");
     if (clip->evaluate && !clip->config)
-        model_folder_note(sequence,
-                          "there is no config.json: the networks' usual configuration was "
-                          "taken, which fits\n");
+        spin_note(sequence, "there is no config.json: the networks' usual configuration was "
+                            "taken, which fits");
     return SPIN_OK;
 }
 
@@ -645,9 +651,9 @@ static spin_status move_base(struct clip *clip, size_t target)
     while (clip->at < target) {
         struct ntc network;
 
-        SPIN_TRY(ntc_open(clip->step[clip->at + 1].network, &clip->shape, &network));
-        ntc_apply(&network, clip->n, clip->means, clip->quats);
-        ntc_free(&network);
+        SPIN_TRY(spin_ntc_open(clip->step[clip->at + 1].network, &clip->shape, &network));
+        spin_ntc_apply(&network, clip->n, clip->means, clip->quats);
+        spin_ntc_free(&network);
         clip->at++;
     }
     return SPIN_OK;
@@ -688,7 +694,7 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
     }
     if (step->n_added > 0)
         SPIN_TRY(read_cloud(step->added, step->n_added, columns, clip->n, out));
-    return clip->evaluate ? model_folder_check(clip->folder, time, columns, out) : SPIN_OK;
+    return clip->evaluate ? spin_model_folder_check(clip->folder, time, columns, out) : SPIN_OK;
 }
 
 static const struct spin_plugin_option options[] = {

@@ -4,10 +4,14 @@
  * What the network's heads are used for is not in the checkpoint but in cfg_args beside it, which
  * is therefore read, or replaced by options. Format: 4dgaussian.md. */
 #include "spin.h"
+#include <stdlib.h>
 
+#include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
-#include "math/deform.h"
+#include "importers/lib/notes.h"
+#include "math/covariance.h"
+#include "math/quat.h"
 
 enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
 
@@ -74,7 +78,7 @@ static spin_status fail_no_save(const char *path, const char *wanted)
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no iteration_%s with point_cloud.ply and deformation.pth", path,
                          wanted);
-    if (model_folder_search(path, "deformation_GAD.pth", &coarse))
+    if (spin_model_folder_search(path, "deformation_GAD.pth", &coarse))
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from "
                          "modecgs",
@@ -133,25 +137,26 @@ static bool looks_trained(const struct mlp_linear *l)
 static spin_status note_guess(struct spin_torch *torch, const char *prefix,
                               const struct model *model, struct spin_sequence_info *sequence)
 {
-    model_folder_note(sequence,
-                      "no cfg_args: assumed that position, scale and rotation are deformed, "
-                      "opacity and SH not; say otherwise with --deform\n");
+    char trained[128] = "";
+    int used = 0; /* the words of all heads fit */
+
+    spin_note(sequence, "no cfg_args: assumed that position, scale and rotation are deformed, "
+                        "opacity and SH not; say otherwise with --deform");
     spin_warn("'%s': no cfg_args beside it, the method's defaults are assumed", model->path);
-    model_folder_note(sequence, "weights that look trained:");
     for (int h = 0; h < N_HEADS; h++) {
         struct hex_head head = {0};
         spin_status status = SPIN_OK;
 
-        if (hex_has_head(torch->root, prefix, heads[h].tensor))
-            status = hex_load_head(torch, torch->root, prefix, heads[h].tensor, model->hex.width,
-                                   heads[h].width, &head);
+        if (spin_hex_has_head(torch->root, prefix, heads[h].tensor))
+            status = spin_hex_load_head(torch, torch->root, prefix, heads[h].tensor,
+                                        model->hex.width, heads[h].width, &head);
         if (status == SPIN_OK && head.first.n_in > 0 &&
             (looks_trained(&head.first) || looks_trained(&head.last)))
-            model_folder_note(sequence, " %s", heads[h].word);
-        hex_head_free(&head);
+            used += snprintf(trained + used, sizeof trained - (size_t)used, " %s", heads[h].word);
+        spin_hex_head_free(&head);
         SPIN_TRY(status);
     }
-    model_folder_note(sequence, "\n");
+    spin_note(sequence, "weights that look trained:%s", trained);
     return SPIN_OK;
 }
 
@@ -166,17 +171,17 @@ static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_v
     for (int h = 0; h < N_HEADS; h++) {
         bool off = heads[h].by_default;
 
-        SPIN_TRY(cfg_read_bool(cfg, heads[h].off, &off));
+        SPIN_TRY(spin_cfg_read_bool(cfg, heads[h].off, &off));
         model->used[h] = !off;
     }
-    SPIN_TRY(cfg_read_bool(cfg, "apply_rotation", &model->product));
-    SPIN_TRY(cfg_read_number(cfg, "grid_pe", grid_pe));
+    SPIN_TRY(spin_cfg_read_bool(cfg, "apply_rotation", &model->product));
+    SPIN_TRY(spin_cfg_read_number(cfg, "grid_pe", grid_pe));
     if (deform)
         SPIN_TRY(parse_heads(deform, model->used));
     if (product &&
-        !cfg_bool((struct cfg_span){product, product + strlen(product)}, &model->product))
+        !spin_cfg_bool((struct cfg_span){product, product + strlen(product)}, &model->product))
         return spin_fail(SPIN_E_USAGE, "--apply-rotation '%s': expected true or false", product);
-    if (pe && !cfg_number((struct cfg_span){pe, pe + strlen(pe)}, grid_pe))
+    if (pe && !spin_cfg_number((struct cfg_span){pe, pe + strlen(pe)}, grid_pe))
         return spin_fail(SPIN_E_USAGE, "--grid-pe '%s': expected a number", pe);
     return SPIN_OK;
 }
@@ -210,15 +215,15 @@ static spin_status load_network(struct spin_torch *torch, const struct cfg_args 
 
     if (!root || root->kind != SPIN_VALUE_DICT)
         return spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict");
-    prefix = hex_prefix(root);
+    prefix = spin_hex_prefix(root);
     if (!prefix)
         return fail_other_network(root);
     SPIN_TRY(settle(cfg, values, model, &grid_pe));
-    SPIN_TRY(hex_load(torch, root, prefix, grid_pe, &model->hex));
+    SPIN_TRY(spin_hex_load(torch, root, prefix, grid_pe, &model->hex));
     for (int h = 0; h < N_HEADS; h++) {
         if (model->used[h])
-            SPIN_TRY(hex_load_head(torch, root, prefix, heads[h].tensor, model->hex.width,
-                                   heads[h].width, &model->head[h]));
+            SPIN_TRY(spin_hex_load_head(torch, root, prefix, heads[h].tensor, model->hex.width,
+                                        heads[h].width, &model->head[h]));
     }
     if (!cfg->path && !spin_plugin_value(values, "deform", NULL))
         SPIN_TRY(note_guess(torch, prefix, model, sequence));
@@ -254,10 +259,10 @@ static void check_table(const char *save, size_t n, struct spin_sequence_info *s
         spin_torch_open(path, &torch) == SPIN_OK &&
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
-        model_folder_note(sequence,
-                          "deformation_table.pth is of %llu Gaussians, point_cloud.ply has "
-                          "%zu: are they of one save?\n",
-                          (unsigned long long)table.count, n);
+        spin_note(sequence,
+                  "deformation_table.pth is of %llu Gaussians, point_cloud.ply has "
+                  "%zu: are they of one save?",
+                  (unsigned long long)table.count, n);
         spin_warn("'%s' is of %llu Gaussians, the cloud has %zu", path,
                   (unsigned long long)table.count, n);
     }
@@ -283,9 +288,8 @@ static void describe(struct model *model, struct spin_sequence_info *sequence)
     snprintf(sequence->variant, sizeof sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", model->n, hex->n_scales,
              hex->width);
-    model_folder_note(sequence,
-                      "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
-                      "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones\n");
+    spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
+                        "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
 }
 
 static spin_status open_model(const char *save, const struct cfg_args *cfg,
@@ -297,7 +301,7 @@ static spin_status open_model(const char *save, const struct cfg_args *cfg,
 
     SPIN_TRY(spin_path_join(save, "deformation.pth", &model->path));
     SPIN_TRY(spin_path_join(save, "point_cloud.ply", &cloud));
-    status = model_folder_read(cloud, &model->canonical, NULL, NULL);
+    status = spin_model_folder_read(cloud, &model->canonical, NULL, NULL);
     model->n = model->canonical.n;
     if (status == SPIN_OK)
         status = open_network(cfg, values, model, sequence);
@@ -309,7 +313,7 @@ static spin_status open_model(const char *save, const struct cfg_args *cfg,
     SPIN_TRY(status);
     check_table(save, model->n, sequence);
     describe(model, sequence);
-    return mlp_team_create(hex_scratch(&model->hex) + 48 * MLP_BLOCK, &model->team);
+    return spin_mlp_team_create(spin_hex_scratch(&model->hex) + 48 * MLP_BLOCK, &model->team);
 }
 
 static spin_status gaussian_open(const char *path, const struct spin_plugin_values *values,
@@ -322,13 +326,13 @@ static spin_status gaussian_open(const char *path, const struct spin_plugin_valu
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    SPIN_TRY(model_folder_save(path, wanted, "deformation.pth", &save));
+    SPIN_TRY(spin_model_folder_save(path, wanted, "deformation.pth", &save));
     if (!save)
         return fail_no_save(path, wanted);
-    status = model_folder_cfg(path, save, &cfg);
+    status = spin_model_folder_cfg(path, save, &cfg);
     if (status == SPIN_OK)
         status = open_model(save, &cfg, values, *self, sequence);
-    cfg_close(&cfg);
+    spin_cfg_close(&cfg);
     free(save);
     return status;
 }
@@ -340,9 +344,9 @@ static void gaussian_close(void *self)
     if (!model)
         return;
     for (int h = 0; h < N_HEADS; h++)
-        hex_head_free(&model->head[h]);
-    hex_free(&model->hex);
-    mlp_team_free(&model->team);
+        spin_hex_head_free(&model->head[h]);
+    spin_hex_free(&model->hex);
+    spin_mlp_team_free(&model->team);
     spin_splats_free(&model->canonical);
     free(model->path);
     free(model);
@@ -383,7 +387,7 @@ static void turn(const struct model *model, const float *residual, size_t first,
             for (int c = 0; c < 4; c++)
                 to[c] = q[c] + r[c];
         }
-        model_folder_unit(to);
+        spin_quat_normalise(to);
     }
 }
 
@@ -393,15 +397,15 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     const struct model *model = job->model;
     const struct spin_splats *from = &model->canonical;
     const float *xyz = from->means + 3 * first;
-    float *residual = scratch + hex_scratch(&model->hex), *spare, mask[MLP_BLOCK];
-    const float *hidden = hex_hidden(&model->hex, xyz, n, job->time, scratch);
+    float *residual = scratch + spin_hex_scratch(&model->hex), *spare, mask[MLP_BLOCK];
+    const float *hidden = spin_hex_hidden(&model->hex, xyz, n, job->time, scratch);
 
-    spare = hex_spare(&model->hex, hidden, scratch);
-    hex_mask(&model->hex, xyz, n, hidden, spare, mask);
+    spare = spin_hex_spare(&model->hex, hidden, scratch);
+    spin_hex_mask(&model->hex, xyz, n, hidden, spare, mask);
     for (int h = 0; h < N_HEADS; h++) {
         if (!model->used[h] || !(job->columns & heads[h].column))
             continue;
-        hex_head(&model->head[h], hidden, spare, residual);
+        spin_hex_head(&model->head[h], hidden, spare, residual);
         if (h == POSITION)
             add(from->means, mask, residual, first, n, 3, job->out->means);
         else if (h == SCALE)
@@ -431,7 +435,7 @@ static void copy_still(const struct model *model, unsigned columns, struct spin_
     if (columns & SPIN_COL_QUATS && !model->used[ROTATION]) {
         memcpy(out->quats, from->quats, 4 * n * sizeof *out->quats);
         for (size_t i = 0; i < n; i++)
-            model_folder_unit(out->quats + 4 * i);
+            spin_quat_normalise(out->quats + 4 * i);
     }
 }
 
@@ -451,8 +455,8 @@ static spin_status gaussian_frame(void *self, int frame, double time, unsigned c
     for (int h = 0; h < N_HEADS; h++)
         any = any || (model->used[h] && columns & heads[h].column);
     if (any)
-        mlp_team_run(&model->team, model->n, evaluate, &job);
-    return model_folder_check(model->path, time, columns, out);
+        spin_mlp_team_run(&model->team, model->n, evaluate, &job);
+    return spin_model_folder_check(model->path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

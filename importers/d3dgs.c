@@ -4,21 +4,24 @@
  * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
  * 0..1: they become degree-0 SH unclamped. */
 #include "importers/lib/d3dgs_run.h"
+#include "base/mem.h"
+#include "importers/lib/finite.h"
+#include <stdlib.h>
 
 static int probe(const struct spin_peek *peek)
 {
-    bool mask = d3dgs_has_key(peek, "mask"); /* TC3DGS */
-    int found = d3dgs_count_keys(peek);
+    bool mask = spin_d3dgs_has_key(peek, "mask"); /* TC3DGS */
+    int found = spin_d3dgs_count_keys(peek);
 
     if (peek->is_folder)
-        return d3dgs_has_file(peek, "params.npz") && !mask ? 60 : 0;
+        return spin_d3dgs_has_file(peek, "params.npz") && !mask ? 60 : 0;
     if (mask || !spin_zip_looks_like(peek->head, peek->n_head))
         return 0;
     if (peek->tail_names[0] == '\0') /* cut short: open() can say so if the first member is ours */
         return memmem(peek->head, peek->n_head, "means3D.npy", 11) ? 30 : 0;
-    if (d3dgs_has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() says so */
+    if (spin_d3dgs_has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() says so */
         return found >= 3 ? 30 : 0;
-    if (d3dgs_has_key(peek, "means3D") && d3dgs_has_key(peek, "unnorm_rotations"))
+    if (spin_d3dgs_has_key(peek, "means3D") && spin_d3dgs_has_key(peek, "unnorm_rotations"))
         return 90;
     return found >= 3 ? 60 : 0;
 }
@@ -45,8 +48,8 @@ static void note_lost(const struct d3dgs_run *run, struct spin_sequence_info *se
 static spin_status open_run(const char *path, struct d3dgs_run *run,
                             struct spin_sequence_info *sequence)
 {
-    SPIN_TRY(d3dgs_load(path, run));
-    SPIN_TRY(d3dgs_describe(run, sequence));
+    SPIN_TRY(spin_d3dgs_load(path, run));
+    SPIN_TRY(spin_d3dgs_describe(run, sequence));
     snprintf(sequence->variant, sizeof sequence->variant, "Dynamic 3D Gaussians, %llu Gaussians",
              (unsigned long long)run->n);
     note_lost(run, sequence);
@@ -73,13 +76,13 @@ static spin_status d3dgs_frame(void *self, int frame, double time, unsigned colu
                                struct spin_splats *out)
 {
     (void)time;
-    return d3dgs_read(self, frame, columns, out);
+    return spin_d3dgs_read(self, frame, columns, out);
 }
 
 static void d3dgs_close(void *self)
 {
     if (self)
-        d3dgs_release(self);
+        spin_d3dgs_release(self);
     free(self);
 }
 

@@ -4,8 +4,13 @@
  * A descendant of Grid4D. Format: grid4d.md. As in the method's render script, the heads for
  * opacity and colour are stored but not used, and static Gaussians stay exactly as they are. */
 #include "spin.h"
+#include <stdlib.h>
 
+#include "importers/lib/finite.h"
 #include "importers/lib/hashgrid_deform.h"
+#include "importers/lib/notes.h"
+#include "math/grid.h"
+#include "math/quat.h"
 
 struct model {
     struct hash_model base; /* extra: not 0 for dynamic Gaussians */
@@ -16,7 +21,7 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    return hash_probe(peek, "xyzt_encoding.", "'D4_");
+    return spin_hash_probe(peek, "xyzt_encoding.", "'D4_");
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -26,15 +31,15 @@ static spin_status load_network(struct spin_torch *torch, struct model *model)
     struct hash_pair pair;
     int n_features, widest;
 
-    SPIN_TRY(hash_split(torch->root, "xyzt_encoding.embeddings", "xyt_encoding.embeddings",
-                        "Grid4D, use --from grid4d", &pair));
-    SPIN_TRY(hash_load_grid(torch, pair.grid, "xyzt_encoding", 4, &model->grid));
+    SPIN_TRY(spin_hash_split(torch->root, "xyzt_encoding.embeddings", "xyt_encoding.embeddings",
+                             "Grid4D, use --from grid4d", &pair));
+    SPIN_TRY(spin_hash_load_grid(torch, pair.grid, "xyzt_encoding", 4, &model->grid));
     n_features = model->grid.n_levels * model->grid.n_features;
-    SPIN_TRY(mlp_load(torch, pair.network, "", "d4_mlp.0", n_features, -1, &model->first));
+    SPIN_TRY(spin_mlp_load(torch, pair.network, "", "d4_mlp.0", n_features, -1, &model->first));
     widest = model->first.n_out > n_features ? model->first.n_out : n_features;
     widest = widest > 4 ? widest : 4; /* a layer also holds a quaternion */
     model->layer = (size_t)widest * MLP_BLOCK;
-    return hash_load_heads(torch, pair.network, model->first.n_out, 3, &model->base);
+    return spin_hash_load_heads(torch, pair.network, model->first.n_out, 3, &model->base);
 }
 
 static spin_status open_model(const struct hash_files *files,
@@ -49,28 +54,29 @@ static spin_status open_model(const struct hash_files *files,
 
     memset(&torch, 0, sizeof torch);
     SPIN_TRY(spin_strdup(files->deform, &base->path));
-    status = model_folder_cfg(files->model, NULL, &cfg);
+    status = spin_model_folder_cfg(files->model, NULL, &cfg);
     if (status == SPIN_OK)
-        status = hash_blame(spin_torch_open(files->deform, &torch), files->deform);
+        status = spin_hash_blame(spin_torch_open(files->deform, &torch), files->deform);
     if (status == SPIN_OK)
-        status = hash_blame(load_network(&torch, model), files->deform);
+        status = spin_hash_blame(load_network(&torch, model), files->deform);
     if (status == SPIN_OK)
-        status = hash_settings(&cfg, values, base, sequence);
+        status = spin_hash_settings(&cfg, values, base, sequence);
     spin_torch_close(&torch);
-    cfg_close(&cfg);
+    spin_cfg_close(&cfg);
     SPIN_TRY(status);
-    SPIN_TRY(model_folder_read(files->cloud, &base->canonical, "dynamic", &base->extra));
+    SPIN_TRY(spin_model_folder_read(files->cloud, &base->canonical, "dynamic", &base->extra));
     base->n = base->canonical.n;
-    hash_describe(base, "DASH", sequence);
+    spin_hash_describe(base, "DASH", sequence);
     for (size_t i = 0; i < base->n; i++)
         n_dynamic += base->extra[i] != 0;
-    model_folder_note(sequence, "%zu of %zu Gaussians are dynamic\n", n_dynamic, base->n);
-    if (model_folder_iteration(files->name) >= 0 && model_folder_iteration(files->name) <= 2000)
-        model_folder_note(sequence,
-                          "%s looks like a save of the first training stage, which works "
-                          "otherwise: the result may be wrong\n",
-                          files->name);
-    return mlp_team_create(2 * model->layer + 8 * MLP_BLOCK, &base->team);
+    spin_note(sequence, "%zu of %zu Gaussians are dynamic", n_dynamic, base->n);
+    if (spin_model_folder_iteration(files->name) >= 0 &&
+        spin_model_folder_iteration(files->name) <= 2000)
+        spin_note(sequence,
+                  "%s looks like a save of the first training stage, which works "
+                  "otherwise: the result may be wrong",
+                  files->name);
+    return spin_mlp_team_create(2 * model->layer + 8 * MLP_BLOCK, &base->team);
 }
 
 static spin_status dash_open(const char *path, const struct spin_plugin_values *values, void **self,
@@ -81,10 +87,10 @@ static spin_status dash_open(const char *path, const struct spin_plugin_values *
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    status = hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
+    status = spin_hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
     if (status == SPIN_OK)
         status = open_model(&files, values, *self, sequence);
-    hash_files_free(&files);
+    spin_hash_files_free(&files);
     return status;
 }
 
@@ -94,9 +100,9 @@ static void dash_close(void *self)
 
     if (!model)
         return;
-    hash_grid_free(&model->grid);
-    mlp_free(&model->first);
-    hash_model_free(&model->base);
+    spin_hash_grid_free(&model->grid);
+    spin_mlp_free(&model->first);
+    spin_hash_model_free(&model->base);
     free(model);
 }
 
@@ -118,14 +124,14 @@ static const float *hidden(const struct job *job, size_t first, int n, float *sc
         const float *mean = model->base.canonical.means + 3 * (first + (size_t)(p < n ? p : n - 1));
         float x[4];
 
-        hash_coordinates(&model->base, mean, job->time, x);
-        hash_sample(&model->grid, x, b + p);
+        spin_hash_coordinates(&model->base, mean, job->time, x);
+        spin_hash_sample(&model->grid, x, b + p);
     }
-    mlp_linear(&model->first, b, a, true);
+    spin_mlp_linear(&model->first, b, a, true);
     for (int i = 0; i < model->base.depth; i++) {
         float *t = a;
 
-        mlp_linear(&model->base.grid_mlp[i], a, b, true);
+        spin_mlp_linear(&model->base.grid_mlp[i], a, b, true);
         a = b;
         b = t;
     }
@@ -141,7 +147,7 @@ static void copy_static(const struct spin_splats *from, size_t i, unsigned colum
         memcpy(out->log_scales + 3 * i, from->log_scales + 3 * i, 3 * sizeof *out->log_scales);
     if (columns & SPIN_COL_QUATS) {
         memcpy(out->quats + 4 * i, from->quats + 4 * i, 4 * sizeof *out->quats);
-        model_folder_unit(out->quats + 4 * i);
+        spin_quat_normalise(out->quats + 4 * i);
     }
 }
 
@@ -162,11 +168,11 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
 
         h = hidden(job, first, n, scratch);
         if (job->columns & SPIN_COL_MEANS)
-            mlp_linear(&base->warp, h, d_mean, false);
+            spin_mlp_linear(&base->warp, h, d_mean, false);
         if (shape) {
-            mlp_linear(&base->scaling, h, d_scale, false);
+            spin_mlp_linear(&base->scaling, h, d_scale, false);
             d_quat = h == scratch ? scratch + model->layer : scratch;
-            mlp_linear(&base->rotation, h, d_quat, false);
+            spin_mlp_linear(&base->rotation, h, d_quat, false);
         }
     }
     for (int p = 0; p < n; p++) {
@@ -180,10 +186,11 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
             job->out->means[3 * i + (size_t)c] =
                 from->means[3 * i + (size_t)c] + d_mean[c * MLP_BLOCK + p];
         if (shape)
-            hash_finish(from->log_scales + 3 * i, from->quats + 4 * i, d_mean + 4 * MLP_BLOCK + p,
-                        d_quat + p,
-                        job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
-                        job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
+            spin_hash_finish(from->log_scales + 3 * i, from->quats + 4 * i,
+                             d_mean + 4 * MLP_BLOCK + p, d_quat + p,
+                             job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i
+                                                                : NULL,
+                             job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
     }
 }
 
@@ -198,10 +205,10 @@ static spin_status dash_frame(void *self, int frame, double time, unsigned colum
         return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->base.path, time);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, model->base.n, columns, model->base.canonical.sh_degree));
-    hash_copy_still(&model->base, columns, out);
+    spin_hash_copy_still(&model->base, columns, out);
     if (columns & ~(unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
-        mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
-    return model_folder_check(model->base.path, time, columns, out);
+        spin_mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
+    return spin_model_folder_check(model->base.path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

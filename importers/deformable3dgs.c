@@ -6,11 +6,14 @@
  * rasteriser does and taken apart again. And the two halves of a save lie in separate folders: they
  * must be of the same iteration. */
 #include "spin.h"
+#include <stdlib.h>
 
+#include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/mlp_eval.h"
+#include "importers/lib/notes.h"
 #include "math/covariance.h"
-#include "math/deform.h"
+#include "math/quat.h"
 
 enum {
     MAX_LAYERS = 32,
@@ -65,7 +68,7 @@ static spin_status newest(const char *folder, const char *file, char **out)
 {
     struct model_folder_pick pick = {folder, file, NULL, NULL};
 
-    return model_folder_choose(&pick, NULL, out);
+    return spin_model_folder_choose(&pick, NULL, out);
 }
 
 /* Both sides must end with the same save, or the user must say which. */
@@ -133,7 +136,7 @@ static spin_status find_in_model(const char *path, const char *wanted, struct sa
     }
     pick.folder = clouds;
     pick.other = deforms;
-    SPIN_TRY_OUT(model_folder_choose(&pick, wanted, &out->name));
+    SPIN_TRY_OUT(spin_model_folder_choose(&pick, wanted, &out->name));
     if (!wanted)
         SPIN_TRY_OUT(check_newest(path, clouds, deforms, out->name));
     if (!out->name) {
@@ -237,11 +240,11 @@ static spin_status load_layers(struct spin_torch *torch, struct model *m)
         struct mlp_linear *l = &m->linear[i];
 
         snprintf(name, sizeof name, "linear.%d", i);
-        if (i > 0 && !mlp_has(torch->root, "", name))
+        if (i > 0 && !spin_mlp_has(torch->root, "", name))
             break;
         if (i == MAX_LAYERS)
             return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers 'linear'", MAX_LAYERS);
-        SPIN_TRY(mlp_load(torch, torch->root, "", name, -1, i ? m->width : -1, l));
+        SPIN_TRY(spin_mlp_load(torch, torch->root, "", name, -1, i ? m->width : -1, l));
         m->n_layers = i + 1;
         if (i == 0) {
             m->n_in = l->n_in;
@@ -280,10 +283,10 @@ static spin_status load_time(struct spin_torch *torch, struct model *m)
                          "position",
                          m->n_in, POSITION_INPUTS);
     inputs = m->n_time;
-    if (mlp_has(torch->root, "", "timenet.0") || mlp_has(torch->root, "", "timenet.2")) {
-        SPIN_TRY(mlp_load(torch, torch->root, "", "timenet.0", -1, -1, &m->time[0]));
-        SPIN_TRY(mlp_load(torch, torch->root, "", "timenet.2", m->time[0].n_out, m->n_time,
-                          &m->time[1]));
+    if (spin_mlp_has(torch->root, "", "timenet.0") || spin_mlp_has(torch->root, "", "timenet.2")) {
+        SPIN_TRY(spin_mlp_load(torch, torch->root, "", "timenet.0", -1, -1, &m->time[0]));
+        SPIN_TRY(spin_mlp_load(torch, torch->root, "", "timenet.2", m->time[0].n_out, m->n_time,
+                               &m->time[1]));
         inputs = m->time[0].n_in;
     }
     m->frequencies = (inputs - 1) / 2;
@@ -298,23 +301,23 @@ static spin_status load_time(struct spin_torch *torch, struct model *m)
 static spin_status load_network(struct spin_torch *torch, struct model *m)
 {
     const struct spin_value *root = torch->root;
-    bool warp = mlp_has(root, "", "gaussian_warp");
+    bool warp = spin_mlp_has(root, "", "gaussian_warp");
 
     SPIN_TRY(check_keys(root));
     SPIN_TRY(load_layers(torch, m));
     SPIN_TRY(load_time(torch, m));
-    m->screw = mlp_has(root, "", "branch_w") || mlp_has(root, "", "branch_v");
+    m->screw = spin_mlp_has(root, "", "branch_w") || spin_mlp_has(root, "", "branch_v");
     if (m->screw == warp)
         return spin_fail(SPIN_E_MALFORMED, "%s 'gaussian_warp' and 'branch_w'; expected one",
                          warp ? "both tensors" : "neither tensor");
     if (m->screw) {
-        SPIN_TRY(mlp_load(torch, root, "", "branch_w", m->width, 3, &m->screw_w));
-        SPIN_TRY(mlp_load(torch, root, "", "branch_v", m->width, 3, &m->screw_v));
+        SPIN_TRY(spin_mlp_load(torch, root, "", "branch_w", m->width, 3, &m->screw_w));
+        SPIN_TRY(spin_mlp_load(torch, root, "", "branch_v", m->width, 3, &m->screw_v));
     } else {
-        SPIN_TRY(mlp_load(torch, root, "", "gaussian_warp", m->width, 3, &m->warp));
+        SPIN_TRY(spin_mlp_load(torch, root, "", "gaussian_warp", m->width, 3, &m->warp));
     }
-    SPIN_TRY(mlp_load(torch, root, "", "gaussian_rotation", m->width, 4, &m->rotation));
-    return mlp_load(torch, root, "", "gaussian_scaling", m->width, 3, &m->scaling);
+    SPIN_TRY(spin_mlp_load(torch, root, "", "gaussian_rotation", m->width, 4, &m->rotation));
+    return spin_mlp_load(torch, root, "", "gaussian_scaling", m->width, 3, &m->scaling);
 }
 
 static spin_status open_network(struct model *m)
@@ -343,20 +346,20 @@ static spin_status check_cfg(const char *path, const char *cloud, const struct m
         bool is;
     } said[] = {{"is_blender", m->time[0].n_in > 0}, {"is_6dof", m->screw}};
     struct cfg_args cfg;
-    spin_status status = model_folder_cfg(path, cloud, &cfg);
+    spin_status status = spin_model_folder_cfg(path, cloud, &cfg);
 
     for (size_t i = 0; i < 2 && status == SPIN_OK; i++) {
         bool value = said[i].is;
 
-        status = cfg_read_bool(&cfg, said[i].key, &value);
+        status = spin_cfg_read_bool(&cfg, said[i].key, &value);
         if (status != SPIN_OK || value == said[i].is)
             continue;
         spin_warn("'%s' says %s=%s, but the network in '%s' is otherwise, which counts", cfg.path,
                   said[i].key, value ? "True" : "False", m->path);
-        model_folder_note(sequence, "cfg_args says %s=%s, the network is otherwise and counts\n",
-                          said[i].key, value ? "True" : "False");
+        spin_note(sequence, "cfg_args says %s=%s, the network is otherwise and counts", said[i].key,
+                  value ? "True" : "False");
     }
-    cfg_close(&cfg);
+    spin_cfg_close(&cfg);
     return status;
 }
 
@@ -373,11 +376,9 @@ static void describe(struct model *m, const char *name, struct spin_sequence_inf
              "Deformable 3D Gaussians, %zu Gaussians, %s, %d layers of %d%s%s", m->n, name,
              m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
              m->screw ? ", 6dof" : "");
-    model_folder_note(sequence,
-                      "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)\n");
-    if (model_folder_iteration(name) >= 0 && model_folder_iteration(name) < WARM_UP)
-        model_folder_note(sequence, "before iteration %d training does not use the network yet\n",
-                          WARM_UP);
+    spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");
+    if (spin_model_folder_iteration(name) >= 0 && spin_model_folder_iteration(name) < WARM_UP)
+        spin_note(sequence, "before iteration %d training does not use the network yet", WARM_UP);
 }
 
 /* Floats of one block: the input with a layer's output behind it, two layers, a head. */
@@ -390,12 +391,12 @@ static spin_status open_model(const char *path, const struct save *save, struct 
                               struct spin_sequence_info *sequence)
 {
     SPIN_TRY(spin_strdup(save->network, &m->path));
-    SPIN_TRY(model_folder_read(save->cloud, &m->canonical, NULL, NULL));
+    SPIN_TRY(spin_model_folder_read(save->cloud, &m->canonical, NULL, NULL));
     m->n = m->canonical.n;
     SPIN_TRY(open_network(m));
     SPIN_TRY(check_cfg(path, save->cloud, m, sequence));
     describe(m, save->name, sequence);
-    return mlp_team_create(scratch_floats(m), &m->team);
+    return spin_mlp_team_create(scratch_floats(m), &m->team);
 }
 
 static spin_status deformable_open(const char *path, const struct spin_plugin_values *values,
@@ -422,15 +423,15 @@ static void deformable_close(void *self)
     if (!m)
         return;
     for (int i = 0; i < MAX_LAYERS; i++)
-        mlp_free(&m->linear[i]);
-    mlp_free(&m->time[0]);
-    mlp_free(&m->time[1]);
-    mlp_free(&m->warp);
-    mlp_free(&m->screw_w);
-    mlp_free(&m->screw_v);
-    mlp_free(&m->rotation);
-    mlp_free(&m->scaling);
-    mlp_team_free(&m->team);
+        spin_mlp_free(&m->linear[i]);
+    spin_mlp_free(&m->time[0]);
+    spin_mlp_free(&m->time[1]);
+    spin_mlp_free(&m->warp);
+    spin_mlp_free(&m->screw_w);
+    spin_mlp_free(&m->screw_v);
+    spin_mlp_free(&m->rotation);
+    spin_mlp_free(&m->scaling);
+    spin_mlp_team_free(&m->team);
     spin_splats_free(&m->canonical);
     free(m->path);
     free(m);
@@ -475,8 +476,8 @@ static spin_status encode_time(const struct model *m, float time, float **out)
     middle = in + n * MLP_BLOCK;
     last = middle + hidden * MLP_BLOCK;
     encode(time, m->frequencies, 1, MLP_BLOCK, in);
-    mlp_linear(&m->time[0], in, middle, true);
-    mlp_linear(&m->time[1], middle, last, false);
+    spin_mlp_linear(&m->time[0], in, middle, true);
+    spin_mlp_linear(&m->time[1], middle, last, false);
     for (size_t i = 0; i < kept; i++)
         (*out)[i] = last[i * MLP_BLOCK];
     return SPIN_OK;
@@ -491,7 +492,7 @@ static const float *hidden_of(const struct model *m, float *wide, float *a, floa
     for (int i = 0; i < m->n_layers; i++) {
         float *to = i + 1 == m->wide ? behind : in == a ? b : a;
 
-        mlp_linear(&m->linear[i], i == m->wide ? wide : in, to, true);
+        spin_mlp_linear(&m->linear[i], i == m->wide ? wide : in, to, true);
         in = to;
     }
     return in;
@@ -531,7 +532,7 @@ static void move(const struct job *job, size_t first, int n, const float *hidden
     const struct model *m = job->model;
     double w[MLP_BLOCK][3];
 
-    mlp_linear(m->screw ? &m->screw_w : &m->warp, hidden, head, false);
+    spin_mlp_linear(m->screw ? &m->screw_w : &m->warp, hidden, head, false);
     for (int p = 0; p < n && !m->screw; p++)
         for (int c = 0; c < 3; c++) {
             size_t at = 3 * (first + (size_t)p) + (size_t)c;
@@ -543,7 +544,7 @@ static void move(const struct job *job, size_t first, int n, const float *hidden
     for (int p = 0; p < n; p++)
         for (int c = 0; c < 3; c++)
             w[p][c] = head[c * MLP_BLOCK + p];
-    mlp_linear(&m->screw_v, hidden, head, false);
+    spin_mlp_linear(&m->screw_v, hidden, head, false);
     for (int p = 0; p < n; p++) {
         double v[3] = {head[p], head[MLP_BLOCK + p], head[2 * MLP_BLOCK + p]};
         size_t at = 3 * (first + (size_t)p);
@@ -558,13 +559,12 @@ static void shape(const struct job *job, size_t first, int n, const float *hidde
     const struct model *m = job->model;
     float d_scale[3 * MLP_BLOCK];
 
-    mlp_linear(&m->scaling, hidden, d_scale, false);
-    mlp_linear(&m->rotation, hidden, head, false);
+    spin_mlp_linear(&m->scaling, hidden, d_scale, false);
+    spin_mlp_linear(&m->rotation, hidden, head, false);
     for (int p = 0; p < n; p++) {
         size_t i = first + (size_t)p;
         const float *raw = m->canonical.quats + 4 * i;
-        double norm = sqrt((double)raw[0] * raw[0] + (double)raw[1] * raw[1] +
-                           (double)raw[2] * raw[2] + (double)raw[3] * raw[3]);
+        double norm = spin_quat_norm(raw);
         double scale[3], q[4], cov6[6], log_scale[3] = {NAN, NAN, NAN}, quat[4] = {NAN, 0, 0, 0};
 
         for (int c = 0; c < 3; c++)
@@ -624,10 +624,10 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
     if (columns & (SPIN_COL_MEANS | SPIN_COL_LOG_SCALES | SPIN_COL_QUATS)) {
         SPIN_TRY(encode_time(m, (float)time, &inputs));
         job.time = inputs;
-        mlp_team_run(&m->team, m->n, evaluate, &job);
+        spin_mlp_team_run(&m->team, m->n, evaluate, &job);
         free(inputs);
     }
-    return model_folder_check(m->path, time, columns, out);
+    return spin_model_folder_check(m->path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

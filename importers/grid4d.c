@@ -2,10 +2,15 @@
  * space, three over two axes and time) and a network that turns, moves and reshapes them.
  *
  * Format: grid4d.md. Residuals are added after the activations, so that a quaternion is not of unit
- * length when the method's rasteriser takes it for one: see hash_finish(). */
+ * length when the method's rasteriser takes it for one: see spin_hash_finish(). */
 #include "spin.h"
+#include <stdlib.h>
 
+#include "importers/lib/finite.h"
 #include "importers/lib/hashgrid_deform.h"
+#include "importers/lib/notes.h"
+#include "math/covariance.h"
+#include "math/quat.h"
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
 
@@ -30,7 +35,7 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    return hash_probe(peek, "xyt_encoding.", "'deform_");
+    return spin_hash_probe(peek, "xyt_encoding.", "'deform_");
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -40,20 +45,19 @@ static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_v
                           struct model *model, struct spin_sequence_info *sequence)
 {
     const char *given = spin_plugin_value(values, "directional", NULL);
-    struct cfg_span s = cfg_item(cfg_get(cfg, "network_args"), "directional");
+    struct cfg_span s = spin_cfg_item(spin_cfg_get(cfg, "network_args"), "directional");
 
-    SPIN_TRY(hash_settings(cfg, values, &model->base, sequence));
+    SPIN_TRY(spin_hash_settings(cfg, values, &model->base, sequence));
     model->directional = true;
     if (given) {
-        if (!cfg_bool((struct cfg_span){given, given + strlen(given)}, &model->directional))
+        if (!spin_cfg_bool((struct cfg_span){given, given + strlen(given)}, &model->directional))
             return spin_fail(SPIN_E_USAGE, "--directional '%s': expected true or false", given);
     } else if (s.at) {
-        if (!cfg_bool(s, &model->directional))
+        if (!spin_cfg_bool(s, &model->directional))
             return spin_fail(SPIN_E_MALFORMED, "'%s': directional is neither True nor False",
                              cfg->path);
     } else {
-        model_folder_note(sequence,
-                          "no cfg_args says 'directional': assumed true as the method does\n");
+        spin_note(sequence, "no cfg_args says 'directional': assumed true as the method does");
     }
     return SPIN_OK;
 }
@@ -63,22 +67,22 @@ static spin_status load_network(struct spin_torch *torch, struct model *model)
     struct hash_pair pair;
     int n_features[N_GRIDS], n_temporal = 0;
 
-    SPIN_TRY(hash_split(torch->root, "xyt_encoding.embeddings", "xyzt_encoding.embeddings",
-                        "DASH, use --from dash", &pair));
+    SPIN_TRY(spin_hash_split(torch->root, "xyt_encoding.embeddings", "xyzt_encoding.embeddings",
+                             "DASH, use --from dash", &pair));
     for (int g = 0; g < N_GRIDS; g++) {
-        SPIN_TRY(hash_load_grid(torch, pair.grid, grids[g].name, 3, &model->grid[g]));
+        SPIN_TRY(spin_hash_load_grid(torch, pair.grid, grids[g].name, 3, &model->grid[g]));
         n_features[g] = model->grid[g].n_levels * model->grid[g].n_features;
         n_temporal += g == XYZ ? 0 : n_features[g];
     }
-    SPIN_TRY(
-        mlp_load(torch, pair.network, "", "spatial_mlp.0", n_features[XYZ], -1, &model->spatial));
-    SPIN_TRY(mlp_load(torch, pair.network, "", "temporal_mlp.0", n_temporal, model->spatial.n_out,
-                      &model->temporal));
+    SPIN_TRY(spin_mlp_load(torch, pair.network, "", "spatial_mlp.0", n_features[XYZ], -1,
+                           &model->spatial));
+    SPIN_TRY(spin_mlp_load(torch, pair.network, "", "temporal_mlp.0", n_temporal,
+                           model->spatial.n_out, &model->temporal));
     model->layer = (size_t)model->spatial.n_out;
     model->layer = model->layer > (size_t)n_temporal ? model->layer : (size_t)n_temporal;
     model->layer = model->layer > (size_t)n_features[XYZ] ? model->layer : (size_t)n_features[XYZ];
     model->layer *= MLP_BLOCK;
-    return hash_load_heads(torch, pair.network, model->spatial.n_out, 7, &model->base);
+    return spin_hash_load_heads(torch, pair.network, model->spatial.n_out, 7, &model->base);
 }
 
 static spin_status open_model(const struct hash_files *files,
@@ -91,20 +95,20 @@ static spin_status open_model(const struct hash_files *files,
 
     memset(&torch, 0, sizeof torch);
     SPIN_TRY(spin_strdup(files->deform, &model->base.path));
-    status = model_folder_cfg(files->model, NULL, &cfg);
+    status = spin_model_folder_cfg(files->model, NULL, &cfg);
     if (status == SPIN_OK)
-        status = hash_blame(spin_torch_open(files->deform, &torch), files->deform);
+        status = spin_hash_blame(spin_torch_open(files->deform, &torch), files->deform);
     if (status == SPIN_OK)
-        status = hash_blame(load_network(&torch, model), files->deform);
+        status = spin_hash_blame(load_network(&torch, model), files->deform);
     if (status == SPIN_OK)
         status = settle(&cfg, values, model, sequence);
     spin_torch_close(&torch);
-    cfg_close(&cfg);
+    spin_cfg_close(&cfg);
     SPIN_TRY(status);
-    SPIN_TRY(model_folder_read(files->cloud, &model->base.canonical, NULL, NULL));
+    SPIN_TRY(spin_model_folder_read(files->cloud, &model->base.canonical, NULL, NULL));
     model->base.n = model->base.canonical.n;
-    hash_describe(&model->base, "Grid4D", sequence);
-    return mlp_team_create(3 * model->layer + 16 * MLP_BLOCK, &model->base.team);
+    spin_hash_describe(&model->base, "Grid4D", sequence);
+    return spin_mlp_team_create(3 * model->layer + 16 * MLP_BLOCK, &model->base.team);
 }
 
 static spin_status grid4d_open(const char *path, const struct spin_plugin_values *values,
@@ -115,10 +119,10 @@ static spin_status grid4d_open(const char *path, const struct spin_plugin_values
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    status = hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
+    status = spin_hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
     if (status == SPIN_OK)
         status = open_model(&files, values, *self, sequence);
-    hash_files_free(&files);
+    spin_hash_files_free(&files);
     return status;
 }
 
@@ -129,10 +133,10 @@ static void grid4d_close(void *self)
     if (!model)
         return;
     for (int g = 0; g < N_GRIDS; g++)
-        hash_grid_free(&model->grid[g]);
-    mlp_free(&model->spatial);
-    mlp_free(&model->temporal);
-    hash_model_free(&model->base);
+        spin_hash_grid_free(&model->grid[g]);
+    spin_mlp_free(&model->spatial);
+    spin_mlp_free(&model->temporal);
+    spin_hash_model_free(&model->base);
     free(model);
 }
 
@@ -155,12 +159,12 @@ static void sample(const struct job *job, size_t first, int n, float *space, flo
         const float *mean = model->base.canonical.means + 3 * (first + (size_t)(p < n ? p : n - 1));
         float u[4], *to = moving;
 
-        hash_coordinates(&model->base, mean, job->time, u);
+        spin_hash_coordinates(&model->base, mean, job->time, u);
         for (int g = 0; g < N_GRIDS; g++) {
             const int *axis = grids[g].axis;
             float x[4] = {u[axis[0]], u[axis[1]], u[axis[2]], 0};
 
-            hash_sample(&model->grid[g], x, (g == XYZ ? space : to) + p);
+            spin_hash_sample(&model->grid[g], x, (g == XYZ ? space : to) + p);
             if (g != XYZ)
                 to += model->grid[g].n_levels * model->grid[g].n_features * MLP_BLOCK;
         }
@@ -175,19 +179,19 @@ static const float *hidden(const struct job *job, size_t first, int n, float *sc
     int n_hidden = model->base.width * MLP_BLOCK;
 
     sample(job, first, n, a, b);
-    mlp_linear(&model->spatial, a, gate, false);
+    spin_mlp_linear(&model->spatial, a, gate, false);
     for (int i = 0; i < n_hidden; i++) {
         gate[i] = 1 / (1 + expf(-gate[i]));
         if (model->directional)
             gate[i] = 2 * gate[i] - 1;
     }
-    mlp_linear(&model->temporal, b, a, true);
+    spin_mlp_linear(&model->temporal, b, a, true);
     for (int i = 0; i < n_hidden; i++)
         a[i] *= gate[i];
     for (int i = 0; i < model->base.depth; i++) {
         float *t = a;
 
-        mlp_linear(&model->base.grid_mlp[i], a, b, true);
+        spin_mlp_linear(&model->base.grid_mlp[i], a, b, true);
         a = b;
         b = t;
     }
@@ -218,19 +222,19 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     const float *h = hidden(job, first, n, scratch);
 
     if (job->columns & SPIN_COL_MEANS) {
-        mlp_linear(&model->base.warp, h, out, false);
+        spin_mlp_linear(&model->base.warp, h, out, false);
         move(model, out, first, n, job->out->means);
     }
     if (!(job->columns & (SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)))
         return;
-    mlp_linear(&model->base.rotation, h, out, false);
-    mlp_linear(&model->base.scaling, h, d_scale, false);
+    spin_mlp_linear(&model->base.rotation, h, out, false);
+    spin_mlp_linear(&model->base.scaling, h, d_scale, false);
     for (int p = 0; p < n; p++) {
         size_t i = first + (size_t)p;
 
-        hash_finish(from->log_scales + 3 * i, from->quats + 4 * i, d_scale + p, out + p,
-                    job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
-                    job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
+        spin_hash_finish(from->log_scales + 3 * i, from->quats + 4 * i, d_scale + p, out + p,
+                         job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
+                         job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
     }
 }
 
@@ -245,10 +249,10 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
         return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->base.path, time);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, model->base.n, columns, model->base.canonical.sh_degree));
-    hash_copy_still(&model->base, columns, out);
+    spin_hash_copy_still(&model->base, columns, out);
     if (columns & ~(unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
-        mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
-    return model_folder_check(model->base.path, time, columns, out);
+        spin_mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
+    return spin_model_folder_check(model->base.path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

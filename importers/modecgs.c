@@ -5,11 +5,15 @@
  * there is no set of Gaussians per frame. Which offsets are alive depends on it too; all are
  * taken, or with --camera those that are alive for one of the given places. Format: modecgs.md. */
 #include "spin.h"
+#include <stdlib.h>
 
+#include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
+#include "importers/lib/notes.h"
 #include "io/npy.h"
 #include "io/zip.h"
+#include "math/plane.h"
 
 enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_CAMERAS = 64, MAX_SEGMENTS = 4096 };
 
@@ -64,16 +68,16 @@ static int probe(const struct spin_peek *peek)
 
 static spin_status need(const struct cfg_args *cfg, const char *key, bool *out)
 {
-    if (!cfg_get(cfg, key).at)
+    if (!spin_cfg_get(cfg, key).at)
         return spin_fail(SPIN_E_MALFORMED, "'%s' has no '%s'", cfg->path, key);
-    return cfg_read_bool(cfg, key, out);
+    return spin_cfg_read_bool(cfg, key, out);
 }
 
 static spin_status refuse(const struct cfg_args *cfg, const char *key, bool wanted)
 {
     bool is = wanted;
 
-    SPIN_TRY(cfg_read_bool(cfg, key, &is));
+    SPIN_TRY(spin_cfg_read_bool(cfg, key, &is));
     if (is != wanted)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': a run with %s=%s is not read", cfg->path, key,
                          is ? "True" : "False");
@@ -88,18 +92,18 @@ struct dynamics {
 
 static spin_status read_dynamics(const struct cfg_args *cfg, const char *key, struct dynamics *out)
 {
-    struct cfg_span type = cfg_get(cfg, key), act = cfg_get(cfg, "dynamics_activation");
+    struct cfg_span type = spin_cfg_get(cfg, key), act = spin_cfg_get(cfg, "dynamics_activation");
 
-    if (cfg_is(type, "'mask'"))
+    if (spin_cfg_is(type, "'mask'"))
         out->mask = true;
-    else if (!cfg_is(type, "'mul'"))
+    else if (!spin_cfg_is(type, "'mul'"))
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': %s is neither 'mask' nor 'mul'", cfg->path,
                          key);
-    if (!act.at || cfg_is(act, "'sigmoid'"))
+    if (!act.at || spin_cfg_is(act, "'sigmoid'"))
         out->activation = 's';
-    else if (cfg_is(act, "'relu'"))
+    else if (spin_cfg_is(act, "'relu'"))
         out->activation = 'r';
-    else if (cfg_is(act, "'tanh'"))
+    else if (spin_cfg_is(act, "'tanh'"))
         out->activation = 't';
     else
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': dynamics_activation is not known", cfg->path);
@@ -126,7 +130,8 @@ static spin_status read_settings(const struct cfg_args *cfg, struct model *model
                          "no cfg_args for '%s', without which nothing can be read", model->save);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
-    if (cfg_get(cfg, "LGD_method").at && !cfg_is(cfg_get(cfg, "LGD_method"), "'explicit'"))
+    if (spin_cfg_get(cfg, "LGD_method").at &&
+        !spin_cfg_is(spin_cfg_get(cfg, "LGD_method"), "'explicit'"))
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': only LGD_method='explicit' is read", cfg->path);
     if (model->n_cameras > 0)
         SPIN_TRY(refuse(cfg, "use_feat_bank", false));
@@ -155,7 +160,7 @@ static spin_status read_cameras(const struct spin_plugin_values *values, struct 
         char list[128];
 
         snprintf(list, sizeof list, "[%.*s]", n < 100 ? (int)n : 100, at);
-        if (n >= 100 || !cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, xyz))
+        if (n >= 100 || !spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, xyz))
             return spin_fail(SPIN_E_USAGE, "--camera '%.*s': expected X,Y,Z", (int)n, at);
         if (model->n_cameras == MAX_CAMERAS)
             return spin_fail(SPIN_E_USAGE, "--camera: more than %d places", MAX_CAMERAS);
@@ -177,8 +182,8 @@ static spin_status alloc_floats(size_t rows, size_t width, float **out)
 static spin_status count_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                                  struct model *model)
 {
-    int n_offset = model_folder_count(e, "f_offset_"),
-        n_feature = model_folder_count(e, "f_anchor_feat_");
+    int n_offset = spin_model_folder_count(e, "f_offset_"),
+        n_feature = spin_model_folder_count(e, "f_anchor_feat_");
 
     if (n_offset == 0 || n_feature == 0)
         return spin_fail(SPIN_E_MALFORMED,
@@ -210,21 +215,23 @@ static spin_status read_columns(const struct spin_ply *ply, const struct spin_pl
     SPIN_TRY(alloc_floats(model->n, 6, &model->scaling));
     SPIN_TRY(alloc_floats(model->n, 2, &model->dynamics));
     for (int d = 0; d < 3; d++)
-        SPIN_TRY(model_folder_column(ply, e, axis[d], model->anchor + d, 3));
+        SPIN_TRY(spin_model_folder_column(ply, e, axis[d], model->anchor + d, 3));
     for (size_t i = 0; i < 3 * k; i++) { /* axis-major in the file */
         char name[32];
 
         snprintf(name, sizeof name, "f_offset_%zu", i);
-        SPIN_TRY(model_folder_column(ply, e, name, model->offset + 3 * (i % k) + i / k, 3 * k));
+        SPIN_TRY(
+            spin_model_folder_column(ply, e, name, model->offset + 3 * (i % k) + i / k, 3 * k));
     }
-    SPIN_TRY(model_folder_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
-    SPIN_TRY(model_folder_columns(ply, e, "scale_", 6, model->scaling, 6));
+    SPIN_TRY(
+        spin_model_folder_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
+    SPIN_TRY(spin_model_folder_columns(ply, e, "scale_", 6, model->scaling, 6));
     for (size_t i = 0; i < 6 * model->n; i++)
         model->scaling[i] = expf(model->scaling[i]);
     for (int i = 0; i < 2; i++) {
         const char *name = shared ? "dynamics" : i == 0 ? "dynamics_0" : "dynamics_1";
 
-        SPIN_TRY(model_folder_column(ply, e, name, model->dynamics + i, 2));
+        SPIN_TRY(spin_model_folder_column(ply, e, name, model->dynamics + i, 2));
     }
     return SPIN_OK;
 }
@@ -237,7 +244,7 @@ static spin_status read_anchors(struct model *model)
     spin_status status;
 
     SPIN_TRY(spin_path_join(model->save, "point_cloud.ply", &path));
-    status = model_folder_open(path, &ply, &e);
+    status = spin_model_folder_open(path, &ply, &e);
     free(path);
     SPIN_TRY(status);
     SPIN_TRY_OUT(count_columns(&ply, e, model));
@@ -285,7 +292,7 @@ static spin_status read_times(const struct cfg_args *cfg, struct model *model)
         return status;
     }
     free(path);
-    SPIN_TRY(cfg_read_number(cfg, "TIA_num_segments", &count));
+    SPIN_TRY(spin_cfg_read_number(cfg, "TIA_num_segments", &count));
     if (!(count >= 1 && count <= MAX_SEGMENTS))
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no canonical_times.npy, and '%s' no usable TIA_num_segments",
@@ -319,11 +326,11 @@ static spin_status load_global(struct spin_torch *torch, const char *prefix, dou
 {
     int n_out[N_HEADS] = {3, model->n_features, 3 * model->n_offsets, 6};
 
-    SPIN_TRY(hex_load(torch, torch->root, prefix, grid_pe, &model->global));
+    SPIN_TRY(spin_hex_load(torch, torch->root, prefix, grid_pe, &model->global));
     for (int h = 0; h < N_HEADS; h++) {
-        if (hex_has_head(torch->root, prefix, heads[h].tensor))
-            SPIN_TRY(hex_load_head(torch, torch->root, prefix, heads[h].tensor, model->global.width,
-                                   n_out[h], &model->head[h]));
+        if (spin_hex_has_head(torch->root, prefix, heads[h].tensor))
+            SPIN_TRY(spin_hex_load_head(torch, torch->root, prefix, heads[h].tensor,
+                                        model->global.width, n_out[h], &model->head[h]));
     }
     return SPIN_OK;
 }
@@ -331,10 +338,10 @@ static spin_status load_global(struct spin_torch *torch, const char *prefix, dou
 static spin_status load_local(struct spin_torch *torch, const char *prefix, double grid_pe,
                               bool moves, struct model *model)
 {
-    SPIN_TRY(hex_load(torch, torch->root, prefix, grid_pe, &model->local));
+    SPIN_TRY(spin_hex_load(torch, torch->root, prefix, grid_pe, &model->local));
     if (moves)
-        return hex_load_head(torch, torch->root, prefix, "pos_deform", model->local.width, 3,
-                             &model->move);
+        return spin_hex_load_head(torch, torch->root, prefix, "pos_deform", model->local.width, 3,
+                                  &model->move);
     return SPIN_OK;
 }
 
@@ -347,14 +354,14 @@ static spin_status open_network(const char *name, const struct cfg_args *cfg, st
     char *path = NULL;
     spin_status status;
 
-    SPIN_TRY(cfg_read_number(cfg, "grid_pe", &grid_pe));
-    SPIN_TRY(cfg_read_bool(cfg, "no_dx", &still));
+    SPIN_TRY(spin_cfg_read_number(cfg, "grid_pe", &grid_pe));
+    SPIN_TRY(spin_cfg_read_bool(cfg, "no_dx", &still));
     SPIN_TRY(spin_path_join(model->save, name, &path));
     memset(&torch, 0, sizeof torch);
     SPIN_TRY_OUT(spin_torch_open(path, &torch));
     if (!torch.root || torch.root->kind != SPIN_VALUE_DICT)
         SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict"));
-    prefix = hex_prefix(torch.root);
+    prefix = spin_hex_prefix(torch.root);
     if (!prefix)
         SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'"));
     if (strcmp(name, "deformation_GAD.pth") == 0)
@@ -453,7 +460,7 @@ static spin_status read_opacity(struct model *model)
  * opacities, and the centres. */
 static size_t count_scratch(const struct model *model)
 {
-    size_t global = hex_scratch(&model->global), local = hex_scratch(&model->local);
+    size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
     size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features;
 
     return (global > local ? global : local) + (3 + a + 3 * k + 6) * MLP_BLOCK +
@@ -470,12 +477,11 @@ static void describe(struct model *model, struct spin_sequence_info *sequence)
     snprintf(sequence->variant, sizeof sequence->variant,
              "MoDec-GS, %zu anchors with %d offsets, %d segments", model->n, model->n_offsets,
              model->n_segments);
-    model_folder_note(sequence, "positions only: opacity, shape and colour depend on the camera\n");
+    spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
     if (model->n_cameras == 0)
-        model_folder_note(sequence,
-                          "all offsets are taken, also those that no camera sees: say where "
-                          "cameras stand with --camera\n");
-    model_folder_note(sequence, "times run from 0 to 1 and are not stored\n");
+        spin_note(sequence, "all offsets are taken, also those that no camera sees: say where "
+                            "cameras stand with --camera");
+    spin_note(sequence, "times run from 0 to 1 and are not stored");
 }
 
 static spin_status open_model(const struct cfg_args *cfg, const struct spin_plugin_values *values,
@@ -492,7 +498,7 @@ static spin_status open_model(const struct cfg_args *cfg, const struct spin_plug
     SPIN_TRY(alloc_floats(model->most, 3, &model->centre));
     SPIN_TRY(spin_alloc(model->most, sizeof *model->kept, (void **)&model->kept));
     describe(model, sequence);
-    return mlp_team_create(count_scratch(model), &model->team);
+    return spin_mlp_team_create(count_scratch(model), &model->team);
 }
 
 static spin_status modecgs_open(const char *path, const struct spin_plugin_values *values,
@@ -507,19 +513,19 @@ static spin_status modecgs_open(const char *path, const struct spin_plugin_value
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
     model = *self;
-    SPIN_TRY(model_folder_save(path, wanted, "deformation_GAD.pth", &model->save));
+    SPIN_TRY(spin_model_folder_save(path, wanted, "deformation_GAD.pth", &model->save));
     if (!model->save)
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s",
                          path, wanted ? wanted : "<N>",
-                         model_folder_search(path, "deformation.pth", &coarse)
+                         spin_model_folder_search(path, "deformation.pth", &coarse)
                              ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of "
                                "MoDec-GS without GLMD, which is not read"
                              : "");
-    status = model_folder_cfg(path, model->save, &cfg);
+    status = spin_model_folder_cfg(path, model->save, &cfg);
     if (status == SPIN_OK)
         status = open_model(&cfg, values, model, sequence);
-    cfg_close(&cfg);
+    spin_cfg_close(&cfg);
     return status;
 }
 
@@ -529,14 +535,14 @@ static void modecgs_close(void *self)
 
     if (!model)
         return;
-    hex_free(&model->global);
-    hex_free(&model->local);
+    spin_hex_free(&model->global);
+    spin_hex_free(&model->local);
     for (int h = 0; h < N_HEADS; h++)
-        hex_head_free(&model->head[h]);
-    hex_head_free(&model->move);
-    mlp_free(&model->alive[0]);
-    mlp_free(&model->alive[1]);
-    mlp_team_free(&model->team);
+        spin_hex_head_free(&model->head[h]);
+    spin_hex_head_free(&model->move);
+    spin_mlp_free(&model->alive[0]);
+    spin_mlp_free(&model->alive[1]);
+    spin_mlp_team_free(&model->team);
     free(model->anchor);
     free(model->offset);
     free(model->feature);
@@ -567,7 +573,7 @@ struct parts {
 
 static struct parts split(const struct model *model, float *scratch)
 {
-    size_t global = hex_scratch(&model->global), local = hex_scratch(&model->local);
+    size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
     size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features;
     struct parts p;
 
@@ -591,15 +597,15 @@ static void deform_anchors(const struct job *job, size_t first, int n, struct pa
     const float *from[N_HEADS] = {model->anchor, model->feature, model->offset, model->scaling};
     int width[N_HEADS] = {3, model->n_features, 3 * model->n_offsets, 6};
     const float *xyz = model->anchor + 3 * first;
-    const float *h = hex_hidden(&model->global, xyz, n, job->canonical, parts->network);
-    float *spare = hex_spare(&model->global, h, parts->network), mask[MLP_BLOCK];
+    const float *h = spin_hex_hidden(&model->global, xyz, n, job->canonical, parts->network);
+    float *spare = spin_hex_spare(&model->global, h, parts->network), mask[MLP_BLOCK];
 
-    hex_mask(&model->global, xyz, n, h, spare, mask);
+    spin_hex_mask(&model->global, xyz, n, h, spare, mask);
     for (int i = 0; i < N_HEADS; i++) {
         bool any = model->head[i].first.n_in > 0;
 
         if (any)
-            hex_head(&model->head[i], h, spare, parts->deform[i]);
+            spin_hex_head(&model->head[i], h, spare, parts->deform[i]);
         for (int p = 0; p < n; p++) {
             size_t row = first + (size_t)p;
             float factor = model->scaled[i] ? model->dynamics[2 * row + (i != ANCHOR)] : 1;
@@ -648,8 +654,8 @@ static void find_alive(const struct model *model, size_t first, int n, struct pa
                 v[d * MLP_BLOCK] /= norm;
             v[3 * MLP_BLOCK] = norm; /* taken only where the layer is that wide */
         }
-        mlp_linear(&model->alive[0], parts->in, parts->layer, true);
-        mlp_linear(&model->alive[1], parts->layer, parts->alive, false);
+        spin_mlp_linear(&model->alive[0], parts->in, parts->layer, true);
+        spin_mlp_linear(&model->alive[1], parts->layer, parts->alive, false);
         for (int p = 0; p < n; p++)
             for (size_t i = 0; i < k; i++)
                 model->kept[(first + (size_t)p) * k + i] |=
@@ -671,11 +677,11 @@ static void move_centres(const struct job *job, size_t first, int n, struct part
     for (int at = 0; at < n_centres; at += MLP_BLOCK) {
         int left = n_centres - at < MLP_BLOCK ? n_centres - at : MLP_BLOCK;
         const float *xyz = parts->centre + 3 * at;
-        const float *h = hex_hidden(&model->local, xyz, left, job->time, parts->network);
-        float *spare = hex_spare(&model->local, h, parts->network), mask[MLP_BLOCK];
+        const float *h = spin_hex_hidden(&model->local, xyz, left, job->time, parts->network);
+        float *spare = spin_hex_spare(&model->local, h, parts->network), mask[MLP_BLOCK];
 
-        hex_mask(&model->local, xyz, left, h, spare, mask);
-        hex_head(&model->move, h, spare, parts->residual);
+        spin_hex_mask(&model->local, xyz, left, h, spare, mask);
+        spin_hex_head(&model->move, h, spare, parts->residual);
         for (int p = 0; p < left; p++)
             for (int d = 0; d < 3; d++)
                 to[3 * (at + p) + d] =
@@ -708,7 +714,7 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
     (void)frame;
     if (!isfinite(time))
         return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->save, time);
-    mlp_team_run(&model->team, model->n, evaluate, &job);
+    spin_mlp_team_run(&model->team, model->n, evaluate, &job);
     for (size_t i = 0; i < model->most; i++)
         n += model->kept[i];
     if (n == 0)
@@ -721,7 +727,7 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
         if (model->kept[i])
             memcpy(out->means + 3 * n++, model->centre + 3 * i, 3 * sizeof *out->means);
     }
-    return model_folder_check(model->save, time, columns, out);
+    return spin_model_folder_check(model->save, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -6,9 +6,11 @@
  * networks over those Gaussians that it sees. */
 #include "spin.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "importers/lib/mlp_eval.h"
+#include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/xz.h"
@@ -354,10 +356,10 @@ static void run_net(const struct model *m, int net, const float *in, float *hidd
 {
     float leak = nets[net].leak;
 
-    mlp_linear(&m->layer[net][0], in, hidden, false);
+    spin_mlp_linear(&m->layer[net][0], in, hidden, false);
     for (int i = 0; i < HIDDEN * MLP_BLOCK; i++)
         hidden[i] = to_half(hidden[i] < 0 ? leak * hidden[i] : hidden[i]);
-    mlp_linear(&m->layer[net][1], hidden, out, false);
+    spin_mlp_linear(&m->layer[net][1], hidden, out, false);
     for (int i = 0; i < nets[net].n_out * MLP_BLOCK; i++)
         out[i] = to_half(out[i]);
 }
@@ -481,8 +483,8 @@ static void run_block(void *context, size_t first, int n, float *scratch)
             size_t k = first + (size_t)b;
 
             p->out->logit_opacities[k] =
-                logit_of(sigmoid_of(result[b]) *
-                         gaussian4d_weight(&m->gaussians, m->gaussians.kept[k], p->time));
+                spin_logit_of(spin_sigmoid_of(result[b]) *
+                              spin_gaussian4d_weight(&m->gaussians, m->gaussians.kept[k], p->time));
         }
     }
     if (p->columns & SPIN_COL_SH)
@@ -533,13 +535,13 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
         }
     }
     if (m->moving) {
-        unit_quat(c->rotation + 4 * i, quat);
+        spin_unit_quat(c->rotation + 4 * i, quat);
         for (size_t k = 0; k < 3; k++) {
             scale[k] = c->scale[3 * i + k];
             velocity[k] = c->velocity[3 * i + k];
         }
-        gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, velocity,
-                       exp(2.0 * c->scale_t[i]), scale, quat);
+        spin_gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, velocity,
+                            exp(2.0 * c->scale_t[i]), scale, quat);
         return;
     }
     for (size_t k = 0; k < 4; k++) {
@@ -549,20 +551,20 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
     }
     spin_rotation4_of_pair(quat, right, 0, a);
     spin_slice_of(a, scale, &slice);
-    gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
+    spin_gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
 }
 
 static spin_status add_rows(struct model *m, const struct columns *c,
                             struct spin_sequence_info *sequence)
 {
-    SPIN_TRY(gaussian4d_reserve(&m->gaussians, m->n));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++)
         add_row(m, c, i);
     if (m->gaussians.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
     if (m->gaussians.n_dropped > 0)
-        add_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
-                 m->gaussians.n_dropped, m->n);
+        spin_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
+                  m->gaussians.n_dropped, m->n);
     return SPIN_OK;
 }
 
@@ -572,16 +574,16 @@ static spin_status find_times(struct model *m, const struct spin_plugin_values *
     const char *asked = spin_plugin_value(values, "time-duration", NULL);
 
     if (m->moving) /* fixed in its code, and no formula needs it */
-        return run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
-    SPIN_TRY(run_config_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
-                             &m->settings));
-    SPIN_TRY(run_config_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1, SPREAD,
-                              &m->times));
+        return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
+    SPIN_TRY(spin_run_config_open(m->path, spin_plugin_value(values, "config", NULL),
+                                  "time_duration", &m->settings));
+    SPIN_TRY(spin_run_config_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1,
+                                   SPREAD, &m->times));
     if (m->times.guessed)
-        add_note(sequence,
-                 "time_duration is not in the file: guessed %g,%g from the Gaussians' times; "
-                 "colours and opacities depend on it: --time-duration or --config decides",
-                 m->times.first, m->times.last);
+        spin_note(sequence,
+                  "time_duration is not in the file: guessed %g,%g from the Gaussians' times; "
+                  "colours and opacities depend on it: --time-duration or --config decides",
+                  m->times.first, m->times.last);
     return SPIN_OK;
 }
 
@@ -679,14 +681,14 @@ static void omg4_close(void *self)
         return;
     if (m->parsed)
         spin_pickle_free(&m->pickle);
-    run_config_close(&m->settings);
-    gaussian4d_free(&m->gaussians);
+    spin_run_config_close(&m->settings);
+    spin_gaussian4d_free(&m->gaussians);
     for (int net = 0; net < N_NETS; net++) {
         free(m->layer[net][0].weight);
         free(m->layer[net][1].weight);
     }
     if (m->team.pool)
-        mlp_team_free(&m->team);
+        spin_mlp_team_free(&m->team);
     free(m->zero);
     free(m->app);
     free(m->path);
@@ -704,14 +706,14 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
     if (frame < 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    gaussian4d_select(&m->gaussians, time, m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT, 0);
+    spin_gaussian4d_select(&m->gaussians, time, m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT, 0);
     SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, 3));
-    gaussian4d_fill(&m->gaussians, time, columns & ~(unsigned)SPIN_COL_LOGIT_OPACITIES, out);
+    spin_gaussian4d_fill(&m->gaussians, time, columns & ~(unsigned)SPIN_COL_LOGIT_OPACITIES, out);
     if (!(columns & (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH)))
         return SPIN_OK;
     if (!m->team.scratch)
-        SPIN_TRY(mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->team));
-    mlp_team_run(&m->team, m->gaussians.n_kept, run_block, &pass);
+        SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->team));
+    spin_mlp_team_run(&m->team, m->gaussians.n_kept, run_block, &pass);
     return SPIN_OK;
 }
 

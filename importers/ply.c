@@ -17,9 +17,11 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "importers/lib/notes.h"
 #include "io/ply.h"
+#include "math/quat.h"
+#include "math/sh.h"
 
-#define SH_C0 0.28209479177387814
 /* Where an opacity of exactly 0 or 1 ends up: sigmoid(30) rounds to 1 in float32. */
 #define LOGIT_LIMIT 30.0f
 #define CHUNK 256 /* vertices per chunk of the compressed layout */
@@ -488,17 +490,6 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static void add_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
-static void add_note(struct spin_sequence_info *sequence, const char *fmt, ...)
-{
-    size_t used = strlen(sequence->notes);
-    va_list args;
-
-    va_start(args, fmt);
-    vsnprintf(sequence->notes + used, sizeof sequence->notes - used, fmt, args);
-    va_end(args);
-}
-
 /* What the writer said about itself, from the first frame. */
 static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
@@ -506,18 +497,18 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
     for (size_t i = 0; i < ply->n_comments; i++) {
         if (strcasecmp(ply->comment[i], "SplatRenderMode: mip") == 0 ||
             strcmp(ply->comment[i], "antialiased 1") == 0) {
-            add_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here\n");
+            spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
             sequence->antialias = true;
         }
     }
     if (has(c->vertex, "filter_3D")) {
-        add_note(sequence,
-                 "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out "
-                 "too small\n");
+        spin_note(sequence,
+                  "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out "
+                  "too small");
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
     }
     if (c->n_rest > 45) {
-        add_note(sequence, "SH degree 4 is cut to degree 3\n");
+        spin_note(sequence, "SH degree 4 is cut to degree 3");
         spin_warn("'%s': SH degree 4 is cut to degree 3", ply->path);
     }
 }
@@ -571,7 +562,7 @@ static spin_status open_frame(struct clip *clip, size_t i, struct spin_sequence_
     } else {
         SPIN_TRY_OUT(compare_names(clip, &ply, &c));
         if (c.sh_degree != clip->sh_degree && !strstr(sequence->notes, "padded"))
-            add_note(sequence, "the SH degree differs between frames: padded with zeros\n");
+            spin_note(sequence, "the SH degree differs between frames: padded with zeros");
     }
     if (i == 0 || c.sh_degree > clip->sh_degree)
         clip->sh_degree = c.sh_degree;
@@ -683,18 +674,8 @@ static spin_status clean_logits(const char *path, float *logits, size_t n)
 
 static void normalise(float *quats, size_t n)
 {
-    for (float *q = quats; q < quats + 4 * n; q += 4) {
-        double norm = sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
-                           (double)q[3] * q[3]);
-
-        if (norm > 0) {
-            for (int i = 0; i < 4; i++)
-                q[i] = (float)(q[i] / norm);
-        } else {
-            q[0] = 1;
-            q[1] = q[2] = q[3] = 0;
-        }
-    }
+    for (float *q = quats; q < quats + 4 * n; q += 4)
+        spin_quat_normalise(q);
 }
 
 /* Values that look as if exp or the sigmoid had been applied already: a guess, so it warns. */
@@ -798,7 +779,7 @@ static void colours_to_sh(float *sh, size_t n, size_t step)
 {
     for (size_t i = 0; i < n; i++) {
         for (int c = 0; c < 3; c++)
-            sh[i * step + (size_t)c] = (float)((sh[i * step + (size_t)c] - 0.5) / SH_C0);
+            sh[i * step + (size_t)c] = (float)((sh[i * step + (size_t)c] - 0.5) / SPIN_SH_C0);
     }
 }
 
@@ -893,7 +874,7 @@ static void unpack_colour(uint32_t v, const float *low, const float *high, bool 
         uint32_t code = v >> (24 - 8 * c) & 255;
         float colour = ranged ? lerp(low[c], high[c], code, 255) : (float)code / 255.0f;
 
-        sh[c] = (float)((colour - 0.5) / SH_C0);
+        sh[c] = (float)((colour - 0.5) / SPIN_SH_C0);
     }
 }
 

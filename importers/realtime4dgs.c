@@ -7,8 +7,10 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/torch.h"
@@ -335,7 +337,7 @@ static spin_status find_degrees(struct model *m)
     bool in_time = false;
     int most = 0;
 
-    SPIN_TRY(cfg_read_number(&m->settings.cfg, "sh_degree", &told));
+    SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "sh_degree", &told));
     if (!rows_to_degree(m->rows, told, &most, &in_time))
         return spin_fail(SPIN_E_MALFORMED,
                          "features_dc and features_rest have %d rows of SH together, which no "
@@ -423,7 +425,7 @@ static double median_extent(const struct columns *c, size_t n, bool older)
             largest = value[k] > largest ? value[k] : largest;
         extent[n_used++] = largest;
     }
-    qsort(extent, n_used, sizeof *extent, compare_times);
+    qsort(extent, n_used, sizeof *extent, spin_compare_times);
     return sqrt(extent[n_used / 2]);
 }
 
@@ -440,15 +442,15 @@ static spin_status choose_convention(struct model *m, const struct columns *c, c
                          asked);
     m->older = strcmp(asked, "auto") == 0 ? hint : strcmp(asked, "older") == 0;
     if (strcmp(asked, "auto") == 0)
-        add_note(sequence,
-                 "the convention of rotations is not in the file: guessed '%s' from the sizes of "
-                 "the Gaussians (median %.3g; %.3g with the other); --convention decides",
-                 m->older ? "older" : "today", m->older ? older : today, m->older ? today : older);
+        spin_note(sequence,
+                  "the convention of rotations is not in the file: guessed '%s' from the sizes of "
+                  "the Gaussians (median %.3g; %.3g with the other); --convention decides",
+                  m->older ? "older" : "today", m->older ? older : today, m->older ? today : older);
     else if (hint != m->older)
-        add_note(sequence,
-                 "the sizes of the Gaussians speak for the other convention of rotations (median "
-                 "%.3g; %.3g with the one asked for)",
-                 hint ? older : today, hint ? today : older);
+        spin_note(sequence,
+                  "the sizes of the Gaussians speak for the other convention of rotations (median "
+                  "%.3g; %.3g with the one asked for)",
+                  hint ? older : today, hint ? today : older);
     return SPIN_OK;
 }
 
@@ -466,53 +468,54 @@ static void add_row(struct model *m, const struct columns *c, size_t i, bool tra
 {
     static const double still[3] = {0, 0, 0};
     double time = m->parts.moving ? c->t[i] : 0;
-    double opacity = sigmoid_of(c->opacity[i]), log_scale[3], quat[4];
+    double opacity = spin_sigmoid_of(c->opacity[i]), log_scale[3], quat[4];
 
     if (m->rot_4d) {
         spin_slice s;
 
         slice_row(c, i, m->older, &s);
-        gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, time, opacity, &s, m->extra);
+        spin_gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, time, opacity, &s, m->extra);
         return;
     }
     /* Here the exponential is the variance itself (realtime4dgs.md, section 3.2). */
-    unit_quat(c->rotation + 4 * i, quat);
+    spin_unit_quat(c->rotation + 4 * i, quat);
     for (int k = 0; k < 3; k++) {
         log_scale[k] = c->scaling[3 * i + (size_t)k];
         quat[k + 1] = transposed ? -quat[k + 1] : quat[k + 1];
     }
-    gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, time, opacity, still,
-                   m->parts.moving ? exp(c->scaling_t[i]) + m->extra : 1, log_scale, quat);
+    spin_gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, time, opacity, still,
+                        m->parts.moving ? exp(c->scaling_t[i]) + m->extra : 1, log_scale, quat);
 }
 
 static spin_status add_rows(struct model *m, const struct columns *c,
                             struct spin_sequence_info *sequence)
 {
-    bool transposed =
-        !m->rot_4d && m->parts.moving && yaml_bool(&m->settings, "compute_cov3D_python", false);
+    bool transposed = !m->rot_4d && m->parts.moving &&
+                      spin_yaml_bool(&m->settings, "compute_cov3D_python", false);
     size_t n_faint = 0, n_bad_sh = 0;
 
-    SPIN_TRY(gaussian4d_reserve(&m->gaussians, m->n));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++) {
         if (!m->stale && !sh_finite(m, i)) {
             n_bad_sh++;
             continue;
         }
-        n_faint += sigmoid_of(c->opacity[i]) < 0.02;
+        n_faint += spin_sigmoid_of(c->opacity[i]) < 0.02;
         add_row(m, c, i, transposed);
     }
     m->gaussians.n_dropped += n_bad_sh;
     if (m->gaussians.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
     if (m->gaussians.n_dropped > 0)
-        add_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
-                 m->gaussians.n_dropped, m->n);
+        spin_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
+                  m->gaussians.n_dropped, m->n);
     if (!m->stale && n_faint > 0.99 * (double)m->n)
-        add_note(sequence, "nearly all opacities are below 0.02: training saved this just after it "
-                           "had reset them; positions are fine");
+        spin_note(sequence,
+                  "nearly all opacities are below 0.02: training saved this just after it "
+                  "had reset them; positions are fine");
     if (transposed)
-        add_note(sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
-                 m->settings.yaml_path);
+        spin_note(sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
+                  m->settings.yaml_path);
     return SPIN_OK;
 }
 
@@ -544,8 +547,8 @@ static spin_status find_checkpoint(const char *path, char **out,
     status = best ? spin_path_join(path, best, out)
                   : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth", path);
     if (best && both && iteration >= 0)
-        add_note(sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
-                 best);
+        spin_note(sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
+                  best);
     spin_folder_list_free(names);
     return status;
 }
@@ -565,9 +568,9 @@ static spin_status read_flags(struct model *m)
     if (m->rot_4d && is_kind(p->rotation_r, SPIN_VALUE_TENSOR) && p->rotation_r->tensor.count == 0)
         return spin_fail(SPIN_E_MALFORMED, "rot_4d is true, but the right quaternions are empty");
     m->stale = is_stale(p);
-    cfg_number(yaml_find(&m->settings, "frame_ratio", &next), &ratio);
-    SPIN_TRY(cfg_read_number(&m->settings.cfg, "frame_ratio", &ratio));
-    SPIN_TRY(cfg_read_number(&m->settings.cfg, "prefilter_var", &extra));
+    spin_cfg_number(spin_yaml_find(&m->settings, "frame_ratio", &next), &ratio);
+    SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "frame_ratio", &ratio));
+    SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "prefilter_var", &extra));
     if (!(ratio > 0) || !isfinite(ratio))
         return spin_fail(SPIN_E_MALFORMED, "frame_ratio is %g", ratio);
     m->ratio = ratio;
@@ -605,21 +608,21 @@ static void note_losses(struct model *m, struct spin_sequence_info *sequence)
     const struct spin_value *env = m->parts.env_map;
 
     if (m->stale)
-        add_note(sequence,
-                 "a checkpoint of OMG4, whose colours and opacities live in networks that "
-                 "are not in it: geometry only; import comp.xz for the rest");
+        spin_note(sequence,
+                  "a checkpoint of OMG4, whose colours and opacities live in networks that "
+                  "are not in it: geometry only; import comp.xz for the rest");
     if (m->times.guessed)
-        add_note(sequence,
-                 "time_duration is not in the run's folder: guessed %g,%g from the Gaussians' "
-                 "times%s; --time-duration or --config decides",
-                 m->times.first, m->times.last,
-                 m->degree_t > 0 ? ", and colours depend on it" : "");
+        spin_note(sequence,
+                  "time_duration is not in the run's folder: guessed %g,%g from the Gaussians' "
+                  "times%s; --time-duration or --config decides",
+                  m->times.first, m->times.last,
+                  m->degree_t > 0 ? ", and colours depend on it" : "");
     if (is_kind(env, SPIN_VALUE_TENSOR) && env->tensor.count > 0)
-        add_note(sequence, "the environment map is lost: windows and far background go missing");
+        spin_note(sequence, "the environment map is lost: windows and far background go missing");
     if (m->parts.masked)
-        add_note(sequence, "the mask of a fork (its last item) is ignored");
+        spin_note(sequence, "the mask of a fork (its last item) is ignored");
     if (!m->stale && m->degree_t > 0 && cosines_are_zero(m))
-        add_note(sequence, "all temporal SH are 0: colours do not change");
+        spin_note(sequence, "all temporal SH are 0: colours do not change");
 }
 
 static void describe(struct model *m, struct spin_sequence_info *sequence)
@@ -658,8 +661,8 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     SPIN_TRY(spin_torch_open(m->path, &m->torch));
     m->torch_open = true;
     SPIN_TRY(take_parts(m->torch.root, &m->parts));
-    SPIN_TRY(run_config_open(m->path, spin_plugin_value(values, "config", NULL), "time_duration",
-                             &m->settings));
+    SPIN_TRY(spin_run_config_open(m->path, spin_plugin_value(values, "config", NULL),
+                                  "time_duration", &m->settings));
     SPIN_TRY(count_rows(m));
     SPIN_TRY(read_flags(m));
     if (!m->stale) {
@@ -673,8 +676,8 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     SPIN_TRY_OUT(add_rows(m, &c, sequence));
     if (m->parts.moving)
         SPIN_TRY_OUT(
-            run_config_times(&m->settings, spin_plugin_value(values, "time-duration", NULL),
-                             m->gaussians.time, m->gaussians.n, m->ratio, SPREAD, &m->times));
+            spin_run_config_times(&m->settings, spin_plugin_value(values, "time-duration", NULL),
+                                  m->gaussians.time, m->gaussians.n, m->ratio, SPREAD, &m->times));
     note_losses(m, sequence);
     describe(m, sequence);
 out:
@@ -706,8 +709,8 @@ static void realtime4dgs_close(void *self)
         return;
     if (m->torch_open)
         spin_torch_close(&m->torch);
-    run_config_close(&m->settings);
-    gaussian4d_free(&m->gaussians);
+    spin_run_config_close(&m->settings);
+    spin_gaussian4d_free(&m->gaussians);
     free(m->sh);
     free(m->path);
     free(m);
@@ -737,9 +740,9 @@ static spin_status realtime4dgs_frame(void *self, int frame, double time, unsign
     columns &= SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES |
                (m->stale ? 0 : SPIN_COL_ATTRIBUTES);
     time = m->parts.moving ? time / m->ratio : 0;
-    gaussian4d_select(&m->gaussians, time, LEAST_WEIGHT, 0);
+    spin_gaussian4d_select(&m->gaussians, time, LEAST_WEIGHT, 0);
     SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, m->degree));
-    gaussian4d_fill(&m->gaussians, time, columns, out);
+    spin_gaussian4d_fill(&m->gaussians, time, columns, out);
     for (size_t k = 0; k < m->gaussians.n_kept && (columns & SPIN_COL_SH); k++) {
         size_t i = m->gaussians.kept[k];
 

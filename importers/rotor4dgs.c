@@ -7,8 +7,10 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
@@ -163,7 +165,7 @@ static spin_status bind_sh(struct model *m, struct spin_sequence_info *sequence)
                          "'%sfeatures_rest' has %zu rows of SH, expected 0, 3, 8, 15 or 24",
                          m->prefix, m->n_rest);
     if (degree == 4)
-        add_note(sequence, "SH of degree 4 are cut to degree 3");
+        spin_note(sequence, "SH of degree 4 are cut to degree 3");
     m->degree = degree < 3 ? degree : 3;
     return SPIN_OK;
 }
@@ -202,8 +204,8 @@ static void add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
     }
     spin_matrix4_of_rotor(rotor, matrix);
     spin_slice_of(matrix, scale, &slice);
-    gaussian4d_add_slice(&m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i], sigmoid_of(c[OPACITIES][i]),
-                         &slice, 0);
+    spin_gaussian4d_add_slice(&m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i],
+                              spin_sigmoid_of(c[OPACITIES][i]), &slice, 0);
 }
 
 static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
@@ -211,7 +213,7 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
 {
     size_t n_faint = 0, n_bad_sh = 0;
 
-    SPIN_TRY(gaussian4d_reserve(&m->gaussians, m->n));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++) {
         float sh[48];
         double sum = 0;
@@ -223,20 +225,21 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
             n_bad_sh++;
             continue;
         }
-        n_faint += sigmoid_of(c[OPACITIES][i]) < 0.02;
+        n_faint += spin_sigmoid_of(c[OPACITIES][i]) < 0.02;
         add_row(m, c, i);
     }
     m->gaussians.n_dropped += n_bad_sh;
     if (m->gaussians.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
     if (m->gaussians.n_dropped > 0)
-        add_note(sequence,
-                 "%zu of %zu Gaussians are dropped: values that are not finite, or rotors "
-                 "of 0",
-                 m->gaussians.n_dropped, m->n);
+        spin_note(sequence,
+                  "%zu of %zu Gaussians are dropped: values that are not finite, or rotors "
+                  "of 0",
+                  m->gaussians.n_dropped, m->n);
     if (n_faint > 0.99 * (double)m->n)
-        add_note(sequence, "nearly all opacities are below 0.02: training saved this just after it "
-                           "had reset them; positions are fine");
+        spin_note(sequence,
+                  "nearly all opacities are below 0.02: training saved this just after it "
+                  "had reset them; positions are fine");
     return SPIN_OK;
 }
 
@@ -297,9 +300,9 @@ static spin_status note_transform(const struct model *m, struct spin_sequence_in
     SPIN_TRY_OUT(spin_path_join(folder, "..", &above));
     SPIN_TRY_OUT(spin_path_join(above, "dataparser_transforms.json", &path));
     if (spin_path_exists(path) && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
-        add_note(sequence,
-                 "dataparser_transforms.json moves and scales the scene: positions are in "
-                 "that space, not in the data set's");
+        spin_note(sequence,
+                  "dataparser_transforms.json moves and scales the scene: positions are in "
+                  "that space, not in the data set's");
 out:
     spin_json_free(json);
     free(folder);
@@ -340,10 +343,10 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
     snprintf(sequence->variant, sizeof sequence->variant,
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->degree);
     if (m->times.guessed)
-        add_note(sequence,
-                 "the checkpoint does not tell the range of times: guessed %g,%g from the "
-                 "Gaussians' own; --time-range decides",
-                 m->times.first, m->times.last);
+        spin_note(sequence,
+                  "the checkpoint does not tell the range of times: guessed %g,%g from the "
+                  "Gaussians' own; --time-range decides",
+                  m->times.first, m->times.last);
 }
 
 static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
@@ -373,8 +376,8 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     for (int k = 0; k < N_COLUMNS; k++)
         free(c[k]);
     SPIN_TRY(status);
-    SPIN_TRY(run_config_times(&m->settings, spin_plugin_value(values, "time-range", NULL),
-                              m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
+    SPIN_TRY(spin_run_config_times(&m->settings, spin_plugin_value(values, "time-range", NULL),
+                                   m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
     SPIN_TRY(note_transform(m, sequence));
     describe(m, sequence);
     return SPIN_OK;
@@ -404,8 +407,8 @@ static void rotor4dgs_close(void *self)
         return;
     if (m->torch_open)
         spin_torch_close(&m->torch);
-    run_config_close(&m->settings);
-    gaussian4d_free(&m->gaussians);
+    spin_run_config_close(&m->settings);
+    spin_gaussian4d_free(&m->gaussians);
     free(m->path);
     free(m);
 }
@@ -421,9 +424,9 @@ static spin_status rotor4dgs_frame(void *self, int frame, double time, unsigned 
     if (frame < 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    gaussian4d_select(g, time, m->least_weight, m->least_opacity);
+    spin_gaussian4d_select(g, time, m->least_weight, m->least_opacity);
     SPIN_TRY(spin_splats_reserve(out, g->n_kept, columns, m->degree));
-    gaussian4d_fill(g, time, columns, out);
+    spin_gaussian4d_fill(g, time, columns, out);
     for (size_t k = 0; k < g->n_kept && (columns & SPIN_COL_SH); k++)
         read_sh(m, g->row[g->kept[k]], out->sh + sh_width(m) * k);
     return SPIN_OK;

@@ -5,6 +5,10 @@
  * hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask hides is
  * left out, not shrunk: a scale of 0 has no logarithm. */
 #include "importers/lib/d3dgs_run.h"
+#include "base/mem.h"
+#include "importers/lib/finite.h"
+#include <math.h>
+#include <stdlib.h>
 
 enum mode { FRAME, AVG, ANY, ALL, NONE, N_MODES };
 
@@ -32,11 +36,11 @@ struct run {
 
 static int probe(const struct spin_peek *peek)
 {
-    if (!d3dgs_has_key(peek, "mask"))
+    if (!spin_d3dgs_has_key(peek, "mask"))
         return 0;
     if (peek->is_folder)
-        return d3dgs_has_key(peek, "means3D") ? 80 : 0;
-    return d3dgs_has_key(peek, "means3D") && d3dgs_count_keys(peek) >= 3 ? 90 : 0;
+        return spin_d3dgs_has_key(peek, "means3D") ? 80 : 0;
+    return spin_d3dgs_has_key(peek, "means3D") && spin_d3dgs_count_keys(peek) >= 3 ? 90 : 0;
 }
 
 /* ---- The mask -------------------------------------------------------------------------------- */
@@ -47,7 +51,7 @@ static spin_status load_mask(struct run *run)
     uint64_t t = run->base.n_frames, n = run->base.n;
     char expected[128];
 
-    SPIN_TRY(d3dgs_array(&run->base, "mask", a));
+    SPIN_TRY(spin_d3dgs_array(&run->base, "mask", a));
     if ((a->n_dims == 3 && a->shape[0] == t && a->shape[1] == n && a->shape[2] == 1) ||
         (a->n_dims == 2 && a->shape[0] == t && a->shape[1] == n))
         return SPIN_OK;
@@ -56,7 +60,7 @@ static spin_status load_mask(struct run *run)
         return SPIN_OK;
     snprintf(expected, sizeof expected, "[%llu, %llu, 1] as 'means3D' has it",
              (unsigned long long)t, (unsigned long long)n);
-    return d3dgs_fail_shape(a, "mask", expected);
+    return spin_d3dgs_fail_shape(a, "mask", expected);
 }
 
 static spin_status read_mask(struct run *run, int frame)
@@ -141,13 +145,13 @@ static spin_status open_run(const char *path, const struct spin_plugin_values *v
     size_t n;
 
     SPIN_TRY(read_options(values, run));
-    SPIN_TRY(d3dgs_load(path, &run->base));
+    SPIN_TRY(spin_d3dgs_load(path, &run->base));
     n = (size_t)run->base.n;
     if (!spin_npz_has(&run->base.npz, "mask"))
         return spin_fail(SPIN_E_MALFORMED,
                          "no array 'mask', which TC3DGS has: import it with --from d3dgs");
     SPIN_TRY(load_mask(run));
-    SPIN_TRY(d3dgs_describe(&run->base, sequence));
+    SPIN_TRY(spin_d3dgs_describe(&run->base, sequence));
     SPIN_TRY(spin_alloc(n, sizeof *run->row, (void **)&run->row));
     SPIN_TRY(spin_alloc(n, sizeof *run->sum, (void **)&run->sum));
     SPIN_TRY(spin_alloc(n, sizeof *run->off, (void **)&run->off));
@@ -184,7 +188,7 @@ static void tc3dgs_close(void *self)
 
     if (!run)
         return;
-    d3dgs_release(&run->base);
+    spin_d3dgs_release(&run->base);
     free(run->row);
     free(run->sum);
     free(run->off);
@@ -212,7 +216,7 @@ static spin_status tc3dgs_frame(void *self, int frame, double time, unsigned col
     size_t n = (size_t)run->base.n;
 
     (void)time;
-    SPIN_TRY(d3dgs_read(&run->base, frame, columns, out));
+    SPIN_TRY(spin_d3dgs_read(&run->base, frame, columns, out));
     if (run->mode == NONE)
         return SPIN_OK;
     if (run->mode == FRAME) {

@@ -16,11 +16,16 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <limits.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "base/log.h"
 #include "base/mem.h"
 #include "importers/lib/views_check.h"
+#include "io/file.h"
 
 enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
 
@@ -84,7 +89,7 @@ static int frame_number(const char *name)
         if (!isdigit((unsigned char)*c))
             return -1;
     }
-    return n > 0 ? views_number(name) : -1;
+    return n > 0 ? spin_views_number(name) : -1;
 }
 
 static int probe(const struct spin_peek *peek)
@@ -204,7 +209,7 @@ static spin_status next_number(char **at, const char *what, double *out)
 {
     const char *word = next_word(at);
 
-    if (!views_is_number(word, out))
+    if (!spin_views_is_number(word, out))
         return spin_fail(SPIN_E_MALFORMED, "%s is '%.40s', expected a number", what, word);
     return SPIN_OK;
 }
@@ -238,7 +243,7 @@ static spin_status fill_lens(struct model *m, int id, int kind, double width, do
         if (m->lens[i].id == id)
             return spin_fail(SPIN_E_MALFORMED, "there are two cameras with id %d", id);
     }
-    SPIN_TRY(views_check_size(width, height));
+    SPIN_TRY(spin_views_check_size(width, height));
     if (models[kind].distortion < 0)
         return spin_fail(SPIN_E_UNSUPPORTED, "its model %s is no pinhole: undistort the images",
                          models[kind].name);
@@ -254,7 +259,7 @@ static spin_status fill_lens(struct model *m, int id, int kind, double width, do
     c->fy = p[models[kind].fy];
     c->cx = m->centre ? c->width / 2.0 : p[models[kind].cx];
     c->cy = m->centre ? c->height / 2.0 : p[models[kind].cy];
-    SPIN_TRY(views_check_intrinsics(c));
+    SPIN_TRY(spin_views_check_intrinsics(c));
     m->lens[m->n_lenses++].id = id;
     return SPIN_OK;
 }
@@ -378,7 +383,7 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     m[10] = 1 - 2 * (x * x + y * y);
     for (int i = 0; i < 3; i++)
         m[4 * i + 3] = t[i];
-    return views_check_pose(m, "the pose");
+    return spin_views_check_pose(m, "the pose");
 }
 
 static spin_status add_image(struct model *m, struct image *image, const char *name)
@@ -387,7 +392,7 @@ static spin_status add_image(struct model *m, struct image *image, const char *n
 
     if (!lens)
         return spin_fail(SPIN_E_MALFORMED, "there is no camera %d", image->lens_id);
-    if (!views_is_safe_name(name))
+    if (!spin_views_is_safe_name(name))
         return spin_fail(SPIN_E_MALFORMED, "its name is '%.80s', expected one below the images",
                          name);
     image->camera = lens->camera;
@@ -675,10 +680,10 @@ static spin_status camera_ids(const struct model *m, int **out)
     SPIN_TRY(spin_alloc(m->n_images, sizeof **out, (void **)out));
     SPIN_TRY(spin_alloc(m->n_images, sizeof *sorted, (void **)&sorted));
     for (size_t i = 0; i < m->n_images; i++) {
-        sorted[i] = (*out)[i] = views_number(m->image[i].name);
+        sorted[i] = (*out)[i] = spin_views_number(m->image[i].name);
         usable = usable && sorted[i] >= 0;
     }
-    usable = usable && views_unique(sorted, m->n_images) == m->n_images;
+    usable = usable && spin_views_unique(sorted, m->n_images) == m->n_images;
     for (size_t i = 0; !usable && i < m->n_images; i++)
         (*out)[i] = (int)i;
     free(sorted);
@@ -700,7 +705,7 @@ static spin_status add_views(const struct model *m, const struct options *o, con
         struct spin_view view = {.camera = image->camera, .camera_id = ids[i]};
 
         view.dataset_frame = row < 0 ? (int)place : row;
-        view.number = row < 0 ? views_number(image->name) : number;
+        view.number = row < 0 ? spin_views_number(image->name) : number;
         view.time = row < 0 ? (double)place / (double)m->n_images : row;
         view.test = o->hold < 0    ? (row < 0 ? i % 8 == 0 : i == 0)
                     : o->hold == 0 ? false
@@ -718,7 +723,7 @@ static spin_status add_views(const struct model *m, const struct options *o, con
 static spin_status fit_cameras(const struct model *m, struct spin_views *out, size_t first)
 {
     for (size_t i = 0; i < m->n_images; i++)
-        SPIN_TRY(views_fit_image(&out->view[first + i].camera, out->view[first + i].path));
+        SPIN_TRY(spin_views_fit_image(&out->view[first + i].camera, out->view[first + i].path));
     for (size_t i = first + m->n_images; i < out->n; i++)
         out->view[i].camera = out->view[i - m->n_images].camera;
     return SPIN_OK;
@@ -803,7 +808,7 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     const char *principal = spin_plugin_value(values, "principal", "file");
 
     o->images = spin_plugin_value(values, "images", "images");
-    if (!views_is_safe_name(o->images))
+    if (!spin_views_is_safe_name(o->images))
         return spin_fail(SPIN_E_USAGE, "option 'images' is '%s', expected a folder's name",
                          o->images);
     o->by_name = strcmp(time, "name") == 0;
@@ -813,7 +818,7 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     if (!m->centre && strcmp(principal, "file") != 0)
         return spin_fail(SPIN_E_USAGE, "option 'principal' is '%s', expected file or centre",
                          principal);
-    SPIN_TRY(views_option_count(values, "hold", "-1", &o->hold));
+    SPIN_TRY(spin_views_option_count(values, "hold", "-1", &o->hold));
     if (o->hold < -1)
         return spin_fail(SPIN_E_USAGE, "option 'hold' is %d, expected 0 or more", o->hold);
     return SPIN_OK;
@@ -837,7 +842,7 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
         SPIN_TRY_OUT(keep_frames(path, names, &n));
         SPIN_TRY_OUT(read_frames(path, names, n, &m, &o, out));
     }
-    SPIN_TRY_OUT(views_check_images(out, first));
+    SPIN_TRY_OUT(spin_views_check_images(out, first));
     SPIN_TRY_OUT(fit_cameras(&m, out, first));
 out:
     spin_folder_list_free(names);

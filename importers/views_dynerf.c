@@ -13,7 +13,10 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <strings.h>
 
 #include "base/log.h"
@@ -127,7 +130,7 @@ static spin_status add_folder(struct set *set, const char *folder, int camera, i
     status = SPIN_OK;
     for (size_t i = 0; i < n && status == SPIN_OK; i++) {
         int c = camera >= 0 ? camera : camera_number(names[i]);
-        int f = number >= 0 ? number : views_number(names[i]);
+        int f = number >= 0 ? number : spin_views_number(names[i]);
 
         if (!is_image(names[i]))
             continue;
@@ -193,8 +196,8 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
         char *folder = NULL;
 
         status = images_folder(frames, names[i], &folder);
-        if (status == SPIN_OK && spin_path_is_folder(folder) && views_number(names[i]) >= 0)
-            status = add_folder(set, folder, -1, views_number(names[i]));
+        if (status == SPIN_OK && spin_path_is_folder(folder) && spin_views_number(names[i]) >= 0)
+            status = add_folder(set, folder, -1, spin_views_number(names[i]));
         free(folder);
     }
     spin_folder_list_free(names);
@@ -311,7 +314,7 @@ static spin_status list_numbers(const struct set *set, bool cameras, int **out, 
     SPIN_TRY(spin_alloc(set->n, sizeof **out, (void **)out));
     for (size_t i = 0; i < set->n; i++)
         (*out)[i] = cameras ? set->image[i].camera : set->image[i].number;
-    *n = views_unique(*out, set->n);
+    *n = spin_views_unique(*out, set->n);
     return SPIN_OK;
 }
 
@@ -321,10 +324,10 @@ static spin_status match_cameras(struct set *set)
     size_t n = 0;
 
     SPIN_TRY(list_numbers(set, true, &set->camera, &n));
-    set->n_video = views_unique(set->video, set->n_video);
+    set->n_video = spin_views_unique(set->video, set->n_video);
     if (n != set->n_cameras && set->n_video == set->n_cameras) {
         for (size_t i = 0; i < n; i++) {
-            if (views_place(set->video, set->n_video, set->camera[i]) < 0)
+            if (spin_views_place(set->video, set->n_video, set->camera[i]) < 0)
                 return spin_fail(SPIN_E_MALFORMED, "camera %d has images but no video",
                                  set->camera[i]);
         }
@@ -358,15 +361,15 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
         c2w[4 * i + 2] = -row[5 * i + 2];
         c2w[4 * i + 3] = row[5 * i + 3];
     }
-    SPIN_TRY(views_check_pose(c2w, "the pose"));
-    views_invert(c2w, out->w2c);
-    SPIN_TRY(views_check_size(row[9], row[4]));
+    SPIN_TRY(spin_views_check_pose(c2w, "the pose"));
+    spin_views_invert(c2w, out->w2c);
+    SPIN_TRY(spin_views_check_size(row[9], row[4]));
     out->width = (int)row[9];
     out->height = (int)row[4];
     out->fx = out->fy = row[14];
     out->cx = out->width / 2.0;
     out->cy = out->height / 2.0;
-    return views_check_intrinsics(out);
+    return spin_views_check_intrinsics(out);
 }
 
 /* Every camera at the size of its first image. */
@@ -383,7 +386,7 @@ static spin_status read_cameras(struct set *set)
         differs = differs || set->pose[COLUMNS * c + 14] != set->pose[14];
         for (size_t i = 0; i < set->n; i++) {
             if (set->image[i].camera == set->camera[c]) {
-                SPIN_TRY(views_fit_image(&set->intrinsics[c], set->image[i].path));
+                SPIN_TRY(spin_views_fit_image(&set->intrinsics[c], set->image[i].path));
                 break;
             }
         }
@@ -410,7 +413,7 @@ static spin_status row_time(const struct spin_plugin_values *values, size_t row,
         whole = (double)n_rows;
     else if (strcmp(rule, "row") == 0)
         whole = 1;
-    else if (!views_is_number(rule, &whole) || !(whole > 0))
+    else if (!spin_views_is_number(rule, &whole) || !(whole > 0))
         return spin_fail(SPIN_E_USAGE,
                          "option 'time' is '%s', expected unit, count, row or a number above 0",
                          rule);
@@ -427,8 +430,8 @@ static spin_status check_rows(const struct set *set)
 
     SPIN_TRY(spin_alloc(set->n_cameras * set->n_rows, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < set->n && status == SPIN_OK; i++) {
-        int c = views_place(set->camera, set->n_cameras, set->image[i].camera);
-        int row = views_place(set->number, set->n_rows, set->image[i].number);
+        int c = spin_views_place(set->camera, set->n_cameras, set->image[i].camera);
+        int row = spin_views_place(set->number, set->n_rows, set->image[i].number);
         bool *at = &seen[(size_t)c * set->n_rows + (size_t)row];
 
         if (*at)
@@ -451,16 +454,16 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
 {
     int test = 0;
 
-    SPIN_TRY(views_option_count(values, "test", "0", &test));
+    SPIN_TRY(spin_views_option_count(values, "test", "0", &test));
     if (test >= (int)set->n_cameras)
         return spin_fail(SPIN_E_USAGE, "option 'test' is %d, but there are %zu cameras", test,
                          set->n_cameras);
     for (size_t i = 0; i < set->n; i++) {
         const struct frame_image *image = &set->image[i];
-        int c = views_place(set->camera, set->n_cameras, image->camera);
+        int c = spin_views_place(set->camera, set->n_cameras, image->camera);
         struct spin_view view = {.camera = set->intrinsics[c],
                                  .dataset_frame =
-                                     views_place(set->number, set->n_rows, image->number),
+                                     spin_views_place(set->number, set->n_rows, image->number),
                                  .number = image->number,
                                  .camera_id = image->camera,
                                  .test = c == test,

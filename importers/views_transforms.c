@@ -15,11 +15,16 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 #include "base/log.h"
 #include "base/mem.h"
 #include "importers/lib/views_check.h"
+#include "io/file.h"
 #include "io/json.h"
 
 enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
@@ -105,7 +110,7 @@ static spin_status read_size(const struct split *s, const spin_json *frame, size
     if (has_w != has_h)
         return spin_fail(SPIN_E_MALFORMED, "no number '%s'", has_w ? "h" : "w");
     if (has_w) {
-        SPIN_TRY(views_check_size(w, h));
+        SPIN_TRY(spin_views_check_size(w, h));
         camera->width = (int)w;
         camera->height = (int)h;
         if (index > 0 && !spin_json_get(frame, "w") && !spin_json_get(frame, "h"))
@@ -145,7 +150,7 @@ static spin_status read_intrinsics(const struct split *s, const spin_json *frame
         camera->cx = camera->width / 2.0;
     if (!found[3])
         camera->cy = camera->height / 2.0;
-    return views_check_intrinsics(camera);
+    return spin_views_check_intrinsics(camera);
 }
 
 /* 4 x 4, or 3 x 4 without its last row. */
@@ -191,8 +196,8 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
         c2w[4 * i + 1] = -c2w[4 * i + 1];
         c2w[4 * i + 2] = -c2w[4 * i + 2];
     }
-    SPIN_TRY(views_check_pose(c2w, "'transform_matrix'"));
-    views_invert(c2w, camera->w2c);
+    SPIN_TRY(spin_views_check_pose(c2w, "'transform_matrix'"));
+    spin_views_invert(c2w, camera->w2c);
     if (s->options->old_pose)
         camera->w2c[3] = -camera->w2c[3];
     return SPIN_OK;
@@ -242,12 +247,12 @@ static spin_status fill_view(const struct split *s, const spin_json *frame, size
         return spin_fail(SPIN_E_MALFORMED, "no text 'file_path'");
     while (strncmp(name, "./", 2) == 0)
         name += 2;
-    if (!views_is_safe_name(name))
+    if (!spin_views_is_safe_name(name))
         return spin_fail(SPIN_E_MALFORMED, "'file_path' is '%s', expected a path below the folder",
                          name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
         return spin_fail(SPIN_E_MALFORMED, "'time' is not a number");
-    view->number = views_number(name);
+    view->number = spin_views_number(name);
     view->camera_id = camera_of(s, name);
     view->test = s->test;
     SPIN_TRY(find_image(s, name, &view->path));
@@ -362,7 +367,7 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
 
     out->test_file = spin_plugin_value(values, "test-file", "transforms_test.json");
     out->ending = spin_plugin_value(values, "ending", ".png");
-    if (!views_is_safe_name(out->test_file))
+    if (!spin_views_is_safe_name(out->test_file))
         return spin_fail(SPIN_E_USAGE, "option 'test-file' is '%s', expected a name in the folder",
                          out->test_file);
     if (strcmp(time, "file") == 0)
@@ -400,7 +405,7 @@ static spin_status transforms_views(const char *path, const struct spin_plugin_v
         SPIN_TRY(read_split(&test, out));
     else if (spin_plugin_value(values, "test-file", NULL))
         return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
-    SPIN_TRY(views_check_images(out, first));
+    SPIN_TRY(spin_views_check_images(out, first));
     return set_rows(out, first, o.time);
 }
 

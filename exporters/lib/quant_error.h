@@ -43,7 +43,7 @@ static inline void spin_quant_error_colour(const struct spin_splat_filter *rows,
     const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
 
     for (int c = 0; c < 3; c++)
-        out[c] = 0.5f + SPIN_SH_C0 * dc[c];
+        out[c] = 0.5f + (float)SPIN_SH_C0 * dc[c];
 }
 
 /* Row i of a frame, which is one that was chosen, as it is written. */

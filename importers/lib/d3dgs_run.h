@@ -4,33 +4,9 @@
 #ifndef SPIN_IMPORTERS_LIB_D3DGS_RUN_H
 #define SPIN_IMPORTERS_LIB_D3DGS_RUN_H
 
-#include "spin.h"
-
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/mem.h"
-#include "importers/lib/finite.h"
 #include "io/npy.h"
 
-#define D3DGS_SH_C0 0.28209479177387814
-/* Checking a CRC reads every byte, so larger members are only checked for being there. */
-#define D3DGS_CRC_LIMIT (64u << 20)
-
 enum { D3DGS_MEANS, D3DGS_COLOURS, D3DGS_ROTATIONS, D3DGS_OPACITIES, D3DGS_SCALES, D3DGS_N_KEYS };
-
-static const struct {
-    const char *name;
-    uint64_t width;
-    unsigned column;
-} d3dgs_keys[D3DGS_N_KEYS] = {
-    {"means3D", 3, SPIN_COL_MEANS},          {"rgb_colors", 3, SPIN_COL_SH},
-    {"unnorm_rotations", 4, SPIN_COL_QUATS}, {"logit_opacities", 1, SPIN_COL_LOGIT_OPACITIES},
-    {"log_scales", 3, SPIN_COL_LOG_SCALES},
-};
 
 struct d3dgs_run {
     struct spin_npz npz;
@@ -40,218 +16,28 @@ struct d3dgs_run {
     size_t *counts; /* [n_frames] */
 };
 
-/* ---- Recognising ----------------------------------------------------------------------------- */
-
 /* Among the member names of a peek. */
-static inline bool d3dgs_has_key(const struct spin_peek *peek, const char *key)
-{
-    char line[64];
-    size_t n = (size_t)snprintf(line, sizeof line, "%s.npy", key);
+bool spin_d3dgs_has_key(const struct spin_peek *peek, const char *key);
 
-    for (const char *at = peek->tail_names; (at = strstr(at, line)) != NULL; at += n) {
-        if ((at == peek->tail_names || at[-1] == '\n') && (at[n] == '\n' || at[n] == '\0'))
-            return true;
-    }
-    return false;
-}
-
-static inline bool d3dgs_has_file(const struct spin_peek *peek, const char *name)
-{
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], name) == 0)
-            return true;
-    }
-    return false;
-}
+bool spin_d3dgs_has_file(const struct spin_peek *peek, const char *name);
 
 /* How many of the five arrays are there. */
-static inline int d3dgs_count_keys(const struct spin_peek *peek)
-{
-    int found = 0;
+int spin_d3dgs_count_keys(const struct spin_peek *peek);
 
-    for (int k = 0; k < D3DGS_N_KEYS; k++)
-        found += d3dgs_has_key(peek, d3dgs_keys[k].name);
-    return found;
-}
+spin_status spin_d3dgs_fail_shape(const struct spin_array *a, const char *key,
+                                  const char *expected);
 
-/* ---- Opening --------------------------------------------------------------------------------- */
+spin_status spin_d3dgs_array(struct d3dgs_run *run, const char *key, struct spin_array *out);
 
-static inline spin_status d3dgs_fail_shape(const struct spin_array *a, const char *key,
-                                           const char *expected)
-{
-    char shape[128];
-
-    spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
-    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, shape,
-                     expected);
-}
-
-static inline spin_status d3dgs_array(struct d3dgs_run *run, const char *key,
-                                      struct spin_array *out)
-{
-    char member[64];
-    const struct spin_zip_member *m;
-
-    snprintf(member, sizeof member, "%s.npy", key);
-    m = spin_zip_find(&run->npz.zip, member);
-    SPIN_TRY(spin_npz_array(&run->npz, key, m && m->size < D3DGS_CRC_LIMIT, out));
-    if (out->kind != 'f')
-        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' does not hold floating-point numbers",
-                         key);
-    return SPIN_OK;
-}
-
-static inline spin_status d3dgs_load_means(struct d3dgs_run *run)
-{
-    const char *key = d3dgs_keys[D3DGS_MEANS].name;
-    struct spin_array *a = &run->array[D3DGS_MEANS];
-
-    SPIN_TRY(d3dgs_array(run, key, a));
-    if (a->n_dims != 3 || a->shape[2] != 3)
-        return d3dgs_fail_shape(a, key, "[T, N, 3]");
-    run->n_frames = a->shape[0];
-    run->n = a->shape[1];
-    if (run->n_frames == 0)
-        return spin_fail(SPIN_E_MALFORMED, "array 'means3D' has 0 frames");
-    if (run->n == 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "0 Gaussians: training collapsed, check the camera poses");
-    if (run->n_frames > INT_MAX || run->n > UINT32_MAX)
-        return d3dgs_fail_shape(a, key, "fewer than 2^31 frames and 2^32 Gaussians");
-    return SPIN_OK;
-}
-
-/* [T, N, width], or [N, width] for what does not change. */
-static inline spin_status d3dgs_load_column(struct d3dgs_run *run, int key)
-{
-    struct spin_array *a = &run->array[key];
-    char expected[128];
-
-    SPIN_TRY(d3dgs_array(run, d3dgs_keys[key].name, a));
-    if (a->n_dims == 3 && a->shape[0] == run->n_frames && a->shape[1] == run->n &&
-        a->shape[2] == d3dgs_keys[key].width)
-        return SPIN_OK;
-    if (a->n_dims == 2 && a->shape[0] == run->n && a->shape[1] == d3dgs_keys[key].width)
-        return SPIN_OK;
-    snprintf(expected, sizeof expected, "[%llu, %llu, %llu] or [%llu, %llu] as 'means3D' has it",
-             (unsigned long long)run->n_frames, (unsigned long long)run->n,
-             (unsigned long long)d3dgs_keys[key].width, (unsigned long long)run->n,
-             (unsigned long long)d3dgs_keys[key].width);
-    return d3dgs_fail_shape(a, d3dgs_keys[key].name, expected);
-}
-
-static inline spin_status d3dgs_load(const char *path, struct d3dgs_run *run)
-{
-    if (spin_path_is_folder(path))
-        SPIN_TRY(spin_path_join(path, "params.npz", &run->path));
-    else
-        SPIN_TRY(spin_strdup(path, &run->path));
-    SPIN_TRY(spin_npz_open(run->path, &run->npz));
-    if (spin_npz_has(&run->npz, "cam_unnorm_rots"))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "array 'cam_unnorm_rots' says that this is a map of SplaTAM or one of its "
-                         "descendants, which has no frames");
-    SPIN_TRY(d3dgs_load_means(run));
-    for (int k = D3DGS_MEANS + 1; k < D3DGS_N_KEYS; k++)
-        SPIN_TRY(d3dgs_load_column(run, k));
-    return SPIN_OK;
-}
+spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run);
 
 /* A track of n_frames frames of n Gaussians. */
-static inline spin_status d3dgs_describe(struct d3dgs_run *run, struct spin_sequence_info *sequence)
-{
-    void *block = NULL;
+spin_status spin_d3dgs_describe(struct d3dgs_run *run, struct spin_sequence_info *sequence);
 
-    SPIN_TRY(spin_alloc((size_t)run->n_frames, sizeof *run->counts, &block));
-    run->counts = block;
-    for (uint64_t t = 0; t < run->n_frames; t++)
-        run->counts[t] = (size_t)run->n;
-    sequence->n_frames = (int)run->n_frames;
-    sequence->counts = run->counts;
-    sequence->sh_degree = 0;
-    sequence->time_last = (double)(run->n_frames - 1);
-    for (int k = 0; k < D3DGS_N_KEYS; k++) {
-        sequence->columns |= d3dgs_keys[k].column;
-        if (run->array[k].n_dims == 2)
-            sequence->static_columns |= d3dgs_keys[k].column;
-    }
-    return SPIN_OK;
-}
-
-static inline void d3dgs_release(struct d3dgs_run *run)
-{
-    spin_npz_close(&run->npz);
-    free(run->path);
-    free(run->counts);
-}
-
-/* ---- Reading --------------------------------------------------------------------------------- */
-
-/* Values of one frame as they are stored; all must be finite. */
-static inline spin_status d3dgs_column(const struct d3dgs_run *run, int key, int frame, float *out)
-{
-    const struct spin_array *a = &run->array[key];
-    uint64_t count = run->n * d3dgs_keys[key].width;
-    uint64_t first = a->n_dims == 3 ? (uint64_t)frame * count : 0;
-    uint64_t bad;
-
-    spin_array_to_f32(a, first, count, out);
-    if (a->n_dims == 3)
-        spin_npz_forget(&run->npz, a, first, count);
-    bad = finite_missing(out, (size_t)count);
-    if (bad > 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "cannot read '%s': array '%s' has %llu values in frame %d that are not "
-                         "finite",
-                         run->path, d3dgs_keys[key].name, (unsigned long long)bad, frame);
-    return SPIN_OK;
-}
-
-/* The zero quaternion, which the method would turn into no rotation matrix at all, is identity. */
-static inline void d3dgs_normalise(float *quats, size_t n)
-{
-    for (float *q = quats; q < quats + 4 * n; q += 4) {
-        double norm = sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
-                           (double)q[3] * q[3]);
-
-        if (norm > 0) {
-            double inverse = 1 / norm;
-
-            for (int i = 0; i < 4; i++)
-                q[i] = (float)(q[i] * inverse);
-        } else {
-            q[0] = 1;
-            q[1] = q[2] = q[3] = 0;
-        }
-    }
-}
+void spin_d3dgs_release(struct d3dgs_run *run);
 
 /* All Gaussians of one frame. */
-static inline spin_status d3dgs_read(const struct d3dgs_run *run, int frame, unsigned columns,
-                                     struct spin_splats *out)
-{
-    size_t n = (size_t)run->n;
-
-    if (frame < 0 || (uint64_t)frame >= run->n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", run->path, frame);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
-    if (columns & SPIN_COL_MEANS)
-        SPIN_TRY(d3dgs_column(run, D3DGS_MEANS, frame, out->means));
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        SPIN_TRY(d3dgs_column(run, D3DGS_OPACITIES, frame, out->logit_opacities));
-    if (columns & SPIN_COL_LOG_SCALES)
-        SPIN_TRY(d3dgs_column(run, D3DGS_SCALES, frame, out->log_scales));
-    if (columns & SPIN_COL_QUATS) {
-        SPIN_TRY(d3dgs_column(run, D3DGS_ROTATIONS, frame, out->quats));
-        d3dgs_normalise(out->quats, n);
-    }
-    if (columns & SPIN_COL_SH) {
-        SPIN_TRY(d3dgs_column(run, D3DGS_COLOURS, frame, out->sh));
-        for (size_t i = 0; i < 3 * n; i++)
-            out->sh[i] = (float)((out->sh[i] - 0.5) / D3DGS_SH_C0);
-    }
-    return SPIN_OK;
-}
+spin_status spin_d3dgs_read(const struct d3dgs_run *run, int frame, unsigned columns,
+                            struct spin_splats *out);
 
 #endif

@@ -3,11 +3,8 @@
 #ifndef SPIN_IMPORTERS_LIB_HASHGRID_DEFORM_H
 #define SPIN_IMPORTERS_LIB_HASHGRID_DEFORM_H
 
-#include "importers/lib/model_folder.h"
 #include "importers/lib/mlp_eval.h"
-#include "math/covariance.h"
-#include "math/deform.h"
-#include "math/grid.h"
+#include "importers/lib/model_folder.h"
 
 enum { HASH_MAX_LEVELS = 64, HASH_MAX_DEPTH = 16 };
 
@@ -37,277 +34,35 @@ struct hash_model {
     struct mlp_team team;
 };
 
-static inline void hash_grid_free(struct hash_grid *grid)
-{
-    free(grid->table);
-    memset(grid, 0, sizeof *grid);
-}
+void spin_hash_grid_free(struct hash_grid *grid);
 
-static inline void hash_model_free(struct hash_model *m)
-{
-    for (int i = 0; i < HASH_MAX_DEPTH; i++)
-        mlp_free(&m->grid_mlp[i]);
-    mlp_free(&m->warp);
-    mlp_free(&m->rotation);
-    mlp_free(&m->scaling);
-    mlp_team_free(&m->team);
-    spin_splats_free(&m->canonical);
-    free(m->extra);
-    free(m->path);
-}
-
-/* ---- Recognising ----------------------------------------------------------------------------- */
-
-static inline bool hash_says(const struct spin_peek *peek, const char *word)
-{
-    return peek->n_head > 0 && memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
-}
+void spin_hash_model_free(struct hash_model *m);
 
 /* `key` is a tensor's name, found in the first bytes of a checkpoint of this method only; `option`
  * is how the options of its grid begin, in cfg_args. The folders of a model are the same for all
  * descendants of Deformable-3D-Gaussians. */
-static inline int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
-{
-    bool deform = false, cloud = false;
-
-    if (!peek->is_folder)
-        return hash_says(peek, key) ? 90 : 0;
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        deform = deform || strcmp(peek->names[i], "deform") == 0;
-        cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
-    }
-    if (!deform || !cloud)
-        return 0;
-    if (hash_says(peek, option))
-        return 90;
-    return peek->n_head == 0 ? 55 : hash_says(peek, "grid_args") ? 40 : 0;
-}
-
-/* ---- Folders --------------------------------------------------------------------------------- */
-
-/* The model folder of .../deform/iteration_<N>/deform.pth, and iteration_<N>. */
-static inline spin_status hash_from_file(const char *path, char **model, char **name)
-{
-    char *absolute = NULL, *save = NULL, *deform = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_path_absolute(path, &absolute));
-    SPIN_TRY_OUT(spin_path_folder(absolute, &save));
-    SPIN_TRY_OUT(spin_path_folder(save, &deform));
-    SPIN_TRY_OUT(spin_path_folder(deform, model));
-    SPIN_TRY_OUT(spin_strdup(spin_path_name(save), name));
-    if (strcmp(spin_path_name(path), "deform.pth") != 0 ||
-        strcmp(spin_path_name(deform), "deform") != 0)
-        status =
-            spin_fail(SPIN_E_USAGE, "'%s' is not what is read here: give the model's folder", path);
-out:
-    free(absolute);
-    free(save);
-    free(deform);
-    return status;
-}
+int spin_hash_probe(const struct spin_peek *peek, const char *key, const char *option);
 
 struct hash_files {
     char *model, *name;   /* folder, iteration_<N> */
     char *cloud, *deform; /* files */
 };
 
-static inline void hash_files_free(struct hash_files *f)
-{
-    free(f->model);
-    free(f->name);
-    free(f->cloud);
-    free(f->deform);
-}
+void spin_hash_files_free(struct hash_files *f);
 
-static inline spin_status hash_find_name(struct hash_files *f, const char *wanted)
-{
-    struct model_folder_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
-    char *clouds = NULL, *deforms = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_path_join(f->model, "point_cloud", &clouds));
-    SPIN_TRY_OUT(spin_path_join(f->model, "deform", &deforms));
-    pick.folder = clouds;
-    pick.other = deforms;
-    if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms))
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "'%s' does not hold the folders point_cloud and deform", f->model);
-    SPIN_TRY_OUT(status);
-    SPIN_TRY_OUT(model_folder_choose(&pick, wanted, &f->name));
-    if (!f->name)
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "'%s' has no iteration_%s with both point_cloud/.../point_cloud.ply and "
-                           "deform/.../deform.pth",
-                           f->model, wanted ? wanted : "<N>");
-out:
-    free(clouds);
-    free(deforms);
-    return status;
-}
-
-static inline spin_status hash_find(const char *path, const char *wanted, struct hash_files *f)
-{
-    char relative[300];
-
-    memset(f, 0, sizeof *f);
-    if (spin_path_is_folder(path)) {
-        SPIN_TRY(spin_strdup(path, &f->model));
-        SPIN_TRY(hash_find_name(f, wanted));
-    } else {
-        SPIN_TRY(hash_from_file(path, &f->model, &f->name));
-    }
-    snprintf(relative, sizeof relative, "point_cloud/%.250s/point_cloud.ply", f->name);
-    SPIN_TRY(spin_path_join(f->model, relative, &f->cloud));
-    snprintf(relative, sizeof relative, "deform/%.250s/deform.pth", f->name);
-    return spin_path_join(f->model, relative, &f->deform);
-}
-
-/* ---- Settings -------------------------------------------------------------------------------- */
+spin_status spin_hash_find(const char *path, const char *wanted, struct hash_files *f);
 
 /* bound and scale_xyz, of which the tensors say nothing; options win over cfg_args. */
-static inline spin_status hash_settings(const struct cfg_args *cfg,
-                                        const struct spin_plugin_values *values,
-                                        struct hash_model *m, struct spin_sequence_info *sequence)
-{
-    const char *bound = spin_plugin_value(values, "bound", NULL);
-    const char *scale = spin_plugin_value(values, "scale-xyz", NULL);
-    struct cfg_span grid_args = cfg_get(cfg, "grid_args"), s;
-
-    if (bound) {
-        if (!cfg_number((struct cfg_span){bound, bound + strlen(bound)}, &m->bound))
-            return spin_fail(SPIN_E_USAGE, "--bound '%s': expected a number", bound);
-    } else if (!grid_args.at) {
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "%s%s%s does not say the bound of the scene, without which nothing can be "
-                         "read: give it with --bound",
-                         cfg->path ? "'" : "", cfg->path ? cfg->path : "no cfg_args, so the model",
-                         cfg->path ? "'" : "");
-    } else if ((s = cfg_item(grid_args, "bound")).at) {
-        if (!cfg_number(s, &m->bound))
-            return spin_fail(SPIN_E_MALFORMED, "'%s': bound is not a number", cfg->path);
-    } else {
-        m->bound = 1.6;
-        model_folder_note(sequence, "cfg_args names no bound: assumed 1.6 as the method does\n");
-    }
-    if (!(m->bound > 0) || !isfinite(m->bound))
-        return spin_fail(bound ? SPIN_E_USAGE : SPIN_E_MALFORMED,
-                         "%s: bound is %g, expected a number above 0",
-                         bound ? "--bound" : cfg->path, m->bound);
-    m->scale_xyz[0] = m->scale_xyz[1] = m->scale_xyz[2] = 1;
-    if (scale) {
-        char list[128];
-
-        snprintf(list, sizeof list, strchr(scale, ',') ? "[%.100s]" : "%.100s", scale);
-        if (!cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, m->scale_xyz))
-            return spin_fail(SPIN_E_USAGE, "--scale-xyz '%s': expected a number or three", scale);
-        return SPIN_OK;
-    }
-    s = cfg_get(cfg, "scale_xyz");
-    if (s.at && !cfg_numbers(s, 3, m->scale_xyz))
-        return spin_fail(SPIN_E_MALFORMED, "'%s': scale_xyz is neither a number nor three of them",
-                         cfg->path);
-    return SPIN_OK;
-}
-
-/* ---- Tensors --------------------------------------------------------------------------------- */
-
-static inline spin_status hash_load_offsets(struct spin_torch *torch, const struct spin_value *dict,
-                                            const char *name, uint64_t n_rows,
-                                            int64_t offset[HASH_MAX_LEVELS + 1], int *n_levels)
-{
-    const struct spin_value *v = mlp_get(dict, name, ".offsets");
-    static const int64_t shape[1] = {-1};
-    struct spin_tensor t;
-    char what[80];
-
-    snprintf(what, sizeof what, "%s.offsets", name);
-    if (!v)
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", what);
-    SPIN_TRY(spin_torch_tensor_of(torch, v, what, 1, shape, &t));
-    if (t.count < 2 || t.count > HASH_MAX_LEVELS + 1 || (t.kind != 'i' && t.kind != 'u'))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
-                         (unsigned long long)t.count, HASH_MAX_LEVELS + 1);
-    spin_tensor_to_i64(&t, 0, t.count, offset);
-    *n_levels = (int)t.count - 1;
-    if (offset[0] != 0)
-        return spin_fail(SPIN_E_MALFORMED, "tensor '%s' begins with %lld, expected 0", what,
-                         (long long)offset[0]);
-    for (int l = 0; l < *n_levels; l++) {
-        if (offset[l + 1] <= offset[l] || (uint64_t)offset[l + 1] > n_rows)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensor '%s': level %d has rows %lld to %lld of a table of %llu", what,
-                             l, (long long)offset[l], (long long)offset[l + 1],
-                             (unsigned long long)n_rows);
-    }
-    return SPIN_OK;
-}
-
-static inline spin_status hash_load_axis(struct spin_torch *torch, const struct spin_value *dict,
-                                         const char *name, const char *key, int n_dims,
-                                         float out[4])
-{
-    int64_t shape[1] = {n_dims};
-    float *values = NULL;
-
-    SPIN_TRY(mlp_floats(torch, dict, name, key, 1, shape, NULL, &values));
-    memcpy(out, values, (size_t)n_dims * sizeof *out);
-    free(values);
-    return SPIN_OK;
-}
+spin_status spin_hash_settings(const struct cfg_args *cfg, const struct spin_plugin_values *values,
+                               struct hash_model *m, struct spin_sequence_info *sequence);
 
 /* The encoder `name`, of n_dims inputs. */
-static inline spin_status hash_load_grid(struct spin_torch *torch, const struct spin_value *dict,
-                                         const char *name, int n_dims, struct hash_grid *grid)
-{
-    static const int64_t shape[2] = {-1, -1};
-    int64_t offset[HASH_MAX_LEVELS + 1];
-    float growth[4], base[4];
-    struct spin_tensor info;
-
-    SPIN_TRY(mlp_floats(torch, dict, name, ".embeddings", 2, shape, &info, &grid->table));
-    if (info.shape[1] != 1 && info.shape[1] != 2 && info.shape[1] != 4 && info.shape[1] != 8)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s.embeddings' has %llu features a row, expected 1, 2, 4 or 8",
-                         name, (unsigned long long)info.shape[1]);
-    grid->n_dims = n_dims;
-    grid->n_features = (int)info.shape[1];
-    SPIN_TRY(hash_load_offsets(torch, dict, name, info.shape[0], offset, &grid->n_levels));
-    SPIN_TRY(hash_load_axis(torch, dict, name, ".per_level_scale", n_dims, growth));
-    SPIN_TRY(hash_load_axis(torch, dict, name, ".base_resolution", n_dims, base));
-    for (int l = 0; l < grid->n_levels; l++) {
-        struct hash_level *level = &grid->level[l];
-
-        if (!spin_grid_stored_level(l, n_dims, growth, base, level->scale, level->res))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensors '%s.per_level_scale' and '.base_resolution' make no grid at "
-                             "level %d",
-                             name, l);
-        level->rows = (uint32_t)(offset[l + 1] - offset[l]);
-        level->hashed = spin_grid_is_hashed(level->res, level->rows);
-        level->table = grid->table + (size_t)offset[l] * (size_t)grid->n_features;
-    }
-    return SPIN_OK;
-}
+spin_status spin_hash_load_grid(struct spin_torch *torch, const struct spin_value *dict,
+                                const char *name, int n_dims, struct hash_grid *grid);
 
 /* The layers behind the encoder: grid_mlp.0, .2, ... and the heads; `width` is what goes in. */
-static inline spin_status hash_load_heads(struct spin_torch *torch, const struct spin_value *dict,
-                                          int width, int n_warp, struct hash_model *m)
-{
-    m->width = width;
-    for (m->depth = 0; m->depth < HASH_MAX_DEPTH; m->depth++) {
-        char key[40];
-
-        snprintf(key, sizeof key, "grid_mlp.%d", 2 * m->depth);
-        if (!mlp_has(dict, "", key))
-            break;
-        SPIN_TRY(mlp_load(torch, dict, "", key, width, width, &m->grid_mlp[m->depth]));
-    }
-    SPIN_TRY(mlp_load(torch, dict, "", "gaussian_warp", width, n_warp, &m->warp));
-    SPIN_TRY(mlp_load(torch, dict, "", "gaussian_rotation", width, 4, &m->rotation));
-    return mlp_load(torch, dict, "", "gaussian_scaling", width, 3, &m->scaling);
-}
+spin_status spin_hash_load_heads(struct spin_torch *torch, const struct spin_value *dict, int width,
+                                 int n_warp, struct hash_model *m);
 
 /* The pair (grid, network) that was saved; `key` is in the grid of this method only, `other_key`
  * in that of the `other`. */
@@ -315,170 +70,29 @@ struct hash_pair {
     const struct spin_value *grid, *network;
 };
 
-static inline spin_status hash_split(const struct spin_value *root, const char *key,
-                                     const char *other_key, const char *other,
-                                     struct hash_pair *out)
-{
-    out->grid = spin_value_at(root, 0);
-    out->network = spin_value_at(root, 1);
-    if (root && root->kind == SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "what was saved is one state dict, not a pair of a grid and a network: it "
-                         "looks like Deformable-3D-Gaussians");
-    if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
-        out->grid->kind != SPIN_VALUE_DICT || out->network->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "what was saved is not a pair of two state dicts, grid and network");
-    if (spin_value_get(out->grid, other_key))
-        return spin_fail(SPIN_E_UNSUPPORTED, "tensor '%s' says that this is a run of %s", other_key,
-                         other);
-    if (spin_value_get(out->network, key))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the pair is swapped: the network comes before the grid");
-    if (!spin_value_get(out->grid, key))
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", key);
-    return SPIN_OK;
-}
-
-/* ---- Evaluating ------------------------------------------------------------------------------ */
-
-/* One level at x in [0, 1]: features to out[0], out[MLP_BLOCK], ... n_dims and n_features are
- * constants where it is inlined. Positions have one rounding, as in the kernel. */
-MLP_INLINE void hash_sample_level(const struct hash_level *level, int n_dims, int n_features,
-                                  const float *x, float *out)
-{
-    float weight[4][2], sum[8] = {0};
-    uint32_t cell[4] = {0, 0, 0, 0};
-
-    for (int d = 0; d < n_dims; d++) {
-        float at = x[d] * level->scale[d];
-        float low = floorf(at);
-
-        cell[d] = (uint32_t)low;
-        weight[d][1] = spin_smoothstep(at - low);
-        weight[d][0] = 1.0f - weight[d][1];
-    }
-    for (int k = 0; k < 1 << n_dims; k++) {
-        uint32_t q[4] = {0, 0, 0, 0};
-        const float *row;
-        float w = 1.0f;
-
-        for (int d = 0; d < n_dims; d++) {
-            q[d] = cell[d] + (uint32_t)(k >> d & 1);
-            w *= weight[d][k >> d & 1];
-        }
-        row = level->table +
-              (size_t)spin_grid_row(q, level->res, level->rows, level->hashed) * (size_t)n_features;
-        for (int c = 0; c < n_features; c++)
-            sum[c] += w * row[c];
-    }
-    for (int c = 0; c < n_features; c++)
-        out[c * MLP_BLOCK] = sum[c];
-}
-
-MLP_INLINE void hash_sample_levels(const struct hash_grid *grid, int n_dims, int n_features,
-                                   const float *x, float *out)
-{
-    for (int l = 0; l < grid->n_levels; l++)
-        hash_sample_level(&grid->level[l], n_dims, n_features, x, out + l * n_features * MLP_BLOCK);
-}
+spin_status spin_hash_split(const struct spin_value *root, const char *key, const char *other_key,
+                            const char *other, struct hash_pair *out);
 
 /* All levels at x, into one column of a block [levels x features][MLP_BLOCK]. A point with any
  * coordinate outside [0, 1] has no features. */
-static inline void hash_sample(const struct hash_grid *grid, const float *x, float *out)
-{
-    for (int d = 0; d < grid->n_dims; d++) {
-        if (!(x[d] >= 0.0f && x[d] <= 1.0f)) {
-            for (int i = 0; i < grid->n_levels * grid->n_features; i++)
-                out[i * MLP_BLOCK] = 0;
-            return;
-        }
-    }
-    if (grid->n_dims == 3 && grid->n_features == 2)
-        hash_sample_levels(grid, 3, 2, x, out);
-    else if (grid->n_dims == 4 && grid->n_features == 2)
-        hash_sample_levels(grid, 4, 2, x, out);
-    else if (grid->n_dims == 3)
-        hash_sample_levels(grid, 3, grid->n_features, x, out);
-    else
-        hash_sample_levels(grid, 4, grid->n_features, x, out);
-}
+void spin_hash_sample(const struct hash_grid *grid, const float *x, float *out);
 
 /* Space and time as the encoders take them: [-bound, bound] to [0, 1], time to 0.05 .. 0.95. In
  * floats and in this order, as the method. */
-static inline void hash_coordinates(const struct hash_model *m, const float p[3], float time,
-                                    float out[4])
-{
-    float bound = (float)m->bound;
-
-    for (int d = 0; d < 3; d++)
-        out[d] = (p[d] * (float)m->scale_xyz[d] + bound) / (2 * bound);
-    out[3] = ((time * 2 * bound - bound) * 0.9f + bound) / (2 * bound);
-}
+void spin_hash_coordinates(const struct hash_model *m, const float p[3], float time, float out[4]);
 
 /* Scale and quaternion with their residuals, added after the activation and not normalised, as the
  * ellipsoid that the method's rasteriser makes of them. */
-static inline void hash_finish(const float log_scale[3], const float quat[4], const float *d_scale,
-                               const float *d_quat, float *out_log_scale, float *out_quat)
-{
-    double norm = 0, scale[3], q[4], cov6[6], log_scales[3], unit[4];
-
-    for (int i = 0; i < 4; i++)
-        norm += (double)quat[i] * quat[i];
-    norm = norm > 0 ? sqrt(norm) : 1;
-    for (int i = 0; i < 4; i++)
-        q[i] = quat[i] / norm + d_quat[i * MLP_BLOCK];
-    for (int i = 0; i < 3; i++)
-        scale[i] = exp(log_scale[i]) + d_scale[i * MLP_BLOCK];
-    spin_covariance_unnormalised(scale, q, cov6);
-    if (!spin_covariance_split(cov6, log_scales, unit)) {
-        for (int i = 0; i < 3; i++)
-            log_scales[i] = NAN;
-        for (int i = 0; i < 4; i++)
-            unit[i] = NAN;
-    }
-    for (int i = 0; out_log_scale && i < 3; i++)
-        out_log_scale[i] = (float)log_scales[i];
-    for (int i = 0; out_quat && i < 4; i++)
-        out_quat[i] = (float)unit[i];
-}
+void spin_hash_finish(const float log_scale[3], const float quat[4], const float *d_scale,
+                      const float *d_quat, float *out_log_scale, float *out_quat);
 
 /* What never moves: opacities and colours. */
-static inline void hash_copy_still(const struct hash_model *m, unsigned columns,
-                                   struct spin_splats *out)
-{
-    const struct spin_splats *from = &m->canonical;
-    size_t n_sh = 3 * (size_t)((from->sh_degree + 1) * (from->sh_degree + 1));
+void spin_hash_copy_still(const struct hash_model *m, unsigned columns, struct spin_splats *out);
 
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        memcpy(out->logit_opacities, from->logit_opacities, m->n * sizeof *out->logit_opacities);
-    if (columns & SPIN_COL_SH)
-        memcpy(out->sh, from->sh, n_sh * m->n * sizeof *out->sh);
-}
-
-static inline void hash_describe(struct hash_model *m, const char *method,
-                                 struct spin_sequence_info *sequence)
-{
-    sequence->n_frames = 1;
-    sequence->counts = &m->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
-    sequence->sh_degree = m->canonical.sh_degree;
-    sequence->continuous = true;
-    sequence->time_last = 1;
-    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians, bound %g, width %d",
-             method, m->n, m->bound, m->width);
-    model_folder_note(sequence,
-                      "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
-                      "most data sets, at i/n in some\n");
-}
+void spin_hash_describe(struct hash_model *m, const char *method,
+                        struct spin_sequence_info *sequence);
 
 /* Put the file's name in front of a failure that does not say it. */
-static inline spin_status hash_blame(spin_status status, const char *path)
-{
-    if (status == SPIN_OK || status == SPIN_E_USAGE || strstr(spin_last_error(), path))
-        return status;
-    return spin_fail_context(status, "cannot read '%s'", path);
-}
+spin_status spin_hash_blame(spin_status status, const char *path);
 
 #endif

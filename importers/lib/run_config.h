@@ -3,10 +3,6 @@
 #ifndef SPIN_IMPORTERS_LIB_RUN_CONFIG_H
 #define SPIN_IMPORTERS_LIB_RUN_CONFIG_H
 
-#include <math.h>
-#include <stdarg.h>
-
-#include "base/log.h"
 #include "importers/lib/cfg_args.h"
 
 struct run_config {
@@ -21,227 +17,23 @@ struct clip_times {
     bool guessed;
 };
 
-/* One more line of a track's notes; dropped when there is no more room. */
-__attribute__((unused, format(printf, 2, 3))) static void
-add_note(struct spin_sequence_info *sequence, const char *fmt, ...)
-{
-    size_t used = strlen(sequence->notes), room = sizeof sequence->notes - used;
-    va_list args;
-    int n;
-
-    va_start(args, fmt);
-    n = vsnprintf(sequence->notes + used, room, fmt, args);
-    va_end(args);
-    if (n < 0 || (size_t)n + 1 >= room)
-        sequence->notes[used] = '\0';
-    else
-        memcpy(sequence->notes + used + n, "\n", 2);
-}
-
-/* ---- YAML ------------------------------------------------------------------------------------ */
-
-/* The next line from *at on, without comment and spaces around it. */
-static inline bool yaml_line(const char **at, const char *end, struct cfg_span *line)
-{
-    const char *stop, *comment;
-
-    if (*at >= end)
-        return false;
-    stop = memchr(*at, '\n', (size_t)(end - *at));
-    stop = stop ? stop : end;
-    comment = memchr(*at, '#', (size_t)(stop - *at));
-    *line = cfg_trim((struct cfg_span){*at, comment ? comment : stop});
-    *at = stop + (stop < end);
-    return true;
-}
-
 /* The value of "key: value" at any depth: forks indent sections under one another (omg4.md, section
  * 1). *next is behind its line. */
-static inline struct cfg_span yaml_find(const struct run_config *s, const char *key,
-                                        const char **next)
-{
-    const char *at = (const char *)s->yaml.data, *end = at ? at + s->yaml.size : NULL;
-    struct cfg_span line;
-    size_t n = strlen(key);
+struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, const char **next);
 
-    while (at && yaml_line(&at, end, &line)) {
-        if ((size_t)(line.end - line.at) > n && memcmp(line.at, key, n) == 0 && line.at[n] == ':') {
-            *next = at;
-            return cfg_trim((struct cfg_span){line.at + n + 1, line.end});
-        }
-    }
-    return (struct cfg_span){NULL, NULL};
-}
+bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback);
 
-static inline bool yaml_bool(const struct run_config *s, const char *key, bool fallback)
-{
-    const char *next;
-    bool value = fallback;
-
-    return cfg_bool(yaml_find(s, key, &next), &value) ? value : fallback;
-}
-
-/* [a, b], or two lines "- a" and "- b". */
-static inline bool yaml_pair(const struct run_config *s, const char *key, double out[2])
-{
-    const char *next = NULL, *end = (const char *)s->yaml.data + s->yaml.size;
-    struct cfg_span value = yaml_find(s, key, &next), line;
-
-    if (!value.at)
-        return false;
-    if (value.at < value.end)
-        return *value.at == '[' && cfg_numbers(value, 2, out);
-    for (int i = 0; i < 2; i++) {
-        if (!yaml_line(&next, end, &line) || line.at == line.end || *line.at != '-' ||
-            !cfg_number(cfg_trim((struct cfg_span){line.at + 1, line.end}), &out[i]))
-            return false;
-    }
-    return true;
-}
-
-/* ---- Files ----------------------------------------------------------------------------------- */
-
-static inline void run_config_close(struct run_config *s)
-{
-    cfg_close(&s->cfg);
-    spin_map_close(&s->yaml);
-    free(s->yaml_path);
-    memset(s, 0, sizeof *s);
-}
-
-static inline spin_status run_config_open_yaml(struct run_config *s, const char *path)
-{
-    SPIN_TRY(spin_map_open(path, &s->yaml));
-    if (s->yaml.size > CFG_MAX_BYTES)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is too large for a training configuration", path);
-    return spin_strdup(path, &s->yaml_path);
-}
-
-/* The first *.yaml or *.yml of the folder that has `key`. Training leaves none there; users put a
- * copy. */
-static inline spin_status run_config_find_yaml(struct run_config *s, const char *folder,
-                                               const char *key)
-{
-    char **names = NULL;
-    size_t n = 0;
-    spin_status status;
-
-    SPIN_TRY(spin_folder_list(folder, &names, &n));
-    status = SPIN_OK;
-    for (size_t i = 0; i < n && !s->yaml_path && status == SPIN_OK; i++) {
-        const char *dot = strrchr(names[i], '.'), *next;
-        char *path = NULL;
-
-        if (!dot || (strcmp(dot, ".yaml") != 0 && strcmp(dot, ".yml") != 0))
-            continue;
-        status = spin_path_join(folder, names[i], &path);
-        if (status == SPIN_OK && !spin_path_is_folder(path))
-            status = run_config_open_yaml(s, path);
-        free(path);
-        if (s->yaml_path && !yaml_find(s, key, &next).at) {
-            spin_map_close(&s->yaml);
-            free(s->yaml_path);
-            s->yaml_path = NULL;
-        }
-    }
-    spin_folder_list_free(names);
-    return status;
-}
+void spin_run_config_close(struct run_config *s);
 
 /* cfg_args beside `file`, and the YAML that the user named (else one found there with `key`). */
-static inline spin_status run_config_open(const char *file, const char *config, const char *key,
-                                          struct run_config *s)
-{
-    char *folder = NULL, *path = NULL;
-    spin_status status;
+spin_status spin_run_config_open(const char *file, const char *config, const char *key,
+                                 struct run_config *s);
 
-    memset(s, 0, sizeof *s);
-    SPIN_TRY_OUT(spin_path_folder(file, &folder));
-    SPIN_TRY_OUT(spin_path_join(folder, "cfg_args", &path));
-    if (spin_path_exists(path))
-        SPIN_TRY_OUT(cfg_open(path, &s->cfg));
-    status = config ? run_config_open_yaml(s, config) : run_config_find_yaml(s, folder, key);
-out:
-    free(folder);
-    free(path);
-    return status;
-}
-
-/* ---- Times ----------------------------------------------------------------------------------- */
-
-static inline int compare_times(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
-/* The central 98% of the Gaussians' own times, narrowed about its middle and rounded. Methods
- * spread initial times beyond the clip: `spread` is how much wider than it. */
-static inline spin_status guess_times(const double *time, size_t n, double spread,
-                                      struct clip_times *out)
-{
-    void *block = NULL;
-    double *sorted, low, high, half, step;
-
-    SPIN_TRY(spin_alloc(n, sizeof *sorted, &block));
-    sorted = block;
-    memcpy(sorted, time, n * sizeof *sorted);
-    qsort(sorted, n, sizeof *sorted, compare_times);
-    low = sorted[(size_t)(0.01 * (double)(n - 1))];
-    high = sorted[(size_t)(0.99 * (double)(n - 1) + 0.5)];
-    free(block);
-    half = 0.5 * (high - low) / (spread > 1 ? 0.98 * spread : 1);
-    step = half > 0 ? pow(10, floor(log10(2 * half))) / 2 : 0;
-    out->first = 0.5 * (low + high) - half;
-    out->last = 0.5 * (low + high) + half;
-    if (step > 0) {
-        out->first = step * nearbyint(out->first / step) + 0.0;
-        out->last = step * nearbyint(out->last / step) + 0.0;
-    }
-    if (out->last <= out->first)
-        out->last = out->first + 1;
-    out->guessed = true;
-    return SPIN_OK;
-}
+int spin_compare_times(const void *a, const void *b);
 
 /* What the user says ("A,B"), else the YAML, else a guess that the notes tell. `time` are the
  * Gaussians' own, in the file's unit, which is the data set's divided by `ratio`. */
-static inline spin_status run_config_times(const struct run_config *s, const char *asked,
-                                           const double *time, size_t n, double ratio,
-                                           double spread, struct clip_times *out)
-{
-    double pair[2];
-
-    *out = (struct clip_times){0};
-    if (asked) {
-        char *end = NULL;
-
-        pair[0] = strtod(asked, &end);
-        if (end == asked || *end != ',')
-            return spin_fail(SPIN_E_USAGE, "the range of times is '%s', expected A,B", asked);
-        asked = end + 1;
-        pair[1] = strtod(asked, &end);
-        if (end == asked || *end != '\0' || !isfinite(pair[0]) || !(pair[1] > pair[0]) ||
-            !isfinite(pair[1]))
-            return spin_fail(SPIN_E_USAGE,
-                             "the range of times ends with '%s', expected A,B with "
-                             "A < B",
-                             asked);
-    } else if (s && yaml_pair(s, "time_duration", pair)) {
-        if (!isfinite(pair[0]) || !(pair[1] > pair[0]) || !isfinite(pair[1]))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': time_duration is [%g, %g], expected [a, b] with a < b",
-                             s->yaml_path, pair[0], pair[1]);
-    } else {
-        SPIN_TRY(guess_times(time, n, spread, out));
-        out->first *= ratio;
-        out->last *= ratio;
-        return SPIN_OK;
-    }
-    out->first = pair[0];
-    out->last = pair[1];
-    return SPIN_OK;
-}
+spin_status spin_run_config_times(const struct run_config *s, const char *asked, const double *time,
+                                  size_t n, double ratio, double spread, struct clip_times *out);
 
 #endif

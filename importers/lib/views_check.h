@@ -3,197 +3,39 @@
 #ifndef SPIN_IMPORTERS_LIB_VIEWS_CHECK_H
 #define SPIN_IMPORTERS_LIB_VIEWS_CHECK_H
 
-#include <limits.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
-#include "base/err.h"
-#include "io/file.h"
 #include "io/image.h"
 
-#define VIEWS_MAX_SIZE 65536 /* pixels along a side */
-/* How far a rotation may be from orthonormal: files with six digits pass. */
-#define VIEWS_ROTATION_TOLERANCE 1e-3
-
 /* The left 3 x 3 of a row-major [3][4] is a rotation, and everything in it is finite. */
-static inline spin_status views_check_pose(const double m[12], const char *what)
-{
-    double worst = 0, determinant;
-
-    for (int i = 0; i < 12; i++) {
-        if (!isfinite(m[i]))
-            return spin_fail(SPIN_E_MALFORMED, "%s has values that are not finite", what);
-    }
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
-            double dot =
-                m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
-
-            worst = fmax(worst, fabs(dot - (i == j)));
-        }
-    }
-    if (!(worst <= VIEWS_ROTATION_TOLERANCE))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the rotation in %s is not orthonormal: off by %.2g, allowed %g", what,
-                         worst, VIEWS_ROTATION_TOLERANCE);
-    determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-                  m[2] * (m[4] * m[9] - m[5] * m[8]);
-    if (determinant < 0)
-        return spin_fail(SPIN_E_MALFORMED, "the rotation in %s is a mirror: its determinant is -1",
-                         what);
-    return SPIN_OK;
-}
+spin_status spin_views_check_pose(const double m[12], const char *what);
 
 /* w2c of an OpenCV c2w: rotation transposed, translation -R^T t. */
-static inline void views_invert(const double c2w[12], double w2c[12])
-{
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            w2c[4 * i + j] = c2w[4 * j + i];
-        w2c[4 * i + 3] = -(c2w[i] * c2w[3] + c2w[4 + i] * c2w[7] + c2w[8 + i] * c2w[11]);
-    }
-}
+void spin_views_invert(const double c2w[12], double w2c[12]);
 
-static inline spin_status views_check_size(double width, double height)
-{
-    if (!(width >= 1 && width <= VIEWS_MAX_SIZE && width == floor(width)) ||
-        !(height >= 1 && height <= VIEWS_MAX_SIZE && height == floor(height)))
-        return spin_fail(SPIN_E_MALFORMED, "the image size is %g x %g, expected 1 to %d pixels",
-                         width, height, VIEWS_MAX_SIZE);
-    return SPIN_OK;
-}
+spin_status spin_views_check_size(double width, double height);
 
-static inline spin_status views_check_intrinsics(const struct spin_camera *c)
-{
-    if (!(c->fx > 0 && c->fy > 0 && isfinite(c->fx) && isfinite(c->fy)))
-        return spin_fail(SPIN_E_MALFORMED, "the focal lengths are %g, %g, expected both above 0",
-                         c->fx, c->fy);
-    if (!(c->cx >= 0 && c->cx <= c->width && c->cy >= 0 && c->cy <= c->height))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the principal point is %g, %g, outside the image of %d x %d", c->cx,
-                         c->cy, c->width, c->height);
-    return SPIN_OK;
-}
+spin_status spin_views_check_intrinsics(const struct spin_camera *c);
 
-/* Make the camera that of an image with other numbers of pixels but the same shape, to within one
- * per cent or the rounding of both sides. Focal lengths and centre go with the real ratio, without
- * a half-pixel shift: that is what the methods' readers do. */
-static inline spin_status views_fit(struct spin_camera *c, const char *path, int width, int height)
-{
-    double sx = (double)width / c->width, sy = (double)height / c->height;
-    double expected = (double)c->height * width / height;
-
-    if (fabs(c->width - expected) > fmax(0.01 * c->width, 0.5 + 0.5 * c->width / c->height))
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "image '%s' has %d x %d pixels, which is another shape than the camera's %d x %d", path,
-            width, height, c->width, c->height);
-    c->width = width;
-    c->height = height;
-    c->fx *= sx;
-    c->cx *= sx;
-    c->fy *= sy;
-    c->cy *= sy;
-    return SPIN_OK;
-}
-
-static inline spin_status views_fit_image(struct spin_camera *c, const char *path)
-{
-    int width, height, channels;
-
-    SPIN_TRY(spin_image_size(path, &width, &height, &channels));
-    return views_fit(c, path, width, height);
-}
+spin_status spin_views_fit_image(struct spin_camera *c, const char *path);
 
 /* Relative, and stays below its folder. */
-static inline bool views_is_safe_name(const char *name)
-{
-    if (name[0] == '\0' || name[0] == '/')
-        return false;
-    for (const char *part = name; part; part = strchr(part, '/')) {
-        part += *part == '/';
-        if (strncmp(part, "..", 2) == 0 && (part[2] == '/' || part[2] == '\0'))
-            return false;
-    }
-    return true;
-}
+bool spin_views_is_safe_name(const char *name);
 
 /* All images from view `first` on can be read. */
-static inline spin_status views_check_images(const struct spin_views *views, size_t first)
-{
-    const char *missing = NULL;
-    size_t n = 0;
-
-    for (size_t i = first; i < views->n; i++) {
-        if (access(views->view[i].path, R_OK) == 0)
-            continue;
-        if (n++ == 0)
-            missing = views->view[i].path;
-    }
-    if (n > 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "%zu of %zu images are missing, the first is '%s'", n,
-                         views->n - first, missing);
-    return SPIN_OK;
-}
+spin_status spin_views_check_images(const struct spin_views *views, size_t first);
 
 /* A number in the file's name as a frame number, or -1. */
-static inline int views_number(const char *path)
-{
-    long long number = spin_path_number(path);
-
-    return number <= INT_MAX ? (int)number : -1;
-}
+int spin_views_number(const char *path);
 
 /* A word of an option as a number. */
-static inline bool views_is_number(const char *text, double *out)
-{
-    char *end;
+bool spin_views_is_number(const char *text, double *out);
 
-    *out = strtod(text, &end);
-    return end != text && *end == '\0' && isfinite(*out);
-}
-
-static inline spin_status views_option_count(const struct spin_plugin_values *values,
-                                             const char *key, const char *fallback, int *out)
-{
-    const char *text = spin_plugin_value(values, key, fallback);
-    double value;
-
-    if (!views_is_number(text, &value) || value != floor(value) || fabs(value) > INT_MAX)
-        return spin_fail(SPIN_E_USAGE, "option '%s' is '%s', expected a whole number", key, text);
-    *out = (int)value;
-    return SPIN_OK;
-}
-
-static inline int views_by_int(const void *a, const void *b)
-{
-    int x = *(const int *)a, y = *(const int *)b;
-
-    return x < y ? -1 : x > y;
-}
+spin_status spin_views_option_count(const struct spin_plugin_values *values, const char *key,
+                                    const char *fallback, int *out);
 
 /* Sorts, drops what comes twice and returns how many are left. */
-static inline size_t views_unique(int *list, size_t n)
-{
-    size_t kept = 0;
-
-    if (n > 0)
-        qsort(list, n, sizeof *list, views_by_int);
-    for (size_t i = 0; i < n; i++) {
-        if (kept == 0 || list[kept - 1] != list[i])
-            list[kept++] = list[i];
-    }
-    return kept;
-}
+size_t spin_views_unique(int *list, size_t n);
 
 /* Place of a value in such a list, or -1. */
-static inline int views_place(const int *list, size_t n, int value)
-{
-    const int *found = n ? bsearch(&value, list, n, sizeof *list, views_by_int) : NULL;
-
-    return found ? (int)(found - list) : -1;
-}
+int spin_views_place(const int *list, size_t n, int value);
 
 #endif

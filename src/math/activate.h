@@ -4,6 +4,7 @@
 #define SPIN_MATH_ACTIVATE_H
 
 #include "math/approx.h"
+#include "math/quat.h"
 
 /* Truncated exponential: the clamp at 20 keeps the forward finite and does not cut the gradient. */
 SPIN_FN float spin_scale_of(float h) { return spin_exp(h > 20.0f ? 20.0f : h); }
@@ -17,11 +18,10 @@ SPIN_FN float spin_opacity_adj(float h, float d_opacity)
     return d_opacity * o * (1.0f - o);
 }
 
-/* 1 / max(|r|, 1e-12). In double: the squares of floats neither overflow nor vanish there. */
+/* 1 / max(|r|, 1e-12) */
 SPIN_FN double spin_rotation_factor(const float r[4])
 {
-    double norm =
-        sqrt((double)r[0] * r[0] + (double)r[1] * r[1] + (double)r[2] * r[2] + (double)r[3] * r[3]);
+    double norm = spin_quat_norm(r);
 
     return 1.0 / (norm > 1e-12 ? norm : 1e-12);
 }

@@ -69,6 +69,27 @@ SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], dou
     }
 }
 
+/* The covariance that the 3DGS rasteriser forms from a quaternion it takes to be of unit length
+ * when it is not: its R is then no rotation, and no pair of unit quaternion and same scales gives
+ * this ellipsoid. cov6: xx xy xz yy yz zz of (R S) (R S)^T. */
+SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[4], double cov6[6])
+{
+    double w = q[0], x = q[1], y = q[2], z = q[3];
+    double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+                   2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                   2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+    int at = 0;
+
+    for (int i = 0; i < 3; i++) {
+        for (int j = i; j < 3; j++) {
+            cov6[at] = 0;
+            for (int k = 0; k < 3; k++)
+                cov6[at] += r[3 * i + k] * scale[k] * scale[k] * r[3 * j + k];
+            at++;
+        }
+    }
+}
+
 /* Turn axes p and q so that a[p][q] becomes 0, and v with them (Golub and Van Loan, 8.5.2). */
 SPIN_FN void spin_jacobi_turn(double a[9], double v[9], int p, int q)
 {

@@ -85,13 +85,4 @@ SPIN_FN void spin_ntc_corners(const struct spin_ntc_level *l, const float x[3], 
     }
 }
 
-/* a * b of quaternions w, x, y, z. */
-SPIN_FN void spin_quat_product(const float a[4], const float b[4], float out[4])
-{
-    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
-}
-
 #endif

@@ -7,7 +7,7 @@
 
 #define SPIN_SH_MAX 16 /* basis functions of degree 3 */
 
-#define SPIN_SH_C0 0.28209479177387814f
+#define SPIN_SH_C0 0.28209479177387814
 #define SPIN_SH_C1 0.4886025119029199f
 #define SPIN_SH_C2A 1.0925484305920792f
 #define SPIN_SH_C2B 0.31539156525252005f
@@ -29,7 +29,7 @@ SPIN_FN void spin_sh_basis(int degree, spin_vec3 d, float *basis)
 
     for (int k = 0; k < SPIN_SH_MAX; k++)
         basis[k] = 0;
-    basis[0] = SPIN_SH_C0;
+    basis[0] = (float)SPIN_SH_C0;
     if (degree < 1)
         return;
     basis[1] = -SPIN_SH_C1 * y;

@@ -8,11 +8,11 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "math/sh.h"
 
 #define DARKEN 0.45f
 /* One pixel, and one more on each side for every so many pixels of width. */
 #define PIXELS_PER_RADIUS 900
-#define SH_C0 0.28209479177387814f
 
 struct canvas {
     int width, height;
@@ -31,7 +31,7 @@ static void colour_of(const struct spin_splats *s, size_t i, float rgb[3])
         if (s->rgb)
             rgb[c] = clamp01(s->rgb[3 * i + (size_t)c]);
         else if (s->sh)
-            rgb[c] = clamp01(0.5f + SH_C0 * s->sh[3 * side * side * i + (size_t)c]);
+            rgb[c] = clamp01(0.5f + (float)SPIN_SH_C0 * s->sh[3 * side * side * i + (size_t)c]);
         else
             rgb[c] = orange[c];
     }

@@ -13,13 +13,13 @@
 #include "scene/bundle.h"
 #include "math/activate.h"
 #include "math/rng.h"
+#include "math/sh.h"
 
 enum { STREAM_SPLIT = 32 }; /* of the random numbers, see math/rng.h */
 enum { KEEP, CLONE, SPLIT };
 
-static const double sh_c0 = 0.28209479177387814; /* the constant spherical harmonic */
-static const float start_logit = -2.1972246f;    /* opacity 0.1 */
-static const float log_shrink = 0.47000363f;     /* ln 1.6: a child's scale is its parent's / 1.6 */
+static const float start_logit = -2.1972246f; /* opacity 0.1 */
+static const float log_shrink = 0.47000363f;  /* ln 1.6: a child's scale is its parent's / 1.6 */
 
 _Static_assert(sizeof(struct spin_refine_row) == SPIN_REFINE_WIDTH * sizeof(float),
                "a row is nothing but its floats");
@@ -63,7 +63,7 @@ static void start_point(struct spin_refine_row *p, const float *pos_w, const flo
 
     for (int c = 0; c < 3; c++) {
         p->pos_w[c] = pos_w[c];
-        p->dc[c] = rgb ? (float)((rgb[c] - 0.5) / sh_c0) : 0;
+        p->dc[c] = rgb ? (float)((rgb[c] - 0.5) / SPIN_SH_C0) : 0;
         p->log_scale[c] = log_scale;
     }
     p->rotation[0] = 1;
@@ -105,7 +105,7 @@ spin_status spin_refine_init_from_colours(const struct spin_splats *s,
     SPIN_TRY(spin_alloc(3 * s->n + 1, sizeof(float), &block));
     rgb = block;
     for (size_t i = 0; i < 3 * s->n; i++)
-        rgb[i] = (float)(sh_c0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
+        rgb[i] = (float)(SPIN_SH_C0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
     status = spin_refine_init_from_points(NULL, s->n, s->means, rgb, out);
     free(block);
     return status;

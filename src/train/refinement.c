@@ -17,11 +17,11 @@
 #include "base/mem.h"
 #include "base/pool.h"
 #include "eval/metrics.h"
+#include "math/sh.h"
 #include "train/refine.h"
 #include "train/run.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-static const double sh_c0 = 0.28209479177387814; /* the constant spherical harmonic */
 
 static bool is_explicit(const struct spin_run *r) { return r->o->method == SPIN_METHOD_EXPLICIT; }
 
@@ -176,7 +176,7 @@ spin_status spin_run_refined(struct spin_run *r, int f, unsigned columns, struct
     SPIN_TRY(spin_splats_reserve(out, r->shelved.n, columns, 0));
     for (size_t i = 0; i < 3 * out->n; i++) {
         size_t width = spin_column_width(SPIN_COL_SH, r->shelved.sh_degree);
-        double c = sh_c0 * (double)r->shelved.sh[i / 3 * width + i % 3] + 0.5;
+        double c = SPIN_SH_C0 * (double)r->shelved.sh[i / 3 * width + i % 3] + 0.5;
 
         out->means[i] = r->shelved.means[i];
         out->rgb[i] = (float)fmin(fmax(c, 0), 1);

@@ -156,8 +156,8 @@ static void test_outputs(const char *folder, const char *config)
     }
     if (!spin_path_exists(path) || !last[0])
         return;
-    if (!ok(ntc_open_config(config, &shape) == SPIN_OK &&
-                ntc_open(path_in(folder, last), &shape, &network) == SPIN_OK &&
+    if (!ok(spin_ntc_open_config(config, &shape) == SPIN_OK &&
+                spin_ntc_open(path_in(folder, last), &shape, &network) == SPIN_OK &&
                 spin_npz_open(path, &npz) == SPIN_OK,
             "the last network is read")) {
         printf("#   %s\n", spin_last_error());
@@ -173,9 +173,9 @@ static void test_outputs(const char *folder, const char *config)
     for (size_t i = 0; i < n; i++) {
         float e[NTC_MAX_WIDTH];
 
-        ntc_encode(&network, points + 3 * i, e);
+        spin_ntc_encode(&network, points + 3 * i, e);
         memcpy(got_e + width * i, e, width * sizeof *e);
-        ntc_eval(&network, points + 3 * i, got_o + NTC_OUT * i);
+        spin_ntc_eval(&network, points + 3 * i, got_o + NTC_OUT * i);
     }
     check_rel_to_absmax(got_e, encoding, n * width, 2e-3, "the grid's features");
     check_rel_to_absmax(got_o, output, n * NTC_OUT, 4e-3, "the network's outputs");
@@ -184,7 +184,7 @@ static void test_outputs(const char *folder, const char *config)
     free(output);
     free(got_e);
     free(got_o);
-    ntc_free(&network);
+    spin_ntc_free(&network);
     spin_npz_close(&npz);
 }
 

@@ -12,12 +12,12 @@ n=0
 try() {
     how=$1
     if ! echo "#include \"$header\"" | $how -Werror $flags -; then
-        echo "headers: src/$header does not compile alone: $how"
+        echo "headers: $path does not compile alone: $how"
         failed=1
     fi
 }
 
-for path in $(find src -name '*.h' | sort); do
+for path in $(find src importers exporters -name '*.h' | sort); do
     header=${path#src/}
     n=$((n + 1))
     try "$CC -std=gnu11 -x c -DSPIN_CPU_PATH=base"

@@ -1,8 +1,8 @@
-/* deform: quaternion product and rotation agree, and the covariance of a quaternion that is not of
+/* quat: quaternion product and rotation agree, and the covariance of a quaternion that is not of
  * unit length is the rasteriser's.
  * K: math */
 #include "math/covariance.h"
-#include "math/deform.h"
+#include "math/quat.h"
 #include "tests/tap.h"
 
 /* q p q* / |q|^2 written out with the product. */

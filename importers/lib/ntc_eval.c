@@ -1,0 +1,345 @@
+/* Loading and evaluating the networks of 3DGStream. */
+#include "importers/lib/ntc_eval.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/json.h"
+#include "io/torch.h"
+#include "math/quat.h"
+
+/* ---- Configuration --------------------------------------------------------------------------- */
+
+void spin_ntc_default_shape(struct ntc_shape *s)
+{
+    memset(s, 0, sizeof *s);
+    s->n_levels = 16;
+    s->n_features = 4;
+    s->log2_entries = 15;
+    s->base = 16;
+    s->growth = 2.0f;
+    s->width = 64;
+    s->n_hidden = 2;
+}
+
+spin_status spin_ntc_layout(struct ntc_shape *s)
+{
+    size_t width = (size_t)s->width;
+    int n_in = s->n_levels > 0 ? s->n_levels * s->n_features : NTC_IN;
+
+    s->n_in = (n_in + 15) / 16 * 16;
+    s->n_parameters =
+        width * (size_t)s->n_in + (size_t)(s->n_hidden - 1) * width * width + 16 * width;
+    for (int l = 0; l < s->n_levels; l++) {
+        if (!spin_ntc_level(l, s->base, s->growth, s->log2_entries, &s->level[l]))
+            return spin_fail(SPIN_E_UNSUPPORTED, "level %d of the grid has no usable size", l);
+        s->level_at[l] = s->n_parameters;
+        s->n_parameters += (size_t)s->level[l].entries * (size_t)s->n_features;
+    }
+    return SPIN_OK;
+}
+
+static spin_status ntc_count(const spin_json *object, const char *key, int least, int most,
+                             int *out)
+{
+    double value;
+
+    if (!spin_json_number(spin_json_get(object, key), &value))
+        return spin_fail(SPIN_E_MALFORMED, "no number '%s'", key);
+    if (!(value >= least && value <= most && value == floor(value)))
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is %g, expected %d to %d", key, value, least,
+                         most);
+    *out = (int)value;
+    return SPIN_OK;
+}
+
+/* The text at key is one of two words; absent is fine when `needed` is not. */
+static spin_status ntc_word(const spin_json *object, const char *key, const char *word,
+                            const char *other, bool needed)
+{
+    const char *text = spin_json_string(spin_json_get(object, key));
+
+    if (!text && !needed)
+        return SPIN_OK;
+    if (!text)
+        return spin_fail(SPIN_E_MALFORMED, "no text '%s'", key);
+    if (strcmp(text, word) != 0 && strcmp(text, other) != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is '%s', expected %s", key, text, word);
+    return SPIN_OK;
+}
+
+static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
+{
+    const spin_json *grid = spin_json_get(root, "encoding"), *net = spin_json_get(root, "network");
+    double growth = 2;
+
+    if (!net)
+        return spin_fail(SPIN_E_MALFORMED, "no object 'network'");
+    SPIN_TRY(ntc_word(net, "otype", "FullyFusedMLP", "CutlassMLP", true));
+    SPIN_TRY(ntc_word(net, "activation", "ReLU", "ReLU", true));
+    SPIN_TRY(ntc_word(net, "output_activation", "None", "none", false));
+    SPIN_TRY(ntc_count(net, "n_neurons", 16, NTC_MAX_WIDTH, &s->width));
+    SPIN_TRY(ntc_count(net, "n_hidden_layers", 1, NTC_MAX_LAYERS, &s->n_hidden));
+    if (s->width % 16 != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'n_neurons' is %d, expected a multiple of 16",
+                         s->width);
+    if (!grid)
+        return SPIN_OK;
+    SPIN_TRY(ntc_word(grid, "otype", "HashGrid", "HashGrid", true));
+    SPIN_TRY(ntc_word(grid, "interpolation", "Linear", "linear", false));
+    SPIN_TRY(ntc_count(grid, "n_levels", 1, NTC_MAX_LEVELS, &s->n_levels));
+    SPIN_TRY(ntc_count(grid, "n_features_per_level", 1, 8, &s->n_features));
+    SPIN_TRY(ntc_count(grid, "log2_hashmap_size", 3, 24, &s->log2_entries));
+    SPIN_TRY(ntc_count(grid, "base_resolution", 1, 65536, &s->base));
+    if (spin_json_get(grid, "per_level_scale") &&
+        !spin_json_number(spin_json_get(grid, "per_level_scale"), &growth))
+        return spin_fail(SPIN_E_MALFORMED, "'per_level_scale' is not a number");
+    if (!(growth >= 1 && growth <= 64))
+        return spin_fail(SPIN_E_UNSUPPORTED, "'per_level_scale' is %g, expected 1 to 64", growth);
+    s->growth = (float)growth;
+    return SPIN_OK;
+}
+
+/* Blanks out // and # comments, which the upstream's parser allows; text in quotes stays. */
+static void ntc_strip_comments(char *text)
+{
+    bool quoted = false, comment = false;
+
+    for (; *text; text++) {
+        if (comment) {
+            comment = *text != '\n';
+        } else if (quoted) {
+            if (*text == '\\' && text[1])
+                text++;
+            else
+                quoted = *text != '"';
+            continue;
+        } else {
+            quoted = *text == '"';
+            comment = *text == '#' || (*text == '/' && text[1] == '/');
+        }
+        if (comment)
+            *text = ' ';
+    }
+}
+
+spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s)
+{
+    struct spin_map map = {0};
+    spin_json *root = NULL;
+    char *text = NULL;
+    spin_status status;
+
+    memset(s, 0, sizeof *s);
+    SPIN_TRY(spin_map_open(path, &map));
+    SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+    memcpy(text, map.data, map.size);
+    ntc_strip_comments(text);
+    SPIN_TRY_OUT(spin_json_parse(path, text, strlen(text), &root));
+    status = ntc_read_shape(root, s);
+    if (status == SPIN_OK)
+        status = spin_ntc_layout(s);
+    if (status != SPIN_OK)
+        status = spin_fail_context(status, "cannot read '%s'", path);
+out:
+    spin_json_free(root);
+    free(text);
+    spin_map_close(&map);
+    return status;
+}
+
+/* ---- Parameters ------------------------------------------------------------------------------ */
+
+void spin_ntc_free(struct ntc *n)
+{
+    free(n->parameters);
+    free(n->matrices);
+    memset(n, 0, sizeof *n);
+}
+
+static int ntc_layer_in(const struct ntc_shape *s, int layer)
+{
+    return layer == 0 ? s->n_in : s->width;
+}
+
+static int ntc_layer_out(const struct ntc_shape *s, int layer)
+{
+    return layer == s->n_hidden ? 16 : s->width;
+}
+
+/* The file has a row per output; a row per input lets the inner loop run over outputs. */
+static spin_status ntc_transpose(struct ntc *n)
+{
+    const struct ntc_shape *s = n->shape;
+    size_t total = s->n_levels > 0 ? s->level_at[0] : s->n_parameters, at = 0;
+
+    SPIN_TRY(spin_alloc(total, sizeof *n->matrices, (void **)&n->matrices));
+    for (int layer = 0; layer <= s->n_hidden; layer++) {
+        size_t n_in = (size_t)ntc_layer_in(s, layer), n_out = (size_t)ntc_layer_out(s, layer);
+
+        for (size_t o = 0; o < n_out; o++) {
+            for (size_t i = 0; i < n_in; i++)
+                n->matrices[at + i * n_out + o] = n->parameters[at + o * n_in + i];
+        }
+        at += n_in * n_out;
+    }
+    return SPIN_OK;
+}
+
+static spin_status ntc_read_bounds(struct spin_torch *torch, const char *key, float out[3])
+{
+    static const int64_t shape[1] = {3};
+    struct spin_tensor t;
+
+    SPIN_TRY(spin_torch_tensor_of(torch, spin_value_get(torch->root, key), key, 1, shape, &t));
+    spin_tensor_to_f32(&t, 0, 3, out);
+    for (int i = 0; i < 3; i++) {
+        if (!isfinite(out[i]))
+            return spin_fail(SPIN_E_MALFORMED, "tensor '%s' has values that are not finite", key);
+    }
+    return SPIN_OK;
+}
+
+static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct ntc *n)
+{
+    static const char *const keys[] = {"xyz_bound_min", "xyz_bound_max", "model.params"};
+    static const int64_t any[1] = {-1};
+    struct spin_tensor info;
+
+    for (int i = 0; i < 3; i++) {
+        if (!spin_value_get(torch->root, keys[i]))
+            return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", keys[i]);
+    }
+    SPIN_TRY(ntc_read_bounds(torch, keys[0], n->low));
+    SPIN_TRY(ntc_read_bounds(torch, keys[1], n->high));
+    for (int i = 0; i < 3; i++) {
+        if (!(n->low[i] < n->high[i]))
+            return spin_fail(SPIN_E_MALFORMED, "the box is empty along axis %d: %g to %g", i,
+                             (double)n->low[i], (double)n->high[i]);
+    }
+    SPIN_TRY(spin_torch_floats(torch, spin_value_get(torch->root, keys[2]), keys[2], 1, any, &info,
+                               &n->parameters));
+    if (info.count != n->shape->n_parameters)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor '%s' of '%s' has %llu numbers, but the configuration of the "
+                         "network implies %zu",
+                         keys[2], spin_path_name(path), (unsigned long long)info.count,
+                         n->shape->n_parameters);
+    for (size_t i = 0; i < n->shape->n_parameters; i++)
+        n->parameters[i] = spin_half(n->parameters[i]);
+    return ntc_transpose(n);
+}
+
+/* The method needs a PyTorch that writes zips; anything else is another program's. */
+static spin_status ntc_check_zip(const char *path)
+{
+    struct spin_map map;
+    bool is_zip;
+
+    SPIN_TRY(spin_map_open(path, &map));
+    is_zip = spin_zip_looks_like(map.data, map.size);
+    spin_map_close(&map);
+    if (!is_zip)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "'%s' is not a zip, as PyTorch writes it since version 1.6", path);
+    return SPIN_OK;
+}
+
+spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struct ntc *n)
+{
+    struct spin_torch torch;
+    spin_status status;
+
+    memset(n, 0, sizeof *n);
+    n->shape = shape;
+    SPIN_TRY(ntc_check_zip(path));
+    SPIN_TRY(spin_torch_open(path, &torch));
+    status = ntc_fill(path, &torch, n);
+    spin_torch_close(&torch);
+    if (status != SPIN_OK) {
+        spin_ntc_free(n);
+        if (!strstr(spin_last_error(), path))
+            status = spin_fail_context(status, "cannot read '%s'", path);
+    }
+    return status;
+}
+
+/* ---- Evaluation ------------------------------------------------------------------------------ */
+
+void spin_ntc_encode(const struct ntc *n, const float x[3], float *out)
+{
+    const struct ntc_shape *s = n->shape;
+    int used = s->n_levels > 0 ? s->n_levels * s->n_features : NTC_IN;
+
+    for (int i = 0; i < NTC_IN && s->n_levels == 0; i++)
+        out[i] = spin_half(x[i]);
+    for (int l = 0; l < s->n_levels; l++) {
+        const float *table = n->parameters + s->level_at[l];
+        float weight[8], sum[8] = {0};
+        uint32_t row[8];
+
+        spin_ntc_corners(&s->level[l], x, row, weight);
+        for (int c = 0; c < 8; c++) {
+            for (int f = 0; f < s->n_features; f++)
+                sum[f] += weight[c] * table[(size_t)row[c] * (size_t)s->n_features + (size_t)f];
+        }
+        for (int f = 0; f < s->n_features; f++)
+            out[l * s->n_features + f] = spin_half(sum[f]);
+    }
+    for (int i = used; i < s->n_in; i++)
+        out[i] = s->n_levels > 0 ? 0.0f : 1.0f;
+}
+
+void spin_ntc_eval(const struct ntc *n, const float x[3], float out[NTC_OUT])
+{
+    const struct ntc_shape *s = n->shape;
+    const float *matrix = n->matrices;
+    float in[NTC_MAX_WIDTH], sum[NTC_MAX_WIDTH];
+
+    spin_ntc_encode(n, x, in);
+    for (int layer = 0; layer <= s->n_hidden; layer++) {
+        int n_in = ntc_layer_in(s, layer), n_out = ntc_layer_out(s, layer);
+
+        for (int o = 0; o < n_out; o++)
+            sum[o] = 0;
+        for (int i = 0; i < n_in; i++) {
+            for (int o = 0; o < n_out; o++)
+                sum[o] += in[i] * matrix[o];
+            matrix += n_out;
+        }
+        for (int o = 0; o < n_out; o++)
+            in[o] = spin_half(layer < s->n_hidden && sum[o] < 0 ? 0.0f : sum[o]);
+    }
+    memcpy(out, in, NTC_OUT * sizeof *out);
+}
+
+/* Unit length; what has none is no rotation. */
+static void ntc_unit(float q[4])
+{
+    float norm = sqrtf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+
+    for (int i = 0; i < 4; i++)
+        q[i] = norm > 0 ? q[i] / norm : i == 0;
+}
+
+void spin_ntc_apply(const struct ntc *n, size_t count, float *means, float *quats)
+{
+    for (size_t k = 0; k < count; k++) {
+        float *mu = means + 3 * k, *q = quats + 4 * k, x[3], out[NTC_OUT], product[4];
+        bool inside = true;
+
+        for (int i = 0; i < 3; i++) {
+            x[i] = (mu[i] - n->low[i]) / (n->high[i] - n->low[i]);
+            inside = inside && x[i] >= 0 && x[i] <= 1;
+        }
+        ntc_unit(q);
+        if (!inside)
+            continue;
+        spin_ntc_eval(n, x, out);
+        for (int i = 0; i < 3; i++)
+            mu[i] += out[i];
+        ntc_unit(out + 3);
+        spin_quat_product(q, out + 3, product);
+        memcpy(q, product, sizeof product);
+    }
+}

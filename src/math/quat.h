@@ -1,0 +1,46 @@
+/* Quaternions w, x, y, z: length, unit length, product, rotation of a point. */
+#ifndef SPIN_MATH_QUAT_H
+#define SPIN_MATH_QUAT_H
+
+#include "math/portable.h"
+
+/* |q|. In double: the squares of floats neither overflow nor vanish there. */
+SPIN_FN double spin_quat_norm(const float q[4])
+{
+    return sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
+                (double)q[3] * q[3]);
+}
+
+/* q / |q| in place; the zero quaternion becomes the identity. */
+SPIN_FN void spin_quat_normalise(float q[4])
+{
+    double norm = spin_quat_norm(q);
+
+    for (int i = 0; i < 4; i++)
+        q[i] = norm > 0 ? (float)(q[i] / norm) : (float)(i == 0);
+}
+
+/* Hamilton product a b; out is neither of them. */
+SPIN_FN void spin_quat_product(const float a[4], const float b[4], float out[4])
+{
+    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+}
+
+/* Rotate p about the origin by a quaternion of any length but zero. */
+SPIN_FN void spin_quat_rotate(const float q[4], const float p[3], float out[3])
+{
+    float w = q[0], x = q[1], y = q[2], z = q[3];
+    float s = 2.0f / (w * w + x * x + y * y + z * z);
+
+    out[0] =
+        (1 - s * (y * y + z * z)) * p[0] + s * (x * y - z * w) * p[1] + s * (x * z + y * w) * p[2];
+    out[1] =
+        s * (x * y + z * w) * p[0] + (1 - s * (x * x + z * z)) * p[1] + s * (y * z - x * w) * p[2];
+    out[2] =
+        s * (x * z - y * w) * p[0] + s * (y * z + x * w) * p[1] + (1 - s * (x * x + y * y)) * p[2];
+}
+
+#endif
