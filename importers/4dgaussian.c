@@ -251,7 +251,7 @@ static spin_status open_network(const struct cfg_args *cfg, const struct spin_pl
 static void check_table(const char *save, size_t n, struct spin_sequence_info *sequence)
 {
     struct spin_torch torch;
-    struct spin_tensor table;
+    struct spin_array table;
     char *path = NULL;
 
     memset(&torch, 0, sizeof torch);

@@ -198,7 +198,7 @@ static spin_status read_labels(const struct tree *tree, const struct spin_value 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
 /* A numpy array or the inner torch tensor, of floating-point numbers, all there. */
-static const struct spin_tensor *as_array(const struct spin_value *v)
+static const struct spin_array *as_array(const struct spin_value *v)
 {
     if (!v || v->kind != SPIN_VALUE_TENSOR || (v->tensor.kind != 'f' && v->tensor.kind != 'B') ||
         (v->tensor.count > 0 && !v->tensor.data) || v->tensor.count > v->tensor.storage_count)
@@ -209,7 +209,7 @@ static const struct spin_tensor *as_array(const struct spin_value *v)
 /* [n][width], malloc'd; m->n is set by the first. */
 static spin_status load(struct model *m, const char *key, size_t width, float **out)
 {
-    const struct spin_tensor *t = as_array(spin_value_get(m->pickle.root, key));
+    const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
 
     if (!t || t->n_dims != 2 || t->shape[1] != width || (m->n && t->shape[0] != m->n))
         return spin_fail(SPIN_E_MALFORMED,
@@ -219,7 +219,7 @@ static spin_status load(struct model *m, const char *key, size_t width, float **
         return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
     m->n = (size_t)t->shape[0];
     SPIN_TRY(spin_alloc(m->n, width * sizeof **out, (void **)out));
-    spin_tensor_to_f32(t, 0, t->count, *out);
+    spin_array_to_f32(t, 0, t->count, *out);
     return SPIN_OK;
 }
 
@@ -238,7 +238,7 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
                              const struct spin_value *index, const struct spin_value *table,
                              size_t at, size_t width, float *out)
 {
-    const struct spin_tensor *book = as_array(code);
+    const struct spin_array *book = as_array(code);
     size_t length = (size_t)book->shape[1];
     struct tree tree = {0};
     float *values = NULL;
@@ -251,7 +251,7 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
     SPIN_TRY_OUT(spin_alloc(m->n, sizeof *labels, (void **)&labels));
     SPIN_TRY_OUT(read_labels(&tree, index, m->n, book->shape[0], labels));
     SPIN_TRY_OUT(spin_alloc((size_t)book->count, sizeof *values, (void **)&values));
-    spin_tensor_to_f32(book, 0, book->count, values);
+    spin_array_to_f32(book, 0, book->count, values);
     for (size_t i = 0; i < m->n; i++)
         memcpy(out + i * width + at, values + labels[i] * length, length * sizeof *out);
 out:
@@ -273,7 +273,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
                          "'%s_code', '%s_index' and '%s_htable' are not three lists of one length",
                          name, name, name);
     for (size_t i = 0; i < codes->n; i++) {
-        const struct spin_tensor *book = as_array(spin_value_at(codes, i));
+        const struct spin_array *book = as_array(spin_value_at(codes, i));
         spin_status status;
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
@@ -308,7 +308,7 @@ static int n_encoded(const struct model *m) { return 2 * OCTAVES * (m->moving ? 
 /* Two matrices in one row of numbers: [64][in], then [out][64]. */
 static spin_status load_net(struct model *m, int net)
 {
-    const struct spin_tensor *t = as_array(spin_value_get(m->pickle.root, nets[net].key));
+    const struct spin_array *t = as_array(spin_value_get(m->pickle.root, nets[net].key));
     int n_in = net == CONT ? n_encoded(m) : HEAD_IN;
     size_t first = (size_t)HIDDEN * (size_t)n_in, count = first + (size_t)HIDDEN * nets[net].n_out;
     struct mlp_linear *l = m->layer[net];
@@ -318,8 +318,8 @@ static spin_status load_net(struct model *m, int net)
                          count);
     SPIN_TRY(spin_alloc(first, sizeof(float), (void **)&l[0].weight));
     SPIN_TRY(spin_alloc(count - first, sizeof(float), (void **)&l[1].weight));
-    spin_tensor_to_f32(t, 0, first, l[0].weight);
-    spin_tensor_to_f32(t, first, count - first, l[1].weight);
+    spin_array_to_f32(t, 0, first, l[0].weight);
+    spin_array_to_f32(t, first, count - first, l[1].weight);
     for (size_t i = 0; i < count; i++) {
         float w = i < first ? l[0].weight[i] : l[1].weight[i - first];
 

@@ -36,7 +36,7 @@ struct model {
     struct run_config settings;
     struct parts parts;
     bool torch_open, rot_4d, older, stale;
-    struct spin_tensor dc, rest;
+    struct spin_array dc, rest;
     size_t n;             /* rows in the file */
     int rows;             /* of SH in the file */
     int degree, degree_t; /* active */
@@ -229,7 +229,7 @@ static bool is_stale(const struct parts *p)
 /* A tensor [n][width...] of floating-point numbers; n 0: any. Rows that repeat one another by a
  * stride of 0 would let a small file ask for any amount of memory. */
 static spin_status bind(struct model *m, const struct spin_value *v, const char *what, int n_dims,
-                        const int64_t *shape, struct spin_tensor *out)
+                        const int64_t *shape, struct spin_array *out)
 {
     SPIN_TRY(spin_torch_tensor_of(&m->torch, v, what, n_dims, shape, out));
     if (out->kind != 'f' && out->kind != 'B')
@@ -245,17 +245,17 @@ static spin_status load(struct model *m, const struct spin_value *v, const char 
                         float **out)
 {
     int64_t shape[2] = {(int64_t)m->n, width};
-    struct spin_tensor t;
+    struct spin_array t;
     void *block = NULL;
 
     SPIN_TRY(bind(m, v, what, 2, shape, &t));
     SPIN_TRY(spin_alloc(m->n, (size_t)width * sizeof **out, &block));
     *out = block;
-    spin_tensor_to_f32(&t, 0, t.count, *out);
+    spin_array_to_f32(&t, 0, t.count, *out);
     return SPIN_OK;
 }
 
-static void swap_axes(struct spin_tensor *t)
+static void swap_axes(struct spin_array *t)
 {
     uint64_t size = t->shape[1];
     int64_t stride = t->stride[1];
@@ -293,9 +293,9 @@ static void read_sh(struct model *m, size_t row)
 {
     uint64_t width = 3 * (uint64_t)(m->rows - 1);
 
-    spin_tensor_to_f32(&m->dc, 3 * row, 3, m->sh);
+    spin_array_to_f32(&m->dc, 3 * row, 3, m->sh);
     if (width > 0)
-        spin_tensor_to_f32(&m->rest, width * row, width, m->sh + 3);
+        spin_array_to_f32(&m->rest, width * row, width, m->sh + 3);
 }
 
 /* ---- Degrees --------------------------------------------------------------------------------- */
@@ -581,7 +581,7 @@ static spin_status read_flags(struct model *m)
 static spin_status count_rows(struct model *m)
 {
     int64_t shape[2] = {-1, 3};
-    struct spin_tensor t;
+    struct spin_array t;
 
     SPIN_TRY(bind(m, m->parts.xyz, "xyz", 2, shape, &t));
     if (t.shape[0] == 0)

@@ -30,7 +30,7 @@ struct model {
     struct run_config settings;
     const struct spin_value *tensors; /* the state dict */
     char prefix[256];                 /* of the names in it */
-    struct spin_tensor dc, rest;
+    struct spin_array dc, rest;
     size_t n, n_rest; /* rows in the file; SH rows behind the first */
     int degree;
     double step; /* of training; -1: not told */
@@ -107,7 +107,7 @@ static spin_status find_prefix(struct model *m)
 /* The tensor prefix + key with that shape, of floating-point numbers that are all there (a stride
  * of 0 would let a small file ask for any amount of memory). */
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
-                        struct spin_tensor *out)
+                        struct spin_array *out)
 {
     char name[300];
     const struct spin_value *v;
@@ -128,18 +128,18 @@ static spin_status bind(struct model *m, const char *key, int n_dims, const int6
 static spin_status load(struct model *m, const char *key, int width, float **out)
 {
     int64_t shape[2] = {(int64_t)m->n, width};
-    struct spin_tensor t;
+    struct spin_array t;
 
     SPIN_TRY(bind(m, key, 2, shape, &t));
     SPIN_TRY(spin_alloc(m->n, (size_t)width * sizeof **out, (void **)out));
-    spin_tensor_to_f32(&t, 0, t.count, *out);
+    spin_array_to_f32(&t, 0, t.count, *out);
     return SPIN_OK;
 }
 
 static spin_status count_rows(struct model *m)
 {
     int64_t shape[2] = {-1, 3};
-    struct spin_tensor t;
+    struct spin_array t;
 
     SPIN_TRY(bind(m, "xyz", 2, shape, &t));
     if (t.shape[0] == 0)
@@ -177,9 +177,9 @@ static size_t sh_width(const struct model *m)
 
 static void read_sh(const struct model *m, size_t row, float *out)
 {
-    spin_tensor_to_f32(&m->dc, 3 * row, 3, out);
+    spin_array_to_f32(&m->dc, 3 * row, 3, out);
     if (m->degree > 0)
-        spin_tensor_to_f32(&m->rest, 3 * m->n_rest * row, sh_width(m) - 3, out + 3);
+        spin_array_to_f32(&m->rest, 3 * m->n_rest * row, sh_width(m) - 3, out + 3);
 }
 
 /* ---- Shapes ---------------------------------------------------------------------------------- */

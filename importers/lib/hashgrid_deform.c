@@ -179,7 +179,7 @@ static spin_status hash_load_offsets(struct spin_torch *torch, const struct spin
 {
     const struct spin_value *v = spin_mlp_get(dict, name, ".offsets");
     static const int64_t shape[1] = {-1};
-    struct spin_tensor t;
+    struct spin_array t;
     char what[80];
 
     snprintf(what, sizeof what, "%s.offsets", name);
@@ -190,7 +190,7 @@ static spin_status hash_load_offsets(struct spin_torch *torch, const struct spin
         return spin_fail(SPIN_E_MALFORMED,
                          "tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
                          (unsigned long long)t.count, HASH_MAX_LEVELS + 1);
-    spin_tensor_to_i64(&t, 0, t.count, offset);
+    spin_array_to_i64(&t, 0, t.count, offset);
     *n_levels = (int)t.count - 1;
     if (offset[0] != 0)
         return spin_fail(SPIN_E_MALFORMED, "tensor '%s' begins with %lld, expected 0", what,
@@ -223,7 +223,7 @@ spin_status spin_hash_load_grid(struct spin_torch *torch, const struct spin_valu
     static const int64_t shape[2] = {-1, -1};
     int64_t offset[HASH_MAX_LEVELS + 1];
     float growth[4], base[4];
-    struct spin_tensor info;
+    struct spin_array info;
 
     SPIN_TRY(spin_mlp_floats(torch, dict, name, ".embeddings", 2, shape, &info, &grid->table));
     if (info.shape[1] != 1 && info.shape[1] != 2 && info.shape[1] != 4 && info.shape[1] != 8)

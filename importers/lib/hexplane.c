@@ -59,7 +59,7 @@ static spin_status hex_load_plane(struct spin_torch *torch, const struct spin_va
                                   const char *prefix, int scale, int p, struct hexplane *hex)
 {
     int64_t shape[4] = {1, hex->channels > 0 ? hex->channels : -1, -1, -1};
-    struct spin_tensor info;
+    struct spin_array info;
     char key[80];
 
     snprintf(key, sizeof key, "deformation_net.grid.grids.%d.%d", scale, p);

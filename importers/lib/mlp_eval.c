@@ -139,10 +139,10 @@ const struct spin_value *spin_mlp_get(const struct spin_value *dict, const char 
 
 spin_status spin_mlp_floats(struct spin_torch *torch, const struct spin_value *dict,
                             const char *prefix, const char *key, int n_dims, const int64_t *shape,
-                            struct spin_tensor *info, float **out)
+                            struct spin_array *info, float **out)
 {
     const struct spin_value *v = spin_mlp_get(dict, prefix, key);
-    struct spin_tensor unused;
+    struct spin_array unused;
     char name[200];
 
     snprintf(name, sizeof name, "%s%s", prefix, key);
@@ -164,7 +164,7 @@ spin_status spin_mlp_load(struct spin_torch *torch, const struct spin_value *dic
                           struct mlp_linear *out)
 {
     int64_t shape[2] = {n_out, n_in};
-    struct spin_tensor info;
+    struct spin_array info;
     char name[200];
 
     snprintf(name, sizeof name, "%s.weight", key);

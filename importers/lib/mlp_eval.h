@@ -55,7 +55,7 @@ const struct spin_value *spin_mlp_get(const struct spin_value *dict, const char 
 /* A tensor by name as floats; -1 in `shape` matches anything. */
 spin_status spin_mlp_floats(struct spin_torch *torch, const struct spin_value *dict,
                             const char *prefix, const char *key, int n_dims, const int64_t *shape,
-                            struct spin_tensor *info, float **out);
+                            struct spin_array *info, float **out);
 
 bool spin_mlp_has(const struct spin_value *dict, const char *prefix, const char *key);
 

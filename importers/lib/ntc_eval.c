@@ -189,10 +189,10 @@ static spin_status ntc_transpose(struct ntc *n)
 static spin_status ntc_read_bounds(struct spin_torch *torch, const char *key, float out[3])
 {
     static const int64_t shape[1] = {3};
-    struct spin_tensor t;
+    struct spin_array t;
 
     SPIN_TRY(spin_torch_tensor_of(torch, spin_value_get(torch->root, key), key, 1, shape, &t));
-    spin_tensor_to_f32(&t, 0, 3, out);
+    spin_array_to_f32(&t, 0, 3, out);
     for (int i = 0; i < 3; i++) {
         if (!isfinite(out[i]))
             return spin_fail(SPIN_E_MALFORMED, "tensor '%s' has values that are not finite", key);
@@ -204,7 +204,7 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
 {
     static const char *const keys[] = {"xyz_bound_min", "xyz_bound_max", "model.params"};
     static const int64_t any[1] = {-1};
-    struct spin_tensor info;
+    struct spin_array info;
 
     for (int i = 0; i < 3; i++) {
         if (!spin_value_get(torch->root, keys[i]))

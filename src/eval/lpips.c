@@ -64,7 +64,7 @@ struct spin_lpips {
 
 static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
 {
-    struct spin_tensor tensor;
+    struct spin_array tensor;
     const struct spin_value *v = spin_value_get(t->root, key);
 
     if (!v || v->kind != SPIN_VALUE_TENSOR)
@@ -118,7 +118,7 @@ static int lin_of(struct spin_torch *t)
 static spin_status take(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape,
                         float **out)
 {
-    struct spin_tensor info;
+    struct spin_array info;
     const struct spin_value *v = spin_value_get(t->root, key);
 
     if (!v)

@@ -23,7 +23,7 @@ struct text {
 };
 
 struct header {
-    bool has_descr, has_fortran, has_shape;
+    bool has_descr, has_fortran, has_shape, fortran;
 };
 
 static spin_status fail_header(const struct text *t)
@@ -183,8 +183,8 @@ static spin_status read_item(struct text *t, struct header *seen, struct spin_ar
         return read_descr(t, out);
     if (have == &seen->has_shape)
         return read_shape(t, out);
-    out->fortran = take_word(t, "True");
-    return out->fortran || take_word(t, "False") ? SPIN_OK : fail_header(t);
+    seen->fortran = take_word(t, "True");
+    return seen->fortran || take_word(t, "False") ? SPIN_OK : fail_header(t);
 }
 
 static spin_status read_dictionary(struct text *t, struct spin_array *out)
@@ -203,6 +203,7 @@ static spin_status read_dictionary(struct text *t, struct spin_array *out)
     skip_space(t);
     if (t->p != t->end || !seen.has_descr || !seen.has_fortran || !seen.has_shape)
         return fail_header(t);
+    spin_array_set_strides(out, seen.fortran);
     return SPIN_OK;
 }
 
@@ -267,201 +268,12 @@ spin_status spin_npy_parse(const char *what, const unsigned char *bytes, size_t 
     return parse_head(what, bytes, n_bytes, n_bytes, out);
 }
 
-void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text)
-{
-    size_t n = 0;
-
-    if (n_text == 0)
-        return;
-    text[0] = '\0';
-    for (int i = 0; i <= n_dims && n < n_text; i++) {
-        int more = i == n_dims ? snprintf(text + n, n_text - n, n_dims ? "]" : "[]")
-                               : snprintf(text + n, n_text - n, "%s%llu", i ? ", " : "[",
-                                          (unsigned long long)shape[i]);
-
-        n += (size_t)more;
-    }
-}
-
-/* ---- Values -------------------------------------------------------------------------------- */
-
-/* Bits of the item at p, as a number of its size. */
-static uint64_t item_bits(const struct spin_array *a, const unsigned char *p)
-{
-    uint64_t bits = 0;
-
-    for (int i = 0; i < a->item_size; i++)
-        bits |= (uint64_t)p[i] << 8 * (a->big_endian ? a->item_size - 1 - i : i);
-    return bits;
-}
-
-/* IEEE half precision: 1 sign, 5 exponent, 10 fraction bits. */
-static double half_value(uint64_t bits)
-{
-    int exponent = bits >> 10 & 31;
-    double fraction = (double)(bits & 1023);
-    double value;
-
-    if (exponent == 31)
-        value = fraction == 0 ? INFINITY : NAN;
-    else if (exponent == 0)
-        value = ldexp(fraction, -24);
-    else
-        value = ldexp(fraction + 1024, exponent - 25);
-    return bits & 0x8000 ? -value : value;
-}
-
-static double float_value(const struct spin_array *a, uint64_t bits)
-{
-    float f;
-    double d;
-    uint32_t bits32 = (uint32_t)bits;
-
-    if (a->item_size == 2)
-        return half_value(bits);
-    if (a->item_size == 4) {
-        memcpy(&f, &bits32, 4);
-        return f;
-    }
-    memcpy(&d, &bits, 8);
-    return d;
-}
-
-static int64_t signed_value(const struct spin_array *a, uint64_t bits)
-{
-    switch (a->item_size) {
-    case 1:
-        return (int8_t)bits;
-    case 2:
-        return (int16_t)bits;
-    case 4:
-        return (int32_t)bits;
-    default:
-        return (int64_t)bits;
-    }
-}
-
-static double item_f64(const struct spin_array *a, const unsigned char *p)
-{
-    uint64_t bits = item_bits(a, p);
-
-    if (a->kind == 'f')
-        return float_value(a, bits);
-    if (a->kind == 'i')
-        return (double)signed_value(a, bits);
-    return a->kind == 'b' ? (double)(bits != 0) : (double)bits;
-}
-
-/* Fractions are cut off; what does not fit becomes the nearest limit, NaN becomes 0. */
-static int64_t item_i64(const struct spin_array *a, const unsigned char *p)
-{
-    uint64_t bits = item_bits(a, p);
-
-    if (a->kind == 'f') {
-        double v = float_value(a, bits);
-
-        if (isnan(v))
-            return 0;
-        return v >= 0x1p63 ? INT64_MAX : v <= -0x1p63 ? INT64_MIN : (int64_t)v;
-    }
-    if (a->kind == 'i')
-        return signed_value(a, bits);
-    if (a->kind == 'b')
-        return bits != 0;
-    return bits > INT64_MAX ? INT64_MAX : (int64_t)bits;
-}
-
-/* Walks the items in C order from a flat index on: the address of each in turn. */
-struct walk {
-    const struct spin_array *a;
-    const unsigned char *p;
-    uint64_t index[SPIN_NPY_MAX_DIMS];
-    uint64_t step[SPIN_NPY_MAX_DIMS]; /* bytes from one index to the next */
-};
-
-static void walk_begin(struct walk *w, const struct spin_array *a, uint64_t first)
-{
-    uint64_t stride = (uint64_t)a->item_size, rest = first;
-
-    w->a = a;
-    w->p = a->data;
-    for (int k = 0; k < a->n_dims; k++) {
-        int i = a->fortran ? k : a->n_dims - 1 - k;
-
-        w->step[i] = stride;
-        stride *= a->shape[i];
-    }
-    for (int i = a->n_dims - 1; i >= 0; i--) {
-        w->index[i] = rest % a->shape[i];
-        rest /= a->shape[i];
-        w->p += w->index[i] * w->step[i];
-    }
-}
-
-static void walk_on(struct walk *w)
-{
-    if (!w->a->fortran) {
-        w->p += w->a->item_size;
-        return;
-    }
-    for (int i = w->a->n_dims - 1; i >= 0; i--) {
-        w->p += w->step[i];
-        if (++w->index[i] < w->a->shape[i])
-            return;
-        w->p -= w->step[i] * w->a->shape[i];
-        w->index[i] = 0;
-    }
-}
-
-static bool host_is_little(void)
-{
-    const uint16_t one = 1;
-
-    return *(const unsigned char *)&one == 1;
-}
-
-/* Items lie as this machine has them, one after the other in C order. */
-static bool is_native(const struct spin_array *a, char kind, int item_size)
-{
-    return a->kind == kind && a->item_size == item_size && a->big_endian != host_is_little() &&
-           (!a->fortran || a->n_dims < 2);
-}
-
-#define ARRAY_TO(name, type, kind, item)                                                           \
-    void name(const struct spin_array *a, uint64_t first, uint64_t count, type *out)               \
-    {                                                                                              \
-        struct walk w;                                                                             \
-                                                                                                   \
-        if (count == 0)                                                                            \
-            return;                                                                                \
-        if (is_native(a, kind, (int)sizeof *out)) {                                                \
-            memcpy(out, a->data + first * sizeof *out, (size_t)count * sizeof *out);               \
-            return;                                                                                \
-        }                                                                                          \
-        walk_begin(&w, a, first);                                                                  \
-        for (uint64_t i = 0; i < count; i++) {                                                     \
-            out[i] = (type)item(a, w.p);                                                           \
-            walk_on(&w);                                                                           \
-        }                                                                                          \
-    }
-
-ARRAY_TO(spin_array_to_f32, float, 'f', item_f64)
-ARRAY_TO(spin_array_to_f64, double, 'f', item_f64)
-ARRAY_TO(spin_array_to_i64, int64_t, 'i', item_i64)
-
-const float *spin_array_f32(const struct spin_array *a)
-{
-    if (!is_native(a, 'f', 4) || (uintptr_t)a->data % _Alignof(float) != 0)
-        return NULL;
-    return (const float *)(const void *)a->data;
-}
-
 void spin_npz_forget(const struct spin_npz *npz, const struct spin_array *a, uint64_t first,
                      uint64_t count)
 {
     size_t item = (size_t)a->item_size;
 
-    if (!a->fortran || a->n_dims < 2)
+    if (spin_array_is_contiguous(a))
         spin_map_forget(&npz->zip.map, a->data + first * item, (size_t)count * item);
 }
 

@@ -11,7 +11,7 @@
 #define SPIN_IO_PICKLE_H
 
 #include "base/mem.h"
-#include "io/npy.h"
+#include "io/array.h"
 
 enum spin_value_kind {
     SPIN_VALUE_NONE,
@@ -27,21 +27,6 @@ enum spin_value_kind {
     SPIN_VALUE_OBJECT  /* a whitelisted class: name in text; its state, if any, in item[0] */
 };
 
-/* A strided view of a storage. Elements are not touched until asked for. */
-struct spin_tensor {
-    char kind;     /* 'f' 'i' 'u' 'b', 'B' bfloat16 */
-    int item_size; /* bytes */
-    bool big_endian;
-    int n_dims;
-    uint64_t shape[SPIN_NPY_MAX_DIMS];
-    int64_t stride[SPIN_NPY_MAX_DIMS]; /* elements */
-    uint64_t offset;                   /* elements, of the first one */
-    uint64_t count;                    /* product of shape */
-    uint64_t storage_count;            /* elements in the storage */
-    const char *storage;               /* its key; NULL when the values are in `data` */
-    const unsigned char *data;         /* storage bytes once bound, else NULL */
-};
-
 struct spin_value {
     enum spin_value_kind kind;
     int64_t integer;          /* BOOL, INT */
@@ -49,13 +34,13 @@ struct spin_value {
     const char *text;         /* TEXT, BYTES, OBJECT: NUL-terminated after n bytes */
     size_t n;                 /* bytes of text, or items */
     struct spin_value **item; /* LIST, TUPLE, DICT (2 n pointers for n pairs), OBJECT */
-    struct spin_tensor tensor;
+    struct spin_array tensor;
 };
 
 /* A storage that tensors refer to by its key. */
 struct spin_storage {
     const char *key;
-    char kind;                 /* as in struct spin_tensor */
+    char kind;                 /* as in struct spin_array */
     int item_size;             /* bytes */
     uint64_t count;            /* elements */
     const unsigned char *data; /* set by spin_pickle_parse_legacy() only */
@@ -88,12 +73,5 @@ const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, s
 /* BOOL, INT, FLOAT, and tensors of one element. */
 bool spin_value_number(const struct spin_value *v, double *out);
 const char *spin_value_text(const struct spin_value *v);
-
-/* Copy elements [first, first + count) in row-major order of the shape. The storage must be bound;
- * bounds were checked when it was. */
-void spin_tensor_to_f32(const struct spin_tensor *t, uint64_t first, uint64_t count, float *out);
-void spin_tensor_to_i64(const struct spin_tensor *t, uint64_t first, uint64_t count, int64_t *out);
-/* In place: little-endian float32, contiguous, aligned; else NULL. */
-const float *spin_tensor_f32(const struct spin_tensor *t);
 
 #endif

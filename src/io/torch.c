@@ -12,6 +12,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
+#include "io/zip.h"
 
 /* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
@@ -319,7 +320,7 @@ void spin_torch_close(struct spin_torch *torch)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static spin_status bind(struct spin_torch *torch, struct spin_tensor *t)
+static spin_status bind(struct spin_torch *torch, struct spin_array *t)
 {
     const struct spin_storage *s = spin_pickle_storage(&torch->pickle, t->storage);
     struct spin_torch_file *f = torch->file;
@@ -340,7 +341,7 @@ static spin_status bind(struct spin_torch *torch, struct spin_tensor *t)
 }
 
 spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value *v,
-                              const char *what, struct spin_tensor *out)
+                              const char *what, struct spin_array *out)
 {
     const char *path = torch->file->path;
 
@@ -368,7 +369,7 @@ static void wanted_text(int n_dims, const int64_t *shape, char *text, size_t n_t
 
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
                                  const char *what, int n_dims, const int64_t *shape,
-                                 struct spin_tensor *out)
+                                 struct spin_array *out)
 {
     char got[160], wanted[160];
     bool fits;
@@ -387,9 +388,9 @@ spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_val
 
 spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, int n_dims, const int64_t *shape,
-                              struct spin_tensor *info, float **out)
+                              struct spin_array *info, float **out)
 {
-    struct spin_tensor local, *t = info ? info : &local;
+    struct spin_array local, *t = info ? info : &local;
     uint64_t bad = 0;
     size_t bytes;
 
@@ -404,7 +405,7 @@ spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value 
         return spin_fail(SPIN_E_MEMORY,
                          "cannot read '%s': not enough memory for the %llu numbers of '%s'",
                          torch->file->path, (unsigned long long)t->count, what);
-    spin_tensor_to_f32(t, 0, t->count, *out);
+    spin_array_to_f32(t, 0, t->count, *out);
     for (uint64_t i = 0; i < t->count; i++)
         bad += !isfinite((*out)[i]);
     if (bad == 0)

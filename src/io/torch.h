@@ -18,14 +18,14 @@ void spin_torch_close(struct spin_torch *torch);
 /* The tensor in `v`, its storage bound: bounds, strides, sizes checked against the bytes there. Stored
  * storages are used in place. Errors name `what`. `out` dies with the checkpoint. */
 spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value *v,
-                              const char *what, struct spin_tensor *out);
+                              const char *what, struct spin_array *out);
 /* The same and its shape must fit; -1 matches anything. */
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
                                  const char *what, int n_dims, const int64_t *shape,
-                                 struct spin_tensor *out);
+                                 struct spin_array *out);
 /* A whole tensor as floats, allocated with malloc; NaN and infinities are SPIN_E_MALFORMED. */
 spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, int n_dims, const int64_t *shape,
-                              struct spin_tensor *info, float **out);
+                              struct spin_array *info, float **out);
 
 #endif

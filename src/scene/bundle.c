@@ -281,7 +281,7 @@ static spin_status find_array(struct spin_bundle *b, const char *key, bool check
     SPIN_TRY(
         spin_npz_array_of(&b->npz, key, check_crc && m && m->size < CRC_LIMIT, n_dims, shape, out));
     if (out->kind != 'f' || out->item_size != 4 || out->big_endian ||
-        (out->fortran && out->n_dims > 1))
+        !spin_array_is_contiguous(out))
         return spin_fail(SPIN_E_MALFORMED,
                          "array '%s' is not of little-endian float32 in row-major order", key);
     return SPIN_OK;

@@ -8,7 +8,7 @@ static void read_tensor(struct spin_torch *torch, const struct spin_value *v)
 {
     float values[64];
     int64_t integers[64];
-    struct spin_tensor t;
+    struct spin_array t;
     uint64_t count, first;
     volatile float sum = 0;
     const float *in_place;
@@ -17,9 +17,9 @@ static void read_tensor(struct spin_torch *torch, const struct spin_value *v)
         return;
     count = t.count < 64 ? t.count : 64;
     first = t.count - count;
-    spin_tensor_to_f32(&t, first, count, values);
-    spin_tensor_to_i64(&t, 0, count, integers);
-    in_place = spin_tensor_f32(&t);
+    spin_array_to_f32(&t, first, count, values);
+    spin_array_to_i64(&t, 0, count, integers);
+    in_place = spin_array_f32(&t);
     if (in_place)
         sum += in_place[t.count - 1];
 }

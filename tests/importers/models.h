@@ -121,7 +121,7 @@ static inline void pth_load_dict(struct spin_torch *torch, const struct spin_val
     for (size_t i = 0; dict && i < dict->n; i++) {
         const char *name = spin_value_text(dict->item[2 * i]);
         struct pth_tensor *t = &pth->tensor[pth->n];
-        struct spin_tensor tensor;
+        struct spin_array tensor;
 
         if (pth->n == 160 ||
             spin_torch_tensor(torch, dict->item[2 * i + 1], name, &tensor) != SPIN_OK)
@@ -135,7 +135,7 @@ static inline void pth_load_dict(struct spin_torch *torch, const struct spin_val
         memcpy(t->shape, tensor.shape, sizeof t->shape);
         t->count = tensor.count;
         t->values = malloc((t->count + 1) * sizeof *t->values);
-        spin_tensor_to_f32(&tensor, 0, t->count, t->values);
+        spin_array_to_f32(&tensor, 0, t->count, t->values);
     }
 }
 

@@ -177,8 +177,8 @@ static void test_containers(void)
 
 static void test_tensors(void)
 {
-    const struct spin_tensor *t;
-    struct spin_tensor bound;
+    const struct spin_array *t;
+    struct spin_array bound;
     float values[6];
     static const float storage[6] = {0, 1, 2, 3, 4, 5};
 
@@ -195,12 +195,12 @@ static void test_tensors(void)
        "and its storage is listed");
     bound = *t;
     bound.data = (const unsigned char *)storage;
-    spin_tensor_to_f32(&bound, 0, 4, values);
+    spin_array_to_f32(&bound, 0, 4, values);
     ok(values[0] == 1 && values[1] == 3 && values[2] == 2 && values[3] == 4,
        "elements follow the strides");
-    spin_tensor_to_f32(&bound, 3, 1, values);
+    spin_array_to_f32(&bound, 3, 1, values);
     ok(values[0] == 4, "from any index on");
-    ok(!spin_tensor_f32(&bound), "and are not in place");
+    ok(!spin_array_f32(&bound), "and are not in place");
     ok(PARSE(TENSOR("FloatStorage", "\x02", "\x00", "K\x02K\x05", "K\x01K\x00")) == SPIN_OK &&
            pickle.root->tensor.count == 10,
        "a stride of 0 repeats");
@@ -253,12 +253,12 @@ static void test_arrays(void)
                    "C\x0c\x01\0\x02\0\x03\0\x04\0\x05\0\x06\0")) == SPIN_OK &&
            pickle.root->tensor.count == 6,
        "a numpy array");
-    spin_tensor_to_i64(&pickle.root->tensor, 0, 6, values);
+    spin_array_to_i64(&pickle.root->tensor, 0, 6, values);
     ok(values[0] == 1 && values[1] == 2 && values[5] == 6, "and its values");
     ok(PARSE(ARRAY("K\x02K\x03", DTYPE("i2", ">"), "\x88",
                    "C\x0c\0\x01\0\x02\0\x03\0\x04\0\x05\0\x06")) == SPIN_OK,
        "in Fortran's order and the other byte order");
-    spin_tensor_to_i64(&pickle.root->tensor, 0, 6, values);
+    spin_array_to_i64(&pickle.root->tensor, 0, 6, values);
     ok(values[0] == 1 && values[1] == 3 && values[2] == 5 && values[5] == 6, "and its values");
     REFUSES(ARRAY("K\x02K\x03", DTYPE("i2", "<"), "\x89", "C\x02\x01\0"), "", "an array cut short");
     REFUSES(ARRAY("K\x01", DTYPE("i2", "<"), "\x89", "C\x04\x01\0\x01\0"), "fit its bytes",
@@ -283,7 +283,7 @@ static void test_kinds(void)
 {
     static const unsigned char bf16[] = {0x80, 0x3f, 0x20, 0xc0};
     static const unsigned char half[] = {0x01, 0x00, 0x00, 0x7c, 0x00, 0x3c};
-    struct spin_tensor t = {
+    struct spin_array t = {
         .n_dims = 1, .shape = {2}, .stride = {1}, .count = 2, .storage_count = 2};
     float f[3];
     int64_t i[2];
@@ -291,16 +291,16 @@ static void test_kinds(void)
     t.kind = 'B';
     t.item_size = 2;
     t.data = bf16;
-    spin_tensor_to_f32(&t, 0, 2, f);
+    spin_array_to_f32(&t, 0, 2, f);
     ok(f[0] == 1 && f[1] == -2.5f, "bfloat16");
     t.kind = 'f';
     t.data = half;
     t.shape[0] = t.count = 3;
-    spin_tensor_to_f32(&t, 0, 3, f);
+    spin_array_to_f32(&t, 0, 3, f);
     ok(f[0] == 0x1p-24f && isinf(f[1]) && f[2] == 1,
        "half precision, with subnormals and infinity");
     t.shape[0] = t.count = 2;
-    spin_tensor_to_i64(&t, 1, 1, i);
+    spin_array_to_i64(&t, 1, 1, i);
     ok(i[0] == INT64_MAX, "infinity as an integer is the limit");
 }
 

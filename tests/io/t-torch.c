@@ -64,7 +64,7 @@ static void compare_tensor(struct spin_torch *torch, struct spin_npz *npz, const
 {
     const struct spin_value *v = follow(torch->root, key);
     const spin_json *strides = spin_json_get(meta, "stride");
-    struct spin_tensor t;
+    struct spin_array t;
     struct spin_array info;
     char flat[64], what[200];
     int64_t stride = 0;
@@ -89,17 +89,17 @@ static void compare_tensor(struct spin_torch *torch, struct spin_npz *npz, const
         ok(spin_json_integer(spin_json_at(strides, d), &stride) && t.stride[d] == stride,
            "%s: stride %zu", what, d);
     got = malloc(t.count * sizeof *got + 1);
-    spin_tensor_to_f32(&t, 0, t.count, got);
+    spin_array_to_f32(&t, 0, t.count, got);
     for (uint64_t i = 0; i < info.count; i++)
         want[i] = t.kind == 'B' ? widened(want[i]) : (double)(float)want[i];
     check_close(got, want, (size_t)t.count, 0, 0, what);
-    if (t.count > 0 && spin_tensor_f32(&t))
-        check_same_bits(spin_tensor_f32(&t), got, (size_t)t.count * sizeof *got,
+    if (t.count > 0 && spin_array_f32(&t))
+        check_same_bits(spin_array_f32(&t), got, (size_t)t.count * sizeof *got,
                         "the same in place");
     if (t.kind == 'i' && t.count > 0) {
         int64_t last = 0;
 
-        spin_tensor_to_i64(&t, t.count - 1, 1, &last);
+        spin_array_to_i64(&t, t.count - 1, 1, &last);
         ok((float)last == got[t.count - 1], "%s: as integers too", what);
     }
     free(got);
@@ -200,7 +200,7 @@ static void test_wanted(const char *folder)
 {
     const int64_t any[] = {-1, 3}, wrong[] = {7, 4}, flat[] = {-1};
     struct spin_torch torch;
-    struct spin_tensor t;
+    struct spin_array t;
     float *values = NULL;
 
     if (spin_torch_open(in(folder, "zip_torch113.pth"), &torch) != SPIN_OK)
@@ -236,7 +236,7 @@ static void test_wanted(const char *folder)
 /* ---- Files that lie -------------------------------------------------------------------------- */
 
 /* Opening, or binding the tensor that is its root, fails. */
-static spin_status read_root(const char *file, struct spin_tensor *t)
+static spin_status read_root(const char *file, struct spin_array *t)
 {
     struct spin_torch torch;
     spin_status status = spin_torch_open(file, &torch);
@@ -264,7 +264,7 @@ static void test_malformed(const char *folder)
                 {"numel_too_big.pth", "expected 2400"}};
     const spin_json *cases;
     spin_json *manifest = NULL;
-    struct spin_tensor t;
+    struct spin_array t;
     size_t before = spin_memory_peak();
 
     if (spin_json_load(in(folder, "manifest.json"), &manifest) != SPIN_OK)
@@ -290,14 +290,14 @@ static void test_malformed(const char *folder)
 static void test_big_endian(const char *folder)
 {
     struct spin_torch torch;
-    struct spin_tensor t;
+    struct spin_array t;
     float values[6];
 
     if (!ok(spin_torch_open(in(folder, "zip_big_endian.pth"), &torch) == SPIN_OK &&
                 spin_torch_tensor(&torch, torch.root, "it", &t) == SPIN_OK && t.count == 6,
             "a big-endian file is read"))
         return;
-    spin_tensor_to_f32(&t, 0, 6, values);
+    spin_array_to_f32(&t, 0, 6, values);
     for (int i = 0; i < 6; i++)
         near(values[i], i, 0, "its values are turned");
     spin_torch_close(&torch);
@@ -306,7 +306,7 @@ static void test_big_endian(const char *folder)
 static void test_truncations(const char *folder, const char *name)
 {
     struct spin_map map;
-    struct spin_tensor t;
+    struct spin_array t;
     int n_good = 0;
     size_t size;
 
@@ -403,14 +403,14 @@ static void test_untouched(void)
     const char *file = make_file("chkpnt", NULL, 16u << 20);
     size_t before = spin_memory_peak();
     struct spin_torch torch;
-    struct spin_tensor t;
+    struct spin_array t;
     double start = bytes_read();
 
     /* The peak counts mapped pages that were touched: the large storage is 64 MiB of them. */
     ok(spin_torch_open(file, &torch) == SPIN_OK &&
            spin_torch_tensor(&torch, spin_value_at(torch.root, 0), "it", &t) == SPIN_OK,
        "one tensor of a large file is read");
-    ok(t.data && (uintptr_t)t.data % 64 == 0 && spin_tensor_f32(&t), "in place");
+    ok(t.data && (uintptr_t)t.data % 64 == 0 && spin_array_f32(&t), "in place");
     near((double)((spin_memory_peak() - before) >> 20), 0, 8,
          "and the other's storage was not touched (MiB)");
     if (start < 0)
@@ -423,7 +423,7 @@ static void test_untouched(void)
 
 static void refuses(const char *file, const char *word, const char *what)
 {
-    struct spin_tensor t;
+    struct spin_array t;
     bool good = read_root(file, &t) != SPIN_OK && strstr(spin_last_error(), word) &&
                 strstr(spin_last_error(), file);
 
