@@ -54,7 +54,7 @@ ROOMS    := src/base src/io src/scene src/model src/render src/train src/eval sr
 LIB_C    := $(filter-out src/io/video%ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
-CMD_O    := $(B)/src/cmd/args.o
+CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin-%,$(wildcard src/cmd/*.c)))
 COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a

@@ -1,42 +1,16 @@
-/* The parser, the help text, exit codes and signals, and printing. See opt.h. */
+/* The parser of the command line, and exit codes. */
 #include "cmd/args.h"
 
 #include <errno.h>
 #include <limits.h>
 #include <math.h>
-#include <signal.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
-enum { HELP_COLUMN = 28, HELP_WIDTH = 84, MAX_PLUGINS = 128 };
+#include "cmd/signals.h"
 
-/* ---- Signals --------------------------------------------------------------------------------- */
-
-static volatile sig_atomic_t signal_seen;
-
-/* The first asks the work to stop and keep what it has; a second Ctrl-C means now. */
-static void on_signal(int number)
-{
-    if (number == SIGINT && signal_seen == SIGINT)
-        _exit(128 + number);
-    signal_seen = number;
-    spin_cancel();
-}
-
-/* SIGPIPE is ignored so that a reader who leaves does not end a long run half-way; the failed write
- * is reported by spin_args_finish(). */
-static void catch_signals(void)
-{
-    struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
-
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
-    signal(SIGXFSZ, SIG_IGN); /* the write fails instead, and says so */
-}
+enum { MAX_PLUGINS = 128 };
 
 /* ---- Messages and exit codes ----------------------------------------------------------------- */
 
@@ -69,7 +43,7 @@ int spin_args_fail(const struct spin_args_command *command, spin_status status)
     put_line(command->name, *error ? error : "failed without saying why", "");
     fflush(stdout);
     if (status == SPIN_E_CANCELLED)
-        return 128 + (signal_seen ? signal_seen : SIGINT);
+        return spin_signals_exit_code();
     return status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
 }
 
@@ -600,84 +574,6 @@ static int read_all(struct parser *p)
     return SPIN_EXIT_OK;
 }
 
-/* ---- Help ------------------------------------------------------------------------------------ */
-
-/* `left` in the first column, `help` wrapped in the second. */
-static void print_row(const char *left, const char *help)
-{
-    int column = printf("%s", left);
-
-    if (column > HELP_COLUMN - 2) {
-        putchar('\n');
-        column = 0;
-    }
-    while (*help) {
-        int room = HELP_WIDTH - HELP_COLUMN;
-        int length = (int)strlen(help);
-
-        if (length > room) {
-            length = room;
-            while (length > 0 && help[length] != ' ')
-                length--;
-            if (length == 0)
-                length = (int)strcspn(help, " ");
-        }
-        printf("%*s%.*s\n", HELP_COLUMN - column, "", length, help);
-        column = 0;
-        help += length;
-        help += strspn(help, " ");
-    }
-}
-
-static void print_option(const struct spin_args_row *row)
-{
-    char left[96], brief[8] = "    ";
-
-    if (row->short_name)
-        snprintf(brief, sizeof brief, "-%c, ", row->short_name);
-    snprintf(left, sizeof left, "  %s--%s%s%s", brief, row->name, row->arg ? " " : "",
-             row->arg ? row->arg : "");
-    print_row(left, row->help);
-}
-
-static void print_plugin_options(const struct spin_args_command *command,
-                                 const struct spin_args_plugin *plugin)
-{
-    printf("\nOptions of the %s '%s':\n", command->plugin_kind, plugin->name);
-    if (!plugin->options || !plugin->options->key)
-        printf("  none\n");
-    for (const struct spin_plugin_option *o = plugin->options; o && o->key; o++) {
-        char left[96], help[512];
-
-        snprintf(left, sizeof left, "      --%s%s%s", o->key, o->arg ? " " : "",
-                 o->arg ? o->arg : "");
-        snprintf(help, sizeof help, o->fallback ? "%s (%s)" : "%s", o->help, o->fallback);
-        print_row(left, help);
-    }
-}
-
-static void print_help(const struct parser *p)
-{
-    const struct spin_args_command *command = p->command;
-
-    printf("%s: %s\n\n", command->name, command->summary);
-    for (const char *const *line = command->usage; *line; line++)
-        printf("  %s\n", *line);
-    for (const struct spin_args_row *row = command->rows; !is_end(row); row++) {
-        if (row->name)
-            print_option(row);
-        else
-            printf("\n%s:\n", row->section);
-    }
-    for (size_t i = 0; i < p->n_plugins; i++)
-        if (p->chosen && !strcmp(p->chosen, p->plugin[i].name))
-            print_plugin_options(command, &p->plugin[i]);
-    if (command->plugin_kind && !p->chosen)
-        printf("\nAn %s can have options of its own: %s --%s NAME --help\n", command->plugin_kind,
-               command->name, command->plugin_selector);
-    printf("\nThe manual page has examples: man %s\n", command->name);
-}
-
 /* ---- The front door -------------------------------------------------------------------------- */
 
 static int check_chosen(const struct parser *p)
@@ -709,6 +605,14 @@ static int check_chosen(const struct parser *p)
                             p->command->plugin_kind, p->chosen);
 }
 
+static const struct spin_args_plugin *chosen_plugin(const struct parser *p)
+{
+    for (size_t i = 0; i < p->n_plugins; i++)
+        if (p->chosen && !strcmp(p->chosen, p->plugin[i].name))
+            return &p->plugin[i];
+    return NULL;
+}
+
 /* --help answers whatever else was typed, so it is looked for before mistakes are. */
 static bool asks_for_help(int argc, char **argv)
 {
@@ -734,7 +638,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     if (asks_for_help(argc, argv)) {
         *exit_code = check_chosen(&p);
         if (*exit_code == SPIN_EXIT_OK) {
-            print_help(&p);
+            spin_args_print_help(command, chosen_plugin(&p));
             *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
         }
         return false;
@@ -750,156 +654,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
         return false;
     }
     spin_set_verbosity(common->quiet ? -1 : common->verbose > 4 ? 4 : common->verbose);
-    catch_signals();
+    spin_signals_catch();
     spin_catch_cut_files(command->name);
     return true;
-}
-
-/* ---- Printing -------------------------------------------------------------------------------- */
-
-const char *spin_print_bytes(double bytes, char text[32])
-{
-    static const char *const unit[] = {"B", "KiB", "MiB", "GiB", "TiB", "PiB"};
-    int u = 0;
-
-    for (; bytes >= 1024 && u < 5; u++)
-        bytes /= 1024;
-    snprintf(text, 32, u ? "%.1f %s" : "%.0f %s", bytes, unit[u]);
-    return text;
-}
-
-const char *spin_print_seconds(double seconds, char text[32])
-{
-    if (!isfinite(seconds) || seconds < 0)
-        snprintf(text, 32, "unknown");
-    else if (seconds < 100)
-        snprintf(text, 32, "%.1f s", seconds);
-    else if (seconds < 5970)
-        snprintf(text, 32, "%.0f min", seconds / 60);
-    else if (seconds < 48 * 3600)
-        snprintf(text, 32, "%.0f h %02.0f min", floor(seconds / 3600),
-                 floor(fmod(seconds, 3600) / 60));
-    else
-        snprintf(text, 32, "%.1f days", fmin(seconds / 86400, 1e9));
-    return text;
-}
-
-static struct {
-    int depth;
-    bool first; /* nothing stands yet at this depth */
-} json = {0, true};
-
-static int utf8_length(const unsigned char *c)
-{
-    int n = *c < 0x80 ? 1 : *c >= 0xc2 && *c < 0xe0 ? 2 : *c >= 0xe0 && *c < 0xf0 ? 3 : 4;
-
-    if (*c >= 0x80 && (*c < 0xc2 || *c > 0xf4))
-        return 0;
-    for (int i = 1; i < n; i++)
-        if ((c[i] & 0xc0) != 0x80)
-            return 0;
-    /* over-long forms, surrogates and what lies beyond the last code point */
-    if ((*c == 0xe0 && c[1] < 0xa0) || (*c == 0xed && c[1] > 0x9f) || (*c == 0xf0 && c[1] < 0x90) ||
-        (*c == 0xf4 && c[1] > 0x8f))
-        return 0;
-    return n;
-}
-
-static void put_quoted(const char *text)
-{
-    const unsigned char *c = (const unsigned char *)text;
-
-    putchar('"');
-    while (*c) {
-        int n = utf8_length(c);
-
-        if (n == 0) {
-            fputs("\\ufffd", stdout);
-            c++;
-        } else if (*c < 0x20 || *c == 0x7f) {
-            printf("\\u%04x", (unsigned)*c++);
-        } else {
-            if (*c == '"' || *c == '\\')
-                putchar('\\');
-            fwrite(c, 1, (size_t)n, stdout);
-            c += n;
-        }
-    }
-    putchar('"');
-}
-
-static void put_key(const char *key)
-{
-    if (!json.first)
-        putchar(',');
-    if (json.depth)
-        printf("\n%*s", 2 * json.depth, "");
-    json.first = false;
-    if (key) {
-        put_quoted(key);
-        fputs(": ", stdout);
-    }
-}
-
-void spin_print_open(const char *key, char bracket)
-{
-    put_key(key);
-    putchar(bracket);
-    json.depth++;
-    json.first = true;
-}
-
-void spin_print_close(char bracket)
-{
-    json.depth--;
-    if (!json.first)
-        printf("\n%*s", 2 * json.depth, "");
-    putchar(bracket);
-    json.first = false;
-    if (json.depth == 0)
-        putchar('\n');
-}
-
-void spin_print_string(const char *key, const char *value)
-{
-    if (!value) {
-        spin_print_null(key);
-        return;
-    }
-    put_key(key);
-    put_quoted(value);
-}
-
-/* The shortest of the two usual precisions that reads back as the same number. */
-void spin_print_number(const char *key, double value)
-{
-    char text[40];
-
-    if (!isfinite(value)) {
-        spin_print_null(key);
-        return;
-    }
-    snprintf(text, sizeof text, "%.15g", value);
-    if (strtod(text, NULL) != value)
-        snprintf(text, sizeof text, "%.17g", value);
-    put_key(key);
-    fputs(text, stdout);
-}
-
-void spin_print_integer(const char *key, long long value)
-{
-    put_key(key);
-    printf("%lld", value);
-}
-
-void spin_print_bool(const char *key, bool value)
-{
-    put_key(key);
-    fputs(value ? "true" : "false", stdout);
-}
-
-void spin_print_null(const char *key)
-{
-    put_key(key);
-    fputs("null", stdout);
 }

@@ -1,6 +1,6 @@
 /* Options of the commands: one table row per option, from which come the parser, the --help text
  * and, by way of that text, the check that the manual page is complete (tests/lint/manual.sh).
- * Also here: exit codes, signals, and a writer of JSON, so that a command is parse, call, print.
+ * Also here: exit codes.
  *
  *     static struct spin_args_common common;
  *     static int size = 3;
@@ -133,6 +133,10 @@ struct spin_args_words {
 bool spin_args_parse(const struct spin_args_command *command, int argc, char **argv, int max_words,
                      struct spin_args_words *words, int *exit_code);
 
+/* The --help text; with the options of a plug-in, or NULL. */
+void spin_args_print_help(const struct spin_args_command *command,
+                          const struct spin_args_plugin *chosen);
+
 /* One line "name: message (try 'name --help')" on stderr; returns SPIN_EXIT_USAGE. */
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
@@ -142,22 +146,5 @@ int spin_args_fail(const struct spin_args_command *command, spin_status status);
 
 /* Flush stdout; returns code, or SPIN_EXIT_FAILED with a line when the output could not be written. */
 int spin_args_finish(const struct spin_args_command *command, int code);
-
-/* ---- Printing -------------------------------------------------------------------------------- */
-
-/* "12.3 MiB" into text. */
-const char *spin_print_bytes(double bytes, char text[32]);
-/* "2 h 36 min" into text. */
-const char *spin_print_seconds(double seconds, char text[32]);
-
-/* JSON to stdout. key NULL inside arrays and at the top. Numbers round trip; NaN and infinities become
- * null; strings are escaped and bytes that are not UTF-8 replaced. */
-void spin_print_open(const char *key, char bracket);        /* '{' or '[' */
-void spin_print_close(char bracket);                        /* '}' or ']' */
-void spin_print_string(const char *key, const char *value); /* NULL: null */
-void spin_print_number(const char *key, double value);
-void spin_print_integer(const char *key, long long value);
-void spin_print_bool(const char *key, bool value);
-void spin_print_null(const char *key);
 
 #endif

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cmd/print.h"
+
 static struct spin_eval_options options = {.image_scale = 1, .device = "auto"};
 static struct spin_args_common common;
 static struct spin_args_ints test_cameras;

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "cmd/print.h"
+
 static struct spin_export_options options = {.device = "auto"};
 static struct spin_args_common common;
 static bool wants_list;

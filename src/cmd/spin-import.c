@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "cmd/print.h"
+
 static struct spin_import_options options;
 static struct spin_args_common common;
 static struct spin_args_doubles times;

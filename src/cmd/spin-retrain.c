@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cmd/print.h"
+
 static struct spin_retrain_options options;
 static struct spin_args_common common;
 static struct spin_args_ints test_cameras;

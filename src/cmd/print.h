@@ -1,0 +1,22 @@
+/* Sizes, durations and JSON on stdout. */
+#ifndef SPIN_CMD_PRINT_H
+#define SPIN_CMD_PRINT_H
+
+#include <stdbool.h>
+
+/* "12.3 MiB" into text. */
+const char *spin_print_bytes(double bytes, char text[32]);
+/* "2 h 36 min" into text. */
+const char *spin_print_seconds(double seconds, char text[32]);
+
+/* JSON to stdout. key NULL inside arrays and at the top. Numbers round trip; NaN and infinities become
+ * null; strings are escaped and bytes that are not UTF-8 replaced. */
+void spin_print_open(const char *key, char bracket);        /* '{' or '[' */
+void spin_print_close(char bracket);                        /* '}' or ']' */
+void spin_print_string(const char *key, const char *value); /* NULL: null */
+void spin_print_number(const char *key, double value);
+void spin_print_integer(const char *key, long long value);
+void spin_print_bool(const char *key, bool value);
+void spin_print_null(const char *key);
+
+#endif
