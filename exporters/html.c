@@ -67,17 +67,6 @@ struct export
 
 /* ---- Which splats ------------------------------------------------------------------------------ */
 
-/* Falling exp(sum of log scales) * opacity: the float's bits in order, turned over. */
-static uint64_t size_key(const struct spin_splats *s, size_t i)
-{
-    const float *scale = s->log_scales + 3 * i;
-    float size = scale[0] + scale[1] + scale[2] +
-                 logf(fmaxf(spin_sigmoid(spin_splat_filter_logit(s->logit_opacities[i])), 1e-30f));
-    uint32_t bits = spin_bits_of_float(size);
-
-    return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
-}
-
 /* Mark the most visible of the kept rows. While the clip has the same splats in every frame the first
  * frame decides for all, so that none comes and goes. */
 static spin_status rank(struct export *x, struct version *v, const struct spin_splats *s)
@@ -88,9 +77,7 @@ static spin_status rank(struct export *x, struct version *v, const struct spin_s
     v->n_visible = s->n;
     memset(v->visible, 0, s->n);
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
-    for (size_t i = 0; i < x->order.n; i++)
-        x->order.item[i].key = size_key(s, x->order.item[i].row);
-    spin_sort_rows_sort(&x->order);
+    spin_sort_rows_by_size(&x->order, s);
     for (size_t i = 0; i < x->order.n && i < x->max_splats; i++)
         v->visible[x->order.item[i].row] = 1;
     return SPIN_OK;

@@ -66,17 +66,6 @@ static void read_row(const struct spin_quant_error_row *is, const unsigned char 
     spin_splat_filter_rotation(q, out->rotation);
 }
 
-/* Falling exp(sum of log scales) * opacity: the float's bits in order, turned over. */
-static uint64_t size_key(const struct spin_splats *s, size_t i)
-{
-    const float *scale = s->log_scales + 3 * i;
-    float size = scale[0] + scale[1] + scale[2] +
-                 logf(fmaxf(spin_sigmoid(spin_splat_filter_logit(s->logit_opacities[i])), 1e-30f));
-    uint32_t bits = spin_bits_of_float(size);
-
-    return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
-}
-
 /* ---- One file -------------------------------------------------------------------------------- */
 
 static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant_error *quant)
@@ -114,9 +103,7 @@ static spin_status write_ordered(struct export *x, struct spin_out *out)
 static spin_status order_rows(struct export *x)
 {
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
-    for (size_t i = 0; i < x->order.n; i++)
-        x->order.item[i].key = size_key(x->frames.rows.splats, x->order.item[i].row);
-    spin_sort_rows_sort(&x->order);
+    spin_sort_rows_by_size(&x->order, x->frames.rows.splats);
     return SPIN_OK;
 }
 

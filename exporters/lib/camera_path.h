@@ -13,16 +13,19 @@
             "whence to look: cameras of the data set, or one that moves around the scene",         \
             "camera"                                                                               \
     }
+
 #define SPIN_DRAWING_OPTION_PANELS                                                                 \
     {                                                                                              \
         "panels", "LIST", "side by side: truth (the data set's image), before, after", "after"     \
     }
+
 #define SPIN_DRAWING_OPTION_REPEAT                                                                 \
     {                                                                                              \
         "repeat", "N", "draw each frame N times while the camera moves on", "1"                    \
     }
 
 enum spin_camera_path_path { SPIN_PATH_CAMERA, SPIN_PATH_ORBIT, SPIN_PATH_SPIRAL };
+
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
 
 struct spin_camera_path {
@@ -46,278 +49,23 @@ struct spin_camera_path {
     const struct spin_splats *before; /* those of source that can be drawn */
 };
 
-/* ---- Options --------------------------------------------------------------------------------- */
-
-static inline int spin_camera_path_word(const char *text, size_t n, const char *const *words,
-                                        int n_words)
-{
-    for (int i = 0; i < n_words; i++)
-        if (strlen(words[i]) == n && strncmp(words[i], text, n) == 0)
-            return i;
-    return -1;
-}
-
-static inline spin_status spin_camera_path_parse_panels(struct spin_camera_path *d,
-                                                        const char *list)
-{
-    static const char *const words[] = {"truth", "before", "after"};
-
-    for (const char *at = list;; at++) {
-        size_t n = strcspn(at, ",");
-        int word = spin_camera_path_word(at, n, words, 3);
-
-        if (word < 0 || d->n_panels == 3)
-            return spin_fail(SPIN_E_USAGE,
-                             "--panels '%s': expected up to three of truth, before and after with "
-                             "commas between",
-                             list);
-        d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
-        if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
-            return spin_fail(SPIN_E_USAGE, "--panels truth: a moving camera has no images");
-        if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
-            return spin_fail(SPIN_E_NOT_FOUND, "--panels before: the bundle does not hold imported "
-                                               "and retrained splats both");
-        at += n;
-        if (!*at)
-            return SPIN_OK;
-    }
-}
-
 /* Zero d before. panels: what there is when the user does not say. */
-static inline spin_status spin_camera_path_begin(struct spin_camera_path *d,
-                                                 const struct spin_export_job *job,
-                                                 const char *panels)
-{
-    static const char *const paths[] = {"camera", "orbit", "spiral"};
-    const char *path = spin_plugin_value(job->values, "path", "camera");
-    const char *repeat = spin_plugin_value(job->values, "repeat", "1");
-    int word = spin_camera_path_word(path, strlen(path), paths, 3);
-    char *end;
-    long n = strtol(repeat, &end, 10);
+spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job,
+                                   const char *panels);
 
-    d->job = job;
-    d->source_frame = -1;
-    if (word < 0)
-        return spin_fail(SPIN_E_USAGE, "--path '%s': expected camera, orbit or spiral", path);
-    d->path = (enum spin_camera_path_path)word;
-    if (end == repeat || *end || n < 1 || n > 10000)
-        return spin_fail(SPIN_E_USAGE, "--repeat '%s': expected a whole number from 1 to 10000",
-                         repeat);
-    d->repeat = (int)n;
-    SPIN_TRY(spin_camera_path_parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
-    SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
-    d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
-    return SPIN_OK;
-}
-
-static inline void spin_camera_path_free(struct spin_camera_path *d)
-{
-    free(d->image);
-    free(d->wide);
-    spin_splats_free(&d->source);
-    spin_splats_free(&d->fit);
-    spin_splats_free(&d->source_fit);
-    spin_splat_filter_end(&d->rows);
-}
-
-/* ---- A camera that moves --------------------------------------------------------------------- */
-
-static inline void spin_camera_path_unit(double v[3])
-{
-    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-
-    for (int c = 0; c < 3; c++)
-        v[c] /= length + 1e-300;
-}
-
-static inline void spin_camera_path_cross(const double a[3], const double b[3], double out[3])
-{
-    for (int c = 0; c < 3; c++)
-        out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
-}
-
-/* Right, down and forward of a camera at eye that looks at target. */
-static inline void spin_camera_path_aim(const double eye[3], const double target[3],
-                                        const double up[3], double axis[3][3])
-{
-    for (int c = 0; c < 3; c++)
-        axis[2][c] = target[c] - eye[c];
-    spin_camera_path_unit(axis[2]);
-    spin_camera_path_cross(axis[2], up, axis[0]);
-    spin_camera_path_unit(axis[0]);
-    spin_camera_path_cross(axis[2], axis[0], axis[1]);
-}
-
-/* v turned about a unit axis (Rodrigues). */
-static inline void spin_camera_path_turn(const double v[3], const double axis[3], double angle,
-                                         double out[3])
-{
-    double across[3], along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
-
-    spin_camera_path_cross(axis, v, across);
-    for (int c = 0; c < 3; c++)
-        out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
-}
-
-/* Once around the scene; or three turns of a tenth of the distance beside the first view, forward and
- * back once. */
-static inline void spin_camera_path_eye(const struct spin_camera_path *d, double turn,
-                                        double eye[3])
-{
-    const double *from = d->look.eye, *to = d->look.target;
-    double away[3], axis[3][3], angle = 6.283185307179586 * turn, distance = 0;
-
-    for (int c = 0; c < 3; c++) {
-        away[c] = from[c] - to[c];
-        distance += away[c] * away[c];
-    }
-    distance = sqrt(distance);
-    if (d->path == SPIN_PATH_ORBIT) {
-        spin_camera_path_turn(away, d->look.up, angle, eye);
-        for (int c = 0; c < 3; c++)
-            eye[c] += to[c];
-        return;
-    }
-    spin_camera_path_aim(from, to, d->look.up, axis);
-    for (int c = 0; c < 3; c++)
-        eye[c] = from[c] + 0.1 * distance *
-                               (sin(3 * angle) * axis[0][c] +
-                                (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
-}
+void spin_camera_path_free(struct spin_camera_path *d);
 
 /* Picture j of a frame of a moving camera. The first frame's splats say where the scene is. */
-static inline spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int j,
-                                                  const struct spin_splats *splats,
-                                                  struct spin_camera *out)
-{
-    int row = d->job->dataset_frame_of ? d->job->dataset_frame_of[frame] : frame;
-    double middle[3], size, eye[3], axis[3][3];
-    double turn = (double)(frame * d->repeat + j) / (d->job->n_frames * d->repeat);
-
-    if (!d->looked) {
-        SPIN_TRY(spin_initial_view_middle(splats, middle, &size));
-        spin_initial_view_first(d->job->views, row, middle, size, &d->look);
-        d->lens =
-            (spin_initial_view_view(d->job->views, row) ? spin_initial_view_view(d->job->views, row)
-                                                        : &d->job->views->view[0])
-                ->camera;
-        d->looked = true;
-    }
-    spin_camera_path_eye(d, turn, eye);
-    spin_camera_path_aim(eye, d->look.target, d->look.up, axis);
-    *out = d->lens;
-    for (int r = 0; r < 3; r++) {
-        out->w2c[4 * r + 3] = 0;
-        for (int c = 0; c < 3; c++) {
-            out->w2c[4 * r + c] = axis[r][c];
-            out->w2c[4 * r + 3] -= axis[r][c] * eye[c];
-        }
-    }
-    return SPIN_OK;
-}
-
-/* ---- Splats ---------------------------------------------------------------------------------- */
-
-static inline void spin_camera_path_keep(const struct spin_splat_filter *rows, size_t width,
-                                         const float *from, float *to)
-{
-    for (size_t i = 0; i < rows->splats->n; i++) {
-        if (!rows->keep[i])
-            continue;
-        memcpy(to, from + i * width, width * sizeof *to);
-        to += width;
-    }
-}
-
-/* Those of a frame's splats that can be drawn, borrowed or in `room`; how many cannot, and why, is said
- * and counted as all exporters do it. */
-static inline spin_status spin_camera_path_choose(struct spin_camera_path *d,
-                                                  const struct spin_splats **splats,
-                                                  struct spin_splats *room)
-{
-    const struct spin_splats *s = *splats;
-    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
-
-    SPIN_TRY(spin_splat_filter_choose(&d->rows, s, d->number));
-    if (d->rows.n_kept == s->n)
-        return SPIN_OK;
-    SPIN_TRY(spin_splats_reserve(room, d->rows.n_kept, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                 s->sh_degree));
-    room->antialias = s->antialias;
-    spin_camera_path_keep(&d->rows, 3, s->means, room->means);
-    spin_camera_path_keep(&d->rows, 4, s->quats, room->quats);
-    spin_camera_path_keep(&d->rows, 3, s->log_scales, room->log_scales);
-    spin_camera_path_keep(&d->rows, 1, s->logit_opacities, room->logit_opacities);
-    spin_camera_path_keep(&d->rows, n_sh, s->sh, room->sh);
-    *splats = room;
-    return SPIN_OK;
-}
+spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int j,
+                                    const struct spin_splats *splats, struct spin_camera *out);
 
 /* Begin a frame: *splats become those to draw. */
-static inline spin_status spin_camera_path_frame(struct spin_camera_path *d,
-                                                 const struct spin_frame_info *info,
-                                                 const struct spin_splats **splats)
-{
-    d->number = info->number;
-    return spin_camera_path_choose(d, splats, &d->fit);
-}
-
-/* The frame as it was imported, into d->before. */
-static inline spin_status spin_camera_path_source(struct spin_camera_path *d, int frame)
-{
-    if (d->source_frame == frame)
-        return SPIN_OK;
-    d->source_frame = -1;
-    SPIN_TRY(d->job->source_frame(d->job->source_of, frame, &d->source));
-    d->before = &d->source;
-    SPIN_TRY(spin_camera_path_choose(d, &d->before, &d->source_fit));
-    d->source_frame = frame;
-    return SPIN_OK;
-}
-
-/* ---- Pictures -------------------------------------------------------------------------------- */
-
-static inline spin_status spin_camera_path_reserve(struct spin_camera_path *d, size_t n)
-{
-    if (n <= d->n_pixels)
-        return SPIN_OK;
-    d->n_pixels = 0;
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float), (void **)&d->image));
-    SPIN_TRY(spin_grow(n, 3 * sizeof(float) * (size_t)d->n_panels, (void **)&d->wide));
-    d->n_pixels = n;
-    return SPIN_OK;
-}
-
-static inline spin_status spin_camera_path_panel(struct spin_camera_path *d,
-                                                 enum spin_camera_path_panel panel, int frame,
-                                                 const struct spin_splats *splats,
-                                                 const struct spin_camera *camera,
-                                                 const char *truth)
-{
-    const struct spin_export_job *job = d->job;
-
-    if (panel == SPIN_PANEL_TRUTH)
-        return spin_image_load(truth, camera->width, camera->height, job->background, d->image);
-    if (panel == SPIN_PANEL_BEFORE)
-        SPIN_TRY(spin_camera_path_source(d, frame));
-    return spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? d->before : splats, camera,
-                       job->background, d->image);
-}
+spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin_frame_info *info,
+                                   const struct spin_splats **splats);
 
 /* The panels into d->wide. truth: the data set's image, or NULL where no panel shows it. */
-static inline spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
-                                                const struct spin_splats *splats,
-                                                const struct spin_camera *camera, const char *truth)
-{
-    size_t w = (size_t)camera->width, h = (size_t)camera->height, n = (size_t)d->n_panels;
-
-    SPIN_TRY(spin_camera_path_reserve(d, w * h));
-    for (size_t p = 0; p < n; p++) {
-        SPIN_TRY(spin_camera_path_panel(d, d->panel[p], frame, splats, camera, truth));
-        for (size_t row = 0; row < 3 * h; row++)
-            memcpy(d->wide + (row * n + p) * w, d->image + row * w, w * sizeof *d->image);
-    }
-    return SPIN_OK;
-}
+spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
+                                  const struct spin_splats *splats,
+                                  const struct spin_camera *camera, const char *truth);
 
 #endif

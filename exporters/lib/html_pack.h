@@ -30,163 +30,21 @@ struct spin_html_frame {
     uint8_t *narrow; /* [SPIN_HTML_NARROW + n_sh][n] */
 };
 
-static inline spin_status spin_html_reserve(struct spin_html_frame *f, size_t n, int n_sh)
-{
-    if (n > f->room) {
-        f->room = 0;
-        SPIN_TRY(spin_grow(n, SPIN_HTML_WIDE * sizeof *f->wide, (void **)&f->wide));
-        SPIN_TRY(spin_grow(n, (size_t)(SPIN_HTML_NARROW + n_sh), (void **)&f->narrow));
-        f->room = n;
-    }
-    f->n = n;
-    return SPIN_OK;
-}
+spin_status spin_html_reserve(struct spin_html_frame *f, size_t n, int n_sh);
 
-static inline void spin_html_free(struct spin_html_frame *f)
-{
-    free(f->wide);
-    free(f->narrow);
-    *f = (struct spin_html_frame){0};
-}
-
-/* ---- Values ---------------------------------------------------------------------------------- */
-
-static inline double spin_html_squash(double x) { return x / (1 + fabs(x)); }
-
-/* low..high to 0..steps, nearest, clamped. */
-static inline unsigned spin_html_step(double x, double low, double high, unsigned steps)
-{
-    double t = (x - low) / (high - low) * steps;
-
-    return (unsigned)(fmin(fmax(t, 0), steps) + 0.5);
-}
+void spin_html_free(struct spin_html_frame *f);
 
 /* Row i of the frame to write is this one. */
-static inline void spin_html_take(const struct spin_html_space *space,
-                                  const struct spin_quant_error_row *row, const float *sh, int n_sh,
-                                  struct spin_html_frame *f, size_t i)
-{
-    int largest = 0;
+void spin_html_take(const struct spin_html_space *space, const struct spin_quant_error_row *row,
+                    const float *sh, int n_sh, struct spin_html_frame *f, size_t i);
 
-    for (int c = 1; c < 4; c++)
-        if (fabsf(row->rotation[c]) > fabsf(row->rotation[largest]))
-            largest = c;
-    for (int c = 0; c < 3; c++) {
-        double u = spin_html_squash(((double)row->place[c] - space->centre[c]) / space->size);
-
-        f->wide[(size_t)c * f->n + i] = (uint16_t)(1 + spin_html_step(u, -1, 1, 65534));
-        f->wide[(size_t)(3 + c) * f->n + i] =
-            (uint16_t)spin_html_step((double)row->colour[c], -0.5, 1.5, 1023);
-        f->narrow[(size_t)c * f->n + i] =
-            (uint8_t)spin_html_step((double)row->log_scale[c] - log(space->size), -12, 2, 255);
-    }
-    for (int c = 0, k = 6; c < 4; c++) {
-        double v = row->rotation[largest] < 0 ? -row->rotation[c] : row->rotation[c];
-
-        if (c != largest)
-            f->wide[(size_t)k++ * f->n + i] =
-                (uint16_t)(1 + spin_html_step(v * 1.41421356237309505, -1, 1, 4094));
-    }
-    f->narrow[3 * f->n + i] = (uint8_t)spin_html_step((double)row->opacity, 0, 1, 255);
-    f->narrow[4 * f->n + i] = (uint8_t)largest;
-    for (int k = 0; k < n_sh; k++)
-        f->narrow[(size_t)(SPIN_HTML_NARROW + k) * f->n + i] =
-            (uint8_t)(2 + spin_html_step(spin_html_squash((double)sh[k]), -126 / 127.0, 126 / 127.0,
-                                         252));
-}
-
-/* ---- Packing --------------------------------------------------------------------------------- */
-
-/* Whether differences to the key are smaller, in sum, than distances to the mean. */
-static inline bool spin_html_wide_differs_less(const uint16_t *x, const uint16_t *key, size_t n)
-{
-    uint64_t sum = 0, spread = 0, differences = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += x[i];
-    for (size_t i = 0; i < n; i++) {
-        int64_t mean = (int64_t)(sum / n), d = (int16_t)(uint16_t)(x[i] - key[i]);
-
-        spread += (uint64_t)llabs(x[i] - mean);
-        differences += (uint64_t)llabs(d);
-    }
-    return 2 * differences < spread;
-}
-
-static inline bool spin_html_narrow_differs_less(const uint8_t *x, const uint8_t *key, size_t n)
-{
-    uint64_t sum = 0, spread = 0, differences = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += x[i];
-    for (size_t i = 0; i < n; i++) {
-        int mean = (int)(sum / n), d = (int8_t)(uint8_t)(x[i] - key[i]);
-
-        spread += (uint64_t)abs(x[i] - mean);
-        differences += (uint64_t)abs(d);
-    }
-    return 2 * differences < spread;
-}
-
-static inline size_t spin_html_packed_size(size_t n, int n_sh)
-{
-    size_t columns = (size_t)(SPIN_HTML_WIDE + SPIN_HTML_NARROW + n_sh);
-
-    return columns + n * (columns + SPIN_HTML_WIDE);
-}
+size_t spin_html_packed_size(size_t n, int n_sh);
 
 /* The block's bytes before gzip. key: a frame of as many rows, or NULL. */
-static inline void spin_html_pack(const struct spin_html_frame *f,
-                                  const struct spin_html_frame *key, int n_sh, uint8_t *out)
-{
-    size_t n = f->n, narrows = (size_t)(SPIN_HTML_NARROW + n_sh);
-    uint8_t *flag = out, *at = out + SPIN_HTML_WIDE + narrows;
-
-    for (size_t c = 0; c < SPIN_HTML_WIDE; c++, at += 2 * n) {
-        const uint16_t *x = f->wide + c * n, *base = key ? key->wide + c * n : NULL;
-
-        flag[c] = base && spin_html_wide_differs_less(x, base, n);
-        for (size_t i = 0; i < n; i++) {
-            uint16_t d = (uint16_t)(x[i] - (flag[c] ? base[i] : 0));
-
-            at[i] = (uint8_t)d;
-            at[n + i] = (uint8_t)(d >> 8);
-        }
-    }
-    flag += SPIN_HTML_WIDE;
-    for (size_t c = 0; c < narrows; c++, at += n) {
-        const uint8_t *x = f->narrow + c * n, *base = key ? key->narrow + c * n : NULL;
-
-        flag[c] = base && spin_html_narrow_differs_less(x, base, n);
-        for (size_t i = 0; i < n; i++)
-            at[i] = (uint8_t)(x[i] - (flag[c] ? base[i] : 0));
-    }
-}
-
-/* ---- Text ------------------------------------------------------------------------------------ */
+void spin_html_pack(const struct spin_html_frame *f, const struct spin_html_frame *key, int n_sh,
+                    uint8_t *out);
 
 /* n bytes as base64, without line ends. */
-static inline spin_status spin_html_base64(struct spin_out *out, const unsigned char *bytes,
-                                           size_t n)
-{
-    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    char text[4 * 1024];
-    size_t used = 0;
-
-    for (size_t i = 0; i < n; i += 3) {
-        uint32_t word = (uint32_t)bytes[i] << 16 | (i + 1 < n ? (uint32_t)bytes[i + 1] << 8 : 0) |
-                        (i + 2 < n ? bytes[i + 2] : 0);
-
-        text[used++] = digit[word >> 18];
-        text[used++] = digit[(word >> 12) & 63];
-        text[used++] = i + 1 < n ? digit[(word >> 6) & 63] : '=';
-        text[used++] = i + 2 < n ? digit[word & 63] : '=';
-        if (used == sizeof text || i + 3 >= n) {
-            SPIN_TRY(spin_out_write(out, text, used));
-            used = 0;
-        }
-    }
-    return SPIN_OK;
-}
+spin_status spin_html_base64(struct spin_out *out, const unsigned char *bytes, size_t n);
 
 #endif

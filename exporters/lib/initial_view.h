@@ -14,111 +14,18 @@ struct spin_initial_view {
     double fovy_deg, aspect;
 };
 
-static inline int spin_initial_view_by_value(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* The median place, and half of the extent that holds 90 % of the splats along the longest axis. */
-static inline spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3],
-                                                   double *size)
-{
-    float *value = NULL;
-
-    SPIN_TRY(spin_alloc(s->n + 1, sizeof *value, (void **)&value));
-    *size = 0;
-    for (int c = 0; c < 3; c++) {
-        size_t n = 0;
-
-        for (size_t i = 0; i < s->n; i++)
-            if (isfinite(s->means[3 * i + (size_t)c]))
-                value[n++] = s->means[3 * i + (size_t)c];
-        qsort(value, n, sizeof *value, spin_initial_view_by_value);
-        middle[c] = n ? (double)value[n / 2] : 0;
-        if (n)
-            *size = fmax(*size, 0.5 * ((double)value[n - 1 - n / 20] - (double)value[n / 20]));
-    }
-    free(value);
-    if (!(*size > 1e-12) || !isfinite(*size))
-        *size = 1;
-    return SPIN_OK;
-}
+spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size);
 
 /* Centre of a camera: -R^T t. */
-static inline void spin_initial_view_eye(const struct spin_camera *camera, double eye[3])
-{
-    const double *m = camera->w2c;
-
-    for (int c = 0; c < 3; c++)
-        eye[c] = -(m[c] * m[3] + m[4 + c] * m[7] + m[8 + c] * m[11]);
-}
+void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
 
 /* The view to begin with: a held-out one of this row before others. */
-static inline const struct spin_view *spin_initial_view_view(const struct spin_views *views,
-                                                             int row)
-{
-    const struct spin_view *best = NULL;
-
-    for (size_t i = 0; views && i < views->n; i++) {
-        const struct spin_view *v = &views->view[i];
-
-        if (row >= 0 && v->dataset_frame != row)
-            continue;
-        if (!best || (v->test && !best->test))
-            best = v;
-    }
-    return best;
-}
-
-/* Mean of the cameras' ups; false when they cancel. */
-static inline bool spin_initial_view_up(const struct spin_views *views, int row, double up[3])
-{
-    double length = 0;
-
-    for (int c = 0; c < 3; c++)
-        up[c] = 0;
-    for (size_t i = 0; i < views->n; i++)
-        for (int c = 0; c < 3; c++)
-            if (row < 0 || views->view[i].dataset_frame == row)
-                up[c] -= views->view[i].camera.w2c[4 + c];
-    for (int c = 0; c < 3; c++)
-        length += up[c] * up[c];
-    for (int c = 0; c < 3; c++)
-        up[c] /= sqrt(length) + 1e-300;
-    return length > 1e-6;
-}
+const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row);
 
 /* From the data set's camera, around the place on its axis that is nearest to the middle of the
  * scene; else from the front. The default up is that of a camera's world, y down. */
-static inline void spin_initial_view_first(const struct spin_views *views, int row,
-                                           const double middle[3], double size,
-                                           struct spin_initial_view *out)
-{
-    const struct spin_view *first = spin_initial_view_view(views, row);
-    double along = 0;
-
-    *out = (struct spin_initial_view){.up = {0, -1, 0}, .fovy_deg = 50, .aspect = 1.5};
-    if (!first) {
-        for (int c = 0; c < 3; c++)
-            out->eye[c] = out->target[c] = middle[c];
-        out->eye[2] -= 3 * size;
-        return;
-    }
-    if (!spin_initial_view_up(views, row, out->up)) {
-        for (int c = 0; c < 3; c++)
-            out->up[c] = -first->camera.w2c[4 + c];
-    }
-    spin_initial_view_eye(&first->camera, out->eye);
-    for (int c = 0; c < 3; c++)
-        along += first->camera.w2c[8 + c] * (middle[c] - out->eye[c]);
-    along = fmax(along, 0.1 * size);
-    for (int c = 0; c < 3; c++)
-        out->target[c] = out->eye[c] + along * first->camera.w2c[8 + c];
-    out->fovy_deg = 2 * atan(0.5 * first->camera.height / first->camera.fy) * 57.29577951308232;
-    out->aspect =
-        first->camera.width * first->camera.fy / (first->camera.height * first->camera.fx);
-}
+void spin_initial_view_first(const struct spin_views *views, int row, const double middle[3],
+                             double size, struct spin_initial_view *out);
 
 #endif

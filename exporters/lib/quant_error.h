@@ -6,8 +6,6 @@
 #include <math.h>
 
 #include "exporters/lib/splat_filter.h"
-#include "math/approx.h"
-#include "math/sh.h"
 
 enum spin_quant_error_part {
     SPIN_QUANT_PLACE,    /* world units */
@@ -31,31 +29,13 @@ struct spin_quant_error_row {
     float place[3], log_scale[3], rotation[4], opacity, colour[3];
 };
 
-static inline float spin_quant_error_opacity(const struct spin_splat_filter *rows, size_t i)
-{
-    return spin_sigmoid(spin_splat_filter_logit(rows->splats->logit_opacities[i]));
-}
+float spin_quant_error_opacity(const struct spin_splat_filter *rows, size_t i);
 
-static inline void spin_quant_error_colour(const struct spin_splat_filter *rows, size_t i,
-                                           float out[3])
-{
-    const struct spin_splats *s = rows->splats;
-    const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
-
-    for (int c = 0; c < 3; c++)
-        out[c] = 0.5f + (float)SPIN_SH_C0 * dc[c];
-}
+void spin_quant_error_colour(const struct spin_splat_filter *rows, size_t i, float out[3]);
 
 /* Row i of a frame, which is one that was chosen, as it is written. */
-static inline void spin_quant_error_take(const struct spin_splat_filter *rows, size_t i,
-                                         struct spin_quant_error_row *out)
-{
-    spin_splat_filter_place(rows, i, out->place);
-    memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);
-    spin_splat_filter_turned(rows, i, out->rotation);
-    out->opacity = spin_quant_error_opacity(rows, i);
-    spin_quant_error_colour(rows, i, out->colour);
-}
+void spin_quant_error_take(const struct spin_splat_filter *rows, size_t i,
+                           struct spin_quant_error_row *out);
 
 static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_quant_error_part part,
                                         double error)
@@ -68,98 +48,27 @@ static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_qu
 }
 
 /* n values at once: fast where there are many. */
-static inline void spin_quant_error_add_all(struct spin_quant_error *q,
-                                            enum spin_quant_error_part part, const float *error,
-                                            size_t n)
-{
-    float squares = 0, largest = 0;
+void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_part part,
+                              const float *error, size_t n);
 
-    for (size_t i = 0; i < n; i++) {
-        squares += error[i] * error[i];
-        largest = fabsf(error[i]) > largest ? fabsf(error[i]) : largest;
-    }
-    q->part[part].squares += (double)squares;
-    q->part[part].n += n;
-    q->part[part].largest = fmax(q->part[part].largest, (double)largest);
-}
-
-static inline double spin_quant_error_distance(const float *a, const float *b, int n)
-{
-    double sum = 0;
-
-    for (int i = 0; i < n; i++)
-        sum += ((double)a[i] - b[i]) * ((double)a[i] - b[i]);
-    return sqrt(sum);
-}
-
-static inline void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
-                                              const float shown[3])
-{
-    spin_quant_error_add(q, SPIN_QUANT_PLACE, spin_quant_error_distance(is, shown, 3));
-}
+void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
+                                const float shown[3]);
 
 /* Unit quaternions of one sign at distance d are turned against each other by 4 asin(d / 2). */
-static inline void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4],
-                                                 const float shown[4])
-{
-    double d = spin_quant_error_distance(is, shown, 4);
+void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4],
+                                   const float shown[4]);
 
-    d = d * d > 2 ? sqrt(fmax(4 - d * d, 0)) : d; /* q and -q are one rotation */
-    spin_quant_error_add(q, SPIN_QUANT_ROTATION,
-                         4 * asin(fmin(d / 2, 1)) * (180 / 3.14159265358979));
-}
+void spin_quant_error_add_3(struct spin_quant_error *q, enum spin_quant_error_part part,
+                            const float is[3], const float shown[3]);
 
-static inline void spin_quant_error_add_3(struct spin_quant_error *q,
-                                          enum spin_quant_error_part part, const float is[3],
-                                          const float shown[3])
-{
-    for (int c = 0; c < 3; c++)
-        spin_quant_error_add(q, part, (double)is[c] - shown[c]);
-}
+void spin_quant_error_row(struct spin_quant_error *q, const struct spin_quant_error_row *is,
+                          const struct spin_quant_error_row *shown);
 
-static inline void spin_quant_error_row(struct spin_quant_error *q,
-                                        const struct spin_quant_error_row *is,
-                                        const struct spin_quant_error_row *shown)
-{
-    spin_quant_error_add_place(q, is->place, shown->place);
-    spin_quant_error_add_rotation(q, is->rotation, shown->rotation);
-    spin_quant_error_add(q, SPIN_QUANT_OPACITY, (double)is->opacity - shown->opacity);
-    spin_quant_error_add_3(q, SPIN_QUANT_SCALE, is->log_scale, shown->log_scale);
-    spin_quant_error_add_3(q, SPIN_QUANT_COLOUR, is->colour, shown->colour);
-}
+void spin_quant_error_merge(struct spin_quant_error *to, const struct spin_quant_error *from);
 
-static inline void spin_quant_error_merge(struct spin_quant_error *to,
-                                          const struct spin_quant_error *from)
-{
-    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-        to->part[p].squares += from->part[p].squares;
-        to->part[p].n += from->part[p].n;
-        to->part[p].largest = fmax(to->part[p].largest, from->part[p].largest);
-    }
-}
-
-static inline double spin_quant_error_rms(const struct spin_quant_error *q,
-                                          enum spin_quant_error_part part)
-{
-    return q->part[part].n ? sqrt(q->part[part].squares / (double)q->part[part].n) : 0;
-}
+double spin_quant_error_rms(const struct spin_quant_error *q, enum spin_quant_error_part part);
 
 /* One line, root mean square and largest of each part. */
-static inline void spin_quant_error_say(const struct spin_quant_error *q, const char *format)
-{
-    double r[SPIN_QUANT_PARTS], m[SPIN_QUANT_PARTS];
-
-    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-        r[p] = spin_quant_error_rms(q, (enum spin_quant_error_part)p);
-        m[p] = q->part[p].largest;
-    }
-    if (q->part[SPIN_QUANT_PLACE].n == 0)
-        return;
-    spin_log(0,
-             "%s holds few bits; error, rms (largest): place %.3g (%.3g), log scale %.2g (%.2g), "
-             "rotation %.2g deg (%.2g deg), opacity %.2g (%.2g), colour %.2g (%.2g), "
-             "sh %.2g (%.2g)",
-             format, r[0], m[0], r[1], m[1], r[2], m[2], r[3], m[3], r[4], m[4], r[5], m[5]);
-}
+void spin_quant_error_say(const struct spin_quant_error *q, const char *format);
 
 #endif

@@ -226,6 +226,63 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
     return SPIN_OK;
 }
 
+/* ---- One row ---------------------------------------------------------------------------------- */
+
+void spin_splat_filter_rotation(const float q[4], float out[4])
+{
+    float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3], scale;
+    double wide = 0, sign = q[0] < 0 ? -1 : 1;
+
+    if (square > 1e-30f && square < 1e30f) {
+        scale = fabsf(square - 1.0f) <= 2e-7f ? 1.0f : 1.0f / sqrtf(square);
+        scale = q[0] < 0 ? -scale : scale;
+        for (int k = 0; k < 4; k++)
+            out[k] = q[k] * scale;
+        return;
+    }
+    for (int k = 0; k < 4; k++)
+        wide += (double)q[k] * q[k];
+    for (int k = 0; k < 4; k++)
+        out[k] = (float)(sign * q[k] / sqrt(wide));
+}
+
+void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3])
+{
+    const float *p = rows->splats->means + 3 * i;
+    spin_vec3 turned;
+
+    memcpy(out, p, 3 * sizeof *out);
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return;
+    turned = spin_scene_rotation_place(&rows->turn, spin_v3(p[0], p[1], p[2]));
+    out[0] = turned.x;
+    out[1] = turned.y;
+    out[2] = turned.z;
+}
+
+void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4])
+{
+    float q[4];
+
+    spin_splat_filter_rotation(rows->splats->quats + 4 * i, out);
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return;
+    spin_scene_rotation_quat(&rows->turn, out, q);
+    for (int k = 0; k < 4; k++)
+        out[k] = q[0] < 0 ? -q[k] : q[k];
+}
+
+const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room)
+{
+    const struct spin_splats *s = rows->splats;
+    const float *sh = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    if (rows->turn.kind == SPIN_TURN_NONE)
+        return sh;
+    spin_scene_rotation_sh(&rows->turn, spin_splat_filter_n_sh(rows), sh, room);
+    return room;
+}
+
 /* ---- Options --------------------------------------------------------------------------------- */
 
 spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out)

@@ -102,52 +102,11 @@ static inline float spin_splat_filter_logit(float logit)
 }
 
 /* Unit length, w >= 0. A quaternion that already is of unit length keeps its bits. */
-static inline void spin_splat_filter_rotation(const float q[4], float out[4])
-{
-    float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3], scale;
-    double wide = 0, sign = q[0] < 0 ? -1 : 1;
+void spin_splat_filter_rotation(const float q[4], float out[4]);
 
-    if (square > 1e-30f && square < 1e30f) {
-        scale = fabsf(square - 1.0f) <= 2e-7f ? 1.0f : 1.0f / sqrtf(square);
-        scale = q[0] < 0 ? -scale : scale;
-        for (int k = 0; k < 4; k++)
-            out[k] = q[k] * scale;
-        return;
-    }
-    for (int k = 0; k < 4; k++)
-        wide += (double)q[k] * q[k];
-    for (int k = 0; k < 4; k++)
-        out[k] = (float)(sign * q[k] / sqrt(wide));
-}
-
-static inline void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i,
-                                           float out[3])
-{
-    const float *p = rows->splats->means + 3 * i;
-    spin_vec3 turned;
-
-    memcpy(out, p, 3 * sizeof *out);
-    if (rows->turn.kind == SPIN_TURN_NONE)
-        return;
-    turned = spin_scene_rotation_place(&rows->turn, spin_v3(p[0], p[1], p[2]));
-    out[0] = turned.x;
-    out[1] = turned.y;
-    out[2] = turned.z;
-}
-
-static inline void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i,
-                                            float out[4])
-{
-    float q[4];
-
-    spin_splat_filter_rotation(rows->splats->quats + 4 * i, out);
-    if (rows->turn.kind == SPIN_TURN_NONE)
-        return;
-    spin_scene_rotation_quat(&rows->turn, out, q);
-    for (int k = 0; k < 4; k++)
-        out[k] = q[0] < 0 ? -q[k] : q[k];
-}
-
+/* Turned to the axes of the file. */
+void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3]);
+void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4]);
 /* Coefficients of a row that there are and that are wanted. */
 static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 {
@@ -157,18 +116,7 @@ static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 }
 
 /* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
-static inline const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i,
-                                                float *room)
-{
-    const struct spin_splats *s = rows->splats;
-    const float *sh = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
-
-    if (rows->turn.kind == SPIN_TURN_NONE)
-        return sh;
-    spin_scene_rotation_sh(&rows->turn, spin_splat_filter_n_sh(rows), sh, room);
-    return room;
-}
-
+const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);
 /* Words of 4 bytes as the files want them. So is every machine this was built on; others swap. */
 static inline void spin_splat_filter_little_endian(void *words, size_t n)
 {

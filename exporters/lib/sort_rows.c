@@ -1,0 +1,68 @@
+#include "exporters/lib/sort_rows.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/mem.h"
+#include "math/approx.h"
+
+spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows)
+{
+    if (rows->n_kept > order->room) {
+        SPIN_TRY(spin_grow(rows->n_kept, sizeof *order->item, (void **)&order->item));
+        SPIN_TRY(spin_grow(rows->n_kept, sizeof *order->spare, (void **)&order->spare));
+        order->room = rows->n_kept;
+    }
+    order->n = 0;
+    for (size_t i = 0; i < rows->splats->n; i++)
+        if (rows->keep[i])
+            order->item[order->n++] = (struct spin_keyed){.row = (uint32_t)i};
+    return SPIN_OK;
+}
+
+/* A radix sort: eleven bits at a time, from the low end; rounds in which all keys agree are skipped. */
+void spin_sort_rows_sort(struct spin_sort_rows *order)
+{
+    enum { BITS = 11, N = 1 << BITS };
+
+    for (int shift = 0; shift < 64; shift += BITS) {
+        size_t start[N + 1] = {0};
+        struct spin_keyed *sorted = order->spare;
+
+        for (size_t i = 0; i < order->n; i++)
+            start[1 + ((order->item[i].key >> shift) & (N - 1))]++;
+        if (order->n == 0 || start[1 + ((order->item[0].key >> shift) & (N - 1))] == order->n)
+            continue;
+        for (int b = 0; b < N; b++)
+            start[b + 1] += start[b];
+        for (size_t i = 0; i < order->n; i++)
+            sorted[start[(order->item[i].key >> shift) & (N - 1)]++] = order->item[i];
+        order->spare = order->item;
+        order->item = sorted;
+    }
+}
+
+/* The float's bits in the order of its values, turned over: the largest comes first. */
+static uint64_t size_key(const struct spin_splats *s, size_t i)
+{
+    const float *scale = s->log_scales + 3 * i;
+    float size = scale[0] + scale[1] + scale[2] +
+                 logf(fmaxf(spin_sigmoid(spin_splat_filter_logit(s->logit_opacities[i])), 1e-30f));
+    uint32_t bits = spin_bits_of_float(size);
+
+    return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);
+}
+
+void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_splats *s)
+{
+    for (size_t i = 0; i < order->n; i++)
+        order->item[i].key = size_key(s, order->item[i].row);
+    spin_sort_rows_sort(order);
+}
+
+void spin_sort_rows_free(struct spin_sort_rows *order)
+{
+    free(order->item);
+    free(order->spare);
+    *order = (struct spin_sort_rows){0};
+}
