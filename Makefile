@@ -49,7 +49,7 @@ FLAGS.base :=
 FLAGS.v3   := -march=x86-64-v3
 FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 
-ROOMS    := src/base src/io src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
+ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
             exporters exporters/lib
 LIB_C    := $(filter-out src/io/video%ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)

@@ -1,5 +1,5 @@
-/* glTF 2.0 with KHR_gaussian_splatting (Khronos, release candidate of 2026): one .glb per frame in a
- * folder, or, when the output's name ends in .glb, one file with the whole clip.
+/* glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): one .glb per frame in a folder, or, when the
+ * output's name ends in .glb, one file with the whole clip.
  *
  * glTF has no vertex data that changes with time, so the clip is a node per frame, and an animation
  * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after the
@@ -12,8 +12,6 @@
  * x and y change sign, the quaternion is multiplied by (0, 0, 0, 1) on the left, SH coefficients of
  * odd order change sign.
  *
- * COLOR_0 is for viewers that do not know the extension and draw points: linear light.
- *
  * Attributes lie one after the other in the file, splats in memory; blocks of rows are taken apart
  * and each piece is written to its place, so that a frame is never held twice. */
 #include <stdatomic.h>
@@ -21,14 +19,12 @@
 #include <string.h>
 
 #include "exporters/lib/frames.h"
-#include "exporters/lib/gltf_read.h"
-#include "io/gltf.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "formats/glb.h"
 
-#define EXTENSION "KHR_gaussian_splatting"
 #define DEFAULT_FPS 30
-#define MAX_ATTRIBUTES (4 + SPIN_SH_MAX + 1)
 #define BLOCK SPIN_ROWS_BLOCK
-#define MAX_ROW (4 * (3 + 4 + 3 + 1 + 3 * SPIN_SH_MAX) + 8)
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.glb"),
@@ -49,9 +45,7 @@ struct export
     bool visibility;           /* what the animation switches, instead of scale */
     const char *extras[5];
     bool fallback;
-    int n_attributes;
-    struct spin_gltf_attribute attribute[MAX_ATTRIBUTES];
-    char name[SPIN_SH_MAX][64];
+    struct spin_gs_glb_layout layout;
     uint64_t n_bytes; /* of the binary chunk so far */
 
     /* All in one file. */
@@ -61,61 +55,19 @@ struct export
     struct spin_gltf_frame *frame; /* [n_frames] */
 };
 
-/* ---- Attributes ------------------------------------------------------------------------------ */
-
-static size_t width_of(const struct spin_gltf_attribute *a)
-{
-    return (size_t)a->n_components * (a->component == SPIN_GLTF_F32 ? 4 : 2);
-}
-
-static void add_attribute(struct export *x, const char *name, int n_components,
-                          enum spin_gltf_component component)
-{
-    x->attribute[x->n_attributes++] =
-        (struct spin_gltf_attribute){name, n_components, component, component != SPIN_GLTF_F32};
-}
-
-static void list_attributes(struct export *x, bool fallback)
-{
-    int k = 0;
-
-    add_attribute(x, "POSITION", 3, SPIN_GLTF_F32);
-    add_attribute(x, EXTENSION ":ROTATION", 4, SPIN_GLTF_F32);
-    add_attribute(x, EXTENSION ":SCALE", 3, SPIN_GLTF_F32);
-    add_attribute(x, EXTENSION ":OPACITY", 1, SPIN_GLTF_F32);
-    for (int l = 0; l <= x->frames.rows.sh_degree; l++) {
-        for (int m = 0; m < 2 * l + 1; m++, k++) {
-            snprintf(x->name[k], sizeof x->name[k], EXTENSION ":SH_DEGREE_%d_COEF_%d", l, m);
-            add_attribute(x, x->name[k], 3, SPIN_GLTF_F32);
-        }
-    }
-    if (fallback)
-        add_attribute(x, "COLOR_0", 4, SPIN_GLTF_U16);
-}
-
-static uint64_t bytes_of_row(const struct export *x)
-{
-    uint64_t sum = 0;
-
-    for (int a = 0; a < x->n_attributes; a++)
-        sum += width_of(&x->attribute[a]);
-    return sum;
-}
+/* ---- The clip -------------------------------------------------------------------------------- */
 
 static struct spin_gltf_clip describe(const struct export *x, const struct spin_gltf_frame *frame,
                                       int n_frames)
 {
-    static const char *const values[] = {"kernel", "ellipse", "colorSpace", "srgb_rec709_display",
-                                         NULL};
-
     return (struct spin_gltf_clip){
         .generator = "spin4d " SPIN_VERSION,
         .extras = x->extras,
         .fps = x->frames.fps,
-        .extension = EXTENSION,
-        .extension_values = values,
-        .attribute = x->attribute,
-        .n_attributes = x->n_attributes,
+        .extension = SPIN_GS_GLB_EXTENSION,
+        .extension_values = spin_gs_glb_values,
+        .attribute = x->layout.attribute,
+        .n_attributes = x->layout.n,
         .frame = frame,
         .n_frames = n_frames,
         .animated = x->single && n_frames > 1,
@@ -126,80 +78,6 @@ static struct spin_gltf_clip describe(const struct export *x, const struct spin_
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* A block of rows taken apart, and where it goes. */
-struct block {
-    const struct export *x;
-    unsigned char *column[MAX_ATTRIBUTES];
-};
-
-static uint16_t u16_of(float x) { return (uint16_t)(spin_minf(spin_maxf(x, 0), 1) * 65535 + 0.5f); }
-
-/* The curve of sRGB (IEC 61966-2-1), undone. */
-static float linear_of(float x)
-{
-    return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
-}
-
-static void put_sh(const struct block *b, size_t i, size_t at)
-{
-    const struct spin_splat_filter *rows = &b->x->frames.rows;
-    int n = spin_sh_count(rows->sh_degree), n_there = spin_splat_filter_n_sh(rows);
-    float room[3 * SPIN_SH_MAX];
-    const float *sh = spin_splat_filter_sh(rows, i, room);
-
-    for (int k = 0; k < n; k++) {
-        float *out = (float *)(void *)b->column[4 + k] + 3 * at;
-
-        for (int c = 0; c < 3; c++)
-            out[c] = k < n_there ? sh[3 * k + c] : 0;
-    }
-}
-
-/* Row i of the frame to row `at` of the block. */
-static void put_row(const struct block *b, size_t i, size_t at)
-{
-    const struct export *x = b->x;
-    struct spin_quant_error_row row;
-    float *rotation = (float *)(void *)b->column[1] + 4 * at;
-    float *scale = (float *)(void *)b->column[2] + 3 * at;
-    uint16_t *colour = (uint16_t *)(void *)b->column[x->n_attributes - 1] + 4 * at;
-
-    spin_quant_error_take(&x->frames.rows, i, &row);
-    memcpy(b->column[0] + 12 * at, row.place, sizeof row.place);
-    for (int k = 0; k < 4; k++)
-        rotation[k] = row.rotation[(k + 1) % 4];
-    for (int c = 0; c < 3; c++)
-        scale[c] = expf(row.log_scale[c]);
-    memcpy(b->column[3] + 4 * at, &row.opacity, sizeof row.opacity);
-    put_sh(b, i, at);
-    if (!x->fallback)
-        return;
-    for (int c = 0; c < 3; c++)
-        colour[c] = u16_of(linear_of(spin_minf(spin_maxf(row.colour[c], 0), 1)));
-    colour[3] = u16_of(row.opacity);
-}
-
-/* Two bytes of COLOR_0 at a time, four of the others. */
-static void to_little_endian(const struct block *b, size_t n)
-{
-#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
-    const struct export *x = b->x;
-
-    for (int a = 0; a < x->n_attributes; a++) {
-        size_t n_words = n * width_of(&x->attribute[a]) / 4;
-        uint16_t *half = (uint16_t *)(void *)b->column[a];
-
-        if (x->attribute[a].component == SPIN_GLTF_F32)
-            spin_splat_filter_little_endian(b->column[a], n_words);
-        for (size_t i = 0; x->attribute[a].component == SPIN_GLTF_U16 && i < 2 * n_words; i++)
-            half[i] = __builtin_bswap16(half[i]);
-    }
-#else
-    (void)b;
-    (void)n;
-#endif
-}
-
 struct writing {
     struct export *x;
     struct spin_glb *glb;
@@ -208,6 +86,18 @@ struct writing {
     float *bounds; /* [blocks][6] low, high */
     atomic_int error;
 };
+
+/* Row i of the frame to row `at` of the block's columns. */
+static void put_row(const struct export *x, unsigned char *const column[], size_t i, size_t at)
+{
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    struct spin_gaussian row;
+    float room[3 * SPIN_SH_MAX];
+
+    spin_splat_filter_take(rows, i, &row);
+    spin_gs_glb_code(&x->layout, &row, spin_splat_filter_sh(rows, i, room),
+                     spin_splat_filter_n_sh(rows), column, at);
+}
 
 static void widen(float *bounds, const float *place)
 {
@@ -218,17 +108,18 @@ static void widen(float *bounds, const float *place)
 }
 
 /* Each attribute of a block to its place. */
-static int put_block(const struct writing *w, const struct block *b, uint64_t first, size_t n)
+static int put_block(const struct writing *w, unsigned char *const column[], uint64_t first,
+                     size_t n)
 {
+    const struct spin_gs_glb_layout *layout = &w->x->layout;
     uint64_t at = w->frame->offset;
     int error = 0;
 
-    to_little_endian(b, n);
-    for (int a = 0; a < w->x->n_attributes && !error; a++) {
-        size_t width = width_of(&w->x->attribute[a]);
-
-        error = spin_glb_put(w->glb, at + first * width, b->column[a], n * width);
-        at += w->frame->n * width;
+    spin_gs_glb_order(layout, column, n);
+    for (int a = 0; a < layout->n && !error; a++) {
+        error =
+            spin_glb_put(w->glb, at + first * layout->width[a], column[a], n * layout->width[a]);
+        at += w->frame->n * layout->width[a];
     }
     return error;
 }
@@ -237,26 +128,26 @@ static void write_block(void *context, int number, int worker)
 {
     struct writing *w = context;
     const struct spin_splat_filter *rows = &w->x->frames.rows;
-    struct block b = {.x = w->x};
+    unsigned char *column[SPIN_GS_GLB_MAX_ATTRIBUTES];
     unsigned char *at = w->scratch + (size_t)worker * w->x->frames.scratch_bytes;
     size_t i = (size_t)number * BLOCK, end = i + BLOCK, n = 0;
     float *bounds = w->bounds + 6 * (size_t)number;
     int error;
 
-    for (int a = 0; a < w->x->n_attributes; a++) {
-        b.column[a] = at;
-        at += BLOCK * width_of(&w->x->attribute[a]);
+    for (int a = 0; a < w->x->layout.n; a++) {
+        column[a] = at;
+        at += BLOCK * w->x->layout.width[a];
     }
     for (int c = 0; c < 6; c++)
         bounds[c] = c < 3 ? INFINITY : -INFINITY;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (rows->keep[i]) {
-            put_row(&b, i, n);
-            widen(bounds, (float *)(void *)b.column[0] + 3 * n++);
+            put_row(w->x, column, i, n);
+            widen(bounds, (float *)(void *)column[0] + 3 * n++);
         }
     }
     spin_splat_filter_rest(rows, (size_t)number, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
-    error = put_block(w, &b, spin_splat_filter_before(rows, (size_t)number), n);
+    error = put_block(w, column, spin_splat_filter_before(rows, (size_t)number), n);
     if (error)
         atomic_store(&w->error, error);
 }
@@ -267,7 +158,7 @@ static spin_status write_rows(struct export *x, struct spin_glb *glb, struct spi
     struct writing w = {.x = x, .glb = glb, .frame = frame};
     size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows);
 
-    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * MAX_ROW, &w.scratch));
+    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * SPIN_GS_GLB_MAX_ROW, &w.scratch));
     SPIN_TRY(spin_alloc(n_blocks + 1, 6 * sizeof *w.bounds, (void **)&w.bounds));
     spin_splat_filter_each(&x->frames.rows, write_block, &w);
     for (int c = 0; c < 3; c++) {
@@ -302,7 +193,7 @@ static spin_status gltf_write(void *self, const struct spin_frame_info *info, st
 
     x->n_bytes = 0;
     frame = begin_frame(x, info);
-    x->n_bytes = frame.n * bytes_of_row(x);
+    x->n_bytes = frame.n * x->layout.row;
     clip = describe(x, &frame, 1);
     SPIN_TRY(spin_glb_begin(out, &clip, &glb));
     SPIN_TRY(write_rows(x, &glb, &frame));
@@ -313,12 +204,7 @@ static uint64_t gltf_bytes(const void *self, size_t n)
 {
     const struct export *x = self;
 
-    return 2048 + (uint64_t)n * bytes_of_row(x) + 256 * (uint64_t)x->n_attributes; /* JSON: about */
-}
-
-static uint32_t u32_at(const unsigned char *at)
-{
-    return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+    return 2048 + (uint64_t)n * x->layout.row + 256 * (uint64_t)x->layout.n; /* JSON: about */
 }
 
 /* A .glb of ours whose lengths add up and whose bytes are rows of what would be written. */
@@ -326,26 +212,28 @@ static bool gltf_complete(void *self, const struct spin_frame_info *info,
                           const struct spin_map *map, size_t *n)
 {
     const struct export *x = self;
-    uint64_t n_json, n_bytes, row = bytes_of_row(x);
+    uint64_t n_json, n_bytes;
     char number[64];
 
-    if (map->size < 28 || memcmp(map->data, "glTF", 4) != 0 || u32_at(map->data + 8) != map->size)
-        return false;
-    n_json = u32_at(map->data + 12);
-    if (20 + n_json > map->size)
+    if (spin_glb_chunks(map->data, map->size, &n_json, &n_bytes) != SPIN_OK)
         return false;
     snprintf(number, sizeof number, "\"name\":\"frame_%d\"", info->number);
-    n_bytes = 28 + n_json <= map->size ? u32_at(map->data + 20 + n_json) : 0;
-    *n = (size_t)(n_bytes / row);
-    return n_bytes % row == 0 && (n_bytes == 0 || 28 + n_json + n_bytes == map->size) &&
+    *n = (size_t)(n_bytes / x->layout.row);
+    return n_bytes % x->layout.row == 0 &&
            memmem(map->data + 20, n_json, number, strlen(number)) != NULL;
 }
 
 static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
                              struct spin_splats *out)
 {
+    struct spin_gs_glb glb = {0};
+    spin_status status = spin_gs_glb_open(map->data, map->size, &glb);
+
     (void)self;
-    return spin_gltf_read(map, frame, out);
+    if (status == SPIN_OK)
+        status = spin_gs_glb_read(&glb, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+    spin_gs_glb_close(&glb);
+    return status;
 }
 
 /* All frames of one size would not fit: said before the hours of writing, not after. */
@@ -365,7 +253,7 @@ static spin_status add_to_file(struct export *x, const struct spin_frame_info *i
 
     SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, s, info->number));
     *frame = begin_frame(x, info);
-    n_bytes = frame->n * bytes_of_row(x);
+    n_bytes = frame->n * x->layout.row;
     warn_if_large(x, n_bytes);
     SPIN_TRY(write_rows(x, &x->glb, frame));
     x->n_bytes += n_bytes;
@@ -384,7 +272,7 @@ static spin_status write_scales(struct export *x, uint64_t at, size_t n, float *
     for (size_t f = 0; f + 1 < n; f++, at += 3 * n * sizeof *key) {
         for (size_t i = 0; i < 3 * n; i++)
             key[i] = is_shown(f, i / 3, n);
-        spin_splat_filter_little_endian(key, 3 * n);
+        spin_little_endian(key, 3 * n);
         SPIN_TRY(spin_glb_write(&x->glb, at, key, 3 * n * sizeof *key));
     }
     x->n_bytes = at;
@@ -414,7 +302,7 @@ static spin_status write_keys(struct export *x, uint64_t at)
     SPIN_TRY(spin_alloc(n, 3 * sizeof *key, (void **)&key));
     for (size_t i = 0; i < n; i++)
         key[i] = (float)((double)i / x->frames.fps);
-    spin_splat_filter_little_endian(key, n);
+    spin_little_endian(key, n);
     SPIN_TRY_OUT(spin_glb_write(&x->glb, at, key, n * sizeof *key));
     at += n * sizeof *key;
     status = x->visibility ? write_visibilities(x, at, n, (unsigned char *)key)
@@ -479,7 +367,7 @@ static void ready(void *self, const struct spin_export_job *job)
         x->extras[2] = "source";
         x->extras[3] = job->source;
     }
-    list_attributes(x, x->fallback);
+    spin_gs_glb_begin(&x->layout, x->frames.rows.sh_degree, x->fallback);
 }
 
 static const struct spin_frames_format format = {

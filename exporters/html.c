@@ -115,7 +115,7 @@ static spin_status take_rows(struct export *x, struct version *v, const struct s
     SPIN_TRY(spin_html_reserve(&v->now, n, v->n_sh));
     for (size_t i = 0; i < s->n; i++) {
         const float *sh = s->sh + i * width + 3;
-        struct spin_quant_error_row is;
+        struct spin_gaussian is;
 
         if (!x->rows.keep[i])
             continue;
@@ -123,7 +123,7 @@ static spin_status take_rows(struct export *x, struct version *v, const struct s
             memcpy(none, sh, (width - 3) * sizeof *sh);
             sh = none;
         }
-        spin_quant_error_take(&x->rows, i, &is);
+        spin_splat_filter_take(&x->rows, i, &is);
         spin_html_take(&x->space, &is, sh, v->n_sh, &v->now, row++);
     }
     return SPIN_OK;

@@ -1,19 +1,13 @@
-/* One .splat per frame, the light preview format of antimatter15's viewer: no header, 32 bytes a
- * Gaussian, no colour beyond SH degree 0, the axes of the training.
- *
- *     0  place, 3 floats        24  colour, 3 bytes   clamp(0.5 + C0 dc) * 255
- *    12  scale, 3 floats        27  opacity, 1 byte
- *                               28  rotation w x y z, 4 bytes   q * 128 + 128
- *
- * The order is the source's; --order size puts the largest and least transparent first, so that a
- * part of the file shows the scene. */
+/* One .splat per frame (formats/splat.h), in the axes of the training. The order is the source's;
+ * --order size puts the largest and least transparent first, so that a part of the file shows the scene. */
+#include <stdlib.h>
 #include <string.h>
 
-#include "exporters/lib/roundtrip_check.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/sort_rows.h"
-
-#define ROW 32
+#include "base/log.h"
+#include "base/mem.h"
+#include "formats/splat.h"
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.splat"),
@@ -29,53 +23,17 @@ struct export
     uint32_t *row; /* the order, for a check */
 };
 
-/* Nearest; a cast, as roundf is a call on the oldest machines. */
-static unsigned char byte_of(float x)
-{
-    return (unsigned char)(spin_minf(spin_maxf(x, 0), 255) + 0.5f);
-}
-
-static void write_row(const struct spin_quant_error_row *is, unsigned char *out)
-{
-    float scale[3];
-
-    for (int c = 0; c < 3; c++)
-        scale[c] = expf(is->log_scale[c]);
-    memcpy(out, is->place, sizeof is->place);
-    memcpy(out + 12, scale, sizeof scale);
-    spin_splat_filter_little_endian(out, 6);
-    for (int c = 0; c < 3; c++)
-        out[24 + c] = byte_of(is->colour[c] * 255);
-    out[27] = byte_of(is->opacity * 255);
-    for (int k = 0; k < 4; k++)
-        out[28 + k] = byte_of(is->rotation[k] * 128 + 128);
-}
-
-/* As antimatter15's viewer decodes it. */
-static void read_row(const struct spin_quant_error_row *is, const unsigned char *in,
-                     struct spin_quant_error_row *out)
-{
-    float q[4];
-
-    *out = *is;
-    for (int c = 0; c < 3; c++)
-        out->colour[c] = in[24 + c] / 255.0f;
-    out->opacity = in[27] / 255.0f;
-    for (int k = 0; k < 4; k++)
-        q[k] = ((float)in[28 + k] - 128) / 128;
-    spin_splat_filter_rotation(q, out->rotation);
-}
-
 /* ---- One file -------------------------------------------------------------------------------- */
 
 static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant_error *quant)
 {
     const struct export *x = self;
-    struct spin_quant_error_row is, shown;
+    struct spin_gaussian is, shown;
 
-    spin_quant_error_take(&x->frames.rows, i, &is);
-    write_row(&is, out);
-    read_row(&is, out, &shown);
+    spin_splat_filter_take(&x->frames.rows, i, &is);
+    spin_splat_code(&is, out);
+    shown = is; /* place and scale are floats in the file */
+    spin_splat_decode_bytes(out, &shown);
     spin_quant_error_row(quant, &is, &shown);
 }
 
@@ -85,14 +43,14 @@ static spin_status write_ordered(struct export *x, struct spin_out *out)
     struct spin_quant_error *quant;
     unsigned char *block;
 
-    SPIN_TRY(spin_frames_scratch(&x->frames, SPIN_ROWS_BLOCK * ROW, &block));
+    SPIN_TRY(spin_frames_scratch(&x->frames, SPIN_ROWS_BLOCK * SPIN_SPLAT_ROW, &block));
     SPIN_TRY(spin_frames_quants(&x->frames, &quant));
     for (size_t i = 0, n = 0; i < x->order.n; i++) {
         size_t row = x->order.item[i].row;
 
-        code_row(x, row, block + ROW * n++, &quant[row / SPIN_ROWS_BLOCK]);
+        code_row(x, row, block + SPIN_SPLAT_ROW * n++, &quant[row / SPIN_ROWS_BLOCK]);
         if (n == SPIN_ROWS_BLOCK || i + 1 == x->order.n) {
-            SPIN_TRY(spin_out_write(out, block, n * ROW));
+            SPIN_TRY(spin_out_write(out, block, n * SPIN_SPLAT_ROW));
             n = 0;
         }
     }
@@ -113,7 +71,7 @@ static spin_status splat_write(void *self, const struct spin_frame_info *info, s
 
     (void)info;
     if (!x->by_size)
-        return spin_frames_write_rows(x, out, 0, ROW, code_row);
+        return spin_frames_write_rows(x, out, 0, SPIN_SPLAT_ROW, code_row);
     SPIN_TRY(order_rows(x));
     return write_ordered(x, out);
 }
@@ -121,7 +79,7 @@ static spin_status splat_write(void *self, const struct spin_frame_info *info, s
 static uint64_t splat_bytes(const void *self, size_t n)
 {
     (void)self;
-    return (uint64_t)n * ROW;
+    return (uint64_t)n * SPIN_SPLAT_ROW;
 }
 
 /* The format has no header: whole rows are all that can be asked for. */
@@ -130,8 +88,8 @@ static bool splat_complete(void *self, const struct spin_frame_info *info,
 {
     (void)self;
     (void)info;
-    *n = map->size / ROW;
-    return map->size % ROW == 0;
+    *n = map->size / SPIN_SPLAT_ROW;
+    return map->size % SPIN_SPLAT_ROW == 0;
 }
 
 static spin_status splat_order(void *self, const uint32_t **row)
@@ -151,32 +109,9 @@ static spin_status splat_order(void *self, const uint32_t **row)
 static spin_status splat_read(void *self, const struct spin_map *map, int frame,
                               struct spin_splats *out)
 {
-    size_t n = map->size / ROW;
-
     (void)self;
     (void)frame;
-    if (map->size % ROW != 0)
-        return spin_fail(SPIN_E_MALFORMED, "%zu bytes are not rows of %d", map->size, ROW);
-    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
-    for (size_t i = 0; i < n; i++) {
-        const unsigned char *row = map->data + ROW * i;
-        struct spin_quant_error_row is = {0}, shown;
-        float scale[3];
-
-        memcpy(is.place, row, sizeof is.place);
-        memcpy(scale, row + 12, sizeof scale);
-        spin_splat_filter_little_endian(is.place, 3);
-        spin_splat_filter_little_endian(scale, 3);
-        read_row(&is, row, &shown);
-        memcpy(out->means + 3 * i, shown.place, sizeof shown.place);
-        memcpy(out->quats + 4 * i, shown.rotation, sizeof shown.rotation);
-        out->logit_opacities[i] = spin_roundtrip_check_logit(shown.opacity);
-        for (size_t c = 0; c < 3; c++) {
-            out->log_scales[3 * i + c] = logf(spin_maxf(scale[c], 1e-38f));
-            out->sh[3 * i + c] = (shown.colour[c] - 0.5f) / (float)SPIN_SH_C0;
-        }
-    }
-    return SPIN_OK;
+    return spin_splat_read(map->data, map->size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
 }
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */

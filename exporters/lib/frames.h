@@ -108,10 +108,10 @@ typedef void (*spin_frames_code)(void *self, size_t row, unsigned char *out,
 spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at, size_t width,
                                    spin_frames_code code);
 
-/* The comments of a PLY header: where the splats come from, which frame, how they lie. Returns the
- * length, always below 512. */
-size_t spin_frames_comments(const struct spin_frames *frames, const struct spin_frame_info *info,
-                            char *text, size_t room);
+/* The comments of a PLY header, lines: where the splats come from, which frame, how they lie. */
+#define SPIN_FRAMES_MAX_COMMENTS 512
+void spin_frames_comments(const struct spin_frames *frames, const struct spin_frame_info *info,
+                          char text[SPIN_FRAMES_MAX_COMMENTS]);
 
 /* How much will be written where, said before it is; a warning when the disk has less. */
 void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most);

@@ -1,7 +1,9 @@
 #include "exporters/lib/html_pack.h"
 
-#include "exporters/lib/quant_error.h"
-#include "io/gzip.h"
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/mem.h"
 
 spin_status spin_html_reserve(struct spin_html_frame *f, size_t n, int n_sh)
 {
@@ -34,7 +36,7 @@ static unsigned step_of(double x, double low, double high, unsigned steps)
     return (unsigned)(fmin(fmax(t, 0), steps) + 0.5);
 }
 
-void spin_html_take(const struct spin_html_space *space, const struct spin_quant_error_row *row,
+void spin_html_take(const struct spin_html_space *space, const struct spin_gaussian *row,
                     const float *sh, int n_sh, struct spin_html_frame *f, size_t i)
 {
     int largest = 0;

@@ -14,7 +14,7 @@
 #ifndef SPIN_EXPORTERS_LIB_HTML_PACK_H
 #define SPIN_EXPORTERS_LIB_HTML_PACK_H
 
-#include "exporters/lib/quant_error.h"
+#include "formats/gaussian.h"
 #include "io/gzip.h"
 
 enum { SPIN_HTML_WIDE = 9, SPIN_HTML_NARROW = 5 };
@@ -35,7 +35,7 @@ spin_status spin_html_reserve(struct spin_html_frame *f, size_t n, int n_sh);
 void spin_html_free(struct spin_html_frame *f);
 
 /* Row i of the frame to write is this one. */
-void spin_html_take(const struct spin_html_space *space, const struct spin_quant_error_row *row,
+void spin_html_take(const struct spin_html_space *space, const struct spin_gaussian *row,
                     const float *sh, int n_sh, struct spin_html_frame *f, size_t i);
 
 size_t spin_html_packed_size(size_t n, int n_sh);

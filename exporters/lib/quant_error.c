@@ -1,34 +1,8 @@
 #include "exporters/lib/quant_error.h"
 
-#include <string.h>
+#include <math.h>
 
 #include "base/log.h"
-#include "math/approx.h"
-#include "math/sh.h"
-
-float spin_quant_error_opacity(const struct spin_splat_filter *rows, size_t i)
-{
-    return spin_sigmoid(spin_splat_filter_logit(rows->splats->logit_opacities[i]));
-}
-
-void spin_quant_error_colour(const struct spin_splat_filter *rows, size_t i, float out[3])
-{
-    const struct spin_splats *s = rows->splats;
-    const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
-
-    for (int c = 0; c < 3; c++)
-        out[c] = 0.5f + (float)SPIN_SH_C0 * dc[c];
-}
-
-void spin_quant_error_take(const struct spin_splat_filter *rows, size_t i,
-                           struct spin_quant_error_row *out)
-{
-    spin_splat_filter_place(rows, i, out->place);
-    memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);
-    spin_splat_filter_turned(rows, i, out->rotation);
-    out->opacity = spin_quant_error_opacity(rows, i);
-    spin_quant_error_colour(rows, i, out->colour);
-}
 
 void spin_quant_error_add_all(struct spin_quant_error *q, enum spin_quant_error_part part,
                               const float *error, size_t n)
@@ -75,8 +49,8 @@ void spin_quant_error_add_3(struct spin_quant_error *q, enum spin_quant_error_pa
         spin_quant_error_add(q, part, (double)is[c] - shown[c]);
 }
 
-void spin_quant_error_row(struct spin_quant_error *q, const struct spin_quant_error_row *is,
-                          const struct spin_quant_error_row *shown)
+void spin_quant_error_row(struct spin_quant_error *q, const struct spin_gaussian *is,
+                          const struct spin_gaussian *shown)
 {
     spin_quant_error_add_place(q, is->place, shown->place);
     spin_quant_error_add_rotation(q, is->rotation, shown->rotation);

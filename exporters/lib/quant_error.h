@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-#include "exporters/lib/splat_filter.h"
+#include "formats/gaussian.h"
 
 enum spin_quant_error_part {
     SPIN_QUANT_PLACE,    /* world units */
@@ -23,19 +23,6 @@ struct spin_quant_error {
         uint64_t n;
     } part[SPIN_QUANT_PARTS];
 };
-
-/* One splat as a reader understands it. */
-struct spin_quant_error_row {
-    float place[3], log_scale[3], rotation[4], opacity, colour[3];
-};
-
-float spin_quant_error_opacity(const struct spin_splat_filter *rows, size_t i);
-
-void spin_quant_error_colour(const struct spin_splat_filter *rows, size_t i, float out[3]);
-
-/* Row i of a frame, which is one that was chosen, as it is written. */
-void spin_quant_error_take(const struct spin_splat_filter *rows, size_t i,
-                           struct spin_quant_error_row *out);
 
 static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_quant_error_part part,
                                         double error)
@@ -61,8 +48,8 @@ void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4]
 void spin_quant_error_add_3(struct spin_quant_error *q, enum spin_quant_error_part part,
                             const float is[3], const float shown[3]);
 
-void spin_quant_error_row(struct spin_quant_error *q, const struct spin_quant_error_row *is,
-                          const struct spin_quant_error_row *shown);
+void spin_quant_error_row(struct spin_quant_error *q, const struct spin_gaussian *is,
+                          const struct spin_gaussian *shown);
 
 void spin_quant_error_merge(struct spin_quant_error *to, const struct spin_quant_error *from);
 

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/mem.h"
+
 /* ---- Values ---------------------------------------------------------------------------------- */
 
 static void widen(double box[6], const float *place)
@@ -19,12 +21,12 @@ static void empty_box(double box[6])
         box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
 }
 
-/* Row j of the file, as spin_quant_error_take() gives those of the bundle. */
-static void take_back(const struct spin_splats *back, size_t j, struct spin_quant_error_row *out)
+/* Row j of the file, as spin_splat_filter_take() gives those of the bundle. */
+static void take_back(const struct spin_splats *back, size_t j, struct spin_gaussian *out)
 {
     struct spin_splat_filter plain = {.splats = back};
 
-    spin_quant_error_take(&plain, j, out);
+    spin_splat_filter_take(&plain, j, out);
 }
 
 static bool is_finite(const struct spin_splats *s, size_t j)
@@ -67,7 +69,7 @@ spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
     empty_box(is_box);
     empty_box(back_box);
     for (size_t j = 0; j < back->n; j++) {
-        struct spin_quant_error_row is, shown;
+        struct spin_gaussian is, shown;
         size_t i;
 
         while (!row && !rows->keep[next])
@@ -75,7 +77,7 @@ spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
         i = row ? row[j] : next++;
         if (!is_finite(back, j))
             return spin_fail(SPIN_E_IO, "check: '%s' holds NaN or infinity in splat %zu", path, j);
-        spin_quant_error_take(rows, i, &is);
+        spin_splat_filter_take(rows, i, &is);
         take_back(back, j, &shown);
         spin_quant_error_row(&check->quant, &is, &shown);
         compare_sh(&check->quant, rows, i, back, j);

@@ -4,6 +4,7 @@
 #define SPIN_EXPORTERS_LIB_ROUNDTRIP_CHECK_H
 
 #include "exporters/lib/quant_error.h"
+#include "exporters/lib/splat_filter.h"
 
 struct spin_roundtrip_check {
     struct spin_quant_error quant;
@@ -26,13 +27,5 @@ spin_status spin_roundtrip_check_render(struct spin_roundtrip_check *check,
                                         struct spin_splats *back);
 void spin_roundtrip_check_report(const struct spin_roundtrip_check *check,
                                  struct spin_export_report *report);
-
-/* Of an opacity 0..1 that was read; finite. */
-static inline float spin_roundtrip_check_logit(float opacity)
-{
-    double p = opacity < 1e-13f ? 1e-13 : (double)opacity;
-
-    return p >= 1 ? SPIN_ROWS_LOGIT_LIMIT : (float)(log(p) - log1p(-p));
-}
 
 #endif

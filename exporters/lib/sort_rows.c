@@ -47,7 +47,7 @@ static uint64_t size_key(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;
     float size = scale[0] + scale[1] + scale[2] +
-                 logf(fmaxf(spin_sigmoid(spin_splat_filter_logit(s->logit_opacities[i])), 1e-30f));
+                 logf(fmaxf(spin_sigmoid(spin_finite_logit(s->logit_opacities[i])), 1e-30f));
     uint32_t bits = spin_bits_of_float(size);
 
     return bits & 0x80000000u ? bits : ~(bits | 0x80000000u);

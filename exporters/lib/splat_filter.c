@@ -12,7 +12,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/mem.h"
 #include "io/file.h"
+#include "math/approx.h"
 
 /* exp(2 * 44) is the last whole power that float holds: renderers square the scale. */
 #define LOG_SCALE_LIMIT 44.0f
@@ -228,24 +230,6 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
 
 /* ---- One row ---------------------------------------------------------------------------------- */
 
-void spin_splat_filter_rotation(const float q[4], float out[4])
-{
-    float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3], scale;
-    double wide = 0, sign = q[0] < 0 ? -1 : 1;
-
-    if (square > 1e-30f && square < 1e30f) {
-        scale = fabsf(square - 1.0f) <= 2e-7f ? 1.0f : 1.0f / sqrtf(square);
-        scale = q[0] < 0 ? -scale : scale;
-        for (int k = 0; k < 4; k++)
-            out[k] = q[k] * scale;
-        return;
-    }
-    for (int k = 0; k < 4; k++)
-        wide += (double)q[k] * q[k];
-    for (int k = 0; k < 4; k++)
-        out[k] = (float)(sign * q[k] / sqrt(wide));
-}
-
 void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3])
 {
     const float *p = rows->splats->means + 3 * i;
@@ -264,7 +248,7 @@ void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, fl
 {
     float q[4];
 
-    spin_splat_filter_rotation(rows->splats->quats + 4 * i, out);
+    spin_unit_rotation(rows->splats->quats + 4 * i, out);
     if (rows->turn.kind == SPIN_TURN_NONE)
         return;
     spin_scene_rotation_quat(&rows->turn, out, q);
@@ -281,6 +265,30 @@ const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i
         return sh;
     spin_scene_rotation_sh(&rows->turn, spin_splat_filter_n_sh(rows), sh, room);
     return room;
+}
+
+float spin_splat_filter_opacity(const struct spin_splat_filter *rows, size_t i)
+{
+    return spin_sigmoid(spin_finite_logit(rows->splats->logit_opacities[i]));
+}
+
+void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, float out[3])
+{
+    const struct spin_splats *s = rows->splats;
+    const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    for (int c = 0; c < 3; c++)
+        out[c] = 0.5f + (float)SPIN_SH_C0 * dc[c];
+}
+
+void spin_splat_filter_take(const struct spin_splat_filter *rows, size_t i,
+                            struct spin_gaussian *out)
+{
+    spin_splat_filter_place(rows, i, out->place);
+    memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);
+    spin_splat_filter_turned(rows, i, out->rotation);
+    out->opacity = spin_splat_filter_opacity(rows, i);
+    spin_splat_filter_colour(rows, i, out->colour);
 }
 
 /* ---- Options --------------------------------------------------------------------------------- */

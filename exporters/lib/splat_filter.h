@@ -1,17 +1,11 @@
 /* What every exporter asks of a frame's rows: which can be drawn at all, and how each is written -
  * turned, its rotation of unit length, its logit finite. The options that go with it are common to
- * all formats; the rules stand in rows.c. */
+ * all formats; the rules stand in splat_filter.c. */
 #ifndef SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
 #define SPIN_EXPORTERS_LIB_SPLAT_FILTER_H
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/err.h"
-#include "base/log.h"
-#include "base/mem.h"
 #include "base/pool.h"
+#include "formats/gaussian.h"
 #include "math/scene_rotation.h"
 
 #define SPIN_ROWS_OPTION_SH                                                                        \
@@ -93,20 +87,14 @@ static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows
 
 /* ---- One row, as it is written ---------------------------------------------------------------- */
 
-/* In place of an infinite logit: the sigmoid is within 1e-13 of 0 or 1, and finite. */
-#define SPIN_ROWS_LOGIT_LIMIT 30.0f
-
-static inline float spin_splat_filter_logit(float logit)
-{
-    return isinf(logit) ? copysignf(SPIN_ROWS_LOGIT_LIMIT, logit) : logit;
-}
-
-/* Unit length, w >= 0. A quaternion that already is of unit length keeps its bits. */
-void spin_splat_filter_rotation(const float q[4], float out[4]);
-
-/* Turned to the axes of the file. */
+/* Turned to the axes of the file; the rotation of unit length, w >= 0. */
 void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3]);
 void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4]);
+float spin_splat_filter_opacity(const struct spin_splat_filter *rows, size_t i); /* 0..1 */
+void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, float out[3]);
+/* All of these. */
+void spin_splat_filter_take(const struct spin_splat_filter *rows, size_t i,
+                            struct spin_gaussian *out);
 /* Coefficients of a row that there are and that are wanted. */
 static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 {
@@ -117,18 +105,5 @@ static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
 
 /* The first spin_splat_filter_n_sh() of them, [k][3]; in `room` [16][3] where they must be turned. */
 const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);
-/* Words of 4 bytes as the files want them. So is every machine this was built on; others swap. */
-static inline void spin_splat_filter_little_endian(void *words, size_t n)
-{
-#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
-    uint32_t *word = words;
-
-    for (size_t i = 0; i < n; i++)
-        word[i] = __builtin_bswap32(word[i]);
-#else
-    (void)words;
-    (void)n;
-#endif
-}
 
 #endif

@@ -1,0 +1,86 @@
+#include "formats/gaussian.h"
+
+float spin_opacity_logit(float opacity)
+{
+    double p = opacity < 1e-13f ? 1e-13 : (double)opacity;
+
+    return p >= 1 ? SPIN_LOGIT_LIMIT : (float)(log(p) - log1p(-p));
+}
+
+float spin_byte_logit(unsigned char opacity)
+{
+    if (opacity == 0)
+        return -SPIN_LOGIT_LIMIT;
+    if (opacity == 255)
+        return SPIN_LOGIT_LIMIT;
+    return (float)log(opacity / (255.0 - opacity));
+}
+
+void spin_unit_rotation(const float q[4], float out[4])
+{
+    float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3], scale;
+    double wide = 0, sign = q[0] < 0 ? -1 : 1;
+
+    if (square > 1e-30f && square < 1e30f) {
+        scale = fabsf(square - 1.0f) <= 2e-7f ? 1.0f : 1.0f / sqrtf(square);
+        scale = q[0] < 0 ? -scale : scale;
+        for (int k = 0; k < 4; k++)
+            out[k] = q[k] * scale;
+        return;
+    }
+    for (int k = 0; k < 4; k++)
+        wide += (double)q[k] * q[k];
+    for (int k = 0; k < 4; k++)
+        out[k] = (float)(sign * q[k] / sqrt(wide));
+}
+
+int spin_largest_of_4(const float q[4])
+{
+    int largest = 0;
+
+    for (int k = 1; k < 4; k++)
+        largest = fabsf(q[k]) > fabsf(q[largest]) ? k : largest;
+    return largest;
+}
+
+void spin_little_endian(void *words, size_t n)
+{
+#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+    uint32_t *word = words;
+
+    for (size_t i = 0; i < n; i++)
+        word[i] = __builtin_bswap32(word[i]);
+#else
+    (void)words;
+    (void)n;
+#endif
+}
+
+spin_status spin_check_finite(const char *what, const float *values, size_t n, size_t width)
+{
+    size_t bad = 0, first = 0;
+
+    for (size_t i = n * width; i-- > 0;) {
+        if (!isfinite(values[i])) {
+            bad++;
+            first = i / width;
+        }
+    }
+    if (bad > 0)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "%zu values of '%s' are not finite, the first in row %zu", bad, what,
+                         first);
+    return SPIN_OK;
+}
+
+spin_status spin_check_columns(const char *const what[5], unsigned columns, size_t first, size_t n,
+                               const struct spin_splats *s)
+{
+    const size_t width[5] = {3, 4, 3, 1, 3 + spin_n_rest(s->sh_degree)};
+    const float *const all[5] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
+
+    for (int p = 0; p < 5; p++)
+        if (columns & 1u << p)
+            SPIN_TRY(spin_check_finite(what[p], all[p] + first * width[p], n, width[p]));
+    return SPIN_OK;
+}

@@ -1,0 +1,70 @@
+/* Niantic's SPZ, version 3, the one most widely read. A gzip of a header of 16 bytes and one stream after
+ * the other:
+ *
+ *     places     9 bytes  per axis 24 bits, signed, in steps of 2^-fractional_bits
+ *     alphas     1        opacity * 255
+ *     colours    3        dc * 0.15 * 255 + 127.5
+ *     scales     3        (log scale + 10) * 16
+ *     rotations  4        2 bits: the largest of x y z w; of the other three a sign and 9 bits each
+ *     sh         0, 9, 24 or 45  coefficient by coefficient, r g b within: x * 128 + 128, to the
+ *                         nearest multiple of 8 (degree 1) or 16
+ *
+ * The header: the magic NGSP, version and number of splats as words, then bytes: SH degree, fractional
+ * bits, flags (1: trained antialiased), 0. */
+#ifndef SPIN_FORMATS_SPZ_H
+#define SPIN_FORMATS_SPZ_H
+
+#include "formats/gaussian.h"
+
+enum {
+    SPIN_SPZ_HEADER = 16,
+    SPIN_SPZ_FRACTION = 12, /* bits, as the reference has it: places reach to 2048 */
+    /* Streams, and bytes of a row. */
+    SPIN_SPZ_PLACE = 0,
+    SPIN_SPZ_ALPHA,
+    SPIN_SPZ_COLOUR,
+    SPIN_SPZ_SCALE,
+    SPIN_SPZ_ROTATION,
+    SPIN_SPZ_SH,
+    SPIN_SPZ_STREAMS
+};
+
+struct spin_spz_header {
+    size_t n;
+    int sh_degree, fraction; /* 0..3; fractional bits of places */
+    bool antialias;
+};
+
+/* ---- Writing --------------------------------------------------------------------------------- */
+
+/* Bytes of a row of a stream. */
+size_t spin_spz_width(int stream, int sh_degree);
+/* Bytes before gzip. */
+uint64_t spin_spz_bytes(size_t n, int sh_degree);
+void spin_spz_code_header(const struct spin_spz_header *header, unsigned char out[SPIN_SPZ_HEADER]);
+/* The most fractional bits, up to `at_most`, that hold a place whose largest size of a coordinate this is;
+ * negative when there are none: above 8388606. */
+int spin_spz_fraction(float largest, int at_most);
+
+/* One row of a stream. shown: what a reader sees. */
+void spin_spz_code_place(const float place[3], int fraction, unsigned char out[9], float shown[3]);
+unsigned char spin_spz_code_alpha(float opacity, float *shown);
+void spin_spz_code_colour(const float colour[3], unsigned char out[3], float shown[3]);
+void spin_spz_code_scale(const float log_scale[3], unsigned char out[3], float shown[3]);
+void spin_spz_code_rotation(const float q[4], unsigned char out[4], float shown[4]);
+/* From the first n_sh coefficients [k][3]; more are written as 0. lost: by how much a reader sees less than
+ * each is. Both [spin_n_rest()]. */
+void spin_spz_code_sh(const float *sh, int n_sh, int sh_degree, unsigned char *out, float *lost);
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+/* The first bytes of what the gzip holds. Errors do not name the file, here and below. */
+spin_status spin_spz_parse_header(const unsigned char *bytes, size_t n_bytes,
+                                  struct spin_spz_header *out);
+/* The header of a file in memory, and whether its length is that of its splats. */
+spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header *out);
+/* A whole file in memory, in the axes that it holds. All that comes out is finite, rotations are of unit
+ * length. */
+spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struct spin_splats *out);
+
+#endif
