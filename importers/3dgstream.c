@@ -26,9 +26,6 @@
 #include "io/torch.h"
 #include "math/quat.h"
 
-/* Where an opacity of exactly 0 or 1 ends up: the upstream stores logit(sigmoid(o)). */
-#define LOGIT_LIMIT 30.0f
-
 /* Files of one frame; those that are not there are NULL. */
 struct step {
     int number;
@@ -412,37 +409,14 @@ static spin_status choose_way(struct clip *clip, const struct spin_plugin_values
 /* Rows and SH degree of a cloud; the properties are all there. */
 static spin_status inspect(const char *path, size_t *n, int *sh_degree)
 {
-    static const char *const needed[] = {"x",       "y",       "z",      "opacity", "scale_0",
-                                         "scale_1", "scale_2", "rot_0",  "rot_1",   "rot_2",
-                                         "rot_3",   "f_dc_0",  "f_dc_1", "f_dc_2"};
-    const struct spin_ply_element *e;
+    struct spin_gs_ply cloud;
     struct spin_ply ply;
-    spin_status status;
 
-    SPIN_TRY(spin_ply_open(path, &ply));
-    status = SPIN_OK;
-    e = spin_ply_find_element(&ply, "vertex");
-    if (!e)
-        status = spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
-    else if (e->count > INT_MAX)
-        status = spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
-    for (size_t i = 0; status == SPIN_OK && i < sizeof needed / sizeof *needed; i++) {
-        if (spin_ply_find(e, needed[i]) < 0)
-            status = spin_fail(SPIN_E_MALFORMED, "'%s': no property '%s'", path, needed[i]);
-    }
-    if (status == SPIN_OK)
-        status = spin_model_folder_degree(&ply, e, sh_degree);
-    for (int i = 0; status == SPIN_OK && i < 3 * ((*sh_degree + 1) * (*sh_degree + 1) - 1); i++) {
-        char name[32];
-
-        snprintf(name, sizeof name, "f_rest_%d", i);
-        if (spin_ply_find(e, name) < 0)
-            status = spin_fail(SPIN_E_MALFORMED, "'%s': no property '%s'", path, name);
-    }
-    if (status == SPIN_OK)
-        *n = (size_t)e->count;
+    SPIN_TRY(spin_model_folder_cloud(path, &ply, &cloud));
+    *n = (size_t)cloud.vertex->count;
+    *sh_degree = cloud.sh_degree;
     spin_ply_close(&ply);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status inspect_base(struct clip *clip, size_t i)
@@ -485,57 +459,15 @@ static spin_status inspect_added(struct clip *clip, struct step *step)
 static spin_status read_cloud(const char *path, size_t n, unsigned columns, size_t first,
                               struct spin_splats *out)
 {
-    const struct spin_ply_element *e;
+    struct spin_gs_ply cloud;
     struct spin_ply ply;
-    int n_rest = (out->sh_degree + 1) * (out->sh_degree + 1) - 1;
-    size_t step = 3 * (size_t)(n_rest + 1);
     spin_status status;
 
-    SPIN_TRY(spin_ply_open(path, &ply));
-    e = spin_ply_find_element(&ply, "vertex");
-    if (!e || e->count != n) {
-        status = spin_fail(SPIN_E_IO, "'%s' changed while it was being read", path);
-        goto out;
-    }
-    status = SPIN_OK;
-    if (columns & SPIN_COL_MEANS) {
-        float *means = out->means + 3 * first;
-
-        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "x", means, 3));
-        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "y", means + 1, 3));
-        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "z", means + 2, 3));
-    }
-    if (columns & SPIN_COL_QUATS)
-        SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "rot_", 4, out->quats + 4 * first, 4));
-    if (columns & SPIN_COL_LOG_SCALES)
-        SPIN_TRY_OUT(
-            spin_model_folder_columns(&ply, e, "scale_", 3, out->log_scales + 3 * first, 3));
-    if (columns & SPIN_COL_LOGIT_OPACITIES) {
-        float *logits = out->logit_opacities + first;
-        size_t bad = 0;
-
-        spin_ply_column(&ply, e, spin_ply_find(e, "opacity"), logits, 1);
-        for (size_t i = 0; i < n; i++) {
-            bad += isnan(logits[i]);
-            logits[i] = isinf(logits[i]) ? copysignf(LOGIT_LIMIT, logits[i]) : logits[i];
-        }
-        if (bad > 0)
-            SPIN_TRY_OUT(
-                spin_fail(SPIN_E_MALFORMED, "'%s': %zu values of 'opacity' are NaN", path, bad));
-    }
-    if (columns & SPIN_COL_SH) {
-        float *sh = out->sh + step * first;
-
-        SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "f_dc_", 3, sh, step));
-        for (int i = 0; i < 3 * n_rest; i++) { /* channel-major in the file */
-            char name[32];
-
-            snprintf(name, sizeof name, "f_rest_%d", i);
-            SPIN_TRY_OUT(spin_model_folder_column(&ply, e, name,
-                                                  sh + 3 * (i % n_rest + 1) + i / n_rest, step));
-        }
-    }
-    for (size_t i = 0; (columns & SPIN_COL_QUATS) && i < n; i++)
+    SPIN_TRY(spin_model_folder_cloud(path, &ply, &cloud));
+    if (cloud.vertex->count != n || cloud.sh_degree != out->sh_degree)
+        SPIN_TRY_OUT(spin_fail(SPIN_E_IO, "'%s' changed while it was being read", path));
+    status = spin_gs_ply_read(&cloud, columns, first, out);
+    for (size_t i = 0; (columns & SPIN_COL_QUATS) && status == SPIN_OK && i < n; i++)
         spin_quat_normalise(out->quats + 4 * (first + i));
 out:
     spin_ply_close(&ply);

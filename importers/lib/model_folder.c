@@ -211,52 +211,43 @@ spin_status spin_model_folder_open(const char *path, struct spin_ply *ply,
     return status;
 }
 
-spin_status spin_model_folder_degree(const struct spin_ply *ply, const struct spin_ply_element *e,
-                                     int *sh_degree)
+spin_status spin_model_folder_cloud(const char *path, struct spin_ply *ply,
+                                    struct spin_gs_ply *cloud)
 {
-    int n_rest = spin_model_folder_count(e, "f_rest_");
+    spin_status status;
 
-    for (*sh_degree = 0; *sh_degree <= 3; ++*sh_degree) {
-        if (n_rest == 3 * ((*sh_degree + 1) * (*sh_degree + 1) - 1))
-            return SPIN_OK;
-    }
-    return spin_fail(SPIN_E_MALFORMED,
-                     "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)",
-                     ply->path, n_rest);
+    SPIN_TRY(spin_ply_open(path, ply));
+    status = spin_gs_ply_find(ply, cloud);
+    if (status == SPIN_OK && cloud->vertex->count > INT_MAX)
+        status = spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+    if (status == SPIN_OK && cloud->n_rest > (int)spin_n_rest(3))
+        status =
+            spin_fail(SPIN_E_MALFORMED,
+                      "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)",
+                      path, cloud->n_rest);
+    if (status != SPIN_OK)
+        spin_ply_close(ply);
+    return status;
 }
 
 spin_status spin_model_folder_read(const char *path, struct spin_splats *out,
                                    const char *extra_name, float **extra)
 {
-    const struct spin_ply_element *e;
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_gs_ply cloud;
     struct spin_ply ply;
-    size_t step;
-    int degree, n_rest;
+    size_t n;
     spin_status status;
 
-    SPIN_TRY(spin_model_folder_open(path, &ply, &e));
-    SPIN_TRY_OUT(spin_model_folder_degree(&ply, e, &degree));
-    SPIN_TRY_OUT(
-        spin_splats_reserve(out, (size_t)e->count, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, degree));
-    n_rest = (degree + 1) * (degree + 1) - 1;
-    step = 3 * (size_t)(n_rest + 1);
-    SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "x", out->means, 3));
-    SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "y", out->means + 1, 3));
-    SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "z", out->means + 2, 3));
-    SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "rot_", 4, out->quats, 4));
-    SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "scale_", 3, out->log_scales, 3));
-    SPIN_TRY_OUT(spin_model_folder_column(&ply, e, "opacity", out->logit_opacities, 1));
-    SPIN_TRY_OUT(spin_model_folder_columns(&ply, e, "f_dc_", 3, out->sh, step));
-    for (int i = 0; i < 3 * n_rest; i++) { /* channel-major in the file */
-        char name[32];
-
-        snprintf(name, sizeof name, "f_rest_%d", i);
-        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, name,
-                                              out->sh + 3 * (i % n_rest + 1) + i / n_rest, step));
-    }
+    SPIN_TRY(spin_model_folder_cloud(path, &ply, &cloud));
+    n = (size_t)cloud.vertex->count;
+    if (n == 0)
+        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path));
+    SPIN_TRY_OUT(spin_splats_reserve(out, n, columns, cloud.sh_degree));
+    SPIN_TRY_OUT(spin_gs_ply_read(&cloud, columns, 0, out));
     if (extra) {
-        SPIN_TRY_OUT(spin_alloc(out->n, sizeof **extra, (void **)extra));
-        SPIN_TRY_OUT(spin_model_folder_column(&ply, e, extra_name, *extra, 1));
+        SPIN_TRY_OUT(spin_alloc(n, sizeof **extra, (void **)extra));
+        SPIN_TRY_OUT(spin_model_folder_column(&ply, cloud.vertex, extra_name, *extra, 1));
     }
 out:
     spin_ply_close(&ply);

@@ -3,8 +3,8 @@
 #ifndef SPIN_IMPORTERS_LIB_MODEL_FOLDER_H
 #define SPIN_IMPORTERS_LIB_MODEL_FOLDER_H
 
+#include "formats/gs_ply.h"
 #include "importers/lib/cfg_args.h"
-#include "io/ply.h"
 
 /* N of a folder named exactly iteration_<digits>, else -1. */
 long long spin_model_folder_iteration(const char *name);
@@ -36,6 +36,7 @@ bool spin_model_folder_search(const char *path, const char *file, bool *coarse);
  * NULL. cfg->path stays NULL when there is none. */
 spin_status spin_model_folder_cfg(const char *path, const char *save, struct cfg_args *cfg);
 
+/* A property of the vertices into out, every `step` floats; finite. */
 spin_status spin_model_folder_column(const struct spin_ply *ply, const struct spin_ply_element *e,
                                      const char *name, float *out, size_t step);
 
@@ -43,14 +44,16 @@ spin_status spin_model_folder_column(const struct spin_ply *ply, const struct sp
 spin_status spin_model_folder_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                                       const char *prefix, int n, float *out, size_t step);
 
+/* Properties whose names begin so. */
 int spin_model_folder_count(const struct spin_ply_element *e, const char *prefix);
 
-/* The vertices of a cloud; at least one. Closed again on failure. */
+/* The vertices of a cloud of any properties; at least one. Closed again on failure. */
 spin_status spin_model_folder_open(const char *path, struct spin_ply *ply,
                                    const struct spin_ply_element **vertex);
 
-spin_status spin_model_folder_degree(const struct spin_ply *ply, const struct spin_ply_element *e,
-                                     int *sh_degree);
+/* The Gaussians of a cloud, perhaps none; SH degree at most 3. Closed again on failure. */
+spin_status spin_model_folder_cloud(const char *path, struct spin_ply *ply,
+                                    struct spin_gs_ply *cloud);
 
 /* All columns as they are stored, quaternions not normalised. extra: one more property [n], or
  * NULL. */
