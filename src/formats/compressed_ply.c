@@ -94,17 +94,17 @@ static float unpack_rest(unsigned char u)
     return u == 0 ? -4 : u == 255 ? 4 : ((float)u + 0.5f) / 32 - 4;
 }
 
-void spin_compressed_pack_sh(const float *sh, int n_sh, int sh_degree, unsigned char *out,
-                             float *lost)
+void spin_compressed_pack_sh(const float *restrict sh, int n_sh, int sh_degree,
+                             unsigned char *restrict out, float *restrict lost)
 {
-    int n = spin_sh_count(sh_degree);
+    int n = spin_sh_count(sh_degree), at = 0;
 
     for (int c = 0; c < 3; c++) {
-        for (int k = 1; k < n; k++, out++, lost++) {
+        for (int k = 1; k < n; k++, at++) {
             float v = k < n_sh ? sh[3 * k + c] : 0;
 
-            *out = (unsigned char)spin_minf(spin_maxf((v / 8 + 0.5f) * 256, 0), 255);
-            *lost = v - unpack_rest(*out);
+            out[at] = (unsigned char)spin_minf(spin_maxf((v / 8 + 0.5f) * 256, 0), 255);
+            lost[at] = v - unpack_rest(out[at]);
         }
     }
 }

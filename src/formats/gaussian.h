@@ -29,7 +29,8 @@ float spin_byte_logit(unsigned char opacity);
 /* 0..255, nearest, clamped. A cast rounds, as roundf is a call on the oldest machines. */
 static inline unsigned char spin_byte_of(float x)
 {
-    return (unsigned char)((x < 0 ? 0 : x > 255 ? 255 : x) + 0.5f);
+    x = x > 0 ? x : 0;
+    return (unsigned char)((x < 255 ? x : 255) + 0.5f);
 }
 
 /* Unit length, w >= 0. A quaternion that already is of unit length keeps its bits; one of length zero

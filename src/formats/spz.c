@@ -112,7 +112,8 @@ void spin_spz_code_rotation(const float q[4], unsigned char out[4], float shown[
         out[b] = (unsigned char)(word >> (8 * b));
 }
 
-void spin_spz_code_sh(const float *sh, int n_sh, int sh_degree, unsigned char *out, float *lost)
+void spin_spz_code_sh(const float *restrict sh, int n_sh, int sh_degree,
+                      unsigned char *restrict out, float *restrict lost)
 {
     int n = 3 * spin_sh_count(sh_degree);
 
