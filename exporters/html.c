@@ -12,10 +12,12 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "exporters/html/page.h"
 #include "exporters/lib/html_pack.h"
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/sort_rows.h"
+#include "io/gzip.h"
 
 #define DEFAULT_FPS 30
 #define NEAR_W 0.2 /* where the training cut splats off */
@@ -149,7 +151,7 @@ static spin_status write_packed(struct export *x, size_t n)
         status = spin_fail(SPIN_E_MEMORY, "cannot pack a frame of '%s': not enough memory",
                            x->job->output);
     if (status == SPIN_OK)
-        status = spin_html_base64(&x->out, (unsigned char *)bytes, n_bytes);
+        spin_text_base64(x->out.file, (unsigned char *)bytes, n_bytes);
     free(bytes);
     return status;
 }

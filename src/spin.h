@@ -4,6 +4,7 @@
  *
  *   src/base      errors with a trail, memory, log and progress, threads; knows nothing of splats
  *   src/io        bytes to arrays and back: files, zip, npy, json, ply, images
+ *   src/formats   splats in files of others: 3DGS PLY, compressed PLY, SPZ, .splat, GLB
  *   src/scene     what is reconstructed: splats of a frame, the clip, views, the *.spin bundle
  *   src/math      every formula once, each with its adjoint; headers that C and CUDA share
  *   src/device    the verbs (encode, decode, project, blend, ...) and who can do them

@@ -12,22 +12,11 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "exporters/lib/roundtrip_check.h"
 #include "io/json.h"
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
-
-static const char *bytes_text(uint64_t bytes, char text[32])
-{
-    static const char *const unit[] = {"bytes", "kB", "MB", "GB", "TB"};
-    double value = (double)bytes;
-    int u = 0;
-
-    for (; value >= 999.5 && u < 4; u++)
-        value /= 1000;
-    snprintf(text, 32, "%.3g %s", value, unit[u]);
-    return text;
-}
 
 void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most)
 {
@@ -35,9 +24,9 @@ void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool
     char size[32], left[32];
 
     spin_log(0, "writing %d %s to '%s': %s%s", n_frames, n_frames == 1 ? "frame" : "frames", output,
-             at_most ? "at most " : "", bytes_text(bytes, size));
+             at_most ? "at most " : "", spin_text_bytes(bytes, size));
     if (bytes > room && !at_most)
-        spin_warn("the disk of '%s' has room for %s only", output, bytes_text(room, left));
+        spin_warn("the disk of '%s' has room for %s only", output, spin_text_bytes(room, left));
 }
 
 static void say_size(const struct spin_frames *x, const struct spin_export_job *job)

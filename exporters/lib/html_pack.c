@@ -133,27 +133,3 @@ void spin_html_pack(const struct spin_html_frame *f, const struct spin_html_fram
             at[i] = (uint8_t)(x[i] - (flag[c] ? base[i] : 0));
     }
 }
-
-/* ---- Text ------------------------------------------------------------------------------------ */
-
-spin_status spin_html_base64(struct spin_out *out, const unsigned char *bytes, size_t n)
-{
-    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    char text[4 * 1024];
-    size_t used = 0;
-
-    for (size_t i = 0; i < n; i += 3) {
-        uint32_t word = (uint32_t)bytes[i] << 16 | (i + 1 < n ? (uint32_t)bytes[i + 1] << 8 : 0) |
-                        (i + 2 < n ? bytes[i + 2] : 0);
-
-        text[used++] = digit[word >> 18];
-        text[used++] = digit[(word >> 12) & 63];
-        text[used++] = i + 1 < n ? digit[(word >> 6) & 63] : '=';
-        text[used++] = i + 2 < n ? digit[word & 63] : '=';
-        if (used == sizeof text || i + 3 >= n) {
-            SPIN_TRY(spin_out_write(out, text, used));
-            used = 0;
-        }
-    }
-    return SPIN_OK;
-}

@@ -15,7 +15,6 @@
 #define SPIN_EXPORTERS_LIB_HTML_PACK_H
 
 #include "formats/gaussian.h"
-#include "io/gzip.h"
 
 enum { SPIN_HTML_WIDE = 9, SPIN_HTML_NARROW = 5 };
 
@@ -43,8 +42,5 @@ size_t spin_html_packed_size(size_t n, int n_sh);
 /* The block's bytes before gzip. key: a frame of as many rows, or NULL. */
 void spin_html_pack(const struct spin_html_frame *f, const struct spin_html_frame *key, int n_sh,
                     uint8_t *out);
-
-/* n bytes as base64, without line ends. */
-spin_status spin_html_base64(struct spin_out *out, const unsigned char *bytes, size_t n);
 
 #endif

@@ -8,6 +8,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/text.h"
+
 static atomic_int log_level;
 static atomic_int line_shown; /* a progress line is on the screen and must go before other text */
 
@@ -72,17 +74,6 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
     p->shown = spin_log_level() >= 0 && isatty(STDERR_FILENO);
 }
 
-/* "2:36:12" or "4:05" */
-static void duration_text(double seconds, char *text, size_t n)
-{
-    long long s = seconds < 0 ? 0 : seconds > 3.6e8 ? 360000000 : (long long)(seconds + 0.5);
-
-    if (s >= 3600)
-        snprintf(text, n, "%lld:%02lld:%02lld", s / 3600, s / 60 % 60, s % 60);
-    else
-        snprintf(text, n, "%lld:%02lld", s / 60, s % 60);
-}
-
 void spin_progress_set(struct spin_progress *p, long long done, const char *fmt, ...)
 {
     double now = p->shown ? spin_now_s() : 0;
@@ -102,7 +93,7 @@ void spin_progress_set(struct spin_progress *p, long long done, const char *fmt,
 
         fprintf(stderr, "  %.3g %s/s", rate, p->unit);
         if (p->total > 0) {
-            duration_text((double)(p->total - done) / rate, left, sizeof left);
+            spin_text_duration((double)(p->total - done) / rate, left);
             fprintf(stderr, "  %s left", left);
         }
     }

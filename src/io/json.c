@@ -10,6 +10,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "io/file.h"
 
 /* ---- Reading ------------------------------------------------------------------------------- */
@@ -192,24 +193,6 @@ static void write_real(FILE *out, double v)
         fputs(".0", out);
 }
 
-static void write_string(FILE *out, const char *text)
-{
-    fputc('"', out);
-    for (; *text; text++) {
-        unsigned char c = (unsigned char)*text;
-
-        if (c == '"' || c == '\\')
-            fprintf(out, "\\%c", c);
-        else if (c == '\n')
-            fputs("\\n", out);
-        else if (c < 0x20 || c == 0x7f)
-            fprintf(out, "\\u%04x", c);
-        else
-            fputc(c, out);
-    }
-    fputc('"', out);
-}
-
 static bool is_container(const json_t *j)
 {
     return (json_is_array(j) || json_is_object(j)) && json_array_size(j) + json_object_size(j) > 0;
@@ -251,7 +234,7 @@ static void write_members(FILE *out, const json_t *j, int depth, bool indent)
             first = false;
             if (tall)
                 write_newline(out, depth + 1);
-            write_string(out, key);
+            spin_text_json(out, key);
             fputs(indent ? ": " : ":", out);
             write_value(out, value, depth + 1, indent);
         }
@@ -274,7 +257,7 @@ static void write_value(FILE *out, const json_t *j, int depth, bool indent)
         fputc(']', out);
         break;
     case JSON_STRING:
-        write_string(out, json_string_value(j));
+        spin_text_json(out, json_string_value(j));
         break;
     case JSON_INTEGER:
         fprintf(out, "%lld", (long long)json_integer_value(j));

@@ -8,6 +8,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "eval/report/svg_chart.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"
@@ -25,45 +26,6 @@ struct page {
 };
 
 /* ---- Text ---------------------------------------------------------------------------------------- */
-
-static void put_text(FILE *to, const char *text)
-{
-    for (const char *c = text; *c; c++) {
-        switch (*c) {
-        case '<':
-            fputs("&lt;", to);
-            break;
-        case '>':
-            fputs("&gt;", to);
-            break;
-        case '&':
-            fputs("&amp;", to);
-            break;
-        case '"':
-            fputs("&quot;", to);
-            break;
-        default:
-            if ((unsigned char)*c >= 0x20 || *c == '\n')
-                fputc(*c, to);
-        }
-    }
-}
-
-static void put_base64(FILE *to, const unsigned char *bytes, size_t n)
-{
-    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-
-    for (size_t i = 0; i < n; i += 3) {
-        size_t left = n - i;
-        unsigned v = (unsigned)bytes[i] << 16 | (unsigned)(left > 1 ? bytes[i + 1] : 0) << 8 |
-                     (unsigned)(left > 2 ? bytes[i + 2] : 0);
-
-        fputc(digit[v >> 18], to);
-        fputc(digit[v >> 12 & 63], to);
-        fputc(left > 1 ? digit[v >> 6 & 63] : '=', to);
-        fputc(left > 2 ? digit[v & 63] : '=', to);
-    }
-}
 
 /* A number in a cell; nothing where it was not measured. */
 static void put_cell(FILE *to, const char *tag, double value, int digits)
@@ -158,12 +120,12 @@ static void put_head(struct page *p)
 
     fprintf(p->to, "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n<meta "
                    "name=\"viewport\" content=\"width=device-width\">\n<title>");
-    put_text(p->to, spin_path_name(p->r->options->input));
+    spin_text_html(p->to, spin_path_name(p->r->options->input));
     fprintf(p->to, " - spin4d</title>\n%s</head><body>\n<h1>", style);
-    put_text(p->to, spin_path_name(p->r->options->input));
+    spin_text_html(p->to, spin_path_name(p->r->options->input));
     fprintf(p->to, "</h1>\n<p>%s attributes, %zu %s views of %d frames. From ", name_of(p),
             a->n_views, split[p->r->options->split], a->n_frames);
-    put_text(p->to, p->r->clip->bundle.meta.variant);
+    spin_text_html(p->to, p->r->clip->bundle.meta.variant);
     fprintf(p->to, ".%s</p>\n",
             a->dynamic == SPIN_DYNAMIC_MASKS    ? " What moves: the data set's masks."
             : a->dynamic == SPIN_DYNAMIC_IMAGES ? " What moves: pixels that differ from their "
@@ -347,7 +309,7 @@ static spin_status put_picture(struct page *p, const struct spin_camera *c, cons
     SPIN_TRY(spin_image_encode(side_x, side_y, p->rgb, &bytes, &n));
     fprintf(p->to, "<img width=\"%d\" height=\"%d\" alt=\"\" src=\"data:image/png;base64,", side_x,
             side_y);
-    put_base64(p->to, bytes, n);
+    spin_text_base64(p->to, bytes, n);
     fprintf(p->to, "\">\n");
     free(bytes);
     return SPIN_OK;
@@ -453,10 +415,10 @@ static void put_options(struct page *p)
             fprintf(p->to, "%s%s %.10g", i ? ", " : "", plain[i], v);
     if (device) {
         fprintf(p->to, "; trained on ");
-        put_text(p->to, device);
+        spin_text_html(p->to, device);
     }
     fprintf(p->to, "</p>\n<pre>");
-    put_text(p->to, text);
+    spin_text_html(p->to, text);
     fprintf(p->to, "</pre>\n");
     free(text);
 }

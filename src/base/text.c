@@ -1,0 +1,86 @@
+#include "base/text.h"
+
+void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n)
+{
+    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char text[4 * 1024];
+    size_t used = 0;
+
+    for (size_t i = 0; i < n; i += 3) {
+        uint32_t word = (uint32_t)bytes[i] << 16 | (i + 1 < n ? (uint32_t)bytes[i + 1] << 8 : 0) |
+                        (i + 2 < n ? bytes[i + 2] : 0);
+
+        text[used++] = digit[word >> 18];
+        text[used++] = digit[(word >> 12) & 63];
+        text[used++] = i + 1 < n ? digit[(word >> 6) & 63] : '=';
+        text[used++] = i + 2 < n ? digit[word & 63] : '=';
+        if (used == sizeof text || i + 3 >= n) {
+            fwrite(text, 1, used, to);
+            used = 0;
+        }
+    }
+}
+
+void spin_text_html(FILE *to, const char *text)
+{
+    for (const char *c = text; *c; c++) {
+        switch (*c) {
+        case '<':
+            fputs("&lt;", to);
+            break;
+        case '>':
+            fputs("&gt;", to);
+            break;
+        case '&':
+            fputs("&amp;", to);
+            break;
+        case '"':
+            fputs("&quot;", to);
+            break;
+        default:
+            if ((unsigned char)*c >= 0x20 || *c == '\n')
+                fputc(*c, to);
+        }
+    }
+}
+
+void spin_text_json(FILE *to, const char *text)
+{
+    fputc('"', to);
+    for (; *text; text++) {
+        unsigned char c = (unsigned char)*text;
+
+        if (c == '"' || c == '\\')
+            fprintf(to, "\\%c", c);
+        else if (c == '\n')
+            fputs("\\n", to);
+        else if (c < 0x20 || c == 0x7f)
+            fprintf(to, "\\u%04x", c);
+        else
+            fputc(c, to);
+    }
+    fputc('"', to);
+}
+
+const char *spin_text_bytes(uint64_t bytes, char text[32])
+{
+    static const char *const unit[] = {"bytes", "kB", "MB", "GB", "TB"};
+    double value = (double)bytes;
+    int u = 0;
+
+    for (; value >= 999.5 && u < 4; u++)
+        value /= 1000;
+    snprintf(text, 32, "%.3g %s", value, unit[u]);
+    return text;
+}
+
+const char *spin_text_duration(double seconds, char text[32])
+{
+    long long s = seconds < 0 ? 0 : seconds > 3.6e8 ? 360000000 : (long long)(seconds + 0.5);
+
+    if (s >= 3600)
+        snprintf(text, 32, "%lld:%02lld:%02lld", s / 3600, s / 60 % 60, s % 60);
+    else
+        snprintf(text, 32, "%lld:%02lld", s / 60, s % 60);
+    return text;
+}

@@ -1,0 +1,20 @@
+/* Text for other programs and for people: base64, escapes, sizes, durations. What is written to a stream
+ * leaves its errors there, for ferror(). */
+#ifndef SPIN_BASE_TEXT_H
+#define SPIN_BASE_TEXT_H
+
+#include "spin.h"
+
+/* n bytes as base64, without line ends. */
+void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n);
+/* As text or the value of an attribute of HTML; control characters but line feeds are left out. */
+void spin_text_html(FILE *to, const char *text);
+/* UTF-8 as a string of JSON, in its quotes. */
+void spin_text_json(FILE *to, const char *text);
+
+/* Powers of 1000, as disks are sold: "12.3 MB". Returns text. */
+const char *spin_text_bytes(uint64_t bytes, char text[32]);
+/* "2:36:12" or "4:05". Returns text. */
+const char *spin_text_duration(double seconds, char text[32]);
+
+#endif

@@ -1,0 +1,54 @@
+/* K: text */
+#include "base/text.h"
+#include "tests/tap.h"
+
+static char *got;
+static size_t n_got;
+
+static FILE *begin(void)
+{
+    free(got);
+    return open_memstream(&got, &n_got);
+}
+
+static void base64(const char *in, const char *want)
+{
+    FILE *f = begin();
+
+    spin_text_base64(f, (const unsigned char *)in, strlen(in));
+    fclose(f);
+    is_text(got, want, in);
+}
+
+TAP_MAIN
+{
+    unsigned char block[6000];
+    char text[32];
+    FILE *f;
+
+    /* RFC 4648, section 10. */
+    base64("", "");
+    base64("f", "Zg==");
+    base64("fo", "Zm8=");
+    base64("foo", "Zm9v");
+    base64("foobar", "Zm9vYmFy");
+    memset(block, 0xff, sizeof block);
+    f = begin();
+    spin_text_base64(f, block, sizeof block);
+    fclose(f);
+    ok(n_got == 8000 && strspn(got, "/") == 8000, "more than one piece");
+    f = begin();
+    spin_text_html(f, "a<b>&\"c\"\t\n");
+    fclose(f);
+    is_text(got, "a&lt;b&gt;&amp;&quot;c&quot;\n", "HTML");
+    f = begin();
+    spin_text_json(f, "a\"b\\\n\x01\x7f\xc3\xa4");
+    fclose(f);
+    is_text(got, "\"a\\\"b\\\\\\n\\u0001\\u007f\xc3\xa4\"", "JSON");
+    is_text(spin_text_bytes(999, text), "999 bytes", "bytes");
+    is_text(spin_text_bytes(1234567, text), "1.23 MB", "megabytes");
+    is_text(spin_text_duration(245, text), "4:05", "minutes");
+    is_text(spin_text_duration(9372.4, text), "2:36:12", "hours");
+    is_text(spin_text_duration(-1, text), "0:00", "no time");
+    free(got);
+}
