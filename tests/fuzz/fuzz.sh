@@ -18,7 +18,7 @@ FLAGS="-std=gnu11 -g -O1 -Isrc -I. -D_GNU_SOURCE -pthread -fno-sanitize-recover=
 SANITIZE=-fsanitize=fuzzer-no-link,address,undefined
 
 # An archive of what readers are made of, so that a target links only what it calls.
-for source in src/base/*.c src/io/*.c src/scene/*.c importers/*.c; do
+for source in src/base/*.c src/io/*.c src/formats/*.c src/scene/*.c importers/*.c importers/lib/*.c; do
     [ "$source" = src/io/video_ffmpeg.c ] && continue # stands apart, behind video.c
     object=build/fuzz/lib/${source%.c}.o
     [ "$object" -nt "$source" ] && continue
