@@ -322,7 +322,7 @@ spin_status spin_compressed_read(const struct spin_compressed_ply *file, unsigne
     float *range = NULL;
     spin_status status = read_ranges(file, &range);
 
-    if (status == SPIN_OK && (columns & SPIN_COL_SH)) {
+    if (status == SPIN_OK && n > 0 && (columns & SPIN_COL_SH)) {
         memset(out->sh, 0, n * step * sizeof *out->sh);
         if (file->sh_degree > 0)
             spin_gs_ply_rest(file->ply, file->sh, file->n_rest, file->sh_degree, out->sh, step);

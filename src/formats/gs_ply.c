@@ -274,7 +274,7 @@ spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, s
     struct column column[MAX_COLUMNS];
     float *part_row[5] = {0}, *sh;
 
-    for (int p = 0; p < 5; p++)
+    for (int p = 0; p < 5 && n > 0; p++)
         if (columns & 1u << p)
             part_row[p] = all[p] + first * step[p];
     sh = part_row[4];
