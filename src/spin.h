@@ -1,18 +1,24 @@
 /* spin.h - the one public header of spin4d, and the map of the house.
  *
- *     three thin commands  ->  one library  <-  importers and exporters, one file each
+ *     four commands  ->  one library  <-  importers and exporters, one file each
  *
- *   src/base      errors with a trail, memory, log and progress, threads; knows nothing of splats
- *   src/io        bytes to arrays and back: files, zip, npy, json, ply, images
+ *   src/base      errors, memory, log and progress, threads, text; knows nothing of splats
+ *   src/io        bytes to arrays and back: files, zip, npy, checkpoints, JSON, images
  *   src/formats   splats in files of others: 3DGS PLY, compressed PLY, SPZ, .splat, GLB
- *   src/scene     what is reconstructed: splats of a frame, the clip, views, the *.spin bundle
- *   src/math      every formula once, each with its adjoint; headers that C and CUDA share
- *   src/device    the verbs (encode, decode, project, blend, ...) and who can do them
- *   src/core      the method: model, raster, train, metrics; spin.c wires the calls below
+ *   src/scene     splats of a frame, data sets, clips, the *.spin bundle, plug-ins
+ *   src/math      every formula once, each with its derivative; headers that C and CUDA share
+ *   src/device    the operations of the method, and the devices that do them
+ *   src/model     the network: layout, first values, forward and backward
+ *   src/render    a view through the rasteriser; frames of a bundle as pictures
+ *   src/train     the stages of a training: plan, frames, loop, output
+ *   src/eval      metrics, dynamic regions, LPIPS, the report
+ *   src/run       the calls of parts 5 to 8: import, retrain, evaluate, export
  *   src/cmd       the commands: parse, call the library, print; nothing else
  *   importers     foreign files in: one plug-in per file, listed in importers.c
  *   exporters     standard files out: one plug-in per file, listed in exporters.c
  *                 (others can be loaded at run time: part 4 below and spin-plugin(7))
+ *
+ * docs/architecture.md follows a mean from import to export.
  *
  * Conventions, written once. Quaternions are w, x, y, z. Matrices are row-major. Cameras look along
  * +z, x right, y down; w2c maps world to camera; the centre of the top-left pixel is (0.5, 0.5).

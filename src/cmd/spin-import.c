@@ -241,7 +241,7 @@ static void report_json(const struct spin_import_report *r)
     else
         spin_print_integer("sh_degree", r->sh_degree);
     print_columns("attributes", r->columns);
-    print_columns("still", r->static_columns);
+    print_columns("static", r->static_columns);
     spin_print_open("bounds", '{');
     print_vector("min", r->bounds_min);
     print_vector("max", r->bounds_max);
@@ -328,7 +328,7 @@ static void report_text(const struct spin_import_report *r)
     if (r->sh_degree >= 0)
         printf(" (SH degree %d)", r->sh_degree);
     if (wants_info && r->static_columns) {
-        printf("\nstill      ");
+        printf("\nstatic     ");
         for (int i = 0; i < N_COLUMNS; i++)
             if (r->static_columns & columns[i].column)
                 printf(" %s", columns[i].name);

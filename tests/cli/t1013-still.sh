@@ -7,7 +7,7 @@ CC=${CC:-gcc}
 
 # The example importer as it is, and one that says that all its columns are the same in every frame.
 example=man/example-plugin/points-csv.c
-sed 's/track->sh_degree = 0;/&\n    track->static_columns = track->columns;/' "$example" >"$work/still.c"
+sed 's/sequence->sh_degree = 0;/&\n    sequence->static_columns = sequence->columns;/' "$example" >"$work/still.c"
 for name in plain still; do
     [ $name = plain ] && cp "$example" "$work/plain.c"
     $CC -std=gnu11 -Isrc -fPIC -shared -w -o "$work/$name.so" "$work/$name.c"
@@ -42,7 +42,7 @@ for name in plain still; do
         run "$bin/spin-import" "$work/points.csv" --size 0.05 --data "$clip" --data-from panoptic $option \
             -o "$work/$name/$columns.spin" --json
         is "$code" 0 "$name: imports $columns"
-        sed '/"still": \[\]/d; /"output"/d; /"still"/,/]/d' "$work/out" >"$work/$name/$columns.import"
+        sed '/"static": \[\]/d; /"output"/d; /"static"/,/]/d' "$work/out" >"$work/$name/$columns.import"
         run "$bin/spin-retrain" "$work/$name/$columns.spin" -o "$work/$name/$columns.net" --preset paper \
             --iterations 4 --batch 1 --levels 2 --hash-log2 8 --hidden 16 --scale 0.5 --device cpu
         is "$code" 0 "$name: retrains $columns"
@@ -88,7 +88,7 @@ ok $? "measurements and exports are those of the same clip with a copy for every
     grep -v '^13,' "$work/points.csv"
     grep '^13,' "$work/points.csv" | head -n 20
 } >"$work/fewer.csv"
-sed 's/track->sh_degree = 0;/&\n    track->static_columns = SPIN_COL_SH;/' "$example" >"$work/lying.c"
+sed 's/sequence->sh_degree = 0;/&\n    sequence->static_columns = SPIN_COL_SH;/' "$example" >"$work/lying.c"
 $CC -std=gnu11 -Isrc -fPIC -shared -w -o "$work/lying.so" "$work/lying.c"
 SPIN_PLUGIN_PATH=$work/lying.so
 export SPIN_PLUGIN_PATH
