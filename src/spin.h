@@ -12,7 +12,7 @@
  *   src/render    a view through the rasteriser; frames of a bundle as pictures
  *   src/train     the stages of a training: plan, frames, loop, output
  *   src/eval      metrics, dynamic regions, LPIPS, the report
- *   src/run       the calls of parts 5 to 8: import, retrain, evaluate, export
+ *   src/run       the calls of part 6: import, retrain, evaluate, export
  *   src/cmd       the commands: parse, call the library, print; nothing else
  *   importers     foreign files in: one plug-in per file, listed in importers.c
  *   exporters     standard files out: one plug-in per file, listed in exporters.c
