@@ -21,7 +21,7 @@ static spin_status views(const char *path, const struct spin_plugin_values *valu
         char image[4096];
         struct spin_view view = {
             .camera = {160, 90, 120, 120, 80, 45, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4}},
-            .row = i, .number = i, .time = i, .test = true, .path = image};
+            .dataset_frame = i, .number = i, .time = i, .test = true, .path = image};
 
         snprintf(image, sizeof image, "%s/ims/0/%06d.jpg", path, i + 8);
         SPIN_TRY(spin_views_add(out, &view));
