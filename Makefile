@@ -82,7 +82,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
+.PHONY: all help config setup setup-video setup-lint demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -100,6 +100,9 @@ setup: ## install what building and testing lack (Debian/Ubuntu), or print the l
 
 setup-video: ## install FFmpeg's libraries, so that videos open as they are
 	@sh tests/setup.sh --video
+
+setup-lint: ## install clang, for the lint of device pointers
+	@sh tests/setup.sh --lint
 
 demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
 	@sh tests/setup.sh
@@ -174,8 +177,10 @@ $(B)/tests/tools/make-video: tests/tools/make-video.c
 	$(SAY) LINK $@
 	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -o $@ $< $(FFMPEG)
 
-# The grid's vertex positions are defined with one rounding per operation: no contraction there.
-$(B)/src/device/cpu/grid.%.o: CONTRACT := -ffp-contract=off
+# The grid's vertex positions and the statistics of densification are defined with one rounding per
+# operation: no contraction there, so every code path gives the same bits.
+$(B)/src/device/cpu/contract.%.o $(B)/src/device/cpu/grid.%.o \
+$(B)/src/device/cpu/densify_stats.%.o: CONTRACT := -ffp-contract=off
 
 define CPU_RULE
 $(B)/%.$(1).o: %.c
@@ -190,9 +195,11 @@ $(B)/%.o: %.c
 	$(SAY) CC $<
 	$(Q)$(CC) $(CPPFLAGS) -DSPIN_CPU_PATHS_$(words $(PATHS)) -DSPIN_PREFIX='"$(PREFIX)"' $(CFLAGS) -MMD -MP -c -o $@ $<
 
-$(B)/tests/%: $(B)/tests/%.o $(B)/tests/check.o $(LIB) | $(SHIMS)
+# What tests share.
+TEST_O := $(B)/tests/check.o $(B)/tests/device/strict.o
+$(B)/tests/%: $(B)/tests/%.o $(TEST_O) $(LIB) | $(SHIMS)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(B)/tests/check.o $(LIB) $(LDLIBS)
+	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(TEST_O) $(LIB) $(LDLIBS)
 
 # Fuzz targets: replayed by a plain main in every build; `make fuzz F=npy` links libFuzzer (clang).
 FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
@@ -227,7 +234,7 @@ test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1 
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
-lint: ## includes, headers, lists, manual, format
+lint: ## includes, headers, lists, manual, device pointers, plug-ins
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done
 
 $(BENCH): $(BENCH_O) $(LIB)

@@ -2,7 +2,7 @@
  * their raw attributes at any time.
  *
  * What the network's heads are used for is not in the checkpoint but in cfg_args beside it, which
- * is therefore read, or replaced by options. Format: 4dgaussian.md. */
+ * is therefore read, or replaced by options. */
 #include "spin.h"
 #include <stdlib.h>
 

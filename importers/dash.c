@@ -1,7 +1,7 @@
 /* DASH (Chen et al., 2025): a cloud of canonical Gaussians of which some are dynamic; a 4-D hash
  * grid and a network move and reshape those.
  *
- * A descendant of Grid4D. Format: grid4d.md. As in the method's render script, the heads for
+ * A descendant of Grid4D. As in the method's render script, the heads for
  * opacity and colour are stored but not used, and static Gaussians stay exactly as they are. */
 #include "spin.h"
 #include <stdlib.h>

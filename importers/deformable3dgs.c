@@ -1,5 +1,5 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network of position and time that adds to their finished attributes (deformable3dgs.md).
+ * network of position and time that adds to their finished attributes.
  *
  * Two traps. The sums are taken after activation, and the sum of quaternions goes to the rasteriser as
  * it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the

@@ -1,7 +1,7 @@
 /* Grid4D (Xu et al., NeurIPS 2024): a cloud of canonical Gaussians, four 3-D hash grids (one over
  * space, three over two axes and time) and a network that turns, moves and reshapes them.
  *
- * Format: grid4d.md. Residuals are added after the activations, so that a quaternion is not of unit
+ * Residuals are added after the activations, so that a quaternion is not of unit
  * length when the method's rasteriser takes it for one: see spin_hash_finish(). */
 #include "spin.h"
 #include <stdlib.h>

@@ -3,7 +3,7 @@
  *
  * Positions only: opacity, shape and colour of what an anchor spawns depend on the camera, so
  * there is no set of Gaussians per frame. Which offsets are alive depends on it too; all are
- * taken, or with --camera those that are alive for one of the given places. Format: modecgs.md. */
+ * taken, or with --camera those that are alive for one of the given places. */
 #include "spin.h"
 #include <stdlib.h>
 

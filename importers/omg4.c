@@ -1,5 +1,5 @@
 /* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its flavour with
- * velocities, OMG4-FTGS: one pickle in an xz; formats: omg4.md.
+ * velocities, OMG4-FTGS: one pickle in an xz.
  *
  * Shapes lie in code books behind Huffman codes. Opacity and colour come from four small networks
  * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of

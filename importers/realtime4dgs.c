@@ -1,5 +1,4 @@
-/* Realtime-4DGS (Yang et al., ICLR 2024): chkpnt<N>.pth, a tuple of tensors; formats:
- * realtime4dgs.md.
+/* Realtime-4DGS (Yang et al., ICLR 2024): chkpnt<N>.pth, a tuple of tensors.
  *
  * Gaussians are 4-D: at a time each is an ellipsoid of fixed shape on a straight line, with a bell
  * of opacity in time and cosines in its colour. The file tells neither the range of times nor which
@@ -301,7 +300,7 @@ static void read_sh(struct model *m, size_t row)
 /* ---- Degrees --------------------------------------------------------------------------------- */
 
 /* Degree of the spatial part for a number of rows and whether rows for the cosines follow;
- * false for a number that no setting gives (realtime4dgs.md, section 2). */
+ * false for a number that no setting gives. */
 static bool rows_to_degree(int rows, double told, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
@@ -430,7 +429,7 @@ static double median_extent(const struct columns *c, size_t n, bool older)
 }
 
 /* Under the wrong convention the long time axis of static Gaussians lies in space, so the right one
- * has the smaller ellipsoids (realtime4dgs.md, section 3.1). */
+ * has the smaller ellipsoids. */
 static spin_status choose_convention(struct model *m, const struct columns *c, const char *asked,
                                      struct spin_sequence_info *sequence)
 {
@@ -477,7 +476,7 @@ static void add_row(struct model *m, const struct columns *c, size_t i, bool tra
         spin_gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, time, opacity, &s, m->extra);
         return;
     }
-    /* Here the exponential is the variance itself (realtime4dgs.md, section 3.2). */
+    /* Here the exponential is the variance itself. */
     spin_unit_quat(c->rotation + 4 * i, quat);
     for (int k = 0; k < 3; k++) {
         log_scale[k] = c->scaling[3 * i + (size_t)k];

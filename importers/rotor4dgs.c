@@ -1,5 +1,4 @@
-/* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors;
- * formats: rotor4dgs.md.
+/* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
  * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales. Colours do
  * not change in time. The renderer culls next to nothing, so that every slow Gaussian is in every

@@ -1,7 +1,7 @@
 /* TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting"): the params.npz of Dynamic 3D
  * Gaussians with one more array, mask [T, N, 1], the logit of "this Gaussian is present in this frame".
  *
- * The published code reads the mask in several ways (tc3dgs.md, section 3). Training renders with a
+ * The published code reads the mask in several ways. Training renders with a
  * hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask hides is
  * left out, not shrunk: a scale of 0 has no logarithm. */
 #include "importers/lib/d3dgs_run.h"

@@ -1,8 +1,8 @@
 #!/bin/sh
 # setup.sh: install what the build needs and this machine lacks (Debian, Ubuntu), or print the line to
 # type. setup.sh --report [CC [CXX]]: say what is there. setup.sh --video: with what videos need, which no
-# build does. setup.sh --tests: with all that a test is skipped without; what of that cannot be installed
-# is said, and no failure.
+# build does. setup.sh --lint: with what `make lint` needs besides. setup.sh --tests: with all that a test
+# is skipped without; what of that cannot be installed is said, and no failure.
 CC=${2:-${CC:-gcc}}
 CXX=${3:-${CXX:-g++}}
 
@@ -10,6 +10,7 @@ have() { command -v "$1" >/dev/null 2>&1; }
 
 video=
 tests=
+lint=
 case ${1:-} in
 --video)
     video='libavformat-dev libavcodec-dev libswscale-dev'
@@ -17,6 +18,10 @@ case ${1:-} in
     ;;
 --tests)
     tests=yes
+    shift
+    ;;
+--lint)
+    have clang || lint=clang
     shift
     ;;
 esac
@@ -36,7 +41,7 @@ missing_headers() {
 
 missing_packages() {
     if have make && have "${CC%% *}" && have "${CXX%% *}"; then
-        missing_headers
+        echo "$lint $(missing_headers)"
     elif have "$CXX"; then
         echo "build-essential $(missing_headers)"
     else
@@ -126,6 +131,7 @@ if have apt-get && { [ -z "$as_root" ] || { have sudo && sudo -n true 2>/dev/nul
         echo "setup: could not install; type: ${as_root:+sudo }$install $packages" >&2
         exit 1
     fi
+    have clang && lint=
     # One by one: what one distribution lacks is no reason to be without the others.
     for package in $more; do
         $as_root $install "$package" >&2

@@ -2,8 +2,7 @@
  *
  *     Namespace(sh_degree=3, ..., grid_args={'bound': 1.6}, no_do=True, ...)
  *
- * Values are Python literals. They are looked up in the text, as spans of it, and never evaluated
- * (4dgaussian.md, section 4). */
+ * Values are Python literals. They are looked up in the text, as spans of it, and never evaluated. */
 #ifndef SPIN_IMPORTERS_LIB_CFG_ARGS_H
 #define SPIN_IMPORTERS_LIB_CFG_ARGS_H
 

@@ -1,4 +1,4 @@
-/* The arrays of a Dynamic 3D Gaussians run (params.npz) and of its descendants (d3dgs.md).
+/* The arrays of a Dynamic 3D Gaussians run (params.npz) and of its descendants.
  *
  * Frames are converted one by one, straight from the map. */
 #ifndef SPIN_IMPORTERS_LIB_D3DGS_RUN_H

@@ -1,5 +1,5 @@
 /* What Grid4D and DASH share: hash grids with their tables, the pair of dicts they are saved in,
- * the two folders of a model, and the numbers that only cfg_args has (grid4d.md). */
+ * the two folders of a model, and the numbers that only cfg_args has. */
 #ifndef SPIN_IMPORTERS_LIB_HASHGRID_DEFORM_H
 #define SPIN_IMPORTERS_LIB_HASHGRID_DEFORM_H
 

@@ -1,5 +1,5 @@
 /* The network of 4DGaussians, which MoDec-GS has too: six feature planes per scale over pairs of
- * x, y, z, t (HexPlane), a small MLP behind them, and heads (4dgaussian.md, sections 2 and 3). */
+ * x, y, z, t (HexPlane), a small MLP behind them, and heads (hustvl/4DGaussians 843d5ac). */
 #ifndef SPIN_IMPORTERS_LIB_HEXPLANE_H
 #define SPIN_IMPORTERS_LIB_HEXPLANE_H
 

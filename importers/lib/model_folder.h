@@ -1,5 +1,5 @@
 /* Model folders of 3DGS and its descendants: which save to read, the canonical cloud in it, and the
- * text beside it (4dgaussian.md, section 1). */
+ * text beside it. */
 #ifndef SPIN_IMPORTERS_LIB_MODEL_FOLDER_H
 #define SPIN_IMPORTERS_LIB_MODEL_FOLDER_H
 

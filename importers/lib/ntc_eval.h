@@ -1,7 +1,7 @@
 /* The network of one frame of 3DGStream, NTC.pth: reading it, and evaluating it at points.
  *
  * Parameters, features and activations are rounded to half as tiny-cuda-nn has them; sums are taken
- * in floats, which is as close to a GPU's result as another GPU's (3dgstream.md, section 5). */
+ * in floats, which is as close to a GPU's result as another GPU's (NVlabs/tiny-cuda-nn 6ee3546). */
 #ifndef SPIN_IMPORTERS_LIB_NTC_EVAL_H
 #define SPIN_IMPORTERS_LIB_NTC_EVAL_H
 

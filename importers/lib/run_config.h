@@ -17,8 +17,8 @@ struct clip_times {
     bool guessed;
 };
 
-/* The value of "key: value" at any depth: forks indent sections under one another (omg4.md, section
- * 1). *next is behind its line. */
+/* The value of "key: value" at any depth: forks indent sections under one another. *next is behind
+ * its line. */
 struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, const char **next);
 
 bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback);

@@ -1,19 +1,33 @@
-/* The verbs of the method, and who can do them.
+/* The operations ("verbs") of training and rendering, and the devices that do them.
  *
- * A device owns its memory: what reserve() returns is touched only through the device. Ops take sizes
- * and pointers, return nothing and cannot fail: their inputs were checked when the plan was made. All
- * pointers below are device memory unless marked host. "=" overwrites, "+=" accumulates.
+ * Verbs take the whole step: all its frames and all its views. They are queued in order: nothing has
+ * happened on return, except where it says "now". Structs and host arguments are copied by the call, so
+ * they may be changed or freed afterwards. Verbs without a status cannot fail: sizes were checked when the
+ * run was planned; what goes wrong all the same is reported by the next wait() or download().
+ *
+ * A device owns its memory. Pointers to it are marked SPIN_DEV: the host passes them on and adds to them,
+ * and does not follow them. All pointers below are device memory unless marked host. "=" overwrites,
+ * "+=" accumulates.
  *
  * Attributes of a Gaussian travel as one row of SPIN_ATTR floats, in the order of the heads:
  *     scale [3]  rotation [4] (w,x,y,z)  sh [16][3]  opacity [1]
  * `raw` rows are head outputs, `attr` rows are finished (linear scale, unit quaternion, opacity 0..1).
  *
- * Backward ops take `rows`: an ascending list of the n_rows splats that have any gradient; compact
- * arrays (d_raw, d_z, d_x_u) have n_rows rows in that order, full ones have n. */
+ * Arrays [n] hold the splats of all frames of a batch, one frame after the other. Backward verbs take
+ * `active`, an ascending list of the rows that have any gradient; compact arrays (d_raw, d_z, d_x_u) have
+ * one row for each of the list, in its order, full ones have n rows. */
 #ifndef SPIN_DEVICE_DEVICE_H
 #define SPIN_DEVICE_DEVICE_H
 
 #include "spin.h"
+
+/* Device memory: clang reports code that follows such a pointer (tests/lint/noderef.sh). To the CPU device
+ * itself it is ordinary memory. */
+#if defined(__clang__) && !defined(SPIN_CPU_PATH) && !defined(__CUDACC__)
+#define SPIN_DEV __attribute__((noderef))
+#else
+#define SPIN_DEV
+#endif
 
 enum {
     SPIN_ATTR_SCALE = 0,
@@ -23,7 +37,7 @@ enum {
     SPIN_ATTR = 56,
     SPIN_RESIDUAL =
         11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
-    SPIN_TILE = 16, /* pixels; part of the result, method.md 4.2 */
+    SPIN_TILE = 16, /* pixels; part of the result, docs/method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
 
@@ -36,18 +50,16 @@ struct spin_grid {
     uint8_t hashed[SPIN_MAX_LEVELS];      /* product of res exceeds the level's rows */
 };
 
-/* Adam for a table of which a step touches little. A line of 16 floats that no step needs is left
- * alone and stands at an older step; once it is needed, the steps that it missed are made up for
- * at once (spin_adam_skip). Lines begin with the first hashed level: the smaller ones before it
- * are touched everywhere and take every step. */
+/* Adam for a table of which a step touches little. Values go in lines of 16. A line that no splat of the
+ * step needs is not updated: it keeps the number of the step of its last update, and the updates that it
+ * missed are applied together when it is needed again (spin_adam_skip). Lines begin with the first hashed
+ * level: levels before it are small, and take every step. */
 enum { SPIN_LINE = 16 };
-struct spin_lazy_adam {
-    float *last;  /* [lines] step a line stands at; done + 1 once the present step needs it */
+struct spin_lazy_adam { /* made by lazy_adam_enable(); the device keeps more behind it */
+    float SPIN_DEV
+        *last; /* [n_lines] step of a line's last update; done + 1 when this step needs it */
+    size_t n_lines;
     int64_t done; /* steps that are over */
-    const float
-        *skipped_step; /* host [done + 1][2], by the step a line stands at: spin_adam_skip's drift
-                         * and tiny, up to step done */
-    const float *moment_decay; /* host [done + 1][2], by the steps missed: .9^t, .999^t */
 };
 /* Level where lines begin; n_levels: there are none. */
 static inline int spin_lazy_level(const struct spin_grid *grid)
@@ -112,144 +124,285 @@ struct spin_splat2d_grad {
 /* A view has at most this many (splat, tile) pairs; lists of 1 GiB. */
 #define SPIN_MAX_PAIRS ((uint64_t)1 << 28)
 
-/* Where a view's lists live; one struct per view in flight. Sizes are the core's business. */
+/* The splats of every tile of every view, front to back. Views have max_tiles + 1 places in `start`. */
 struct spin_tiles {
-    uint32_t n_intersections; /* set by tile_count */
-    uint32_t *intersections;  /* [n_pairs] splats, sorted by tile, then depth, then index */
-    uint32_t *start;          /* [tiles_x * tiles_y + 1] */
+    uint64_t n_intersections; /* host; of all views, set by tile_count */
+    uint32_t SPIN_DEV
+        *intersections;       /* [n_intersections] splats, sorted by tile, then depth, then index */
+    uint32_t SPIN_DEV *start; /* [n_views][max_tiles + 1] places in intersections */
+};
+
+/* The frames of a step. */
+enum { SPIN_MAX_FRAMES = 8, SPIN_MAX_VIEWS = 32 };
+struct spin_frame_batch {
+    int n_frames;
+    size_t n; /* splats of all frames */
+    struct spin_frame_of_batch {
+        size_t first, n;                /* its rows */
+        float t;                        /* time, 0..1 */
+        const float SPIN_DEV *means;    /* [n][3] */
+        float SPIN_DEV *d_means;        /* [n][3] */
+        const float SPIN_DEV *residual; /* [SPIN_RESIDUAL n], or NULL: see residual() */
+        float SPIN_DEV *d_residual;     /* the same, or NULL: residuals are not trained */
+        float d_scale,
+            d_opacity; /* slope of the loss by each scale and each opacity of an active splat */
+    } frame[SPIN_MAX_FRAMES];
+};
+
+/* Rows of a frame batch that have a gradient. */
+struct spin_active {
+    uint32_t SPIN_DEV *row; /* [n] ascending */
+    uint32_t SPIN_DEV *n;   /* [1] */
+    size_t most;            /* rows there is room for: at least the frames' n */
+};
+
+/* The views of a step. Pictures of a view are planar [3][h][w] at its place in [n_views][3][max_pixels]. */
+struct spin_view_batch {
+    int n_views;
+    size_t max_pixels, max_tiles;
+    float background[3];
+    struct spin_view_of_batch {
+        int frame;       /* that it shows, of the frame batch */
+        size_t first, n; /* its rows in splat2d: one for every splat of the frame */
+        struct spin_camera_f32 camera;
+        float weight;   /* of its loss in the gradient */
+        uint32_t image; /* its photograph */
+        int exposure;   /* its camera's row of exposures */
+        int value;      /* its row in the values of loss() and measure() */
+    } view[SPIN_MAX_VIEWS];
+};
+
+/* Photographs, by number, tightly packed: number k begins at k times the room for max_pixels. */
+struct spin_images {
+    const uint8_t SPIN_DEV *rgb8; /* [][h][w][3], a byte is 255 times the value; or NULL: */
+    const float SPIN_DEV *f32;    /* [][3][h][w] */
+    const uint8_t SPIN_DEV
+        *mask; /* a bit a pixel, lowest first, rows of (max_pixels + 7) / 8; or NULL */
+    size_t max_pixels;
+    float mask_weight
+        [2]; /* how often a pixel counts in loss() whose bit is 0, 1; without a mask: once */
+};
+
+/* Values of one view. */
+enum { SPIN_LOSS, SPIN_LOSS_L1, SPIN_LOSS_SSIM, SPIN_LOSS_VALUES };
+enum {
+    SPIN_MEASURE_SQUARES,  /* sum over all pixels and channels of the squared difference */
+    SPIN_MEASURE_RED,      /* the same of one channel; green and blue follow */
+    SPIN_MEASURE_SSIM = 4, /* mean */
+    SPIN_MEASURE_OUTSIDE,  /* sum of squares where the mask is 0 ... */
+    SPIN_MEASURE_INSIDE,   /* ... and 1 */
+    SPIN_MEASURE_VALUES
+};
+
+/* Parameters that take a step of Adam together. step counts from 1. */
+struct spin_param_group {
+    float SPIN_DEV *p, *g, *m, *v; /* [n] */
+    size_t n;
+    double lr;
+    int64_t step;
 };
 
 struct spin_device;
+
+/* What the device's time goes to. */
+enum {
+    SPIN_OP_PIXELS, /* loading photographs: the host's */
+    SPIN_OP_CONTRACT,
+    SPIN_OP_GRID,
+    SPIN_OP_MLP,
+    SPIN_OP_ACTIVATE,
+    SPIN_OP_PROJECT,
+    SPIN_OP_TILE,
+    SPIN_OP_BLEND,
+    SPIN_OP_LOSS,
+    SPIN_OP_BLEND_BACK,
+    SPIN_OP_PROJECT_BACK,
+    SPIN_OP_ACTIVATE_BACK,
+    SPIN_OP_MLP_BACK,
+    SPIN_OP_GRID_BACK,
+    SPIN_OP_ADAM,
+    SPIN_OP_CLEAR,
+    SPIN_OP_NONZERO_GRAD,
+    SPIN_N_OPS
+};
+#define SPIN_OP_NAMES                                                                              \
+    {                                                                                              \
+        "pixels", "contract", "grid", "mlp", "activate", "project", "tile", "blend", "loss",       \
+            "blend_back", "project_back", "activate_back", "mlp_back", "grid_back", "adam",        \
+            "clear", "nonzero_grad"                                                                \
+    }
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
     spin_status (*open)(struct spin_device *d, int n_threads);
     void (*close)(struct spin_device *d);
 
-    /* Memory. reserve() gives zeroed, 64-byte aligned memory. */
-    spin_status (*reserve)(struct spin_device *d, size_t bytes, void **out);
-    void (*release)(struct spin_device *d, void *block, size_t bytes);
-    void (*upload)(struct spin_device *d, void *to, const void *host, size_t bytes);
-    void (*download)(struct spin_device *d, void *host, const void *from, size_t bytes);
-    void (*zero)(struct spin_device *d, void *block, size_t bytes);
-    spin_status (*wait)(struct spin_device *d); /* also reports what went wrong before */
-    size_t (*memory)(struct spin_device *d);    /* bytes that could still be reserved */
+    /* Memory. reserve() gives zeroed, 64-byte aligned memory (now). */
+    spin_status (*reserve)(struct spin_device *d, size_t bytes, void SPIN_DEV **out);
+    void (*release)(struct spin_device *d, void SPIN_DEV *block, size_t bytes);
+    void (*zero)(struct spin_device *d, void SPIN_DEV *block, size_t bytes);
+    void (*upload)(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes);
+    /* Now: all that was queued before is done. */
+    spin_status (*download)(struct spin_device *d, void *host, const void SPIN_DEV *from,
+                            size_t bytes);
+    spin_status (*wait)(struct spin_device *d);
+    size_t (*memory_available)(
+        struct spin_device *d); /* bytes that could still be reserved (now) */
+    /* Seconds that the verbs of one op (SPIN_OP_...) took since the last call for it. */
+    double (*clock)(struct spin_device *d, int op);
 
-    /* x_u [n][4] = contract(pos_w [n][3]), t */
-    void (*contract)(struct spin_device *d, const struct spin_scene_transform *transform, size_t n,
-                     const float *pos_w, float t, float *x_u);
-    /* d_pos_w[rows[i]] += adjoint of d_x_u[i][0..2] */
+    /* ---- Network ---- */
+
+    /* x_u [n][4] = contract(means), t */
+    void (*contract)(struct spin_device *d, const struct spin_scene_transform *transform,
+                     const struct spin_frame_batch *frames, float SPIN_DEV *x_u);
+    /* d_means += adjoint of d_x_u[.][0..2] */
     void (*contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
-                          size_t n_rows, const uint32_t *rows, const float *pos_w,
-                          const float *d_x_u, float *d_pos_w);
+                          const struct spin_frame_batch *frames, const struct spin_active *active,
+                          const float SPIN_DEV *d_x_u);
 
     /* z [n][levels*features] = */
-    void (*grid)(struct spin_device *d, const struct spin_grid *grid, const float *table, size_t n,
-                 const float *x_u, float *z);
-    /* d_table [rows][features] +=, d_x_u [n_rows][4] = (d_x_u[.][3] = 0). d_x_u may be NULL. */
-    void (*grid_back)(struct spin_device *d, const struct spin_grid *grid, const float *table,
-                      size_t n_rows, const uint32_t *rows, const float *x_u, const float *d_z,
-                      float *d_table, float *d_x_u);
+    void (*grid)(struct spin_device *d, const struct spin_grid *grid, const float SPIN_DEV *table,
+                 size_t n, const float SPIN_DEV *x_u, float SPIN_DEV *z);
+    /* d_table [rows][features] +=, d_x_u [active][4] = (d_x_u[.][3] = 0). d_x_u may be NULL. */
+    void (*grid_back)(struct spin_device *d, const struct spin_grid *grid,
+                      const float SPIN_DEV *table, const struct spin_active *active,
+                      const float SPIN_DEV *x_u, const float SPIN_DEV *d_z, float SPIN_DEV *d_table,
+                      float SPIN_DEV *d_x_u);
 
     /* raw [n][SPIN_ATTR] = heads(z [n][n_in]) */
-    void (*mlp)(struct spin_device *d, const struct spin_heads *heads, const float *param, size_t n,
-                const float *z, float *raw);
-    /* d_param +=, d_z [n_rows][n_in] =; activations are recomputed from z */
-    void (*mlp_back)(struct spin_device *d, const struct spin_heads *heads, const float *param,
-                     size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
-                     float *d_param, float *d_z);
+    void (*mlp)(struct spin_device *d, const struct spin_heads *heads, const float SPIN_DEV *param,
+                size_t n, const float SPIN_DEV *z, float SPIN_DEV *raw);
+    /* d_param +=, d_z [active][n_in] =; activations are recomputed from z */
+    void (*mlp_back)(struct spin_device *d, const struct spin_heads *heads,
+                     const float SPIN_DEV *param, const struct spin_active *active,
+                     const float SPIN_DEV *z, const float SPIN_DEV *d_raw, float SPIN_DEV *d_param,
+                     float SPIN_DEV *d_z);
 
-    /* raw [n][SPIN_ATTR] += a splat's own values, raw as well; the colour is the first coefficient.
-     * own [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]. Back: d_residual [SPIN_RESIDUAL n] += */
-    void (*residual)(struct spin_device *d, size_t n, const float *residual, float *raw);
-    void (*residual_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
-                          const float *d_raw, float *d_residual);
+    /* raw [n][SPIN_ATTR] += explicit values of the splats; the colour is the first coefficient. A frame's
+     * residual [SPIN_RESIDUAL n] is four groups: [n][3], [n][4], [n][3], [n]. Frames without are left alone.
+     * residual_set: raw =, without a network; the SH coefficients beyond the first stay as they are. Back:
+     * d_residual += */
+    void (*residual)(struct spin_device *d, const struct spin_frame_batch *frames,
+                     float SPIN_DEV *raw);
+    void (*residual_set)(struct spin_device *d, const struct spin_frame_batch *frames,
+                         float SPIN_DEV *raw);
+    void (*residual_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                          const struct spin_active *active, const float SPIN_DEV *d_raw);
 
     /* attr [n][SPIN_ATTR] = finish(raw) */
-    void (*attr)(struct spin_device *d, size_t n, const float *raw, float *attr);
-    /* d_raw [n_rows][SPIN_ATTR] = from d_attr [n][SPIN_ATTR] */
-    void (*activate_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                          const float *raw, const float *d_attr, float *d_raw);
+    void (*activate)(struct spin_device *d, size_t n, const float SPIN_DEV *raw,
+                     float SPIN_DEV *attr);
+    /* d_raw [active][SPIN_ATTR] = from d_attr [n][SPIN_ATTR] */
+    void (*activate_back)(struct spin_device *d, const struct spin_active *active,
+                          const float SPIN_DEV *raw, const float SPIN_DEV *d_attr,
+                          float SPIN_DEV *d_raw);
 
-    /* d_attr [rows] += the gradient of d_scale (sum of the three scales) + d_opacity opacity. */
-    void (*regularise_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                            float d_scale, float d_opacity, float *d_attr);
+    /* d_attr of active rows += the frame's d_scale (each of the three scales), d_opacity. */
+    void (*regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                            const struct spin_active *active, float SPIN_DEV *d_attr);
 
-    /* splat2d [n] = ; sh_degree 0..3 */
-    void (*project)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                    const float *pos_w, const float *attr, int sh_degree,
-                    struct spin_splat2d *splat2d);
-    /* d_attr [n][SPIN_ATTR] +=, d_pos_w [n][3] += */
-    void (*project_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                         const float *pos_w, const float *attr, int sh_degree,
-                         const struct spin_splat2d *splat2d,
-                         const struct spin_splat2d_grad *d_splat2d, float *d_attr, float *d_pos_w);
+    /* active = rows whose d_attr or d_means is not all zero (NaN counts). d_means may be NULL. */
+    void (*nonzero_grad)(struct spin_device *d, const struct spin_frame_batch *frames,
+                         const float SPIN_DEV *d_attr, const struct spin_active *active);
 
-    /* Sets first_intersection of every splat and tiles->n_intersections, and fails where these are more than
-     * SPIN_MAX_PAIRS; then, with tiles->pairs large enough, fills. */
-    spin_status (*tile_count)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                              struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-    spin_status (*tile_fill)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                             const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
+    /* ---- Rasteriser ---- */
 
-    /* image [3][h][w] =, final_t [h][w] =, n_used [h][w] = (one past the last contributor's place in
-     * its tile's list) */
-    void (*blend)(struct spin_device *d, const struct spin_camera_f32 *cam,
-                  const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                  const float background[3] /* host */, float *image, float *final_transmittance,
-                  int32_t *last_contributor);
-    /* d_splat2d [n] = */
-    void (*blend_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                       const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                       const float background[3] /* host */, const float *final_transmittance,
-                       const int32_t *last_contributor, const float *d_image,
-                       struct spin_splat2d_grad *d_splat2d);
+    /* splat2d = ; sh_degree 0..3 */
+    void (*project)(struct spin_device *d, const struct spin_view_batch *views,
+                    const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
+                    int sh_degree, struct spin_splat2d SPIN_DEV *splat2d);
+    /* d_attr [n][SPIN_ATTR] +=, d_means += */
+    void (*project_back)(struct spin_device *d, const struct spin_view_batch *views,
+                         const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
+                         int sh_degree, const struct spin_splat2d SPIN_DEV *splat2d,
+                         const struct spin_splat2d_grad SPIN_DEV *d_splat2d,
+                         float SPIN_DEV *d_attr);
+
+    /* What densification goes by: for every splat that a view shows, sum [n] += the length of the loss's
+     * gradient with respect to its centre in normalised device coordinates, seen [n] += 1. */
+    void (*densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
+                          const struct spin_frame_batch *frames,
+                          const struct spin_splat2d SPIN_DEV *splat2d,
+                          const struct spin_splat2d_grad SPIN_DEV *d_splat2d, float SPIN_DEV *sum,
+                          uint32_t SPIN_DEV *seen);
+
+    /* Sets first_intersection and tile_cull of every splat, and tiles->n_intersections (now); fails where a
+     * view has more than SPIN_MAX_PAIRS. Then, with room for as many in tiles->intersections, fill, which
+     * fails without memory. */
+    spin_status (*tile_count)(struct spin_device *d, const struct spin_view_batch *views,
+                              struct spin_splat2d SPIN_DEV *splat2d, struct spin_tiles *tiles);
+    spin_status (*tile_fill)(struct spin_device *d, const struct spin_view_batch *views,
+                             const struct spin_splat2d SPIN_DEV *splat2d,
+                             const struct spin_tiles *tiles);
+
+    /* image =, final_transmittance [n_views][max_pixels] =, last_contributor (the same) = (one past the last
+     * contributor's place in its tile's list) */
+    void (*blend)(struct spin_device *d, const struct spin_view_batch *views,
+                  const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
+                  float SPIN_DEV *image, float SPIN_DEV *final_transmittance,
+                  int32_t SPIN_DEV *last_contributor);
+    /* d_splat2d = */
+    void (*blend_back)(struct spin_device *d, const struct spin_view_batch *views,
+                       const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
+                       const float SPIN_DEV *final_transmittance,
+                       const int32_t SPIN_DEV *last_contributor, const float SPIN_DEV *d_image,
+                       struct spin_splat2d_grad SPIN_DEV *d_splat2d);
 
     /* loss = (1 - lambda) L1 + lambda (1 - SSIM); d_image = weight * its gradient (NULL: none). L1 and
-     * SSIM are means over the pixels, each counted as often as pixel_weight [h][w] says (at least 0, not
-     * all 0; NULL: 1). The three numbers come back on the host: values[0] loss, [1] L1, [2] SSIM, not
-     * times weight. */
-    void (*loss)(struct spin_device *d, int width, int height, const float *image,
-                 const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
-                 double values[3] /* host */, float *d_image);
+     * SSIM are means over the pixels, each counted as often as the image's mask says (at least 0, not
+     * all 0). values [view.value][SPIN_LOSS_VALUES] =, not times weight. */
+    void (*loss)(struct spin_device *d, const struct spin_view_batch *views,
+                 const struct spin_images *images, float lambda_dssim, const float SPIN_DEV *image,
+                 double SPIN_DEV *values, float SPIN_DEV *d_image);
+    /* values [view.value][SPIN_MEASURE_VALUES] = how far image is from the photograph; image is clamped to
+     * 0..1 in place first. The mask weighs nothing here, it tells two regions apart. */
+    void (*measure)(struct spin_device *d, const struct spin_view_batch *views,
+                    const struct spin_images *images, float SPIN_DEV *image,
+                    double SPIN_DEV *values);
 
-    /* A camera's gain and offset, math/exposure.h: out [3][n_pixels] = exp(tint[c]) image + tint[3 + c].
-     * Back: d_image is scaled in place, d_exposure [6] +=. */
-    void (*exposure)(struct spin_device *d, size_t n_pixels, const float *exposure,
-                     const float *image, float *out);
-    void (*exposure_back)(struct spin_device *d, size_t n_pixels, const float *exposure,
-                          const float *image, float *d_image, float *d_exposure);
+    /* Cameras' gains and offsets, math/exposure.h, rows of SPIN_EXPOSURE floats: log gain r g b, offset r g
+     * b. out = exp(gain) image + offset. Back: d_image is scaled in place, d_exposure += */
+    void (*exposure)(struct spin_device *d, const struct spin_view_batch *views,
+                     const float SPIN_DEV *exposure, const float SPIN_DEV *image,
+                     float SPIN_DEV *out);
+    void (*exposure_back)(struct spin_device *d, const struct spin_view_batch *views,
+                          const float SPIN_DEV *exposure, const float SPIN_DEV *image,
+                          float SPIN_DEV *d_image, float SPIN_DEV *d_exposure);
+    /* Subtract the mean of the n rows from each. */
+    void (*exposure_centre)(struct spin_device *d, size_t n, float SPIN_DEV *exposure);
 
-    /* rows [<= n] = ascending indices of splats whose d_attr or d_pos_w row is not all zero. Returns
-     * their count (host). */
-    size_t (*active)(struct spin_device *d, size_t n, const float *d_attr, const float *d_pos_w,
-                     uint32_t *rows);
+    /* ---- Steps ---- */
 
-    /* One Adam step, math/adam.h: p -= ...; m, v updated; g is left zeroed. step counts from 1. */
-    void (*adam)(struct spin_device *d, size_t n, float *p, float *g, float *m, float *v, double lr,
-                 int64_t step);
+    /* One step of Adam for all groups, math/adam.h: p -= ...; m, v updated; g is left zeroed. */
+    void (*adam)(struct spin_device *d, int n_groups, const struct spin_param_group *group);
 
-    /* The same for a lazy table of n floats. lazy_grid is grid, after it has brought the lines that
-     * these points need to step done and marked them; adam_lazy takes step done + 1 with the
-     * marked lines and with all levels before them; settle: out [n] = p as it would be after step
-     * done if no line had been left alone. */
-    void (*lazy_grid)(struct spin_device *d, const struct spin_grid *grid,
-                      const struct spin_lazy_adam *lazy, float *p, float *m, float *v, size_t n,
-                      const float *x_u, float *z);
-    void (*lazy_adam)(struct spin_device *d, const struct spin_grid *grid,
-                      const struct spin_lazy_adam *lazy, size_t n, float *p, float *g, float *m,
-                      float *v, double lr);
-    void (*lazy_flush)(struct spin_device *d, const struct spin_grid *grid,
-                       const struct spin_lazy_adam *lazy, size_t n, const float *p, const float *m,
-                       const float *v, float *out);
+    /* The same for a table of which a step touches little; all NULL on a device that has no use for it.
+     * enable: of the group's arrays, for this many steps at most (now). grid: as grid(), after the lines
+     * that these points need were brought to step done, and marked. step: with rate lr, of the marked lines
+     * and of all levels before them. advance: a step was taken before the run was resumed; only its rate is
+     * noted. flush: out [n] = p as after step done if every line had taken every step. */
+    spin_status (*lazy_adam_enable)(struct spin_device *d, const struct spin_grid *grid,
+                                    const struct spin_param_group *table, int64_t steps,
+                                    struct spin_lazy_adam **out);
+    void (*lazy_adam_close)(struct spin_device *d, struct spin_lazy_adam *lazy);
+    void (*lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy, size_t n,
+                           const float SPIN_DEV *x_u, float SPIN_DEV *z);
+    void (*lazy_adam_step)(struct spin_device *d, struct spin_lazy_adam *lazy, double lr);
+    void (*lazy_adam_advance)(struct spin_device *d, struct spin_lazy_adam *lazy, double lr);
+    void (*lazy_adam_flush)(struct spin_device *d, struct spin_lazy_adam *lazy,
+                            float SPIN_DEV *out);
 };
+
+enum { SPIN_EXPOSURE = 6 }; /* floats of a camera's exposure */
 
 struct spin_device {
     const struct spin_device_ops *op;
     const char *path;     /* code path: "base", "v3", "v4"; results differ in the last bits */
     void *state;          /* the device's own */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
-    double seconds[24];   /* reserved for the trace, by the core */
+    int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
+    bool is_host; /* its memory is the host's: what the plan needs is one sum */
 };
 
 /* name: "auto" (cuda when there is one), "cpu", "cuda". The environment variable SPIN_CPU = base, v3 or

@@ -277,14 +277,20 @@ spin_status spin_dynamic_mask_keep(struct spin_dynamic_mask *m)
     return SPIN_OK;
 }
 
+void spin_dynamic_mask_bits(const struct spin_dynamic_mask *m, size_t n, uint8_t *bits)
+{
+    memset(bits, 0, (n + 7) / 8);
+    for (size_t i = 0; i < n; i++)
+        bits[i / 8] |= (uint8_t)(m->mask[i] << i % 8);
+}
+
 static spin_status keep(struct spin_dynamic_mask *m, size_t view, size_t plane)
 {
     void *block = NULL;
 
     SPIN_TRY(spin_alloc(plane / 8 + 1, 1, &block));
     m->kept[view] = block;
-    for (size_t i = 0; i < plane; i++)
-        m->kept[view][i / 8] |= (uint8_t)(m->mask[i] << i % 8);
+    spin_dynamic_mask_bits(m, plane, block);
     return SPIN_OK;
 }
 
@@ -296,6 +302,10 @@ static spin_status find(struct spin_dynamic_mask *m, size_t view, const float *t
     if (m->from == SPIN_DYNAMIC_MASKS)
         return read_mask(m, v);
     SPIN_TRY(find_median(m, v->camera_id, &median));
+    if (median && !truth) {
+        SPIN_TRY(spin_image_cache_get(m->pixels, view, m->image));
+        truth = m->image;
+    }
     if (median)
         spin_dynamic_mask_rule(v->camera.width, v->camera.height, truth, median, m->mask + m->room,
                                m->mask);

@@ -35,10 +35,12 @@ enum { SPIN_MOVING_ROWS = 25 };
 size_t spin_moving_views(const struct spin_views *views, int camera_id,
                          size_t chosen[SPIN_MOVING_ROWS]);
 
-/* Sets m->mask, at the size of the view's camera; truth is the view's picture. *n: moving pixels. A
- * camera without a median has none. */
+/* Sets m->mask, at the size of the view's camera; truth is the view's picture (NULL: it is loaded when it is
+ * needed). *n: moving pixels. A camera without a median has none. */
 spin_status spin_dynamic_mask_find(struct spin_dynamic_mask *m, size_t view, const float *truth,
                                    size_t *n);
+/* The first n pixels of m->mask as bits, lowest first: (n + 7) / 8 bytes. */
+void spin_dynamic_mask_bits(const struct spin_dynamic_mask *m, size_t n, uint8_t *bits);
 
 /* The rule itself, for tests: changed pixels of truth [3][h][w] against the median [h][w][3], less
  * specks, grown by one. scratch [h][w]. */

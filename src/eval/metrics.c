@@ -81,29 +81,32 @@ static spin_status show(struct spin_metrics *m, int frame)
     return spin_frame_renderer_show(m->frame_renderer, index);
 }
 
-/* PSNR in and outside the mask, of views that have enough of both to say something. */
-static void compare_dynamic(const struct spin_dynamic_mask *dynamic, size_t n_dynamic, size_t plane,
-                            const float *image, const float *truth, struct spin_quality *q)
+/* PSNR of the whole picture, and in and outside the mask, of views that have enough of both to say
+ * something. */
+static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool regions,
+                        double n_dynamic, struct spin_quality *q)
 {
     enum { FEWEST_PIXELS = 16 };
-    double sum[2] = {0, 0};
 
-    if (!dynamic || dynamic->from == SPIN_DYNAMIC_OFF)
+    *q = (struct spin_quality){
+        .psnr_dynamic = NAN, .psnr_static = NAN, .dynamic = NAN, .lpips = {NAN, NAN}};
+    q->valid = true;
+    q->psnr = spin_psnr(v[SPIN_MEASURE_SQUARES] / (3 * plane));
+    for (int c = 0; c < 3; c++)
+        q->psnr_channel_mean += spin_psnr(v[SPIN_MEASURE_RED + c] / plane);
+    q->psnr_channel_mean /= 3;
+    q->ssim = v[SPIN_MEASURE_SSIM];
+    if (!regions)
         return;
-    q->dynamic = (double)n_dynamic / (double)plane;
-    for (size_t c = 0; c < 3; c++)
-        for (size_t i = 0; i < plane; i++) {
-            double d = (double)(image[c * plane + i] - truth[c * plane + i]);
-
-            sum[dynamic->mask[i]] += d * d;
-        }
+    q->dynamic = n_dynamic / plane;
     if (n_dynamic >= FEWEST_PIXELS)
-        q->psnr_dynamic = spin_psnr(sum[1] / (3 * (double)n_dynamic));
+        q->psnr_dynamic = spin_psnr(v[SPIN_MEASURE_INSIDE] / (3 * n_dynamic));
     if (plane - n_dynamic >= FEWEST_PIXELS)
-        q->psnr_static = spin_psnr(sum[0] / (3 * (double)(plane - n_dynamic)));
+        q->psnr_static = spin_psnr(v[SPIN_MEASURE_OUTSIDE] / (3 * (plane - n_dynamic)));
 }
 
-static spin_status draw_one(struct spin_metrics *m, size_t i, float *image)
+/* Leaves the picture on the device. */
+static spin_status draw_one(struct spin_metrics *m, size_t i)
 {
     const struct spin_pair *pair = &m->pairs[i];
     double start = spin_now_s();
@@ -116,39 +119,64 @@ static spin_status draw_one(struct spin_metrics *m, size_t i, float *image)
         start = spin_now_s();
     }
     SPIN_TRY(spin_frame_renderer_draw(m->frame_renderer, &m->clip->views.view[pair->view].camera,
-                                      m->background, image));
+                                      m->background, NULL));
+    SPIN_TRY(m->frame_renderer->device->op->wait(m->frame_renderer->device));
     m->seconds_draw += spin_now_s() - start;
     return SPIN_OK;
 }
 
-static spin_status measure_one(struct spin_metrics *m, size_t i, float *image, float *truth,
+/* Pictures of a view on the host. */
+struct pictures {
+    float *image, *truth; /* [3][h][w] */
+    uint8_t *rgb8, *mask; /* [h][w][3]; a bit a pixel */
+};
+
+/* The photograph, and where it shows something that moves. */
+static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane, bool regions,
+                              struct pictures *p, size_t *n_dynamic)
+{
+    SPIN_TRY(spin_image_cache_get_rgb8(m->pixels, view, p->rgb8));
+    spin_image_floats(p->rgb8, plane, p->truth);
+    if (!regions)
+        return SPIN_OK;
+    SPIN_TRY(spin_dynamic_mask_find(m->dynamic, view, p->truth, n_dynamic));
+    spin_dynamic_mask_bits(m->dynamic, plane, p->mask);
+    return SPIN_OK;
+}
+
+static bool needs_picture(const struct spin_metrics *m)
+{
+    bool needs = m->images != NULL;
+
+    for (int k = 0; k < SPIN_N_LPIPS; k++)
+        needs |= m->lpips[k] != NULL;
+    return needs;
+}
+
+static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures *p,
                                struct spin_eval_view *out)
 {
     const struct spin_pair *pair = &m->pairs[i];
     const struct spin_view *view = &m->clip->views.view[pair->view];
-    const struct spin_camera *camera = &view->camera;
-    struct spin_quality *q = &out->q;
-    size_t n_dynamic = 0;
+    size_t plane = (size_t)view->camera.width * (size_t)view->camera.height, n_dynamic = 0;
+    bool regions = m->dynamic && m->dynamic->from != SPIN_DYNAMIC_OFF;
+    double values[SPIN_MEASURE_VALUES];
 
-    SPIN_TRY(draw_one(m, i, image));
-    SPIN_TRY(spin_image_cache_get(m->pixels, pair->view, truth));
+    SPIN_TRY(draw_one(m, i));
+    SPIN_TRY(load_photo(m, pair->view, plane, regions, p, &n_dynamic));
+    SPIN_TRY(
+        spin_frame_renderer_measure(m->frame_renderer, p->rgb8, regions ? p->mask : NULL, values));
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
-    *q = (struct spin_quality){
-        .psnr_dynamic = NAN, .psnr_static = NAN, .dynamic = NAN, .lpips = {NAN, NAN}};
-    q->valid = true;
-    SPIN_TRY(spin_frame_renderer_compare(m->frame_renderer, camera->width, camera->height, image,
-                                         truth, q));
-    if (m->dynamic)
-        SPIN_TRY(spin_dynamic_mask_find(m->dynamic, pair->view, truth, &n_dynamic));
-    compare_dynamic(m->dynamic, n_dynamic, (size_t)camera->width * (size_t)camera->height, image,
-                    truth, q);
+    set_quality(values, (double)plane, regions, (double)n_dynamic, &out->q);
+    if (needs_picture(m))
+        SPIN_TRY(spin_frame_renderer_picture(m->frame_renderer, p->image));
     for (int k = 0; k < SPIN_N_LPIPS; k++)
         if (m->lpips[k])
-            SPIN_TRY(spin_lpips_compare(m->lpips[k], camera->width, camera->height, image, truth,
-                                        &q->lpips[k], NULL));
+            SPIN_TRY(spin_lpips_compare(m->lpips[k], view->camera.width, view->camera.height,
+                                        p->image, p->truth, &out->q.lpips[k], NULL));
     if (m->images)
-        SPIN_TRY(save_view(m, pair, out->frame, truth, image));
+        SPIN_TRY(save_view(m, pair, out->frame, p->truth, p->image));
     return SPIN_OK;
 }
 
@@ -215,13 +243,18 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     struct spin_progress progress;
     spin_status status;
     void *block = NULL;
-    size_t values = 3 * largest_picture(m);
+    size_t pixels = largest_picture(m);
+    struct pictures p;
 
     memset(mean, 0, sizeof *mean);
     m->seconds_decode = m->seconds_draw = 0;
     m->n_decoded = 0;
     spin_progress_begin(&progress, m->what, "views", 0, (long long)m->n_pairs);
-    SPIN_TRY_OUT(spin_alloc(values, 2 * sizeof(float), &block));
+    SPIN_TRY_OUT(spin_alloc(pixels, 6 * sizeof(float) + 4, &block));
+    p.image = block;
+    p.truth = p.image + 3 * pixels;
+    p.rgb8 = (uint8_t *)(p.truth + 3 * pixels);
+    p.mask = p.rgb8 + 3 * pixels;
     for (size_t i = 0; i < m->n_pairs; i++) {
         struct spin_eval_view one;
 
@@ -229,7 +262,7 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
             status = spin_fail_cancelled();
             goto out;
         }
-        SPIN_TRY_OUT(measure_one(m, i, block, (float *)block + values, &one));
+        SPIN_TRY_OUT(measure_one(m, i, &p, &one));
         if (m->view)
             m->view[i] = one;
         spin_quality_add(&sum, &one.q);

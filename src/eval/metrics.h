@@ -1,4 +1,4 @@
-/* How good a player's pictures are, over views (method.md section 8). */
+/* How close drawn pictures come to the photographs, over views (docs/method.md section 8). */
 #ifndef SPIN_EVAL_METRICS_H
 #define SPIN_EVAL_METRICS_H
 
@@ -13,8 +13,8 @@ struct spin_metrics {
     const struct spin_pair *pairs; /* sorted by frame */
     size_t n_pairs;
     const float *background;
-    const size_t *live_counts;              /* live player: splats of each frame, else NULL */
-    struct spin_dynamic_mask *dynamic;      /* moving regions apart, or NULL */
+    const size_t *live_counts;         /* network in training: splats of each frame; else NULL */
+    struct spin_dynamic_mask *dynamic; /* moving regions apart, or NULL */
     struct spin_lpips *lpips[SPIN_N_LPIPS]; /* or NULL */
     const char *images;                     /* folder for "truth | picture" PNGs, or NULL */
     struct spin_frame_renderer *source;     /* "truth | source | picture" then; or NULL */

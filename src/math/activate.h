@@ -1,4 +1,4 @@
-/* Raw head outputs to finished attributes and back (the table of method.md 3.4). Colour is the
+/* Raw head outputs to finished attributes and back (the table of docs/method.md 3.4). Colour is the
  * identity and needs no function. */
 #ifndef SPIN_MATH_ACTIVATE_H
 #define SPIN_MATH_ACTIVATE_H

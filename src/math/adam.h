@@ -1,4 +1,4 @@
-/* Adam, one parameter, one step, and the learning rates over a run (method.md 6; Kingma and Ba
+/* Adam, one parameter, one step, and the learning rates over a run (docs/method.md 6; Kingma and Ba
  * 2015).
  *
  *     m = .9 m + .1 g;  v = .999 v + .001 g^2
@@ -65,7 +65,7 @@ SPIN_FN double spin_lr(double lr0, double lr_end, int64_t i, int64_t warmup, int
 }
 
 /* Log-linear from lr0 (at i = 0) to lr_end (at i = n and after): positions in the refinement,
- * method.md 2. */
+ * docs/method.md 2. */
 SPIN_FN double spin_lr_exp(double lr0, double lr_end, int64_t i, int64_t n)
 {
     double along = n > 0 ? (double)i / (double)n : 1.0;

@@ -121,7 +121,7 @@ SPIN_FN float spin_erf(float x)
     return x < 0.0f ? -y : y;
 }
 
-/* GELU(x) = x Phi(x) in its exact (erf) form, method.md 3.4, and its slope Phi(x) + x phi(x). The
+/* GELU(x) = x Phi(x) in its exact (erf) form, docs/method.md 3.4, and its slope Phi(x) + x phi(x). The
  * one exponential e^(-x^2/2) serves both. Absolute error 5e-7 of the value for |x| <= 6 (above
  * that of rounding alone), of the slope 5e-7. */
 SPIN_FN float spin_gelu_both(float x, float *slope)

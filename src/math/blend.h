@@ -1,5 +1,5 @@
-/* One Gaussian at one pixel: alpha, one step front to back, one step back to front (method.md 4.2,
- * 4.3; the single sum S is performance.md 4.5). Exponents are to the base 2 and contain the
+/* One Gaussian at one pixel: alpha, one step front to back, one step back to front (docs/method.md 4.2,
+ * 4.3; one sum S stands for the colour behind). Exponents are to the base 2 and contain the
  * opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)). */
 #ifndef SPIN_MATH_BLEND_H
 #define SPIN_MATH_BLEND_H

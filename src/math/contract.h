@@ -1,4 +1,4 @@
-/* Unbounded space into the unit cube (SPIN-4DGS; method.md 3.1).
+/* Unbounded space into the unit cube (SPIN-4DGS; docs/method.md 3.1).
  *
  * Inside the unit ball a point stays; outside, radius r becomes 2 - 1/r, so everything ends inside
  * radius 2. A quarter of that, plus a half, is the unit cube.
@@ -11,7 +11,7 @@
 
 #include "math/portable.h"
 
-/* [0, 1]; the rounding guard of method.md 3.3: 1 + 1e-7 would be out of range. NaN stays. */
+/* [0, 1]; the rounding guard of docs/method.md 3.3: 1 + 1e-7 would be out of range. NaN stays. */
 SPIN_FN float spin_clamp_unit(float x)
 {
     x = x < 0.0f ? 0.0f : x;

@@ -176,9 +176,9 @@ SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], dou
 /* ---- 4-D ------------------------------------------------------------------------------------- */
 
 /* 4-D rotation of a pair of quaternions, axes x, y, z, t: the product of a left- and a
- * right-isoclinic rotation (4D Gaussian Splatting, Yang et al., ICLR 2024; realtime4dgs.md
- * 3.1). Quaternions of any length but zero. `older` is the order of axes before 2024-09-15: today's
- * matrix has its rows and columns reversed. */
+ * right-isoclinic rotation (4D Gaussian Splatting, Yang et al., ICLR 2024;
+ * fudan-zvg/4d-gaussian-splatting 63725f2). Quaternions of any length but zero. `older` is the order of
+ * axes before 2024-09-15: today's matrix has its rows and columns reversed. */
 SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4], int older,
                                     double a[16])
 {
@@ -208,7 +208,7 @@ SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4],
 }
 
 /* 4-D matrix of a rotor s xy xz yz xw yw zw xyzw, w being time (4D-Rotor Gaussian Splatting, Duan
- * et al., SIGGRAPH 2024; rotor4dgs.md 3.1). Taken as stored: off unit length it is no
+ * et al., SIGGRAPH 2024; weify627/4D-Rotor-Gaussians 1ea2ff9). Taken as stored: off unit length it is no
  * rotation, and the method's renderer means it so. */
 SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
 {
@@ -264,13 +264,13 @@ SPIN_FN void spin_slice_of(const double a[16], const double scale[4], spin_slice
             out->cov6[at++] = sigma[4 * i + j] - out->velocity[i] * sigma[4 * j + 3];
 }
 
-/* How much of its opacity a Gaussian has dt from its own time: 1 at 0 (realtime4dgs.md 3.1). */
+/* How much of its opacity a Gaussian has dt from its own time: 1 at 0. */
 SPIN_FN double spin_time_weight(double dt, double variance)
 {
     return exp(-0.5 * dt * dt / variance);
 }
 
-/* 4-D spherindrical harmonics at one time become plain SH (realtime4dgs.md 3.5). sh has
+/* 4-D spherindrical harmonics at one time become plain SH. sh has
  * [16 (1 + degree_t)][3], out [16][3]; dt counts in the length of the clip. Exact, as the basis is
  * a product of SH and cosines. */
 SPIN_FN void spin_sh_fold(int degree_t, double dt, double length, const float *sh, float *out)

@@ -1,5 +1,5 @@
 /* The 4-D hash grid of DASH: level sizes, the cell of a point, the row of a corner
- * (hash-encoder-4d.md).
+ * (chenj02/DASH 0898b2d; docs/method.md 3.3).
  *
  * Vertex k of an axis sits at k / scale; corner number k of a cell has bit d set for the upper
  * vertex of axis d; its weight is the product of smoothstep weights. */
@@ -26,7 +26,7 @@ SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
 }
 
 /* A level is dense when all its vertices have a row of their own (equality is dense). The product
- * is taken in 64 bits: in 32 it wraps to 0 at 2048^3 and the level would lose its hash (method.md
+ * is taken in 64 bits: in 32 it wraps to 0 at 2048^3 and the level would lose its hash (docs/method.md
  * 14). */
 SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
 {
@@ -49,7 +49,7 @@ SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint3
     return (q[0] + res[0] * (q[1] + res[1] * (q[2] + res[2] * q[3]))) % rows;
 }
 
-/* Geometry of one level of our own network (method.md 3.3): n = base * growth^level vertices per
+/* Geometry of one level of our own network (docs/method.md 3.3): n = base * growth^level vertices per
  * axis in double, the last level exactly `finest`; scale = n - 1; 1e-9 is rounded away before the
  * ceil. One level alone uses `base`. Returns its rows, min(2^log2_rows, product of res). */
 SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], const int finest[4],
@@ -75,8 +75,8 @@ SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], con
     return product;
 }
 
-/* Geometry of a level of somebody else's network, from what is stored with it (hash-encoder-4d.md
- * 2): growth and base per axis as float32, rounded where the method's kernel rounds, as one unit
+/* Geometry of a level of somebody else's network, from what is stored with it (DASH,
+ * Grid4D): growth and base per axis as float32, rounded where the method's kernel rounds, as one unit
  * in the last place more or less can turn a dense level into a hashed one. Axes beyond n_dims get
  * one vertex, which leaves row and hash alone. Returns 0 when the numbers make no grid. */
 SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, const float *base,

@@ -1,4 +1,4 @@
-/* L1, the SSIM window and one pixel of the SSIM map with its slopes (method.md 5); PSNR (section
+/* L1, the SSIM window and one pixel of the SSIM map with its slopes (docs/method.md 5); PSNR (section
  * 8). */
 #ifndef SPIN_MATH_LOSS_H
 #define SPIN_MATH_LOSS_H
@@ -48,36 +48,16 @@ SPIN_FN float spin_sign(float v) { return (float)(v > 0) - (float)(v < 0); }
 /* Decibels of a mean squared error of images in 0..1. Equal images: infinity. */
 SPIN_FN double spin_psnr(double mse) { return -10 * log10(mse); }
 
-/* Mean squared error of n values, both clamped to 0..1 first when asked. */
-SPIN_FN double spin_mse(const float *image, const float *truth, size_t n, int clamp)
+/* Sum of n squared differences. */
+SPIN_FN double spin_squares(const float *image, const float *truth, size_t n)
 {
     double sum = 0;
 
     for (size_t i = 0; i < n; i++) {
-        float v = image[i], d;
-        if (clamp)
-            v = spin_minf(spin_maxf(v, 0), 1);
-        d = v - truth[i];
+        float d = image[i] - truth[i];
         sum += (double)d * d;
     }
-    return n ? sum / (double)n : 0;
-}
-
-/* Over all channels of planar images [3][n_pixels], and the mean of the channels' own, which is
- * what 3DGS prints in training. */
-SPIN_FN double spin_psnr_image(const float *image, const float *truth, size_t n_pixels, int clamp)
-{
-    return spin_psnr(spin_mse(image, truth, 3 * n_pixels, clamp));
-}
-
-SPIN_FN double spin_psnr_channel_mean(const float *image, const float *truth, size_t n_pixels,
-                                      int clamp)
-{
-    double sum = 0;
-
-    for (int c = 0; c < 3; c++)
-        sum += spin_psnr(spin_mse(image + c * n_pixels, truth + c * n_pixels, n_pixels, clamp));
-    return sum / 3;
+    return sum;
 }
 
 #endif

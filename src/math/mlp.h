@@ -1,4 +1,4 @@
-/* A head: three Linear layers with an activation after the first and second (method.md 3.4). The
+/* A head: three Linear layers with an activation after the first and second (docs/method.md 3.4). The
  * matrix products are the devices' business; here are the layout of its parameters and the
  * activation. */
 #ifndef SPIN_MATH_MLP_H

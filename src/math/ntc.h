@@ -1,5 +1,5 @@
 /* The Neural Transformation Cache of 3DGStream as tiny-cuda-nn lays it out: a 3-D hash grid of many
- * resolutions and the rounding of half precision (3dgstream.md, section 5).
+ * resolutions and the rounding of half precision (NVlabs/tiny-cuda-nn 6ee3546).
  *
  * Not our own grid (grid.h): here the vertices are at (k - 0.5) / scale, weights are linear, and a
  * level's size is rounded up to a multiple of 8. */

@@ -1,4 +1,4 @@
-/* From a Gaussian in space to an ellipse on the screen, and back (method.md 4.1 and 4.3). */
+/* From a Gaussian in space to an ellipse on the screen, and back (docs/method.md 4.1 and 4.3). */
 #ifndef SPIN_MATH_PROJECT_H
 #define SPIN_MATH_PROJECT_H
 

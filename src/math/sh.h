@@ -1,4 +1,4 @@
-/* Real spherical harmonics up to degree 3, in 3DGS's order and signs (method.md 4.1). Coefficient
+/* Real spherical harmonics up to degree 3, in 3DGS's order and signs (docs/method.md 4.1). Coefficient
  * k of channel c is sh[3 k + c]. */
 #ifndef SPIN_MATH_SH_H
 #define SPIN_MATH_SH_H

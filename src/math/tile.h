@@ -1,4 +1,4 @@
-/* Which tiles an ellipse touches, and the key it is sorted by (method.md 4.1, 4.2). */
+/* Which tiles an ellipse touches, and the key it is sorted by (docs/method.md 4.1, 4.2). */
 #ifndef SPIN_MATH_TILE_H
 #define SPIN_MATH_TILE_H
 

@@ -8,7 +8,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "math/loss.h"
+#include "model/residual.h"
 
 bool spin_bundle_has_network(const struct spin_bundle *bundle)
 {
@@ -115,8 +115,9 @@ static spin_status check_weights(const char *name, const float *values, size_t n
 /* ---- Opening ----------------------------------------------------------------------------------- */
 
 static spin_status load_array(struct spin_frame_renderer *p, const char *name, size_t n,
-                              float **out)
+                              const float SPIN_DEV **out)
 {
+    float SPIN_DEV *to;
     struct spin_array a;
     spin_status status;
     void *host = NULL;
@@ -125,17 +126,18 @@ static spin_status load_array(struct spin_frame_renderer *p, const char *name, s
     if (a.kind != 'f' || a.item_size != 4 || a.count != n)
         return spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu of float32",
                          name, (unsigned long long)a.count, n);
-    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void **)out));
+    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
+    *out = to;
     if (spin_array_f32(&a)) {
         SPIN_TRY(check_weights(name, spin_array_f32(&a), n));
-        p->device->op->upload(p->device, *out, spin_array_f32(&a), n * sizeof(float));
+        p->device->op->upload(p->device, to, spin_array_f32(&a), n * sizeof(float));
         return SPIN_OK;
     }
     status = spin_alloc(n, sizeof(float), &host);
     if (status == SPIN_OK) {
         spin_array_to_f32(&a, 0, n, host);
         status = check_weights(name, host, n);
-        p->device->op->upload(p->device, *out, host, n * sizeof(float));
+        p->device->op->upload(p->device, to, host, n * sizeof(float));
     }
     free(host);
     return status;
@@ -166,9 +168,10 @@ out:
 }
 
 spin_status spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
-                                          const struct spin_field *field, float *table,
-                                          float *heads, float *const *live_pos,
-                                          float *const *live_residual)
+                                          const struct spin_field *field,
+                                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                                          float SPIN_DEV *const *live_pos,
+                                          float SPIN_DEV *const *live_residual)
 {
     memset(p, 0, sizeof *p);
     p->device = device;
@@ -213,9 +216,9 @@ static void release_pictures(struct spin_frame_renderer *p)
     struct spin_device *d = p->device;
 
     spin_raster_close(&p->raster);
-    d->op->release(d, p->shown, 3 * p->pixels * sizeof(float));
-    d->op->release(d, p->truth, 3 * p->pixels * sizeof(float));
-    p->shown = p->truth = NULL;
+    spin_image_store_close(&p->photo);
+    d->op->release(d, p->values, SPIN_MEASURE_VALUES * sizeof *p->values);
+    p->values = NULL;
     p->pixels = p->tiles = 0;
 }
 
@@ -228,8 +231,10 @@ void spin_frame_renderer_close(struct spin_frame_renderer *p)
     release_frame(p);
     release_pictures(p);
     if (p->owns_network) {
-        p->device->op->release(p->device, p->table, p->field.n_table * sizeof(float));
-        p->device->op->release(p->device, p->heads, p->field.n_heads * sizeof(float));
+        p->device->op->release(p->device, (void SPIN_DEV *)p->table,
+                               p->field.n_table * sizeof(float));
+        p->device->op->release(p->device, (void SPIN_DEV *)p->heads,
+                               p->field.n_heads * sizeof(float));
     }
     spin_splats_free(&p->splats);
     memset(p, 0, sizeof *p);
@@ -246,22 +251,20 @@ static spin_status need(struct spin_frame_renderer *p, size_t n)
         return SPIN_OK;
     release_frame(p);
     p->capacity = capacity;
-    SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void **)&p->pos));
+    SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
     SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), &block));
     p->staging = block;
     if (p->from == SPIN_FROM_NETWORK)
         return spin_field_eval_open(&p->field_eval, d, &p->field, capacity, false);
-    return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void **)&p->attr);
+    return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
 }
 
-static void decode(struct spin_frame_renderer *p, const float *pos, const float *residual, size_t n,
-                   double time)
+static void decode(struct spin_frame_renderer *p, const float SPIN_DEV *pos,
+                   const float SPIN_DEV *residual, size_t n, double time)
 {
-    spin_field_forward(&p->field_eval, &p->field, p->table, p->heads, n, pos,
-                       spin_field_time(&p->field, time), residual);
-    p->now_pos = pos;
+    p->now = spin_one_frame(n, pos, spin_field_time(&p->field, time), residual);
+    spin_field_forward(&p->field_eval, &p->field, p->table, p->heads, &p->now);
     p->now_attr = p->field_eval.attr;
-    p->now_n = n;
     p->now_sh_degree = p->field.sh_degree;
     p->now_antialias = p->field.antialias;
 }
@@ -281,16 +284,15 @@ static spin_status read_means(struct spin_frame_renderer *p, int index, struct s
     return SPIN_OK;
 }
 
-/* Own values of a frame's splats, if they have some, to the device. */
-static spin_status read_own(struct spin_frame_renderer *p, int index, size_t n,
-                            const float **residual)
+/* Residuals of a frame's splats, if they have some, to the device. */
+static spin_status read_residual(struct spin_frame_renderer *p, int index, size_t n,
+                                 const float SPIN_DEV **residual)
 {
-    static const size_t width[SPIN_HEADS] = {3, 4, 3, 1};
     struct spin_device *d = p->device;
     char name[64];
     struct spin_array a;
     int64_t shape[2] = {(int64_t)n, SPIN_RESIDUAL};
-    float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR, *to = groups;
+    float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR;
 
     *residual = NULL;
     snprintf(name, sizeof name, "network/residual/%05d", index);
@@ -298,12 +300,10 @@ static spin_status read_own(struct spin_frame_renderer *p, int index, size_t n,
         return SPIN_OK;
     SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
     if (!p->residual)
-        SPIN_TRY(
-            d->op->reserve(d, p->capacity * SPIN_RESIDUAL * sizeof(float), (void **)&p->residual));
+        SPIN_TRY(d->op->reserve(d, p->capacity * SPIN_RESIDUAL * sizeof(float),
+                                (void SPIN_DEV **)&p->residual));
     spin_array_to_f32(&a, 0, n * SPIN_RESIDUAL, rows);
-    for (size_t k = 0, first = 0; k < SPIN_HEADS; first += width[k++])
-        for (size_t i = 0; i < n; i++, to += width[k])
-            memcpy(to, rows + i * SPIN_RESIDUAL + first, width[k] * sizeof(float));
+    spin_residual_from_rows(n, rows, SPIN_RESIDUAL, NULL, groups);
     d->op->upload(d, p->residual, groups, n * SPIN_RESIDUAL * sizeof(float));
     *residual = p->residual;
     return SPIN_OK;
@@ -319,7 +319,7 @@ static spin_status read_stored(struct spin_frame_renderer *p, int index, unsigne
 spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
 {
     size_t n = spin_bundle_count(p->bundle, index, p->from);
-    const float *residual;
+    const float SPIN_DEV *residual;
 
     if (p->now_frame == index)
         return SPIN_OK;
@@ -332,7 +332,7 @@ spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
         SPIN_TRY(need(p, n));
         SPIN_TRY(read_means(p, index, &p->splats));
         p->device->op->upload(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
-        SPIN_TRY(read_own(p, index, n, &residual));
+        SPIN_TRY(read_residual(p, index, n, &residual));
         count_network(p, index, n, p->splats.means, residual ? p->staging : NULL);
         decode(p, p->pos, residual, n, p->bundle->meta.frame[index].time);
     }
@@ -360,9 +360,8 @@ spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
     spin_attr_from_splats(s, p->staging);
     p->device->op->upload(p->device, p->pos, s->means, s->n * 3 * sizeof(float));
     p->device->op->upload(p->device, p->attr, p->staging, s->n * SPIN_ATTR * sizeof(float));
-    p->now_pos = p->pos;
+    p->now = spin_one_frame(s->n, p->pos, 0, NULL);
     p->now_attr = p->attr;
-    p->now_n = s->n;
     p->now_sh_degree = s->sh_degree;
     p->now_antialias = s->antialias;
     p->now_frame = -1;
@@ -378,36 +377,30 @@ spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index,
     if (p->from != SPIN_FROM_NETWORK)
         return read_stored(p, index, columns, out);
     SPIN_TRY(spin_frame_renderer_show(p, index));
-    SPIN_TRY(p->device->op->wait(p->device));
-    SPIN_TRY(spin_splats_reserve(out, p->now_n, columns, p->field.sh_degree));
+    SPIN_TRY(spin_splats_reserve(out, p->now.n, columns, p->field.sh_degree));
     out->antialias = p->field.antialias;
     if (columns & SPIN_COL_MEANS)
-        p->device->op->download(p->device, out->means, p->now_pos, p->now_n * 3 * sizeof(float));
+        SPIN_TRY(p->device->op->download(p->device, out->means, p->now.frame[0].means,
+                                         p->now.n * 3 * sizeof(float)));
     raw = p->staging;
     attr = p->staging + p->capacity * SPIN_ATTR;
-    bytes = p->now_n * SPIN_ATTR * sizeof(float);
-    p->device->op->download(p->device, raw, p->field_eval.raw, bytes);
-    p->device->op->download(p->device, attr, p->field_eval.attr, bytes);
+    bytes = p->now.n * SPIN_ATTR * sizeof(float);
+    SPIN_TRY(p->device->op->download(p->device, raw, p->field_eval.raw, bytes));
+    SPIN_TRY(p->device->op->download(p->device, attr, p->field_eval.attr, bytes));
     spin_attr_to_splats(raw, attr, out);
     return SPIN_OK;
 }
 
 /* Room for a picture, and for the lists of the frame that is shown. */
-static spin_status need_pictures(struct spin_frame_renderer *p, const struct spin_camera_f32 *cam)
+static spin_status need_pictures(struct spin_frame_renderer *p, size_t pixels, size_t tiles)
 {
-    struct spin_device *d = p->device;
-    size_t pixels = (size_t)cam->width * (size_t)cam->height;
-    size_t tiles = (size_t)cam->tiles_x * (size_t)cam->tiles_y;
-
     if (pixels > p->pixels || tiles > p->tiles) {
         release_pictures(p);
-        SPIN_TRY(d->op->reserve(d, 3 * pixels * sizeof(float), (void **)&p->shown));
         p->pixels = pixels;
-        SPIN_TRY(d->op->reserve(d, 3 * pixels * sizeof(float), (void **)&p->truth));
         p->tiles = tiles;
     }
     if (!p->raster.device)
-        return spin_raster_open(&p->raster, d, p->capacity, p->pixels, p->tiles, false);
+        return spin_raster_open(&p->raster, p->device, p->capacity, p->pixels, p->tiles, 1, false);
     return SPIN_OK;
 }
 
@@ -416,31 +409,36 @@ spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
                                      float *image)
 {
     struct spin_camera_f32 cam = spin_camera_f32_from(camera);
-    size_t bytes = 3 * (size_t)cam.width * (size_t)cam.height * sizeof(float);
 
-    cam.antialias = p->now_antialias;
-    SPIN_TRY(need_pictures(p, &cam));
-    SPIN_TRY(spin_raster_forward(&p->raster, &cam, p->now_n, p->now_pos, p->now_attr,
-                                 p->now_sh_degree, background));
-    SPIN_TRY(p->device->op->wait(p->device));
-    p->device->op->download(p->device, image, p->raster.image, bytes);
-    return SPIN_OK;
+    p->drawn_pixels = (size_t)cam.width * (size_t)cam.height;
+    SPIN_TRY(need_pictures(p, p->drawn_pixels, (size_t)cam.tiles_x * (size_t)cam.tiles_y));
+    p->drawn = spin_raster_batch(&p->raster, background);
+    spin_raster_add_view(&p->raster, &p->drawn, 0, p->now.n, camera, p->now_antialias);
+    SPIN_TRY(spin_raster_forward(&p->raster, &p->drawn, &p->now, p->now_attr, p->now_sh_degree));
+    return image ? spin_frame_renderer_picture(p, image) : SPIN_OK;
 }
 
-spin_status spin_frame_renderer_compare(struct spin_frame_renderer *p, int width, int height,
-                                        float *image, const float *truth, struct spin_quality *out)
+spin_status spin_frame_renderer_picture(struct spin_frame_renderer *p, float *image)
+{
+    return p->device->op->download(p->device, image, p->raster.image,
+                                   3 * p->drawn_pixels * sizeof(float));
+}
+
+spin_status spin_frame_renderer_measure(struct spin_frame_renderer *p, const uint8_t *rgb8,
+                                        const uint8_t *mask, double values[SPIN_MEASURE_VALUES])
 {
     struct spin_device *d = p->device;
-    size_t pixels = (size_t)width * (size_t)height;
-    double values[3];
+    struct spin_images images;
 
-    for (size_t i = 0; i < 3 * pixels; i++)
-        image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
-    out->psnr = spin_psnr_image(image, truth, pixels, 0);
-    out->psnr_channel_mean = spin_psnr_channel_mean(image, truth, pixels, 0);
-    d->op->upload(d, p->shown, image, 3 * pixels * sizeof(float));
-    d->op->upload(d, p->truth, truth, 3 * pixels * sizeof(float));
-    d->op->loss(d, width, height, p->shown, p->truth, NULL, 1.0f, 0.0f, values, NULL);
-    out->ssim = values[2];
-    return d->op->wait(d);
+    if (!p->values)
+        SPIN_TRY(d->op->reserve(d, SPIN_MEASURE_VALUES * sizeof *p->values,
+                                (void SPIN_DEV **)&p->values));
+    if (!p->photo.device)
+        SPIN_TRY(spin_image_store_open(&p->photo, d, 1, p->pixels, SPIN_IMAGE_RGB8, true));
+    spin_image_store_put(&p->photo, 0, p->drawn_pixels, rgb8, mask);
+    images = p->photo.images;
+    if (!mask)
+        images.mask = NULL;
+    d->op->measure(d, &p->drawn, &images, p->raster.image, p->values);
+    return d->op->download(d, values, p->values, SPIN_MEASURE_VALUES * sizeof *values);
 }

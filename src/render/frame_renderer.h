@@ -1,10 +1,11 @@
-/* Plays a clip: the splats of a frame - the source's, the network's, or those of a network that is
- * being trained - and pictures of them. Evaluation, previews, export and spin_render() go this way. */
+/* Splats of a clip's frames - the source's, the network's, or those of a network in training - and pictures
+ * of them. Evaluation, previews, export and spin_render() go this way. */
 #ifndef SPIN_RENDER_FRAME_RENDERER_H
 #define SPIN_RENDER_FRAME_RENDERER_H
 
 #include "scene/clip.h"
-#include "model/field.h"
+#include "model/field_eval.h"
+#include "render/image_store.h"
 #include "render/raster.h"
 
 /* All attribute columns of frame `index` of the clip. */
@@ -14,26 +15,29 @@ typedef spin_status (*spin_frame_renderer_read_fn)(void *context, int index,
 struct spin_frame_renderer {
     struct spin_device *device;
     struct spin_bundle *bundle;  /* NULL: only spin_frame_renderer_show_splats() */
-    enum spin_splat_source from; /* which of the bundle's splats; SPIN_FROM_NETWORK: decode */
+    enum spin_splat_source from; /* which of the bundle's splats; SPIN_FROM_NETWORK: computed */
     struct spin_field field;
-    float *table, *heads; /* device */
+    const float SPIN_DEV *table, *heads;
     bool owns_network;
-    float *const *live_pos;      /* [frames of the clip] positions on the device, or NULL */
-    float *const *live_residual; /* [frames of the clip] own values on the device, or NULL */
+    float SPIN_DEV *const *live_pos;      /* [frames of the clip] positions, or NULL */
+    float SPIN_DEV *const *live_residual; /* [frames of the clip] residuals, or NULL */
     spin_frame_renderer_read_fn
         read; /* live: where splats come from when not from a network, or NULL */
     void *context;
     struct spin_field_eval field_eval;
     struct spin_raster raster;
-    float *pos, *attr; /* device: what is shown when not live or not decoded */
-    float *
-        residual; /* device [SPIN_RESIDUAL capacity], when the network's splats have values of theirs */
-    float *shown, *truth; /* device [3][h][w], for measuring */
-    float *staging;       /* host [capacity][SPIN_ATTR] */
+    float SPIN_DEV *pos, *attr; /* what is shown when it is uploaded, not live or computed */
+    float SPIN_DEV
+        *residual; /* [SPIN_RESIDUAL capacity], when the network's splats have residuals */
+    struct spin_image_store photo; /* one, for measuring */
+    double SPIN_DEV *values;       /* [SPIN_MEASURE_VALUES] */
+    float *staging;                /* host [capacity][SPIN_ATTR] */
     size_t capacity, pixels, tiles;
-    struct spin_splats splats;       /* host */
-    const float *now_pos, *now_attr; /* of the frame shown */
-    size_t now_n;
+    struct spin_splats splats;   /* host */
+    struct spin_frame_batch now; /* the frame shown */
+    const float SPIN_DEV *now_attr;
+    struct spin_view_batch drawn; /* the view drawn last */
+    size_t drawn_pixels;
     int now_sh_degree, now_frame;
     bool now_antialias;
     uint8_t *looked; /* [frames of the bundle] 1: counted below */
@@ -49,16 +53,17 @@ spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_
                                      struct spin_bundle *bundle, enum spin_splat_source from);
 /* From a network in training; table, heads, live_pos and live_residual (NULL: none) stay the caller's. */
 spin_status spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
-                                          const struct spin_field *field, float *table,
-                                          float *heads, float *const *live_pos,
-                                          float *const *live_residual);
+                                          const struct spin_field *field,
+                                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                                          float SPIN_DEV *const *live_pos,
+                                          float SPIN_DEV *const *live_residual);
 /* From splats that are neither in a bundle nor a network's. */
 void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_device *device,
                                      spin_frame_renderer_read_fn read, void *context);
 /* Warns, once for a bundle, when frames that were shown had splats that nothing can draw. */
 void spin_frame_renderer_close(struct spin_frame_renderer *p);
 
-/* Make frame `index` of the bundle the one that is shown. In a live player or a reader: frame `index`
+/* Make frame `index` of the bundle the one that is shown. Of a live network or a reader: frame `index`
  * of the clip, with n splats and this time. */
 spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index);
 spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n,
@@ -72,18 +77,21 @@ spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
 spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index, unsigned columns,
                                        struct spin_splats *out);
 
-/* Draw the frame that is shown; image (host, [3][h][w]) not clamped. */
+/* Draw the frame that is shown; image (host, [3][h][w]) not clamped, or NULL: it stays on the device. */
 spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
                                      const struct spin_camera *camera, const float background[3],
                                      float *image);
+/* Compare the picture drawn last with its photograph (host, [h][w][3]); mask: bits of regions that are
+ * measured apart, or NULL. values: as spin_device_ops.measure has them. The picture is clamped to 0..1
+ * (docs/method.md section 8). */
+spin_status spin_frame_renderer_measure(struct spin_frame_renderer *p, const uint8_t *rgb8,
+                                        const uint8_t *mask, double values[SPIN_MEASURE_VALUES]);
+/* The picture drawn last. */
+spin_status spin_frame_renderer_picture(struct spin_frame_renderer *p, float *image);
 
 /* What is best in a bundle and whole: the network's splats, the refined ones, the source's; or just the
  * source's. SPIN_E_NOT_FOUND when it has positions only. */
 spin_status spin_frame_renderer_choose(const struct spin_bundle *bundle, bool source,
                                        enum spin_splat_source *out);
-
-/* PSNR and SSIM: image is clamped to 0..1 in place (method.md section 8). */
-spin_status spin_frame_renderer_compare(struct spin_frame_renderer *p, int width, int height,
-                                        float *image, const float *truth, struct spin_quality *out);
 
 #endif

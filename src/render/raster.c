@@ -1,15 +1,34 @@
-/* One view through the rasteriser. The only sum whose size is not known beforehand is the list of
- * (splat, tile) pairs: it is counted, then memory is reserved, then it is filled. */
+/* Views through the rasteriser. Sizes are known beforehand but for one: the number of (splat, tile)
+ * intersections. They are counted, the host reads the count, memory is reserved, the list is filled. */
 #include "render/raster.h"
 
 #include <string.h>
 
 #include "base/err.h"
-#include "device/clock.h"
 
-static spin_status take(struct spin_device *d, size_t bytes, void *out)
+/* The arrays, once. Walked to reserve and to release. */
+struct piece {
+    void SPIN_DEV **at;
+    size_t bytes;
+    bool training;
+};
+enum { N_PIECES = 7 };
+
+static void list_pieces(struct spin_raster *r, struct piece piece[N_PIECES])
 {
-    return d->op->reserve(d, bytes, (void **)out);
+    size_t views = (size_t)r->views, splats = views * r->capacity, pixels = views * r->pixels;
+    const struct piece all[N_PIECES] = {
+        {(void SPIN_DEV **)&r->splat2d, splats * sizeof *r->splat2d, false},
+        {(void SPIN_DEV **)&r->tiles.start,
+         views * (r->tiles_capacity + 1) * sizeof *r->tiles.start, false},
+        {(void SPIN_DEV **)&r->image, 3 * pixels * sizeof(float), false},
+        {(void SPIN_DEV **)&r->final_transmittance, pixels * sizeof(float), false},
+        {(void SPIN_DEV **)&r->last_contributor, pixels * sizeof(int32_t), false},
+        {(void SPIN_DEV **)&r->d_splat2d, splats * sizeof *r->d_splat2d, true},
+        {(void SPIN_DEV **)&r->d_image, 3 * pixels * sizeof(float), true},
+    };
+
+    memcpy(piece, all, sizeof all);
 }
 
 static const size_t pair_gradient = 12 * 4; /* bytes of a pair's share of the gradient */
@@ -18,15 +37,17 @@ static const size_t pair_gradient = 12 * 4; /* bytes of a pair's share of the gr
 static spin_status check_pairs(const struct spin_raster *r)
 {
     size_t pair = sizeof *r->tiles.intersections + (r->training ? pair_gradient : 0);
-    size_t needed = r->tiles.n_intersections * pair, free_bytes = r->device->op->memory(r->device);
+    size_t needed = r->tiles.n_intersections * pair;
+    size_t free_bytes = r->device->op->memory_available(r->device);
 
     if (needed <= free_bytes)
         return SPIN_OK;
     return spin_fail(
         SPIN_E_MEMORY,
-        "cannot draw a view: its %u pairs of splats and tiles need %.1f GB and %.1f GB "
+        "cannot draw a view: its %llu pairs of splats and tiles need %.1f GB and %.1f GB "
         "are free: the splats are too large, or the image is",
-        r->tiles.n_intersections, (double)needed / 1e9, (double)free_bytes / 1e9);
+        (unsigned long long)r->tiles.n_intersections, (double)needed / 1e9,
+        (double)free_bytes / 1e9);
 }
 
 size_t spin_raster_bytes(size_t n, size_t pixels, bool training)
@@ -36,15 +57,16 @@ size_t spin_raster_bytes(size_t n, size_t pixels, bool training)
 
     if (training) {
         splat += sizeof(struct spin_splat2d_grad) + 6 * pair_gradient;
-        pixel += 7 * 4 + 15 * 4; /* truth, gradient, weights, and the loss's bands */
+        pixel += 7 * 4 + 15 * 4; /* gradient, photograph, weights, and the loss's bands */
     }
     return n * splat + pixels * pixel;
 }
 
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,
-                             size_t pixels, size_t tiles, bool training)
+                             size_t pixels, size_t tiles, int views, bool training)
 {
-    spin_status status;
+    struct piece piece[N_PIECES];
+    spin_status status = SPIN_OK;
 
     memset(r, 0, sizeof *r);
     r->device = device;
@@ -52,83 +74,101 @@ spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, 
     r->capacity = n;
     r->pixels = pixels;
     r->tiles_capacity = tiles;
-    SPIN_TRY_OUT(take(device, n * sizeof *r->splat2d, &r->splat2d));
-    SPIN_TRY_OUT(take(device, (tiles + 1) * sizeof *r->tiles.start, &r->tiles.start));
-    SPIN_TRY_OUT(take(device, 3 * pixels * sizeof(float), &r->image));
-    SPIN_TRY_OUT(take(device, pixels * sizeof(float), &r->final_transmittance));
-    SPIN_TRY_OUT(take(device, pixels * sizeof(int32_t), &r->last_contributor));
-    if (training) {
-        SPIN_TRY_OUT(take(device, n * sizeof *r->d_splat2d, &r->d_splat2d));
-        SPIN_TRY_OUT(take(device, 3 * pixels * sizeof(float), &r->truth));
-        SPIN_TRY_OUT(take(device, 3 * pixels * sizeof(float), &r->d_image));
-        SPIN_TRY_OUT(take(device, pixels * sizeof(float), &r->weight));
-    }
-    return SPIN_OK;
+    r->views = views > 0 ? views : 1;
+    list_pieces(r, piece);
+    for (int i = 0; i < N_PIECES; i++)
+        if (training || !piece[i].training)
+            SPIN_TRY_OUT(device->op->reserve(device, piece[i].bytes, piece[i].at));
 out:
-    spin_raster_close(r);
+    if (status != SPIN_OK)
+        spin_raster_close(r);
     return status;
+}
+
+static void release_intersections(struct spin_raster *r)
+{
+    r->device->op->release(r->device, r->tiles.intersections,
+                           r->intersections_capacity * sizeof *r->tiles.intersections);
+    r->tiles.intersections = NULL;
+    r->intersections_capacity = 0;
 }
 
 void spin_raster_close(struct spin_raster *r)
 {
-    struct spin_device *d = r->device;
+    struct piece piece[N_PIECES];
 
-    if (!d)
+    if (!r->device)
         return;
-    d->op->release(d, r->splat2d, r->capacity * sizeof *r->splat2d);
-    d->op->release(d, r->tiles.start, (r->tiles_capacity + 1) * sizeof *r->tiles.start);
-    d->op->release(d, r->image, 3 * r->pixels * sizeof(float));
-    d->op->release(d, r->final_transmittance, r->pixels * sizeof(float));
-    d->op->release(d, r->last_contributor, r->pixels * sizeof(int32_t));
-    d->op->release(d, r->d_splat2d, r->capacity * sizeof *r->d_splat2d);
-    d->op->release(d, r->truth, 3 * r->pixels * sizeof(float));
-    d->op->release(d, r->d_image, 3 * r->pixels * sizeof(float));
-    d->op->release(d, r->weight, r->pixels * sizeof(float));
-    d->op->release(d, r->tiles.intersections,
-                   r->intersections_capacity * sizeof *r->tiles.intersections);
+    list_pieces(r, piece);
+    for (int i = 0; i < N_PIECES; i++)
+        r->device->op->release(r->device, *piece[i].at, piece[i].bytes);
+    release_intersections(r);
     memset(r, 0, sizeof *r);
 }
 
-spin_status spin_raster_forward(struct spin_raster *r, const struct spin_camera_f32 *cam, size_t n,
-                                const float *pos_w, const float *attr, int sh_degree,
-                                const float background[3])
+struct spin_view_batch spin_raster_batch(const struct spin_raster *r, const float background[3])
 {
-    struct spin_device *d = r->device;
-    spin_status status;
+    struct spin_view_batch views = {.max_pixels = r->pixels, .max_tiles = r->tiles_capacity};
 
-    SPIN_TIMED(d, SPIN_OP_PROJECT, d->op->project(d, cam, n, pos_w, attr, sh_degree, r->splat2d));
-    SPIN_TIMED(d, SPIN_OP_TILE, status = d->op->tile_count(d, cam, n, r->splat2d, &r->tiles));
-    SPIN_TRY(status);
-    if (r->tiles.n_intersections > r->intersections_capacity) {
-        size_t capacity = r->tiles.n_intersections + r->tiles.n_intersections / 2;
+    memcpy(views.background, background, sizeof views.background);
+    return views;
+}
 
-        SPIN_TRY(check_pairs(r));
-        d->op->release(d, r->tiles.intersections,
-                       r->intersections_capacity * sizeof *r->tiles.intersections);
-        r->tiles.intersections = NULL;
-        r->intersections_capacity = 0;
-        SPIN_TRY(take(d, capacity * sizeof *r->tiles.intersections, &r->tiles.intersections));
-        r->intersections_capacity = capacity;
-    }
-    SPIN_TIMED(d, SPIN_OP_TILE, status = d->op->tile_fill(d, cam, n, r->splat2d, &r->tiles));
-    SPIN_TRY(status);
-    SPIN_TIMED(d, SPIN_OP_BLEND,
-               d->op->blend(d, cam, r->splat2d, &r->tiles, background, r->image,
-                            r->final_transmittance, r->last_contributor));
+struct spin_view_of_batch *spin_raster_add_view(const struct spin_raster *r,
+                                                struct spin_view_batch *views, int frame, size_t n,
+                                                const struct spin_camera *camera, bool antialias)
+{
+    struct spin_view_of_batch *view = &views->view[views->n_views];
+    const struct spin_view_of_batch *last = view - 1;
+
+    if (views->n_views >= r->views || views->n_views >= SPIN_MAX_VIEWS)
+        return NULL;
+    memset(view, 0, sizeof *view);
+    view->frame = frame;
+    view->first = views->n_views > 0 ? last->first + last->n : 0;
+    view->n = n;
+    view->camera = spin_camera_f32_from(camera);
+    view->camera.antialias = antialias;
+    views->n_views++;
+    return view;
+}
+
+static spin_status reserve_intersections(struct spin_raster *r)
+{
+    size_t capacity = r->tiles.n_intersections + r->tiles.n_intersections / 2;
+
+    if (r->tiles.n_intersections <= r->intersections_capacity)
+        return SPIN_OK;
+    SPIN_TRY(check_pairs(r));
+    release_intersections(r);
+    SPIN_TRY(r->device->op->reserve(r->device, capacity * sizeof *r->tiles.intersections,
+                                    (void SPIN_DEV **)&r->tiles.intersections));
+    r->intersections_capacity = capacity;
     return SPIN_OK;
 }
 
-void spin_raster_backward(struct spin_raster *r, const struct spin_camera_f32 *cam, size_t n,
-                          const float *pos_w, const float *attr, int sh_degree,
-                          const float background[3], float *d_attr, float *d_pos_w)
+spin_status spin_raster_forward(struct spin_raster *r, const struct spin_view_batch *views,
+                                const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
+                                int sh_degree)
 {
     struct spin_device *d = r->device;
 
-    SPIN_TIMED(d, SPIN_OP_BLEND_BACK,
-               d->op->blend_back(d, cam, n, r->splat2d, &r->tiles, background,
-                                 r->final_transmittance, r->last_contributor, r->d_image,
-                                 r->d_splat2d));
-    SPIN_TIMED(d, SPIN_OP_PROJECT_BACK,
-               d->op->project_back(d, cam, n, pos_w, attr, sh_degree, r->splat2d, r->d_splat2d,
-                                   d_attr, d_pos_w));
+    d->op->project(d, views, frames, attr, sh_degree, r->splat2d);
+    SPIN_TRY(d->op->tile_count(d, views, r->splat2d, &r->tiles));
+    SPIN_TRY(reserve_intersections(r));
+    SPIN_TRY(d->op->tile_fill(d, views, r->splat2d, &r->tiles));
+    d->op->blend(d, views, r->splat2d, &r->tiles, r->image, r->final_transmittance,
+                 r->last_contributor);
+    return SPIN_OK;
+}
+
+void spin_raster_backward(struct spin_raster *r, const struct spin_view_batch *views,
+                          const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
+                          int sh_degree, float SPIN_DEV *d_attr)
+{
+    struct spin_device *d = r->device;
+
+    d->op->blend_back(d, views, r->splat2d, &r->tiles, r->final_transmittance, r->last_contributor,
+                      r->d_image, r->d_splat2d);
+    d->op->project_back(d, views, frames, attr, sh_degree, r->splat2d, r->d_splat2d, d_attr);
 }

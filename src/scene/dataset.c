@@ -600,7 +600,7 @@ static spin_status decode(struct spin_image_cache *pixels, const struct spin_vie
     return fit(view, width, height, out);
 }
 
-static void spread(const uint8_t *rgb, size_t plane, float *out)
+void spin_image_floats(const uint8_t *rgb, size_t plane, float *out)
 {
     for (size_t c = 0; c < 3; c++) {
         for (size_t i = 0; i < plane; i++)
@@ -608,21 +608,42 @@ static void spread(const uint8_t *rgb, size_t plane, float *out)
     }
 }
 
-spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out)
+/* The bytes of a view; *owned is to be freed. */
+static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, const uint8_t **out,
+                              uint8_t **owned)
 {
-    const struct spin_view *v = &pixels->views->view[view];
-    size_t plane = (size_t)v->camera.width * (size_t)v->camera.height;
     uint8_t *rgb = pixels->rgb[view];
 
-    if (rgb) {
-        spread(rgb, plane, out);
-        return SPIN_OK;
+    *owned = NULL;
+    if (!rgb) {
+        SPIN_TRY(decode(pixels, &pixels->views->view[view], &rgb));
+        if (has_room(pixels, view))
+            keep(pixels, view, rgb);
+        else
+            *owned = rgb;
     }
-    SPIN_TRY(decode(pixels, v, &rgb));
-    spread(rgb, plane, out);
-    if (has_room(pixels, view))
-        keep(pixels, view, rgb);
-    else
-        free(rgb);
+    *out = rgb;
+    return SPIN_OK;
+}
+
+spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out)
+{
+    const uint8_t *rgb;
+    uint8_t *owned;
+
+    SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
+    spin_image_floats(rgb, bytes_of(&pixels->views->view[view]) / 3, out);
+    free(owned);
+    return SPIN_OK;
+}
+
+spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out)
+{
+    const uint8_t *rgb;
+    uint8_t *owned;
+
+    SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
+    memcpy(out, rgb, bytes_of(&pixels->views->view[view]));
+    free(owned);
     return SPIN_OK;
 }

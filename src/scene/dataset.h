@@ -57,5 +57,9 @@ spin_status spin_image_fit(const uint8_t *rgb, int from_width, int from_height, 
 /* Planar [3][h][w] float 0..1 of one view. Where images are frames of a video, those that are decoded on
  * the way are kept as well, while there is room. */
 spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out);
+/* The same as bytes: interleaved [h][w][3]. */
+spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out);
+/* The floats of bytes: what get makes of what get_rgb8 gives. */
+void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out);
 
 #endif

@@ -1,6 +1,6 @@
-/* The state of a retraining: first values, fingerprint, save and load.
- *
- * The unfinished state lives beside the output as OUT.part, written whole or not at all. */
+/* The state of a network training as an archive of arrays, and the fingerprint that a resume is held to. */
+#include "train/checkpoint.h"
+
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -9,190 +9,68 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "train/morton.h"
-#include "train/run.h"
+#include "io/npy.h"
+#include "train/settings.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 
-static void set_string(spin_json *j, const char *key, const char *format, double v)
+spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refinement *refinement,
+                             const struct spin_truth *truth, const struct spin_device *device,
+                             char **out)
 {
+    const struct spin_retrain_options *o = plan->o;
+    bool network = o->method == SPIN_METHOD_NETWORK;
+    spin_json *j = network ? spin_field_to_json(&plan->field) : spin_json_object();
+    spin_json *frames = spin_json_array(), *centre = spin_json_array();
+    const struct spin_zip *zip = &plan->clip.bundle.npz.zip;
     char text[64];
-
-    snprintf(text, sizeof text, format, v);
-    spin_json_set_string(j, key, text);
-}
-
-/* The options that decide the result. Stored with the network, compared before a resume. */
-static spin_json *options_to_json(const struct spin_run *r)
-{
-    const struct spin_retrain_options *o = r->o;
-    spin_json *j = spin_json_object(), *base = spin_json_array(), *finest = spin_json_array();
-    spin_json *back = spin_json_array(), *test = spin_json_array();
-    char seed[32];
-
-    for (int d = 0; d < 4; d++) {
-        spin_json_push_number(base, o->base_resolution[d]);
-        spin_json_push_number(finest, o->finest_resolution[d]);
-    }
-    for (int c = 0; c < 3; c++)
-        spin_json_push_number(back, (double)o->background[c]);
-    for (size_t i = 0; i < r->clip.views.n; i++)
-        if (r->clip.views.view[i].test &&
-            r->clip.views.view[i].dataset_frame == r->clip.dataset_frame[0])
-            spin_json_push_number(test, r->clip.views.view[i].camera_id);
-    spin_json_set_integer(j, "iterations", o->iterations);
-    spin_json_set_integer(j, "batch", o->batch);
-    spin_json_set_integer(j, "hash_log2", o->hash_log2);
-    spin_json_set(j, "base_resolution", base);
-    spin_json_set(j, "finest_resolution", finest);
-    spin_json_set_number(j, "lambda_dssim", o->lambda_dssim);
-    snprintf(seed, sizeof seed, "%" PRIu64, o->seed);
-    spin_json_set_string(j, "seed", seed);
-    spin_json_set_integer(j, "warmup", o->warmup);
-    spin_json_set_number(j, "lr_table", o->lr_table);
-    spin_json_set_number(j, "lr_sh", o->lr_sh);
-    spin_json_set_number(j, "lr_scale", o->lr_scale);
-    spin_json_set_number(j, "lr_rotation", o->lr_rotation);
-    spin_json_set_number(j, "lr_opacity", o->lr_opacity);
-    spin_json_set_number(j, "lr_position", o->lr_position);
-    spin_json_set_number(j, "lr_head_factor", o->lr_head_factor);
-    if (o->sh_increase_every > 0) /* said only where it is not as in the paper, as what follows */
-        spin_json_set_integer(j, "sh_increase_every", o->sh_increase_every);
-    if (o->hash_init_range != SPIN_HASH_INIT_RANGE)
-        spin_json_set_number(j, "hash_init_range", o->hash_init_range);
-    if (o->lambda_scale > 0)
-        spin_json_set_number(j, "lambda_scale", o->lambda_scale);
-    if (o->lambda_opacity > 0)
-        spin_json_set_number(j, "lambda_opacity", o->lambda_opacity);
-    if (o->dynamic_weight != 1)
-        spin_json_set_number(j, "dynamic_weight", o->dynamic_weight);
-    if (spin_run_has_residual(r)) {
-        bool source = o->residual == SPIN_RESIDUAL_SOURCE;
-
-        spin_json_set_string(j, "residual", source ? "source" : "points");
-        spin_json_set_number(j, "lr_residual", o->lr_residual);
-    }
-    spin_json_set_bool(j, "learn_exposure", o->learn_exposure);
-    spin_json_set_number(j, "lr_exposure", o->lr_exposure);
-    spin_json_set_number(j, "init_log_scale", r->init_log_scale);
-    spin_json_set_integer(j, "views_per_frame", o->views_per_frame);
-    spin_json_set_number(j, "image_scale", o->image_scale);
-    spin_json_set_number(j, "spatial_extent", r->extent);
-    spin_json_set(j, "background", back);
-    spin_json_set(j, "test_cameras", test);
-    if (r->refined)
-        spin_json_set(j, "refine", spin_run_refine_settings(r));
-    return j;
-}
-
-spin_json *spin_run_to_json(const struct spin_run *r)
-{
-    spin_json *j = spin_field_to_json(&r->field);
-
-    spin_json_set(j, "options", options_to_json(r));
-    spin_json_set_string(j, "device", r->device.op->name);
-    return j;
-}
-
-/* The network's plan and options, the frames, what they are learned from, and the CRCs of the input's
- * arrays. It is made before
- * frames are refined, and then has what they will be made from. */
-spin_status spin_run_fingerprint(struct spin_run *r)
-{
-    bool network = r->o->method == SPIN_METHOD_NETWORK;
-    spin_json *j = network ? spin_run_to_json(r) : spin_json_object();
-    spin_json *frames = spin_json_array();
-    const struct spin_zip *zip = &r->clip.bundle.npz.zip;
     double sum = 0;
-    char images[20];
 
+    for (int c = 0; c < 3; c++)
+        spin_json_push_number(centre, o->normalise_centre[c]);
+    if (network) { /* the scene transform follows from the input and these */
+        spin_json_set_integer(j, "normalise", o->normalise);
+        spin_json_set_number(j, "normalise_radius", o->normalise_radius);
+        spin_json_set(j, "normalise_centre", centre);
+        spin_json_set(j, "options", spin_settings_network(plan, o->init_log_scale));
+        spin_json_set_string(j, "device", device->op->name);
+    } else {
+        spin_json_free(centre);
+    }
     for (size_t i = 0; i < zip->n; i++)
         sum += (double)zip->member[i].crc;
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        spin_json_push_number(frames, spin_run_info(r, f)->number);
-        spin_json_push_number(frames, (double)r->counts[f]);
-        if (r->refined)
-            spin_json_push_string(frames, r->refined[f].key);
+    for (int f = 0; f < plan->clip.n_frames; f++) {
+        spin_json_push_number(frames, spin_plan_info(plan, f)->number);
+        spin_json_push_number(frames, (double)plan->counts[f]);
+        if (refinement->frame)
+            spin_json_push_string(frames, refinement->frame[f].key);
     }
-    snprintf(images, sizeof images, "%016" PRIx64, spin_run_imprint(r, -1));
+    snprintf(text, sizeof text, "%016" PRIx64, spin_truth_imprint(truth, plan, -1));
     spin_json_set(j, "frames", frames);
-    spin_json_set_string(j, "images", images);
-    set_string(j, "input", "%.0f", sum);
-    r->fingerprint = spin_json_text(j, false);
+    spin_json_set_string(j, "images", text);
+    snprintf(text, sizeof text, "%.0f", sum);
+    spin_json_set_string(j, "input", text);
+    *out = spin_json_text(j, false);
     spin_json_free(j);
-    return r->fingerprint ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
+    return *out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory");
 }
 
-/* Our order of a frame's splats: along a space-filling curve, so that neighbours share cache lines. */
-spin_status spin_run_sort(struct spin_run *r)
+double spin_checkpoint_seconds(const struct spin_checkpoint *c)
 {
-    void *block = NULL;
-
-    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->permutation, &block));
-    r->permutation = block;
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        block = NULL;
-        SPIN_TRY(spin_alloc(r->counts[f] + 1, sizeof(uint32_t), &block));
-        r->permutation[f] = block;
-        SPIN_TRY(spin_run_means(r, f));
-        SPIN_TRY(spin_morton_order(r->counts[f], r->splats.means, r->permutation[f]));
-    }
-    return SPIN_OK;
-}
-
-spin_status spin_run_begin(struct spin_run *r)
-{
-    struct spin_device *d = &r->device;
-    struct spin_trainer *t = &r->trainer;
-    size_t floats = t->table.n + t->heads.n;
-    void *block = NULL;
-    float *host;
-
-    floats = floats > r->clip.n_max * 3 ? floats : r->clip.n_max * 3;
-    SPIN_TRY(spin_alloc(floats, sizeof(float), &block));
-    host = block;
-    spin_field_init(&r->field, r->o->seed, r->o->hash_init_range, r->init_log_scale, host,
-                    host + t->table.n);
-    if (r->o->sh_increase_every > 0)
-        spin_field_clear_sh(&r->field, host + t->table.n);
-    if (spin_run_has_residual(r))
-        spin_field_clear_heads(&r->field, host + t->table.n);
-    d->op->upload(d, t->table.p, host, t->table.n * sizeof(float));
-    d->op->upload(d, t->heads.p, host + t->table.n, t->heads.n * sizeof(float));
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        spin_status status = spin_run_means(r, f);
-
-        if (status != SPIN_OK) {
-            free(block);
-            return status;
-        }
-        for (size_t i = 0; i < r->counts[f]; i++)
-            memcpy(host + 3 * i, r->splats.means + 3 * (size_t)r->permutation[f][i],
-                   3 * sizeof(float));
-        d->op->upload(d, t->frame[f].pos, host, r->counts[f] * 3 * sizeof(float));
-        if (spin_run_has_residual(r))
-            status = spin_run_residual_begin(r, f);
-        if (status != SPIN_OK) {
-            free(block);
-            return status;
-        }
-    }
-    free(block);
-    return SPIN_OK;
+    return c->before_s + spin_now_s() - c->start_s;
 }
 
 /* Everything the state holds, in one list: walked to save and to load. */
 struct piece {
     char name[48];
-    float *at; /* device */
+    float SPIN_DEV *at;
     size_t n;
 };
 
-static spin_status list_pieces(struct spin_run *r, struct piece **out, size_t *n)
+static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_t *n)
 {
-    struct spin_trainer *t = &r->trainer;
     struct spin_param *param[3] = {&t->table, &t->heads, &t->exposures.param};
-    const char *param_name[3] = {"table", "heads", "tint"};
+    const char *param_name[3] = {"table", "heads", "exposure"};
     void *block = NULL;
     struct piece *piece;
     size_t k = 0;
@@ -200,7 +78,7 @@ static spin_status list_pieces(struct spin_run *r, struct piece **out, size_t *n
     SPIN_TRY(spin_alloc(10 + 6 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < 3; i++) {
-        float *at[3] = {param[i]->p, param[i]->m, param[i]->v};
+        float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
 
         for (int j = 0; j < 3; j++, k++) {
             snprintf(piece[k].name, sizeof piece[k].name, "%s/%c", param_name[i], "pmv"[j]);
@@ -208,10 +86,10 @@ static spin_status list_pieces(struct spin_run *r, struct piece **out, size_t *n
             piece[k].n = param[i]->n;
         }
     }
-    if (t->lazy.lazy.last)
-        piece[k++] = (struct piece){"table/last", t->lazy.lazy.last, t->lazy.n_lines};
+    if (t->lazy)
+        piece[k++] = (struct piece){"table/last", t->lazy->last, t->lazy->n_lines};
     for (int f = 0; f < t->n_frames; f++) {
-        float *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
+        float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
         for (int j = 0; j < 3; j++, k++) {
             snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/%c", f, "pmv"[j]);
@@ -219,11 +97,12 @@ static spin_status list_pieces(struct spin_run *r, struct piece **out, size_t *n
             piece[k].n = 3 * t->frame[f].n;
         }
     }
-    for (int f = 0; f < t->n_frames && spin_run_has_residual(r); f++) {
-        float *at[3] = {t->frame[f].residual, t->frame[f].residual_m, t->frame[f].residual_v};
+    for (int f = 0; f < t->n_frames && t->d_residual; f++) {
+        float SPIN_DEV *at[3] = {t->frame[f].residual, t->frame[f].residual_m,
+                                 t->frame[f].residual_v};
 
         for (int j = 0; j < 3; j++, k++) {
-            snprintf(piece[k].name, sizeof piece[k].name, "own/%05d/%c", f, "pmv"[j]);
+            snprintf(piece[k].name, sizeof piece[k].name, "residual/%05d/%c", f, "pmv"[j]);
             piece[k].at = at[j];
             piece[k].n = SPIN_RESIDUAL * t->frame[f].n;
         }
@@ -234,7 +113,7 @@ static spin_status list_pieces(struct spin_run *r, struct piece **out, size_t *n
 }
 
 /* Values [first, first + n) of an array of the state. */
-static spin_status check_finite(const struct spin_run *r, const char *name, size_t first,
+static spin_status check_values(const struct spin_trainer *t, const char *name, size_t first,
                                 const float *v, size_t n)
 {
     bool bad = false;
@@ -249,17 +128,18 @@ static spin_status check_finite(const struct spin_run *r, const char *name, size
     return spin_fail(SPIN_E_MALFORMED,
                      "array '%s' is not finite at value %zu after iteration %lld: lower the "
                      "learning rates, or look for bad points",
-                     name, first + i, (long long)r->trainer.iteration);
+                     name, first + i, (long long)t->iteration);
 }
 
-spin_status spin_run_check_finite(struct spin_run *r)
+spin_status spin_check_parameters(struct spin_trainer *t)
 {
+    struct spin_device *d = t->device;
     size_t n_pieces = 0;
     struct piece *piece = NULL;
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(r, &piece, &n_pieces));
+    SPIN_TRY_OUT(list_pieces(t, &piece, &n_pieces));
     SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t i = 0; i < n_pieces; i++) {
         size_t length = strlen(piece[i].name);
@@ -269,8 +149,8 @@ spin_status spin_run_check_finite(struct spin_run *r)
         for (size_t first = 0; first < piece[i].n; first += PORTION) {
             size_t n = piece[i].n - first < PORTION ? piece[i].n - first : PORTION;
 
-            r->device.op->download(&r->device, block, piece[i].at + first, n * sizeof(float));
-            SPIN_TRY_OUT(check_finite(r, piece[i].name, first, block, n));
+            SPIN_TRY_OUT(d->op->download(d, block, piece[i].at + first, n * sizeof(float)));
+            SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, n));
         }
     }
 out:
@@ -279,9 +159,11 @@ out:
     return status;
 }
 
-spin_status spin_run_write_array(struct spin_run *r, struct spin_zip_writer *w, const char *name,
-                                 int n_dims, const uint64_t *shape, const float *at, size_t n)
+spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writer *w,
+                                    const char *name, int n_dims, const uint64_t *shape,
+                                    const float SPIN_DEV *at, size_t n)
 {
+    struct spin_device *device = t->device;
     void *block = NULL;
     spin_status status;
 
@@ -290,8 +172,8 @@ spin_status spin_run_write_array(struct spin_run *r, struct spin_zip_writer *w, 
     for (size_t first = 0; first < n; first += PORTION) {
         size_t floats = n - first < PORTION ? n - first : PORTION;
 
-        r->device.op->download(&r->device, block, at + first, floats * sizeof(float));
-        SPIN_TRY_OUT(check_finite(r, name, first, block, floats));
+        SPIN_TRY_OUT(device->op->download(device, block, at + first, floats * sizeof(float)));
+        SPIN_TRY_OUT(check_values(t, name, first, block, floats));
         SPIN_TRY_OUT(spin_zip_member_write(w, block, floats * sizeof(float)));
     }
     status = spin_zip_member_end(w);
@@ -300,17 +182,18 @@ out:
     return status;
 }
 
-static spin_status save_pieces(struct spin_run *r, struct spin_zip_writer *w)
+static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w)
 {
     struct piece *piece = NULL;
     size_t n = 0;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(r, &piece, &n));
+    SPIN_TRY_OUT(list_pieces(t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        SPIN_TRY_OUT(spin_run_write_array(r, w, piece[i].name, 1, shape, piece[i].at, piece[i].n));
+        SPIN_TRY_OUT(
+            spin_write_device_array(t, w, piece[i].name, 1, shape, piece[i].at, piece[i].n));
     }
 out:
     free(piece);
@@ -326,64 +209,40 @@ static spin_status write_text(struct spin_zip_writer *w, const char *name, const
     return spin_zip_member_end(w);
 }
 
-spin_status spin_run_save(struct spin_run *r)
+spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)
 {
     struct spin_zip_writer w;
     spin_json *j = spin_json_object(), *steps = spin_json_array();
     char *text;
     spin_status status;
 
-    for (int f = 0; f < r->trainer.n_frames; f++)
-        spin_json_push_number(steps, (double)r->trainer.frame[f].steps);
-    spin_json_set_integer(j, "iteration", r->trainer.iteration);
-    spin_json_set_number(j, "seconds", r->worked_before_s + spin_now_s() - r->worked_s);
+    for (int f = 0; f < t->n_frames; f++)
+        spin_json_push_number(steps, (double)t->frame[f].steps);
+    spin_json_set_integer(j, "iteration", t->iteration);
+    spin_json_set_number(j, "seconds", spin_checkpoint_seconds(c));
     spin_json_set(j, "steps", steps);
-    spin_json_set_string(j, "fingerprint", r->fingerprint);
-    spin_json_set_string(j, "path", r->paths);
+    spin_json_set_string(j, "fingerprint", c->fingerprint);
+    spin_json_set_string(j, "path", c->code_paths->all);
     text = spin_json_text(j, true);
     spin_json_free(j);
-    status = spin_zip_writer_open(r->part, true, &w);
+    status = spin_zip_writer_open(c->path, true, &w);
     if (status == SPIN_OK) {
         w.out.sync = true; /* it stands for hours of work */
         status = write_text(&w, "state.json", text ? text : "");
         if (status == SPIN_OK)
-            status = save_pieces(r, &w);
+            status = save_pieces(t, &w);
         if (status == SPIN_OK)
             status = spin_zip_writer_commit(&w);
         else
             spin_zip_writer_abandon(&w);
     }
     free(text);
-    r->saved_s = spin_now_s();
+    c->saved_s = spin_now_s();
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot save the unfinished state");
-    r->saved = r->trainer.iteration;
-    spin_log(1, "saved the state of iteration %lld to '%s'", (long long)r->trainer.iteration,
-             r->part);
+    c->saved = t->iteration;
+    spin_log(1, "saved the state of iteration %lld to '%s'", (long long)t->iteration, c->path);
     return SPIN_OK;
-}
-
-void spin_run_did(struct spin_run *r, const char *paths)
-{
-    bool other = false;
-
-    for (const char *at = paths ? paths : ""; *at;) {
-        size_t n = strcspn(at, "+"), used = strlen(r->paths);
-        char one[sizeof r->paths];
-
-        snprintf(one, sizeof one, "%.*s", (int)n, at);
-        at += n + (at[n] == '+');
-        if (one[strspn(one, "abcdefghijklmnopqrstuvwxyz0123456789")] || strstr(r->paths, one) ||
-            used + strlen(one) + 2 > sizeof r->paths)
-            continue;
-        snprintf(r->paths + used, sizeof r->paths - used, "%s%s", used ? "+" : "", one);
-        other = true;
-    }
-    if (other)
-        spin_warn(
-            "the processor's code path is %s now and was another before (%s): the two differ in "
-            "the last bits, so the result is not bit for bit that of an unbroken run",
-            r->device.path, r->paths);
 }
 
 /* They index tables of that length. */
@@ -395,14 +254,14 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
     return SPIN_OK;
 }
 
-static spin_status load_pieces(struct spin_run *r, struct spin_npz *npz)
+static spin_status load_pieces(struct spin_trainer *t, struct spin_npz *npz)
 {
     struct piece *piece = NULL;
     size_t n = 0;
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(r, &piece, &n));
+    SPIN_TRY_OUT(list_pieces(t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
         int64_t shape[1] = {(int64_t)piece[i].n};
@@ -410,10 +269,10 @@ static spin_status load_pieces(struct spin_run *r, struct spin_npz *npz)
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
         spin_array_to_f32(&a, 0, piece[i].n, block);
-        SPIN_TRY_OUT(check_finite(r, piece[i].name, 0, block, piece[i].n));
-        if (piece[i].at == r->trainer.lazy.lazy.last)
-            SPIN_TRY_OUT(check_last(block, piece[i].n, r->trainer.iteration));
-        r->device.op->upload(&r->device, piece[i].at, block, piece[i].n * sizeof(float));
+        SPIN_TRY_OUT(check_values(t, piece[i].name, 0, block, piece[i].n));
+        if (t->lazy && piece[i].at == t->lazy->last)
+            SPIN_TRY_OUT(check_last(block, piece[i].n, t->iteration));
+        t->device->op->upload(t->device, piece[i].at, block, piece[i].n * sizeof(float));
     }
 out:
     free(piece);
@@ -421,7 +280,8 @@ out:
     return status;
 }
 
-static spin_status load_header(struct spin_run *r, struct spin_npz *npz)
+static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t,
+                               struct spin_npz *npz)
 {
     const struct spin_zip_member *member = spin_zip_find(&npz->zip, "state.json");
     const unsigned char *bytes;
@@ -436,21 +296,21 @@ static spin_status load_header(struct spin_run *r, struct spin_npz *npz)
     SPIN_TRY_OUT(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, &j));
     fingerprint = spin_json_string(spin_json_get(j, "fingerprint"));
-    if (!fingerprint || strcmp(fingerprint, r->fingerprint) != 0) {
+    if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0) {
         status = spin_fail(SPIN_E_USAGE, "it was made from another input or with other options "
                                          "than these, or its images have changed; give the same "
                                          "ones, or --force without --resume to start anew");
         goto out;
     }
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
-        iteration > r->o->iterations) {
+        iteration > t->rates.iterations) {
         status = spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
         goto out;
     }
-    spin_json_number(spin_json_get(j, "seconds"), &r->worked_before_s);
-    r->trainer.iteration = iteration;
-    spin_run_did(r, spin_json_string(spin_json_get(j, "path")));
-    for (int f = 0; f < r->trainer.n_frames; f++) {
+    spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
+    t->iteration = iteration;
+    spin_code_paths_add(c->code_paths, spin_json_string(spin_json_get(j, "path")));
+    for (int f = 0; f < t->n_frames; f++) {
         const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
         double v = 0;
 
@@ -459,7 +319,7 @@ static spin_status load_header(struct spin_run *r, struct spin_npz *npz)
             goto out;
         }
         steps = (int64_t)v;
-        r->trainer.frame[f].steps = steps;
+        t->frame[f].steps = steps;
     }
     status = SPIN_OK;
 out:
@@ -468,21 +328,21 @@ out:
     return status;
 }
 
-spin_status spin_run_load(struct spin_run *r)
+spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer *t)
 {
     struct spin_npz npz;
-    spin_status status = spin_npz_open(r->part, &npz);
+    spin_status status = spin_npz_open(c->path, &npz);
 
     if (status == SPIN_OK) {
-        status = load_header(r, &npz);
+        status = load_header(c, t, &npz);
         if (status == SPIN_OK)
-            status = load_pieces(r, &npz);
+            status = load_pieces(t, &npz);
         spin_npz_close(&npz);
     }
     if (status != SPIN_OK)
-        return spin_fail_context(status, "cannot resume from '%s'", r->part);
-    r->saved = r->trainer.iteration;
-    spin_log(0, "resuming at iteration %lld of %d", (long long)r->trainer.iteration,
-             r->o->iterations);
+        return spin_fail_context(status, "cannot resume from '%s'", c->path);
+    c->saved = t->iteration;
+    spin_log(0, "resuming at iteration %lld of %lld", (long long)t->iteration,
+             (long long)t->rates.iterations);
     return SPIN_OK;
 }

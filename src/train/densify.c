@@ -9,142 +9,13 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "train/knn.h"
-#include "scene/bundle.h"
 #include "math/activate.h"
 #include "math/rng.h"
-#include "math/sh.h"
 
 enum { STREAM_SPLIT = 32 }; /* of the random numbers, see math/rng.h */
 enum { KEEP, CLONE, SPLIT };
 
-static const float start_logit = -2.1972246f; /* opacity 0.1 */
-static const float log_shrink = 0.47000363f;  /* ln 1.6: a child's scale is its parent's / 1.6 */
-
-_Static_assert(sizeof(struct spin_refine_row) == SPIN_REFINE_WIDTH * sizeof(float),
-               "a row is nothing but its floats");
-
-/* ---- The cloud ------------------------------------------------------------------------------- */
-
-spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
-{
-    size_t capacity = n + n / 2;
-    void *block = cloud->point;
-
-    if (n > INT32_MAX) /* the rasteriser's lists hold 32-bit indices */
-        return spin_fail(SPIN_E_MEMORY, "%zu points in one frame are more than %d", n, INT32_MAX);
-    if (n <= cloud->capacity)
-        return SPIN_OK;
-    SPIN_TRY(spin_grow(capacity, sizeof *cloud->point, &block));
-    cloud->point = block;
-    cloud->capacity = capacity;
-    return SPIN_OK;
-}
-
-void spin_refine_cloud_free(struct spin_refine_cloud *cloud)
-{
-    free(cloud->point);
-    memset(cloud, 0, sizeof *cloud);
-}
-
-static spin_status begin(struct spin_refine_cloud *out, size_t n)
-{
-    SPIN_TRY(spin_refine_cloud_reserve(out, n));
-    if (n > 0)
-        memset(out->point, 0, n * sizeof *out->point);
-    out->n = n;
-    return SPIN_OK;
-}
-
-static void start_point(struct spin_refine_row *p, const float *pos_w, const float *rgb,
-                        double dist2)
-{
-    float log_scale = (float)(0.5 * log(dist2 > 1e-7 ? dist2 : 1e-7));
-
-    for (int c = 0; c < 3; c++) {
-        p->pos_w[c] = pos_w[c];
-        p->dc[c] = rgb ? (float)((rgb[c] - 0.5) / SPIN_SH_C0) : 0;
-        p->log_scale[c] = log_scale;
-    }
-    p->rotation[0] = 1;
-    p->logit_opacity = start_logit;
-}
-
-spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const float *pos_w,
-                                         const float *rgb, struct spin_refine_cloud *out)
-{
-    spin_status status;
-    void *block = NULL;
-    float *dist2;
-
-    for (size_t i = 0; i < n * 3; i++)
-        if (!isfinite(pos_w[i]))
-            return spin_fail(SPIN_E_MALFORMED, "point %zu has a coordinate that is not finite",
-                             i / 3);
-    SPIN_TRY(begin(out, n));
-    SPIN_TRY(spin_alloc(n + 1, sizeof *dist2, &block));
-    dist2 = block;
-    SPIN_TRY_OUT(spin_knn_mean_dist2(pool, n, pos_w, dist2));
-    for (size_t i = 0; i < n; i++)
-        start_point(&out->point[i].p, pos_w + 3 * i, rgb ? rgb + 3 * i : NULL, dist2[i]);
-out:
-    free(block);
-    return status;
-}
-
-spin_status spin_refine_init_from_colours(const struct spin_splats *s,
-                                          struct spin_refine_cloud *out)
-{
-    size_t width = spin_column_width(SPIN_COL_SH, s->sh_degree);
-    void *block = NULL;
-    float *rgb;
-    spin_status status;
-
-    if (s->rgb || !s->sh)
-        return spin_refine_init_from_points(NULL, s->n, s->means, s->rgb, out);
-    SPIN_TRY(spin_alloc(3 * s->n + 1, sizeof(float), &block));
-    rgb = block;
-    for (size_t i = 0; i < 3 * s->n; i++)
-        rgb[i] = (float)(SPIN_SH_C0 * (double)s->sh[i / 3 * width + i % 3] + 0.5);
-    status = spin_refine_init_from_points(NULL, s->n, s->means, rgb, out);
-    free(block);
-    return status;
-}
-
-spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spin_refine_cloud *out)
-{
-    size_t sh_row = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
-
-    if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
-        return spin_fail(SPIN_E_USAGE, "refining from the source's attributes needs all of them: "
-                                       "means, quats, log_scales, logit_opacities, sh");
-    SPIN_TRY(begin(out, s->n));
-    for (size_t i = 0; i < s->n; i++) {
-        struct spin_refine_row *p = &out->point[i].p;
-
-        memcpy(p->pos_w, s->means + 3 * i, sizeof p->pos_w);
-        memcpy(p->dc, s->sh + sh_row * i, sizeof p->dc);
-        memcpy(p->log_scale, s->log_scales + 3 * i, sizeof p->log_scale);
-        memcpy(p->rotation, s->quats + 4 * i, sizeof p->rotation);
-        p->logit_opacity = s->logit_opacities[i];
-    }
-    return SPIN_OK;
-}
-
-spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out)
-{
-    SPIN_TRY(spin_splats_reserve(out, cloud->n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
-    for (size_t i = 0; i < cloud->n; i++) {
-        const struct spin_refine_row *p = &cloud->point[i].p;
-
-        memcpy(out->means + 3 * i, p->pos_w, sizeof p->pos_w);
-        memcpy(out->sh + 3 * i, p->dc, sizeof p->dc);
-        memcpy(out->log_scales + 3 * i, p->log_scale, sizeof p->log_scale);
-        out->logit_opacities[i] = p->logit_opacity;
-        spin_rotation_of(p->rotation, out->quats + 4 * i);
-    }
-    return SPIN_OK;
-}
+static const float log_shrink = 0.47000363f; /* ln 1.6: a child's scale is its parent's / 1.6 */
 
 /* ---- Choosing -------------------------------------------------------------------------------- */
 
@@ -234,8 +105,8 @@ static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t p
     return p;
 }
 
-/* v turned by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v), u = (x, y, z). */
-static void turn(const float q[4], const float v[3], float out[3])
+/* v rotated by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v), u = (x, y, z). */
+static void rotate(const float q[4], const float v[3], float out[3])
 {
     const float *u = q + 1;
     float a[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
@@ -255,7 +126,7 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
         p->log_scale[i] -= log_shrink;
     }
     spin_rotation_of(p->rotation, q);
-    turn(q, along, offset);
+    rotate(q, along, offset);
     for (int i = 0; i < 3; i++)
         p->pos_w[i] += offset[i];
 }
@@ -294,7 +165,7 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* Differs: 3DGS keeps points that are not finite; here they would be handed on to stage (b). */
+/* Differs: 3DGS keeps points that are not finite. Here they would be handed on to the network training. */
 static bool worth_keeping(const struct spin_refine_row *p, float prune_opacity)
 {
     const float *value = (const float *)p;

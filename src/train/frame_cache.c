@@ -1,4 +1,4 @@
-/* Frames on a shelf are bundles of one frame: written whole, checked when opened. */
+/* A cached frame is a bundle of one frame: written whole, checked when opened. */
 #include "train/frame_cache.h"
 
 #include <ctype.h>

@@ -1,6 +1,6 @@
 /* Finished frames of a run that is not finished: one small bundle each, in a folder beside the output.
- * A frame is put there whole or not at all, under a key that says what it was made from, so whoever
- * goes on after a kill finds every frame that was done and nothing else. */
+ * A frame is written whole or not at all, under a key that says what it was made from. After a kill the
+ * folder holds every frame that was done and nothing else. */
 #ifndef SPIN_TRAIN_FRAME_CACHE_H
 #define SPIN_TRAIN_FRAME_CACHE_H
 

@@ -1,4 +1,4 @@
-/* Distances to the nearest neighbours: the start scale of 3DGS (method.md section 2). */
+/* Distances to the nearest neighbours: the start scale of 3DGS (docs/method.md section 2). */
 #ifndef SPIN_TRAIN_KNN_H
 #define SPIN_TRAIN_KNN_H
 

@@ -1,4 +1,6 @@
-/* Retraining, before it begins: options to shapes, the clip, memory and time (--dry-run). */
+/* Options to shapes, the clip, memory and time (--dry-run). */
+#include "train/plan.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,8 +9,10 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
-#include "train/knn.h"
-#include "train/run.h"
+#include "train/lazy_adam.h"
+#include "train/point_sample.h"
+#include "train/refine.h"
+#include "train/step.h"
 
 static const size_t program_bytes = 150 << 20; /* the image library, mostly */
 
@@ -72,7 +76,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
     return SPIN_OK;
 }
 
-spin_status spin_run_check(const struct spin_retrain_options *o)
+static spin_status check_options(const struct spin_retrain_options *o)
 {
     if (!o->input || (!o->output && !o->dry_run))
         return spin_fail(SPIN_E_USAGE, "retraining needs an input and an output");
@@ -93,163 +97,279 @@ spin_status spin_run_check(const struct spin_retrain_options *o)
     return SPIN_OK;
 }
 
-/* ---- Reading the clip -------------------------------------------------------------------------- */
+/* ---- Of the clip ------------------------------------------------------------------------------- */
 
-int spin_run_index(const struct spin_run *r, int frame) { return r->clip.frame[frame]; }
+int spin_plan_index(const struct spin_plan *plan, int frame) { return plan->clip.frame[frame]; }
 
-const struct spin_frame_info *spin_run_info(const struct spin_run *r, int frame)
+const struct spin_frame_info *spin_plan_info(const struct spin_plan *plan, int frame)
 {
-    return &r->clip.bundle.meta.frame[spin_run_index(r, frame)];
+    return &plan->clip.bundle.meta.frame[spin_plan_index(plan, frame)];
 }
 
-spin_status spin_run_means(struct spin_run *r, int frame)
+int spin_plan_middle_frame(const struct spin_plan *plan)
 {
-    int index = spin_run_index(r, frame);
+    int f = plan->clip.n_frames / 2;
 
-    if (r->is_refined)
-        SPIN_TRY(spin_run_refined(r, frame, SPIN_COL_MEANS, &r->splats));
-    else
-        SPIN_TRY(spin_bundle_frame(&r->clip.bundle, index, SPIN_COL_MEANS, &r->splats));
-    for (size_t i = 0; i < r->splats.n * 3; i++)
-        if (!isfinite(r->splats.means[i]))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': array '%s/means/%05d' has a value that is "
-                             "not finite in row %zu",
-                             r->o->input, r->is_refined ? "refined" : "source", index, i / 3);
+    while (plan->counts[f] == 0)
+        f = (f + 1) % plan->clip.n_frames;
+    return f;
+}
+
+spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool refined,
+                                  const struct spin_splats *s)
+{
+    for (size_t i = 0; i < s->n * 3; i++)
+        if (!isfinite(s->means[i]))
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "'%s': array '%s/means/%05d' has a value that is not finite in row %zu",
+                plan->o->input, refined ? "refined" : "source", spin_plan_index(plan, frame),
+                i / 3);
     return SPIN_OK;
 }
 
 /* The training cameras' ids, each once. */
-static spin_status list_cameras(struct spin_run *r)
+static spin_status list_cameras(struct spin_plan *plan)
 {
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc(r->n_train, sizeof *r->camera, &block));
-    r->camera = block;
-    for (size_t i = 0; i < r->n_train; i++) {
-        int id = r->clip.views.view[r->train[i].view].camera_id, k = 0;
+    SPIN_TRY(spin_alloc(plan->n_train, sizeof *plan->camera, &block));
+    plan->camera = block;
+    for (size_t i = 0; i < plan->n_train; i++) {
+        int id = plan->clip.views.view[plan->train[i].view].camera_id, k = 0;
 
-        while (k < r->n_cameras && r->camera[k] < id)
+        while (k < plan->n_cameras && plan->camera[k] < id)
             k++;
-        if (k < r->n_cameras && r->camera[k] == id)
+        if (k < plan->n_cameras && plan->camera[k] == id)
             continue;
-        memmove(r->camera + k + 1, r->camera + k, (size_t)(r->n_cameras++ - k) * sizeof *r->camera);
-        r->camera[k] = id;
+        memmove(plan->camera + k + 1, plan->camera + k,
+                (size_t)(plan->n_cameras++ - k) * sizeof *plan->camera);
+        plan->camera[k] = id;
     }
     return SPIN_OK;
 }
 
-int spin_run_camera(const struct spin_run *r, int id)
+bool spin_plan_has_source(const struct spin_plan *plan)
+{
+    return (plan->clip.bundle.meta.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
+}
+
+bool spin_plan_has_residual(const struct spin_plan *plan)
+{
+    return plan->o->residual != SPIN_RESIDUAL_OFF;
+}
+
+int spin_plan_camera(const struct spin_plan *plan, int id)
 {
     int k = 0;
 
-    while (r->camera[k] != id)
+    while (plan->camera[k] != id)
         k++;
     return k;
 }
 
-static void measure_pictures(struct spin_run *r)
+static void measure_pictures(struct spin_plan *plan)
 {
-    for (size_t i = 0; i < r->clip.views.n; i++) {
-        struct spin_camera_f32 cam = spin_camera_f32_from(&r->clip.views.view[i].camera);
+    for (size_t i = 0; i < plan->clip.views.n; i++) {
+        struct spin_camera_f32 cam = spin_camera_f32_from(&plan->clip.views.view[i].camera);
         size_t pixels = (size_t)cam.width * (size_t)cam.height;
         size_t tiles = (size_t)cam.tiles_x * (size_t)cam.tiles_y;
 
-        r->max_pixels = pixels > r->max_pixels ? pixels : r->max_pixels;
-        r->max_tiles = tiles > r->max_tiles ? tiles : r->max_tiles;
+        plan->max_pixels = pixels > plan->max_pixels ? pixels : plan->max_pixels;
+        plan->max_tiles = tiles > plan->max_tiles ? tiles : plan->max_tiles;
     }
 }
 
-/* ---- Where the points are ----------------------------------------------------------------------- */
-
-enum { SAMPLE = 20000 }; /* points of a frame that are looked at, at most */
-
-static int compare_floats(const void *a, const void *b)
+/* What a ring of cameras around the points would have as its extent, were they where the first training
+ * camera is: 1.1 x its distance to the median of the points, or 1.1 x the radius that holds nine tenths of
+ * them where that is larger (the camera stands among them). */
+static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
-
-/* Points of a frame, evenly from all of them, behind the n that are there. */
-static spin_status sample_means(struct spin_run *r, int frame, float *sample, size_t *n)
-{
-    size_t step;
-
-    SPIN_TRY(spin_run_means(r, frame));
-    step = r->splats.n / SAMPLE + 1;
-    for (size_t i = 0; i < r->splats.n; i += step)
-        memcpy(sample + 3 * (*n)++, r->splats.means + 3 * i, 3 * sizeof(float));
-    return SPIN_OK;
-}
-
-/* Per-axis medians, and the radius around them that holds nine tenths. value [n] is scratch. */
-static float enclose(const float *sample, size_t n, float *value, float centre[3])
-{
-    for (int c = 0; c < 3; c++) {
-        for (size_t i = 0; i < n; i++)
-            value[i] = sample[3 * i + (size_t)c];
-        qsort(value, n, sizeof *value, compare_floats);
-        centre[c] = value[n / 2];
-    }
-    for (size_t i = 0; i < n; i++) {
-        double d2 = 0;
-
-        for (int c = 0; c < 3; c++)
-            d2 += pow((double)(sample[3 * i + (size_t)c] - centre[c]), 2);
-        value[i] = (float)sqrt(d2);
-    }
-    qsort(value, n, sizeof *value, compare_floats);
-    return value[(size_t)(0.9 * (double)(n - 1))];
-}
-
-static int middle_frame(const struct spin_run *r)
-{
-    int f = r->clip.n_frames / 2;
-
-    while (r->counts[f] == 0)
-        f = (f + 1) % r->clip.n_frames;
-    return f;
-}
-
-/* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that all
- * stand in one place have none. Then it is what a ring of such cameras around the points would have:
- * 1.1 x the distance from the camera to the median of the points, or 1.1 x the radius that holds nine
- * tenths of them where that is larger (the camera stands among them). */
-static spin_status plan_extent(struct spin_run *r)
-{
-    struct spin_camera_f32 cam = spin_camera_f32_from(&r->clip.views.view[r->train[0].view].camera);
-    double extent = spin_views_extent(&r->clip.views), distance = 0, one_place;
-    float centre[3], radius, *sample;
-    void *block = NULL;
-    size_t n = 0;
+    struct spin_camera_f32 cam =
+        spin_camera_f32_from(&plan->clip.views.view[plan->train[0].view].camera);
+    int f = spin_plan_middle_frame(plan);
+    struct spin_splats splats = {0};
+    struct spin_point_sample sample = {0};
+    double distance = 0;
+    float centre[3], radius;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(4 * SAMPLE, sizeof *sample, &block));
-    sample = block;
-    SPIN_TRY_OUT(sample_means(r, middle_frame(r), sample, &n));
-    radius = enclose(sample, n, sample + 3 * n, centre);
+    SPIN_TRY_OUT(spin_point_sample_open(&sample, 1));
+    SPIN_TRY_OUT(
+        spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS, &splats));
+    SPIN_TRY_OUT(spin_plan_check_means(plan, f, false, &splats));
+    spin_point_sample_add(&sample, &splats);
+    radius = spin_point_sample_enclose(&sample, centre);
     for (int c = 0; c < 3; c++)
         distance += pow((double)cam.centre[c] - (double)centre[c], 2);
-    one_place = 1.1 * fmax(sqrt(distance), (double)radius);
-    r->extent = extent;
-    if (extent <= 1e-6 * one_place || extent == 0) {
-        r->extent = one_place > 0 ? one_place : 1;
-        spin_log(0,
-                 "the training cameras all stand in one place: their extent is taken from the "
-                 "distance to the points, %.4g",
-                 r->extent);
-    }
-    if (!isfinite(r->extent))
-        status = spin_fail(SPIN_E_MALFORMED, "the extent of the training cameras is not finite");
+    *extent = 1.1 * fmax(sqrt(distance), (double)radius);
 out:
-    free(block);
+    spin_point_sample_close(&sample);
+    spin_splats_free(&splats);
     return status;
 }
 
-spin_status spin_run_open_clip(struct spin_run *r)
+/* The extent of the training cameras scales the position rate and 3DGS's thresholds. Cameras that all
+ * stand in one place have none. */
+static spin_status plan_extent(struct spin_plan *plan)
 {
-    const struct spin_retrain_options *o = r->o;
+    double one_place;
+
+    plan->extent = spin_views_extent(&plan->clip.views);
+    SPIN_TRY(measure_one_place(plan, &one_place));
+    if (plan->extent <= 1e-6 * one_place || plan->extent == 0) {
+        plan->extent = one_place > 0 ? one_place : 1;
+        spin_log(0,
+                 "the training cameras all stand in one place: their extent is taken from the "
+                 "distance to the points, %.4g",
+                 plan->extent);
+    }
+    if (!isfinite(plan->extent))
+        return spin_fail(SPIN_E_MALFORMED, "the extent of the training cameras is not finite");
+    return SPIN_OK;
+}
+
+/* ---- Memory and time ---------------------------------------------------------------------------- */
+
+static int decodings(const struct spin_retrain_options *o)
+{
+    return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
+}
+
+bool spin_plan_is_lazy(const struct spin_plan *plan)
+{
+    return plan->device->op->lazy_adam_enable &&
+           spin_lazy_pays(&plan->field, decodings(plan->o) * plan->clip.n_mean,
+                          plan->o->iterations);
+}
+
+bool spin_plan_is_weighted(const struct spin_plan *plan) { return plan->o->dynamic_weight != 1; }
+
+size_t spin_plan_image_bytes(const struct spin_plan *plan)
+{
+    return 3 * plan->max_pixels + (spin_plan_is_weighted(plan) ? (plan->max_pixels + 7) / 8 : 0);
+}
+
+size_t spin_plan_refine_bytes(const struct spin_plan *plan)
+{
+    size_t n_views = 0;
+
+    for (size_t i = 0; i < plan->n_train; i++)
+        n_views += plan->train[i].frame == plan->train[0].frame;
+    return spin_refine_bytes(2 * plan->clip.n_max, plan->max_pixels) +
+           n_views * spin_plan_image_bytes(plan);
+}
+
+/* Memory of the network's training. */
+static void network_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
+{
+    const struct spin_retrain_options *o = plan->o;
+    size_t image = 3 * plan->max_pixels * sizeof(float);
+
+    *of_device = spin_trainer_bytes(&plan->field, plan->clip.n_frames, plan->counts,
+                                    plan->max_pixels, spin_plan_has_residual(plan)) +
+                 spin_field_eval_bytes(&plan->field, plan->clip.n_max, false) + /* evaluation */
+                 (size_t)o->batch * image +
+                 (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0);
+    *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
+}
+
+/* Decoded images are kept by the host while there is room beside what is `needed` there, in at most a third
+ * of the memory; what has no room is decoded again. The plan counts no more than that. Those that are held
+ * stay. */
+static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
+{
+    size_t all = 0, most = available / 3;
+
+    for (size_t i = 0; i < plan->n_train + plan->n_test; i++) {
+        size_t view = i < plan->n_train ? plan->train[i].view : plan->test[i - plan->n_train].view;
+        const struct spin_camera *c = &plan->clip.views.view[view].camera;
+
+        all += 3 * (size_t)c->width * (size_t)c->height;
+    }
+    if (needed >= available)
+        most = 0;
+    else if (most > available - needed)
+        most = available - needed;
+    plan->pixels_budget = most > held ? most : held;
+    return all < plan->pixels_budget ? all : plan->pixels_budget;
+}
+
+/* On a device with memory of its own both its memory and the host's must do; the tighter one is reported.
+ * held: bytes of decoded images that are kept by now. */
+static void plan_memory(struct spin_plan *plan, size_t held)
+{
+    struct spin_retrain_report *report = plan->report;
+    size_t of_device, of_host, available, refining = spin_plan_refine_bytes(plan);
+
+    network_bytes(plan, &of_device, &of_host);
+    if (plan->o->refine > 0 &&
+        (plan->o->method == SPIN_METHOD_EXPLICIT || of_device + of_host < refining)) {
+        of_device = refining;
+        of_host = 0;
+    }
+    of_host += program_bytes + (plan->device->is_host ? of_device : 0);
+    report->bytes_available = spin_memory_available() + held;
+    of_host += plan_pixels(plan, report->bytes_available, of_host, held);
+    report->bytes_needed = of_host;
+    if (plan->device->is_host)
+        return;
+    available = plan->device->op->memory_available(plan->device);
+    if (available < of_device || report->bytes_available >= of_host) {
+        report->bytes_needed = of_device;
+        report->bytes_available = available;
+    }
+}
+
+spin_status spin_plan_check_memory(const struct spin_plan *plan)
+{
+    const struct spin_retrain_report *report = plan->report;
+
+    if (report->bytes_needed > report->bytes_available)
+        return spin_fail(SPIN_E_MEMORY,
+                         "needs about %.1f GB of memory and %.1f GB are free: lower "
+                         "--hash-log2 or --scale, or take a --range of the frames",
+                         (double)report->bytes_needed / 1e9, (double)report->bytes_available / 1e9);
+    return SPIN_OK;
+}
+
+/* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser and
+ * loss per pixel. Points that densification adds are not foreseen. */
+static double guess_refining(const struct spin_plan *plan)
+{
+    double splat = 0.6e-6, pixel = 0.25e-6;
+
+    return (double)plan->clip.n_frames * plan->o->refine *
+           (plan->clip.n_mean * splat + (double)plan->max_pixels * pixel);
+}
+
+/* Seconds of the whole run, from what the ops take on one thread of a present server core: network
+ * per splat and decoding, rasteriser per splat and view, rasteriser and loss per pixel, Adam. */
+static double guess_seconds(const struct spin_plan *plan)
+{
+    const struct spin_retrain_options *o = plan->o;
+    double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9;
+    double threads = o->n_threads;
+    double iteration = plan->clip.n_mean * (decodings(o) * network + o->batch * raster) +
+                       o->batch * (double)plan->max_pixels * pixel +
+                       (double)plan->field.n_table * adam;
+    double seconds = plan->o->refine > 0 ? guess_refining(plan) : 0;
+    struct spin_pool *pool = NULL;
+
+    if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
+        threads = spin_pool_n_threads(pool);
+    spin_pool_free(pool);
+    if (o->method == SPIN_METHOD_NETWORK)
+        seconds += o->iterations * iteration;
+    return seconds / (threads > 1 ? threads : 1);
+}
+
+/* ---- The plan ------------------------------------------------------------------------------------ */
+
+/* Which views, frames and cameras there are. */
+static spin_status open_clip(struct spin_plan *plan)
+{
+    const struct spin_retrain_options *o = plan->o;
     struct spin_clip_options c = {
         .input = o->input,
         .data = o->data,
@@ -263,192 +383,118 @@ spin_status spin_run_open_clip(struct spin_run *r)
     };
     void *block = NULL;
 
-    SPIN_TRY(spin_clip_open(&c, &r->clip));
-    if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_run_has_source(r))
+    SPIN_TRY(spin_clip_open(&c, &plan->clip));
+    if (o->residual == SPIN_RESIDUAL_SOURCE && o->refine == 0 && !spin_plan_has_source(plan))
         return spin_fail(
             SPIN_E_NOT_FOUND,
             "'%s' has no attributes of its source: let the network add to its points, with "
             "--residual points",
             o->input);
-    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->counts, &block));
-    r->counts = block;
-    for (int f = 0; f < r->clip.n_frames; f++)
-        r->counts[f] = spin_run_info(r, f)->n;
-    if (r->clip.n_max == 0)
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *plan->counts, &block));
+    plan->counts = block;
+    for (int f = 0; f < plan->clip.n_frames; f++)
+        plan->counts[f] = spin_plan_info(plan, f)->n;
+    if (plan->clip.n_max == 0)
         return spin_fail(SPIN_E_MALFORMED, "'%s' has no splat in any frame", o->input);
-    SPIN_TRY(spin_clip_pairs(&r->clip, SPIN_SPLIT_TRAIN, &r->train, &r->n_train));
-    SPIN_TRY(spin_clip_pairs(&r->clip, SPIN_SPLIT_TEST, &r->test, &r->n_test));
-    if (r->n_train == 0)
+    SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TRAIN, &plan->train, &plan->n_train));
+    SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TEST, &plan->test, &plan->n_test));
+    if (plan->n_train == 0)
         return spin_fail(SPIN_E_USAGE, "no training camera is left: all are held out for testing");
-    block = NULL;
-    SPIN_TRY(spin_alloc(3 * r->n_train, sizeof *r->sequence, &block));
-    r->sequence = block;
-    r->epoch = -1;
-    SPIN_TRY(list_cameras(r));
-    SPIN_TRY(spin_times_check(r->clip.bundle.meta.frame, r->clip.frame, r->clip.n_frames));
-    measure_pictures(r);
-    return plan_extent(r);
+    SPIN_TRY(list_cameras(plan));
+    SPIN_TRY(spin_times_check(plan->clip.bundle.meta.frame, plan->clip.frame, plan->clip.n_frames));
+    measure_pictures(plan);
+    return plan_extent(plan);
 }
 
-/* ---- Planning ---------------------------------------------------------------------------------- */
-
-/* Centre: per-axis medians over a sample of all frames; radius: the 90th percentile of the distance
- * to it (method.md 3.1). Also the share of points outside the unit ball with the norm in use. */
-static spin_status plan_norm(struct spin_run *r)
+/* The network's geometry. */
+static spin_status plan_field(struct spin_plan *plan)
 {
-    const struct spin_retrain_options *o = r->o;
-    size_t n = 0, outside = 0;
-    void *block = NULL;
-    float *sample;
-    spin_status status = SPIN_OK;
-
-    SPIN_TRY(spin_alloc(SAMPLE * (size_t)r->clip.n_frames * 4, sizeof(float), &block));
-    sample = block;
-    for (int f = 0; f < r->clip.n_frames; f++)
-        SPIN_TRY_OUT(sample_means(r, f, sample, &n));
-    if (o->normalise_radius > 0) {
-        for (int c = 0; c < 3; c++)
-            r->field.transform.centre[c] = (float)o->normalise_centre[c];
-        r->field.transform.inv_radius = (float)(1 / o->normalise_radius);
-    } else if (o->normalise == SPIN_NORMALISE_AUTO) {
-        float *value = sample + 3 * n;
-
-        float radius = enclose(sample, n, value, r->field.transform.centre);
-
-        r->field.transform.inv_radius = 1.0f / fmaxf(radius, 1e-20f);
-    }
-    for (size_t i = 0; i < n; i++) {
-        double d2 = 0;
-
-        for (int c = 0; c < 3; c++)
-            d2 += pow((double)(sample[3 * i + (size_t)c] - r->field.transform.centre[c]), 2);
-        outside += d2 * pow((double)r->field.transform.inv_radius, 2) > 1;
-    }
-    r->report->outside_ball = n ? (double)outside / (double)n : 0;
-out:
-    free(block);
-    return status;
-}
-
-static int decodings(const struct spin_retrain_options *o)
-{
-    return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
-}
-
-bool spin_run_is_lazy(const struct spin_run *r)
-{
-    return spin_lazy_pays(&r->field, decodings(r->o) * r->clip.n_mean, r->o->iterations);
-}
-
-/* Log of the median distance to the three nearest points, in the clip's middle frame with points. */
-static spin_status plan_scale_bias(struct spin_run *r)
-{
-    int f = middle_frame(r);
-    struct spin_pool *pool = NULL;
-    void *block = NULL;
-    float *d2;
-    spin_status status;
-
-    r->init_log_scale = r->o->init_log_scale;
-    if (!isnan(r->init_log_scale))
-        return SPIN_OK;
-    SPIN_TRY(spin_run_means(r, f));
-    SPIN_TRY_OUT(spin_pool_create(r->o->n_threads, &pool));
-    SPIN_TRY_OUT(spin_alloc(r->splats.n, sizeof(float), &block));
-    d2 = block;
-    SPIN_TRY_OUT(spin_knn_mean_dist2(pool, r->splats.n, r->splats.means, d2));
-    qsort(d2, r->splats.n, sizeof *d2, compare_floats);
-    r->init_log_scale = 0.5 * log(fmax((double)d2[r->splats.n / 2], 1e-7));
-out:
-    spin_pool_free(pool);
-    free(block);
-    return status;
-}
-
-/* Decoded images are kept while there is room beside what is `needed`, in at most a third of the
- * memory; what has no room is decoded again. The plan counts no more than that. */
-static size_t plan_pixels(struct spin_run *r, size_t needed)
-{
-    size_t all = 0, available = r->report->bytes_available, most = available / 3;
-
-    for (size_t i = 0; i < r->n_train + r->n_test; i++) {
-        size_t view = i < r->n_train ? r->train[i].view : r->test[i - r->n_train].view;
-        const struct spin_camera *c = &r->clip.views.view[view].camera;
-
-        all += 3 * (size_t)c->width * (size_t)c->height;
-    }
-    if (needed >= available)
-        most = 0;
-    else if (most > available - needed)
-        most = available - needed;
-    if (most < r->pixels.held) /* planned anew, when some are there */
-        most = r->pixels.held;
-    r->pixels_budget = r->pixels.budget = most;
-    return all < most ? all : most;
-}
-
-spin_status spin_run_plan(struct spin_run *r)
-{
-    const struct spin_retrain_options *o = r->o;
+    const struct spin_retrain_options *o = plan->o;
     int finest[4];
-    size_t needed;
 
     memcpy(finest, o->finest_resolution, sizeof finest);
     if (finest[3] == 0)
-        finest[3] = r->clip.n_frames > 16 ? r->clip.n_frames : 16;
-    SPIN_TRY(spin_field_plan(&r->field, o->levels, o->features, o->hash_log2, o->hidden,
+        finest[3] = plan->clip.n_frames > 16 ? plan->clip.n_frames : 16;
+    SPIN_TRY(spin_field_plan(&plan->field, o->levels, o->features, o->hash_log2, o->hidden,
                              o->sh_degree, o->base_resolution, finest));
-    r->field.heads.relu = o->relu;
-    r->field.antialias = o->antialias;
-    r->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;
-    r->field.time_first = r->field.time_last = spin_run_info(r, 0)->time;
-    for (int f = 1; f < r->clip.n_frames; f++) {
-        r->field.time_first = fmin(r->field.time_first, spin_run_info(r, f)->time);
-        r->field.time_last = fmax(r->field.time_last, spin_run_info(r, f)->time);
+    plan->field.heads.relu = o->relu;
+    plan->field.antialias = o->antialias;
+    plan->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;
+    plan->field.time_first = plan->field.time_last = spin_plan_info(plan, 0)->time;
+    for (int f = 1; f < plan->clip.n_frames; f++) {
+        double time = spin_plan_info(plan, f)->time;
+
+        plan->field.time_first = fmin(plan->field.time_first, time);
+        plan->field.time_last = fmax(plan->field.time_last, time);
     }
-    SPIN_TRY(plan_norm(r));
-    SPIN_TRY(plan_scale_bias(r));
-    needed =
-        spin_trainer_bytes(&r->field, r->clip.n_frames, r->counts, r->max_pixels,
-                           spin_run_has_residual(r)) +
-        spin_field_eval_bytes(&r->field, r->clip.n_max, false) + /* evaluation, with host copies */
-        3 * r->clip.n_max * SPIN_ATTR * sizeof(float) +
-        (size_t)(o->batch + 12) * 3 * r->max_pixels * sizeof(float) +
-        (spin_run_is_lazy(r) ? spin_lazy_bytes(&r->field, o->iterations) : 0);
-    if (r->refined && (o->method == SPIN_METHOD_EXPLICIT || needed < spin_run_refine_bytes(r)))
-        needed = spin_run_refine_bytes(r);
-    needed += program_bytes;
-    r->report->bytes_available = spin_memory_available() + r->pixels.held;
-    r->report->bytes_needed = needed + plan_pixels(r, needed);
     return SPIN_OK;
 }
 
-/* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser and
- * loss per pixel. Points that densification adds are not foreseen. */
-static double guess_refining(const struct spin_run *r)
+/* Where an unfinished run lies. */
+static spin_status name_parts(struct spin_plan *plan)
 {
-    double splat = 0.6e-6, pixel = 0.25e-6;
+    const char *output = plan->o->output ? plan->o->output : "";
+    size_t n = strlen(output) + sizeof ".parts";
+    void *block = NULL;
 
-    return (double)r->clip.n_frames * r->o->refine *
-           (r->clip.n_mean * splat + (double)r->max_pixels * pixel);
+    SPIN_TRY(spin_alloc(n, 1, &block));
+    plan->part = block;
+    snprintf(plan->part, n, "%s.part", output);
+    block = NULL;
+    SPIN_TRY(spin_alloc(n, 1, &block));
+    plan->parts = block;
+    snprintf(plan->parts, n, "%s.parts", output);
+    return SPIN_OK;
 }
 
-/* Seconds of the whole run, from what the ops take on one thread of a present server core: network
- * per splat and decoding, rasteriser per splat and view, rasteriser and loss per pixel, Adam. */
-double spin_run_guess(const struct spin_run *r)
+spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
+                           struct spin_retrain_report *report)
 {
-    const struct spin_retrain_options *o = r->o;
-    double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9;
-    double threads = o->n_threads;
-    double iteration = r->clip.n_mean * (decodings(o) * network + o->batch * raster) +
-                       o->batch * (double)r->max_pixels * pixel + (double)r->field.n_table * adam;
-    double seconds = r->refined ? guess_refining(r) : 0;
-    struct spin_pool *pool = NULL;
+    plan->o = o;
+    plan->report = report;
+    SPIN_TRY(check_options(o));
+    SPIN_TRY(name_parts(plan));
+    SPIN_TRY(open_clip(plan));
+    SPIN_TRY(plan_field(plan));
+    report->frames = plan->clip.n_frames;
+    report->splats_mean = plan->clip.n_mean;
+    report->iterations = o->iterations;
+    return SPIN_OK;
+}
 
-    if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
-        threads = spin_pool_n_threads(pool);
-    spin_pool_free(pool);
-    if (o->method == SPIN_METHOD_NETWORK)
-        seconds += o->iterations * iteration;
-    return seconds / (threads > 1 ? threads : 1);
+void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
+{
+    plan->device = device;
+    memcpy(plan->report->device, device->description, sizeof plan->report->device);
+    plan_memory(plan, 0);
+    plan->report->seconds_estimated = guess_seconds(plan);
+}
+
+void spin_plan_close(struct spin_plan *plan)
+{
+    free(plan->counts);
+    free(plan->camera);
+    free(plan->train);
+    free(plan->test);
+    free(plan->part);
+    free(plan->parts);
+    spin_clip_close(&plan->clip);
+}
+
+spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size_t held)
+{
+    struct spin_clip *clip = &plan->clip;
+
+    clip->n_max = 0;
+    clip->n_mean = 0;
+    for (int f = 0; f < clip->n_frames; f++) {
+        plan->counts[f] = counts[f];
+        clip->n_max = counts[f] > clip->n_max ? counts[f] : clip->n_max;
+        clip->n_mean += (double)counts[f] / clip->n_frames;
+    }
+    if (clip->n_max == 0)
+        return spin_fail(SPIN_E_MALFORMED, "refining left no splat in any frame");
+    plan->report->splats_mean = clip->n_mean;
+    plan_memory(plan, held);
+    return SPIN_OK;
 }

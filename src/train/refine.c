@@ -1,10 +1,7 @@
-/* The loop of 3DGS over one frame at SH degree 0.
+/* The loop of 3DGS over one frame at SH degree 0: the training step of explicit parameters without a network.
  *
- * The device holds parameters, gradients and moments as five groups side by side, each
- * contiguous, since each has its own learning rate: n positions, n colours, n opacities, ... The
- * rasteriser wants rows of SPIN_ATTR, so the host carries values from groups to rows and
- * gradients back. Densification happens on the host, in the cloud; afterwards everything goes up
- * again. */
+ * An iteration is operations of the device only; the host reads back the loss. Densification happens on the host, in the cloud: points
+ * come down with their moments and statistics, change in number, and go up again. */
 #include "train/refine.h"
 
 #include <math.h>
@@ -13,49 +10,34 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "device/clock.h"
-#include "train/exposure.h"
 #include "math/adam.h"
 #include "math/rng.h"
+#include "model/field_eval.h"
+#include "train/image_loss.h"
+#include "train/train_frame.h"
 
 enum { STREAM_VIEWS = 33 }; /* of the random numbers, see math/rng.h */
-enum { CHECK_EVERY = 100 }; /* iterations between looks at the values */
-enum { POSITION, DC, OPACITY, SCALE, ROTATION, N_GROUPS };
-enum { VALUES, MOMENT_1, MOMENT_2 };
-
-/* Where a group's floats lie in a spin_refine_row and in a row of attributes. Positions have no
- * place there: the first group is the rasteriser's pos_w as it stands. */
-static const struct group {
-    size_t first, width, attr;
-} groups[N_GROUPS] = {
-    [POSITION] = {0, 3, 0},
-    [DC] = {3, 3, SPIN_ATTR_SH},
-    [OPACITY] = {6, 1, SPIN_ATTR_OPACITY},
-    [SCALE] = {7, 3, SPIN_ATTR_SCALE},
-    [ROTATION] = {10, 4, SPIN_ATTR_ROTATION},
-};
+enum { CHECK_EVERY = 100 }; /* iterations between checks that all values are finite */
 
 struct refine {
     const struct spin_refine_options *o;
+    const struct spin_images *images;
     const struct spin_refine_view *views;
     int n_views;
     struct spin_device *device;
     struct spin_refine_cloud *cloud;
     struct spin_refine_stats stats;
-    size_t n, capacity, max_pixels, max_tiles;
-    float *p, *g, *m, *v;               /* device, groups of n */
-    float *raw, *attr, *d_raw, *d_attr; /* device [n][SPIN_ATTR] */
-    uint32_t *rows;                     /* device [n] with a gradient */
+    size_t max_pixels, max_tiles;
+    struct spin_frame_batch frames;    /* the one frame, for the device */
+    struct spin_train_frame frame;     /* parameters and moments; frame.n is the number of points */
+    struct spin_field_eval field_eval; /* without a network */
     struct spin_raster raster;
-    struct spin_exposures exposures; /* a view's own */
-    float *host_group;               /* [n * SPIN_REFINE_WIDTH] */
-    float *host_raw;                 /* [n][SPIN_ATTR] SH beyond the first coefficient stays zero */
-    float *host_d_raw;               /* [n][SPIN_ATTR] */
-    uint32_t *host_rows;             /* [n] */
-    struct spin_splat2d *splat2d;    /* host [n] */
-    struct spin_splat2d_grad *d_splat2d; /* host [n] */
-    int *sequence;                       /* [n_views] the present permutation */
-    int64_t steps;                       /* of Adam: one counter for all points */
+    struct spin_exposures exposures;    /* a view's own */
+    float SPIN_DEV *d_pos, *d_residual; /* [n][3], [SPIN_RESIDUAL n]: gradients */
+    float SPIN_DEV *gradient;           /* [n] since the last densification: sum over views ... */
+    uint32_t SPIN_DEV *seen;            /* [n] ... and how many those were */
+    double SPIN_DEV *values;            /* [SPIN_LOSS_VALUES] of the iteration */
+    int *sequence;                      /* [n_views] the present permutation */
 };
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -108,7 +90,7 @@ static spin_status check_views(struct refine *r, const int *order)
         struct spin_camera_f32 cam;
         size_t pixels, tiles;
 
-        if (c->width < 1 || c->height < 1 || !r->views[i].truth)
+        if (c->width < 1 || c->height < 1 || !r->images)
             return spin_fail(SPIN_E_USAGE, "view %d has no picture: %d x %d pixels", i, c->width,
                              c->height);
         cam = spin_camera_f32_from(c);
@@ -147,7 +129,7 @@ static bool densify_due(const struct spin_refine_options *o, int iteration)
            iteration % o->densify_every == 0;
 }
 
-/* Statistics are only worth their transfer while a densification is still to come. */
+/* Statistics are gathered while a densification is still to come. */
 static bool densify_ahead(const struct spin_refine_options *o, int iteration)
 {
     for (int i = 0; o->densify_at && i < o->n_densify_at; i++)
@@ -158,215 +140,161 @@ static bool densify_ahead(const struct spin_refine_options *o, int iteration)
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
+/* Arrays of this file, each with this many bytes for a point. */
+enum { N_ARRAYS = 4 };
+static void list_arrays(struct refine *r, void SPIN_DEV **list[N_ARRAYS], size_t bytes[N_ARRAYS])
+{
+    void SPIN_DEV **all[N_ARRAYS] = {(void SPIN_DEV **)&r->d_pos, (void SPIN_DEV **)&r->d_residual,
+                                     (void SPIN_DEV **)&r->gradient, (void SPIN_DEV **)&r->seen};
+    const size_t each[N_ARRAYS] = {3 * sizeof(float), SPIN_RESIDUAL * sizeof(float), sizeof(float),
+                                   sizeof(uint32_t)};
+
+    memcpy(list, all, sizeof all);
+    memcpy(bytes, each, sizeof each);
+}
+
 size_t spin_refine_bytes(size_t n, size_t pixels)
 {
-    size_t device =
-        4 * SPIN_REFINE_WIDTH * sizeof(float) + 4 * SPIN_ATTR * sizeof(float) + sizeof(uint32_t);
-    size_t host = sizeof(struct spin_refine_point) +
-                  (SPIN_REFINE_WIDTH + 2 * SPIN_ATTR + 1) * sizeof(float) +
-                  sizeof(struct spin_splat2d) + sizeof(struct spin_splat2d_grad);
+    size_t device = spin_train_frame_bytes(true) + (SPIN_REFINE_WIDTH + 2) * sizeof(float);
+    size_t host = sizeof(struct spin_refine_point) + SPIN_RESIDUAL * sizeof(float);
 
-    return n * (device + host) + spin_raster_bytes(n, pixels, true);
-}
-
-/* Every block that has a place per point. */
-struct block {
-    void *at;     /* the pointer to it, of whatever type */
-    size_t bytes; /* per point */
-    bool on_host;
-};
-enum { N_BLOCKS = 15 };
-
-static void list_blocks(struct refine *r, struct block list[N_BLOCKS])
-{
-    const size_t group = SPIN_REFINE_WIDTH * sizeof(float), row = SPIN_ATTR * sizeof(float);
-    const struct block blocks[N_BLOCKS] = {
-        {&r->p, group, false},
-        {&r->g, group, false},
-        {&r->m, group, false},
-        {&r->v, group, false},
-        {&r->raw, row, false},
-        {&r->attr, row, false},
-        {&r->d_raw, row, false},
-        {&r->d_attr, row, false},
-        {&r->rows, sizeof *r->rows, false},
-        {&r->host_group, group, true},
-        {&r->host_raw, row, true},
-        {&r->host_d_raw, row, true},
-        {&r->host_rows, sizeof *r->host_rows, true},
-        {&r->splat2d, sizeof *r->splat2d, true},
-        {&r->d_splat2d, sizeof *r->d_splat2d, true},
-    };
-
-    memcpy(list, blocks, sizeof blocks);
-}
-
-/* Pointers of different types are read and set as bytes. */
-static void *pointer_at(const void *at)
-{
-    void *block;
-
-    memcpy(&block, at, sizeof block);
-    return block;
+    return n * (device + host) + spin_field_eval_bytes(NULL, n, true) +
+           spin_raster_bytes(n, pixels, true);
 }
 
 static void release(struct refine *r)
 {
-    struct block list[N_BLOCKS];
+    struct spin_device *d = r->device;
+    void SPIN_DEV **list[N_ARRAYS];
+    size_t bytes[N_ARRAYS];
 
-    list_blocks(r, list);
-    for (int i = 0; i < N_BLOCKS; i++) {
-        void *block = pointer_at(list[i].at);
-
-        if (list[i].on_host)
-            free(block);
-        else
-            r->device->op->release(r->device, block, r->capacity * list[i].bytes);
-        memset(list[i].at, 0, sizeof block);
+    list_arrays(r, list, bytes);
+    for (int i = 0; i < N_ARRAYS; i++) {
+        d->op->release(d, *list[i], r->frame.capacity * bytes[i]);
+        *list[i] = NULL;
     }
+    spin_field_eval_close(&r->field_eval, NULL);
     spin_raster_close(&r->raster);
-    r->capacity = 0;
+    spin_train_frame_close(&r->frame, d);
 }
 
-/* Room for n points everywhere; contents are lost. */
+/* Room for n points everywhere; contents are lost. The step counter goes on: 3DGS has one for all points. */
 static spin_status reserve(struct refine *r, size_t n)
 {
-    struct block list[N_BLOCKS];
+    struct spin_device *d = r->device;
+    size_t capacity = n + n / 4, bytes[N_ARRAYS];
+    int64_t steps = r->frame.steps;
+    void SPIN_DEV **list[N_ARRAYS];
 
-    if (n <= r->capacity)
-        return SPIN_OK;
-    release(r);
-    r->capacity = n + n / 4;
-    list_blocks(r, list);
-    for (int i = 0; i < N_BLOCKS; i++) {
-        void *block = NULL;
-
-        if (list[i].on_host)
-            SPIN_TRY(spin_alloc(r->capacity, list[i].bytes, &block));
-        else
-            SPIN_TRY(r->device->op->reserve(r->device, r->capacity * list[i].bytes, &block));
-        memcpy(list[i].at, &block, sizeof block);
+    if (n > r->frame.capacity) {
+        release(r);
+        SPIN_TRY(spin_train_frame_open(&r->frame, d, capacity, true));
+        r->frame.steps = steps;
+        SPIN_TRY(spin_field_eval_open(&r->field_eval, d, NULL, capacity, true));
+        SPIN_TRY(spin_raster_open(&r->raster, d, capacity, r->max_pixels, r->max_tiles, 1, true));
+        list_arrays(r, list, bytes);
+        for (int i = 0; i < N_ARRAYS; i++)
+            SPIN_TRY(d->op->reserve(d, capacity * bytes[i], list[i]));
     }
-    return spin_raster_open(&r->raster, r->device, r->capacity, r->max_pixels, r->max_tiles, true);
+    r->frame.n = n;
+    return SPIN_OK;
 }
 
-/* ---- Between cloud, groups and rows ---------------------------------------------------------- */
+/* ---- Between cloud and device: before, after, and where the number of points changes ---------- */
 
-static float *row_of(struct spin_refine_point *point, int what)
+static spin_status carry(struct refine *r, enum spin_train_array which, bool up)
 {
-    return (float *)(what == VALUES ? &point->p : what == MOMENT_1 ? &point->m : &point->v);
-}
+    struct spin_refine_point *first = r->cloud->point;
+    struct spin_refine_row *row = which == SPIN_TRAIN_VALUES     ? &first->p
+                                  : which == SPIN_TRAIN_MOMENT_1 ? &first->m
+                                                                 : &first->v;
+    size_t stride = sizeof *first / sizeof(float);
+    struct spin_rows pos = {row->pos_w, stride}, residual = {row->log_scale, stride};
 
-/* Copy one kind of row of every point to the host's groups, or back. */
-static void carry(struct refine *r, int what, bool to_groups)
-{
-    for (int k = 0; k < N_GROUPS; k++) {
-        const struct group *group = &groups[k];
-        float *at = r->host_group + r->n * group->first;
-
-        for (size_t i = 0; i < r->n; i++, at += group->width) {
-            float *row = row_of(&r->cloud->point[i], what) + group->first;
-
-            memcpy(to_groups ? at : row, to_groups ? row : at, group->width * sizeof *at);
-        }
-    }
-}
-
-static size_t group_bytes(const struct refine *r)
-{
-    return r->n * SPIN_REFINE_WIDTH * sizeof(float);
-}
-
-/* From the values in host_group. */
-static void send_raw(struct refine *r)
-{
-    for (int k = DC; k < N_GROUPS; k++) {
-        const struct group *group = &groups[k];
-        const float *from = r->host_group + r->n * group->first;
-        float *to = r->host_raw + group->attr;
-
-        for (size_t i = 0; i < r->n; i++, from += group->width, to += SPIN_ATTR)
-            memcpy(to, from, group->width * sizeof *to);
-    }
-    r->device->op->upload(r->device, r->raw, r->host_raw, r->n * SPIN_ATTR * sizeof(float));
+    return up ? spin_train_frame_upload(&r->frame, r->device, which, pos, residual, NULL)
+              : spin_train_frame_download(&r->frame, r->device, which, pos, residual, NULL);
 }
 
 static spin_status send_cloud(struct refine *r)
 {
     struct spin_device *d = r->device;
+    size_t n = r->cloud->n;
 
-    SPIN_TRY(reserve(r, r->cloud->n));
-    r->n = r->cloud->n;
-    if (r->n == 0)
+    SPIN_TRY(reserve(r, n));
+    if (n == 0)
         return SPIN_OK;
-    carry(r, MOMENT_1, true);
-    d->op->upload(d, r->m, r->host_group, group_bytes(r));
-    carry(r, MOMENT_2, true);
-    d->op->upload(d, r->v, r->host_group, group_bytes(r));
-    carry(r, VALUES, true);
-    d->op->upload(d, r->p, r->host_group, group_bytes(r));
-    d->op->zero(d, r->g, group_bytes(r));
-    send_raw(r);
+    for (int which = SPIN_TRAIN_VALUES; which <= SPIN_TRAIN_MOMENT_2; which++)
+        SPIN_TRY(carry(r, which, true));
+    r->frames = spin_one_frame(n, r->frame.pos, 0, r->frame.residual);
+    r->frames.frame[0].d_means = r->d_pos;
+    r->frames.frame[0].d_residual = r->d_residual;
+    d->op->zero(d, r->d_pos, n * 3 * sizeof(float));
+    d->op->zero(d, r->gradient, n * sizeof(float));
+    d->op->zero(d, r->seen, n * sizeof(uint32_t));
     return SPIN_OK;
 }
 
-static void fetch_cloud(struct refine *r)
+static spin_status fetch_cloud(struct refine *r)
 {
-    struct spin_device *d = r->device;
-
-    if (r->n == 0)
-        return;
-    d->op->download(d, r->host_group, r->m, group_bytes(r));
-    carry(r, MOMENT_1, false);
-    d->op->download(d, r->host_group, r->v, group_bytes(r));
-    carry(r, MOMENT_2, false);
-    d->op->download(d, r->host_group, r->p, group_bytes(r));
-    carry(r, VALUES, false);
+    if (r->frame.n == 0)
+        return SPIN_OK;
+    for (int which = SPIN_TRAIN_VALUES; which <= SPIN_TRAIN_MOMENT_2; which++)
+        SPIN_TRY(carry(r, which, false));
+    return SPIN_OK;
 }
 
-/* The values in host_group, which must be finite: what is not would be pruned without a word. */
+/* The cloud's values must be finite. What is not finite would be pruned without a word. */
 static spin_status check_finite(const struct refine *r, int iteration)
 {
-    static const char *const name[N_GROUPS] = {"means", "sh", "opacities", "scales", "quats"};
+    static const struct group {
+        const char *name;
+        size_t first, width; /* in a spin_refine_row */
+    } groups[] = {
+        {"means", 0, 3}, {"scales", 3, 3}, {"quats", 6, 4}, {"sh", 10, 3}, {"opacities", 13, 1}};
 
-    for (int k = 0; k < N_GROUPS; k++) {
-        const float *at = r->host_group + r->n * groups[k].first;
+    for (size_t k = 0; k < sizeof groups / sizeof *groups; k++)
+        for (size_t i = 0; i < r->cloud->n; i++) {
+            const float *row = (const float *)&r->cloud->point[i].p + groups[k].first;
 
-        for (size_t i = 0; i < r->n * groups[k].width; i++)
-            if (!isfinite(at[i]))
-                return spin_fail(SPIN_E_MALFORMED,
-                                 "array '%s' is not finite in row %zu after iteration %d: look for "
-                                 "bad points",
-                                 name[k], i / groups[k].width, iteration);
-    }
+            for (size_t c = 0; c < groups[k].width; c++)
+                if (!isfinite(row[c]))
+                    return spin_fail(SPIN_E_MALFORMED,
+                                     "array '%s' is not finite in row %zu after iteration %d: "
+                                     "look for bad points",
+                                     groups[k].name, i, iteration);
+        }
     return SPIN_OK;
 }
 
-/* d_attr to the groups behind the positions, whose gradients the rasteriser left in place. */
-static void gather_gradients(struct refine *r)
+/* The same of the values on the device. */
+static spin_status check_device(struct refine *r, int iteration)
+{
+    SPIN_TRY(carry(r, SPIN_TRAIN_VALUES, false));
+    return check_finite(r, iteration);
+}
+
+/* What densification goes by, to the cloud. */
+static spin_status fetch_statistics(struct refine *r)
 {
     struct spin_device *d = r->device;
-    const struct spin_refine_options *o = r->o;
-    size_t n_rows = d->op->active(d, r->n, r->d_attr, r->g, r->rows), skip = r->n * 3;
+    size_t n = r->frame.n;
+    void *block = NULL;
+    float *gradient;
+    uint32_t *seen;
+    spin_status status;
 
-    if (o->lambda_scale > 0 || o->lambda_opacity > 0)
-        d->op->regularise_back(d, n_rows, r->rows,
-                               (float)(o->lambda_scale / (3 * o->densify.extent * (double)r->n)),
-                               (float)(o->lambda_opacity / (double)r->n), r->d_attr);
-    SPIN_TIMED(d, SPIN_OP_ACTIVATE_BACK,
-               d->op->activate_back(d, n_rows, r->rows, r->raw, r->d_attr, r->d_raw));
-    d->op->download(d, r->host_rows, r->rows, n_rows * sizeof *r->rows);
-    d->op->download(d, r->host_d_raw, r->d_raw, n_rows * SPIN_ATTR * sizeof(float));
-    memset(r->host_group, 0, group_bytes(r));
-    for (int k = DC; k < N_GROUPS; k++) {
-        const struct group *group = &groups[k];
-        float *to = r->host_group + r->n * group->first;
-
-        for (size_t i = 0; i < n_rows; i++)
-            memcpy(to + r->host_rows[i] * group->width, r->host_d_raw + i * SPIN_ATTR + group->attr,
-                   group->width * sizeof *to);
+    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *gradient + sizeof *seen, &block));
+    gradient = block;
+    seen = (uint32_t *)(gradient + n);
+    SPIN_TRY_OUT(d->op->download(d, gradient, r->gradient, n * sizeof *gradient));
+    SPIN_TRY_OUT(d->op->download(d, seen, r->seen, n * sizeof *seen));
+    for (size_t i = 0; i < n; i++) {
+        r->cloud->point[i].gradient = gradient[i];
+        r->cloud->point[i].seen = seen[i];
     }
-    d->op->upload(d, r->g + skip, r->host_group + skip, group_bytes(r) - skip * sizeof(float));
+out:
+    free(block);
+    return status;
 }
 
 /* ---- One iteration --------------------------------------------------------------------------- */
@@ -399,68 +327,62 @@ static int choose_view(struct refine *r, const int *order, int iteration)
     return r->sequence[turn % r->n_views];
 }
 
-/* Render, loss, backward: leaves d_attr, d_splat2d and the positions' gradients. */
-static spin_status draw(struct refine *r, int view, const struct spin_camera_f32 *cam, double *loss)
+/* Render, loss, backward: leaves the losses, d_attr and the positions' gradients, and adds to the statistics. */
+static spin_status draw(struct refine *r, int view, bool statistics)
 {
     const struct spin_refine_options *o = r->o;
-    const struct spin_refine_view *v = &r->views[view];
-    const struct spin_target taken = {&v->camera, view, v->truth, v->weight};
     struct spin_device *d = r->device;
-    double values[3];
+    struct spin_field_eval *e = &r->field_eval;
+    struct spin_view_batch views = spin_raster_batch(&r->raster, o->background);
+    struct spin_view_of_batch *v = spin_raster_add_view(&r->raster, &views, 0, r->frame.n,
+                                                        &r->views[view].camera, o->antialias);
 
-    SPIN_TIMED(d, SPIN_OP_ACTIVATE, d->op->attr(d, r->n, r->raw, r->attr));
-    SPIN_TRY(spin_raster_forward(&r->raster, cam, r->n, r->p, r->attr, 0, o->background));
-    spin_image_loss(&r->exposures, &r->raster, &taken, (float)o->lambda_dssim, 1, values);
-    d->op->zero(d, r->d_attr, r->n * SPIN_ATTR * sizeof(float));
-    spin_raster_backward(&r->raster, cam, r->n, r->p, r->attr, 0, o->background, r->d_attr, r->g);
-    *loss = values[0];
+    v->weight = 1;
+    v->image = r->views[view].image;
+    v->exposure = view;
+    spin_field_forward(e, NULL, NULL, NULL, &r->frames);
+    SPIN_TRY(spin_raster_forward(&r->raster, &views, &r->frames, e->attr, 0));
+    spin_image_loss(&r->exposures, &r->raster, &views, r->images, (float)o->lambda_dssim,
+                    r->values);
+    d->op->zero(d, e->d_attr, r->frame.n * SPIN_ATTR * sizeof(float));
+    spin_raster_backward(&r->raster, &views, &r->frames, e->attr, 0, e->d_attr);
+    if (statistics)
+        d->op->densify_stats(d, &views, &r->frames, r->raster.splat2d, r->raster.d_splat2d,
+                             r->gradient, r->seen);
     return SPIN_OK;
-}
-
-/* 3DGS measures the gradient in normalised device coordinates: u = ((x + 1) W - 1) / 2. */
-static void add_statistics(struct refine *r, const struct spin_camera_f32 *cam)
-{
-    struct spin_device *d = r->device;
-
-    d->op->download(d, r->splat2d, r->raster.splat2d, r->n * sizeof *r->splat2d);
-    d->op->download(d, r->d_splat2d, r->raster.d_splat2d, r->n * sizeof *r->d_splat2d);
-    for (size_t i = 0; i < r->n; i++) {
-        struct spin_refine_point *point = &r->cloud->point[i];
-        float x = 0.5f * (float)cam->width * r->d_splat2d[i].u_px;
-        float y = 0.5f * (float)cam->height * r->d_splat2d[i].v_px;
-
-        if (r->splat2d[i].radius_px <= 0)
-            continue;
-        point->gradient += sqrtf(x * x + y * y);
-        point->seen++;
-    }
 }
 
 static void step(struct refine *r, int iteration)
 {
     const struct spin_refine_options *o = r->o;
-    struct spin_device *d = r->device;
-    double extent = o->densify.extent;
-    const double rate[N_GROUPS] = {
-        [POSITION] = spin_lr_exp(o->lr_position * extent, o->lr_position_end * extent, iteration,
-                                 o->iterations),
-        [DC] = o->lr_dc,
-        [OPACITY] = o->lr_opacity,
-        [SCALE] = o->lr_scale,
-        [ROTATION] = o->lr_rotation,
-    };
+    struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS];
+    struct spin_frame_of_batch *frame = &r->frames.frame[0];
+    double extent = o->densify.extent, n = (double)r->frame.n;
+    double lr_pos =
+        spin_lr_exp(o->lr_position * extent, o->lr_position_end * extent, iteration, o->iterations);
+    const double lr[SPIN_HEADS] = {[SPIN_HEAD_SCALE] = o->lr_scale,
+                                   [SPIN_HEAD_ROTATION] = o->lr_rotation,
+                                   [SPIN_HEAD_SH] = o->lr_dc,
+                                   [SPIN_HEAD_OPACITY] = o->lr_opacity};
+    int n_groups;
 
-    gather_gradients(r);
-    r->steps++;
-    for (int k = 0; k < N_GROUPS; k++) {
-        size_t at = r->n * groups[k].first;
+    frame->d_scale = (float)(o->lambda_scale / (3 * extent * n));
+    frame->d_opacity = (float)(o->lambda_opacity / n);
+    spin_field_backward(&r->field_eval, NULL, NULL, NULL, &r->frames, NULL, NULL);
+    n_groups = spin_train_frame_step(&r->frame, lr_pos, lr, r->d_pos, r->d_residual, group);
+    r->device->op->adam(r->device, n_groups, group);
+}
 
-        SPIN_TIMED(d, SPIN_OP_ADAM,
-                   d->op->adam(d, r->n * groups[k].width, r->p + at, r->g + at, r->m + at,
-                               r->v + at, rate[k], r->steps));
-    }
-    d->op->download(d, r->host_group, r->p, group_bytes(r));
-    send_raw(r);
+/* Of the views' exposures, which the next frame forgets. */
+static void step_exposures(struct refine *r, int iteration)
+{
+    const struct spin_param *p = &r->exposures.param;
+    struct spin_param_group group = spin_param_group(p, 0, p->n, r->o->lr_exposure, iteration);
+
+    if (p->n == 0)
+        return;
+    r->device->op->adam(r->device, 1, &group);
+    spin_exposures_centre(&r->exposures, r->device);
 }
 
 /* In place of a step: 3DGS exchanges the parameters here, so their gradients are gone. */
@@ -469,8 +391,9 @@ static spin_status densify(struct refine *r, struct spin_refine_step *now)
     struct spin_densify_change *sum = &r->stats.change;
 
     now->densified = true;
-    fetch_cloud(r);
+    SPIN_TRY(fetch_cloud(r));
     SPIN_TRY(check_finite(r, now->iteration));
+    SPIN_TRY(fetch_statistics(r));
     SPIN_TRY(spin_densify(&r->o->densify, now->iteration, r->cloud, &now->change));
     sum->clones += now->change.clones;
     sum->splits += now->change.splits;
@@ -481,26 +404,23 @@ static spin_status densify(struct refine *r, struct spin_refine_step *now)
 
 static spin_status iterate(struct refine *r, const int *order, int iteration)
 {
-    struct spin_refine_step now = {.iteration = iteration, .n = r->n};
-    struct spin_camera_f32 cam;
+    struct spin_refine_step now = {.iteration = iteration, .n = r->frame.n};
+    double values[SPIN_LOSS_VALUES];
 
     if (spin_cancelled())
         return spin_fail_cancelled();
     now.view = choose_view(r, order, iteration);
-    cam = spin_camera_f32_from(&r->views[now.view].camera);
-    cam.antialias = r->o->antialias;
-    SPIN_TRY(draw(r, now.view, &cam, &now.loss));
+    SPIN_TRY(draw(r, now.view, densify_ahead(r->o, iteration)));
     r->stats.blind += r->raster.tiles.n_intersections == 0;
-    if (densify_ahead(r->o, iteration))
-        add_statistics(r, &cam);
     if (densify_due(r->o, iteration))
         SPIN_TRY(densify(r, &now));
     else
         step(r, iteration);
-    if (iteration % CHECK_EVERY == 0 && r->n > 0)
-        SPIN_TRY(check_finite(r, iteration));
-    spin_exposures_step(&r->exposures, r->device, r->o->lr_exposure, iteration);
-    SPIN_TRY(r->device->op->wait(r->device));
+    if (iteration % CHECK_EVERY == 0 && r->frame.n > 0)
+        SPIN_TRY(check_device(r, iteration));
+    step_exposures(r, iteration);
+    SPIN_TRY(r->device->op->download(r->device, values, r->values, sizeof values));
+    now.loss = values[SPIN_LOSS];
     if (iteration == 1)
         r->stats.loss_first = now.loss;
     r->stats.loss_last = now.loss;
@@ -522,11 +442,16 @@ static void start_afresh(struct spin_refine_cloud *cloud)
 }
 
 spin_status spin_refine_frame(struct spin_device *device, const struct spin_refine_options *o,
+                              const struct spin_images *images,
                               const struct spin_refine_view *views, int n_views, const int *order,
                               struct spin_refine_cloud *cloud, struct spin_refine_stats *stats)
 {
-    struct refine r = {
-        .o = o, .views = views, .n_views = n_views, .device = device, .cloud = cloud};
+    struct refine r = {.o = o,
+                       .images = images,
+                       .views = views,
+                       .n_views = n_views,
+                       .device = device,
+                       .cloud = cloud};
     spin_status status;
     void *block = NULL;
 
@@ -538,10 +463,12 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
     start_afresh(cloud);
     SPIN_TRY_OUT(
         spin_exposures_open(&r.exposures, device, o->lr_exposure > 0 ? n_views : 0, r.max_pixels));
+    SPIN_TRY_OUT(device->op->reserve(device, SPIN_LOSS_VALUES * sizeof *r.values,
+                                     (void SPIN_DEV **)&r.values));
     SPIN_TRY_OUT(send_cloud(&r));
-    for (int i = 1; i <= o->iterations && r.n > 0; i++)
+    for (int i = 1; i <= o->iterations && r.frame.n > 0; i++)
         SPIN_TRY_OUT(iterate(&r, order, i));
-    fetch_cloud(&r);
+    SPIN_TRY_OUT(fetch_cloud(&r));
     SPIN_TRY_OUT(check_finite(&r, r.stats.iterations));
     if (!o->no_final_prune)
         r.stats.change.pruned += spin_refine_prune(cloud, o->densify.prune_opacity);
@@ -550,6 +477,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
         *stats = r.stats;
 out:
     release(&r);
+    device->op->release(device, r.values, SPIN_LOSS_VALUES * sizeof *r.values);
     spin_exposures_close(&r.exposures, device);
     free(block);
     return status;

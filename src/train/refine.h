@@ -1,16 +1,15 @@
-/* Stage (a): explicit 3DGS optimisation of one frame, so that its points lie where stage (b) needs
- * them (method.md section 2). Frames are independent of each other. */
+/* Refinement: explicit 3DGS optimisation of one frame, so that its points lie where the network training
+ * needs them (docs/method.md section 2). Frames are independent of each other. */
 #ifndef SPIN_TRAIN_REFINE_H
 #define SPIN_TRAIN_REFINE_H
 
-#include "train/densify.h"
 #include "device/device.h"
+#include "train/densify.h"
 
 /* One training picture of the frame. */
 struct spin_refine_view {
     struct spin_camera camera;
-    const float *truth;  /* host [3][h][w] */
-    const float *weight; /* host [h][w] how often a pixel counts; or NULL: once */
+    uint32_t image; /* number of its photograph */
 };
 
 /* What an iteration did. */
@@ -40,7 +39,7 @@ struct spin_refine_options {
     void *context;
 };
 
-/* The table of method.md section 2. densify.extent must still be set. */
+/* The table of docs/method.md section 2. densify.extent must still be set. */
 void spin_refine_defaults(struct spin_refine_options *o);
 
 struct spin_refine_stats {
@@ -56,6 +55,7 @@ struct spin_refine_stats {
  * same bits for any number of threads. stats may be NULL. On failure the cloud is valid, its
  * values unspecified. */
 spin_status spin_refine_frame(struct spin_device *device, const struct spin_refine_options *o,
+                              const struct spin_images *images,
                               const struct spin_refine_view *views, int n_views, const int *order,
                               struct spin_refine_cloud *cloud, struct spin_refine_stats *stats);
 

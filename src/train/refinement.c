@@ -1,11 +1,12 @@
-/* The frame-wise stage of a retraining (method.md section 2): every frame is optimised on its own, with
- * explicit attributes, and its points change in number. Before a network only positions and colours go
- * on; in the explicit method this is all there is.
+/* Before a network only positions and colours of refined frames go on; in the explicit method they are all there
+ * is.
  *
- * Frames are independent, so some are worked on at a time, each on its share of the threads; since a
- * frame's result does not depend on threads, neither does the whole. A finished frame is put on a shelf
- * beside the output (shelf.h) under a key: what it was made from and how. A frame of the input that
- * was refined under the same key is taken as it is. */
+ * Frames are independent, so some are worked on at a time, each on its share of the threads. A frame's result
+ * does not depend on threads, so neither does the whole. A finished frame goes into a cache beside the output
+ * (frame_cache.h) under a key: what it was made from and how. A frame of the input that was refined under the
+ * same key is taken as it is. */
+#include "train/refinement.h"
+
 #include <inttypes.h>
 #include <math.h>
 #include <pthread.h>
@@ -16,74 +17,44 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
-#include "eval/metrics.h"
 #include "math/sh.h"
 #include "train/refine.h"
-#include "train/run.h"
+#include "train/settings.h"
+#include "train/test_views.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-
-static bool is_explicit(const struct spin_run *r) { return r->o->method == SPIN_METHOD_EXPLICIT; }
+static bool is_explicit(const struct spin_plan *plan)
+{
+    return plan->o->method == SPIN_METHOD_EXPLICIT;
+}
 
 /* All of a refined frame is wanted, not only where its points lie. */
-static bool needs_whole(const struct spin_run *r)
+static bool needs_whole(const struct spin_plan *plan)
 {
-    return is_explicit(r) || r->o->residual == SPIN_RESIDUAL_SOURCE;
+    return is_explicit(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
 }
 
-static unsigned kept_columns(const struct spin_run *r)
+unsigned spin_refinement_columns(const struct spin_plan *plan)
 {
-    return needs_whole(r) ? whole : SPIN_COL_MEANS | SPIN_COL_RGB;
+    return needs_whole(plan) ? whole : SPIN_COL_MEANS | SPIN_COL_RGB;
 }
 
-static bool starts_from_source(const struct spin_run *r)
+static bool starts_from_source(const struct spin_plan *plan)
 {
-    return r->o->refine_start == SPIN_REFINE_FROM_SOURCE;
+    return plan->o->refine_start == SPIN_REFINE_FROM_SOURCE;
 }
 
 /* The source's columns that a frame starts from. */
-static unsigned start_columns(const struct spin_run *r)
+static unsigned start_columns(const struct spin_plan *plan)
 {
-    unsigned columns = r->clip.bundle.meta.columns;
+    unsigned columns = plan->clip.bundle.meta.columns;
 
-    if (starts_from_source(r))
+    if (starts_from_source(plan))
         return whole;
     return SPIN_COL_MEANS | (columns & SPIN_COL_RGB ? SPIN_COL_RGB : columns & SPIN_COL_SH);
 }
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
-
-/* All that decides a frame's result besides the frame. */
-spin_json *spin_run_refine_settings(const struct spin_run *r)
-{
-    const struct spin_retrain_options *o = r->o;
-    spin_json *j = spin_json_object(), *back = spin_json_array();
-    char seed[32];
-
-    for (int c = 0; c < 3; c++)
-        spin_json_push_number(back, (double)o->background[c]);
-    snprintf(seed, sizeof seed, "%" PRIu64, o->seed);
-    spin_json_set_integer(j, "iterations", o->refine);
-    spin_json_set_string(j, "start", starts_from_source(r) ? "source" : "points");
-    spin_json_set_bool(j, "densify", !o->no_densify);
-    spin_json_set_integer(j, "max_points", o->max_points);
-    spin_json_set_number(j, "lambda_dssim", o->lambda_dssim);
-    spin_json_set(j, "background", back);
-    spin_json_set_string(j, "seed", seed);
-    spin_json_set_number(j, "image_scale", o->image_scale);
-    spin_json_set_number(j, "spatial_extent", r->extent);
-    if (o->learn_exposure) /* said only where it is not as 3DGS does it, as what follows */
-        spin_json_set_number(j, "lr_exposure", o->lr_exposure);
-    if (o->lambda_scale > 0)
-        spin_json_set_number(j, "lambda_scale", o->lambda_scale);
-    if (o->lambda_opacity > 0)
-        spin_json_set_number(j, "lambda_opacity", o->lambda_opacity);
-    if (o->antialias)
-        spin_json_set_bool(j, "antialias", true);
-    if (o->dynamic_weight != 1)
-        spin_json_set_number(j, "dynamic_weight", o->dynamic_weight);
-    return j;
-}
 
 /* FNV-1a, 64 bits. */
 static uint64_t hash_of(const char *text)
@@ -95,90 +66,106 @@ static uint64_t hash_of(const char *text)
     return hash;
 }
 
-static spin_status make_key(struct spin_run *r, int f)
+static spin_status make_key(const struct spin_plan *plan, const struct spin_truth *truth, int f,
+                            struct spin_refined *refined)
 {
-    spin_json *j = spin_run_refine_settings(r);
+    spin_json *j = spin_settings_refine(plan);
     char images[20], *text;
 
-    snprintf(images, sizeof images, "%016" PRIx64, spin_run_imprint(r, f));
+    snprintf(images, sizeof images, "%016" PRIx64, spin_truth_imprint(truth, plan, f));
     spin_json_set_string(j, "images", images);
-    spin_json_set_integer(j, "frame", spin_run_info(r, f)->number);
+    spin_json_set_integer(j, "frame", spin_plan_info(plan, f)->number);
     spin_json_set_integer(
-        j, "input", spin_bundle_checksum(&r->clip.bundle, spin_run_index(r, f), start_columns(r)));
+        j, "input",
+        spin_bundle_checksum(&plan->clip.bundle, spin_plan_index(plan, f), start_columns(plan)));
     text = spin_json_text(j, false);
     spin_json_free(j);
     if (!text)
         return spin_fail(SPIN_E_MEMORY, "out of memory");
-    snprintf(r->refined[f].key, sizeof r->refined[f].key, "%016" PRIx64, hash_of(text));
+    snprintf(refined->key, sizeof refined->key, "%016" PRIx64, hash_of(text));
     free(text);
     return SPIN_OK;
 }
 
-spin_status spin_run_refine_plan(struct spin_run *r)
+spin_status spin_refinement_open(struct spin_refinement *refinement, const struct spin_plan *plan)
 {
+    size_t n = (size_t)plan->clip.n_frames;
     void *block = NULL;
 
-    if (starts_from_source(r) && !spin_run_has_source(r))
+    if (starts_from_source(plan) && !spin_plan_has_source(plan))
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no attributes of its source: refine from its points, with "
                          "--refine-start points",
-                         r->o->input);
-    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *r->refined, &block));
-    r->refined = block;
+                         plan->o->input);
+    SPIN_TRY(spin_alloc(n, sizeof *refinement->frame, &block));
+    refinement->frame = block;
+    block = NULL;
+    SPIN_TRY(spin_alloc(n, sizeof *refinement->counts, &block));
+    refinement->counts = block;
     return SPIN_OK;
 }
 
-spin_status spin_run_refine_keys(struct spin_run *r)
+spin_status spin_refinement_keys(struct spin_refinement *refinement, const struct spin_plan *plan,
+                                 const struct spin_truth *truth)
 {
-    for (int f = 0; f < r->clip.n_frames; f++)
-        SPIN_TRY(make_key(r, f));
+    for (int f = 0; f < plan->clip.n_frames; f++)
+        SPIN_TRY(make_key(plan, truth, f, &refinement->frame[f]));
     return SPIN_OK;
+}
+
+void spin_refinement_close(struct spin_refinement *refinement)
+{
+    free(refinement->frame);
+    free(refinement->counts);
+    spin_splats_free(&refinement->scratch);
 }
 
 /* ---- Frames that are there ------------------------------------------------------------------- */
 
 /* The input was refined under this key, and kept what we need of it. */
-static bool input_has(struct spin_run *r, int f)
+static bool input_has(struct spin_refinement *r, const struct spin_plan *plan, int f)
 {
-    const struct spin_bundle *bundle = &r->clip.bundle;
+    const struct spin_bundle *bundle = &plan->clip.bundle;
     const spin_json *frames = spin_json_get(spin_json_get(bundle->json, "refined"), "frames");
     const char *key;
     unsigned columns = bundle->refined.columns;
-    int index = spin_run_index(r, f);
+    int index = spin_plan_index(plan, f);
 
-    if (!(columns & SPIN_COL_MEANS) || (needs_whole(r) && (whole & ~columns)) ||
+    if (!(columns & SPIN_COL_MEANS) || (needs_whole(plan) && (whole & ~columns)) ||
         !(columns & (SPIN_COL_RGB | SPIN_COL_SH)))
         return false;
     key = spin_json_string(spin_json_get(spin_json_at(frames, (size_t)index), "key"));
-    if (!key || strcmp(key, r->refined[f].key) != 0)
+    if (!key || strcmp(key, r->frame[f].key) != 0)
         return false;
-    r->refined[f].from_input = true;
-    r->refined[f].n = bundle->refined.n[index];
+    r->frame[f].from_input = true;
+    r->counts[f] = bundle->refined.n[index];
     return true;
 }
 
-static spin_status read_columns(struct spin_run *r, int f, unsigned columns,
-                                struct spin_splats *out)
+static spin_status read_columns(const struct spin_refinement *r, struct spin_plan *plan, int f,
+                                unsigned columns, struct spin_splats *out)
 {
-    if (r->refined[f].from_input)
-        return spin_bundle_refined_frame(&r->clip.bundle, spin_run_index(r, f), columns, out);
-    return spin_frame_cache_get(r->parts, f, r->refined[f].key, columns, out);
+    if (r->frame[f].from_input)
+        return spin_bundle_refined_frame(&plan->clip.bundle, spin_plan_index(plan, f), columns,
+                                         out);
+    return spin_frame_cache_get(plan->parts, f, r->frame[f].key, columns, out);
 }
 
 /* rgb is kept by the network's method only; elsewhere it follows from the first coefficient. */
-spin_status spin_run_refined(struct spin_run *r, int f, unsigned columns, struct spin_splats *out)
+spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *plan, int f,
+                                 unsigned columns, struct spin_splats *out)
 {
-    unsigned there = r->refined[f].from_input ? r->clip.bundle.refined.columns : whole;
+    unsigned there = r->frame[f].from_input ? plan->clip.bundle.refined.columns : whole;
 
     if (!(columns & SPIN_COL_RGB & ~there))
-        return read_columns(r, f, columns, out);
-    SPIN_TRY(read_columns(r, f, SPIN_COL_MEANS | SPIN_COL_SH, &r->shelved));
-    SPIN_TRY(spin_splats_reserve(out, r->shelved.n, columns, 0));
+        return read_columns(r, plan, f, columns, out);
+    SPIN_TRY(read_columns(r, plan, f, SPIN_COL_MEANS | SPIN_COL_SH, &r->scratch));
+    SPIN_TRY(spin_splats_reserve(out, r->scratch.n, columns, 0));
     for (size_t i = 0; i < 3 * out->n; i++) {
-        size_t width = spin_column_width(SPIN_COL_SH, r->shelved.sh_degree);
-        double c = SPIN_SH_C0 * (double)r->shelved.sh[i / 3 * width + i % 3] + 0.5;
+        size_t width = spin_column_width(SPIN_COL_SH, r->scratch.sh_degree);
+        double c = SPIN_SH_C0 * (double)r->scratch.sh[i / 3 * width + i % 3] + 0.5;
 
-        out->means[i] = r->shelved.means[i];
+        out->means[i] = r->scratch.means[i];
         out->rgb[i] = (float)fmin(fmax(c, 0), 1);
     }
     return SPIN_OK;
@@ -187,7 +174,12 @@ spin_status spin_run_refined(struct spin_run *r, int f, unsigned columns, struct
 /* ---- One frame ------------------------------------------------------------------------------- */
 
 struct stage {
-    struct spin_run *r;
+    struct spin_refinement *refinement;
+    struct spin_plan *plan;
+    struct spin_truth *truth;
+    struct spin_device *device; /* that the run was opened with */
+    struct spin_code_paths *code_paths;
+    struct spin_journal *journal;
     struct spin_refine_options options;
     int *todo, n_todo;        /* frames */
     int first;                /* of those under way */
@@ -208,26 +200,27 @@ struct job {
     struct spin_refine_view *view; /* [n_views] */
     const struct spin_pair **pair; /* [n_views] */
     int n_views;
-    float *truth, *weight;
+    struct spin_image_store images; /* [n_views] */
     struct spin_refine_cloud cloud;
     struct spin_splats splats;
 };
 
 static void log_iteration(const struct job *job, const struct spin_refine_step *step)
 {
-    struct spin_run *r = job->stage->r;
+    const struct spin_plan *plan = job->stage->plan;
+    FILE *log = job->stage->journal->file;
 
-    fprintf(r->log,
+    fprintf(log,
             "{\"refine\": %d, \"frame\": %d, \"seconds\": %.3f, \"loss\": %.7g, \"splats\": %zu, "
             "\"camera\": %d",
-            step->iteration, spin_run_info(r, job->frame)->number,
+            step->iteration, spin_plan_info(plan, job->frame)->number,
             spin_now_s() - job->stage->start_s, step->loss, step->n,
-            r->clip.views.view[job->pair[step->view]->view].camera_id);
+            plan->clip.views.view[job->pair[step->view]->view].camera_id);
     if (step->densified)
-        fprintf(r->log, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", step->change.clones,
+        fprintf(log, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", step->change.clones,
                 step->change.splits, step->change.pruned);
-    fprintf(r->log, "}\n");
-    spin_run_logged(r, false);
+    fprintf(log, "}\n");
+    spin_journal_check(job->stage->journal, false);
 }
 
 static void watch(void *context, const struct spin_refine_step *step)
@@ -237,59 +230,49 @@ static void watch(void *context, const struct spin_refine_step *step)
 
     pthread_mutex_lock(&stage->lock);
     stage->done++;
-    if (stage->r->log)
+    if (stage->journal->file)
         log_iteration(job, step);
     spin_progress_set(&stage->progress, stage->done, "frame %d, loss %.4f, %zu splats",
-                      spin_run_info(stage->r, job->frame)->number, step->loss, step->n);
+                      spin_plan_info(stage->plan, job->frame)->number, step->loss, step->n);
     pthread_mutex_unlock(&stage->lock);
 }
 
-/* The training views of the frame with their pictures. */
-static spin_status load_views(struct job *job)
+/* The training views of the frame with their images. */
+static spin_status load_views(struct job *job, struct spin_device *device)
 {
-    struct spin_run *r = job->stage->r;
-    void *view = NULL, *pair = NULL, *truth = NULL, *weight = NULL;
+    struct spin_plan *plan = job->stage->plan;
+    void *view = NULL, *pair = NULL;
     size_t n = 0;
 
-    for (size_t i = 0; i < r->n_train; i++)
-        n += r->train[i].frame == job->frame;
+    for (size_t i = 0; i < plan->n_train; i++)
+        n += plan->train[i].frame == job->frame;
     SPIN_TRY(spin_alloc(n + 1, sizeof *job->view, &view));
     job->view = view;
     SPIN_TRY(spin_alloc(n + 1, sizeof *job->pair, &pair));
     job->pair = pair;
-    SPIN_TRY(spin_alloc(n * 3 * r->max_pixels + 1, sizeof(float), &truth));
-    job->truth = truth;
-    if (r->weight) {
-        SPIN_TRY(spin_alloc(n * r->max_pixels + 1, sizeof(float), &weight));
-        job->weight = weight;
-    }
-    for (size_t i = 0; i < r->n_train; i++) {
-        float *at = job->truth + (size_t)job->n_views * 3 * r->max_pixels;
+    SPIN_TRY(spin_truth_open_store(plan, device, n, &job->images));
+    for (size_t i = 0; i < plan->n_train; i++) {
+        uint32_t image = (uint32_t)job->n_views;
 
-        if (r->train[i].frame != job->frame)
+        if (plan->train[i].frame != job->frame)
             continue;
-        SPIN_TRY(spin_image_cache_get(&r->pixels, r->train[i].view, at));
-        job->pair[job->n_views] = &r->train[i];
-        if (r->weight) {
-            float *w = job->weight + (size_t)job->n_views * r->max_pixels;
-
-            SPIN_TRY(spin_run_weigh(r, r->train[i].view, at, w));
-            job->view[job->n_views].weight = w;
-        }
-        job->view[job->n_views].camera = r->clip.views.view[r->train[i].view].camera;
-        job->view[job->n_views++].truth = at;
+        SPIN_TRY(spin_truth_put(job->stage->truth, plan, plan->train[i].view, &job->images, image));
+        job->pair[image] = &plan->train[i];
+        job->view[image].camera = plan->clip.views.view[plan->train[i].view].camera;
+        job->view[image].image = image;
+        job->n_views++;
     }
     return SPIN_OK;
 }
 
 static spin_status load_start(struct job *job)
 {
-    struct spin_run *r = job->stage->r;
+    struct spin_plan *plan = job->stage->plan;
     struct spin_splats *s = &job->splats;
 
-    SPIN_TRY(
-        spin_bundle_frame(&r->clip.bundle, spin_run_index(r, job->frame), start_columns(r), s));
-    if (starts_from_source(r)) {
+    SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, job->frame),
+                               start_columns(plan), s));
+    if (starts_from_source(plan)) {
         SPIN_TRY(spin_refine_init_from_splats(s, &job->cloud));
         spin_refine_prune(&job->cloud, 0); /* values that are not finite */
         return SPIN_OK;
@@ -297,12 +280,12 @@ static spin_status load_start(struct job *job)
     return spin_refine_init_from_colours(s, &job->cloud);
 }
 
-static spin_status load(struct job *job)
+static spin_status load(struct job *job, struct spin_device *device)
 {
     spin_status status;
 
     pthread_mutex_lock(&job->stage->lock);
-    status = load_views(job);
+    status = load_views(job, device);
     if (status == SPIN_OK)
         status = load_start(job);
     pthread_mutex_unlock(&job->stage->lock);
@@ -312,21 +295,20 @@ static spin_status load(struct job *job)
 static spin_status keep(struct job *job, const struct spin_refine_stats *stats)
 {
     struct stage *stage = job->stage;
-    struct spin_run *r = stage->r;
-    struct spin_refined *refined = &r->refined[job->frame];
+    struct spin_plan *plan = stage->plan;
 
     SPIN_TRY(spin_refine_to_splats(&job->cloud, &job->splats));
-    SPIN_TRY(
-        spin_frame_cache_put(r->parts, job->frame, refined->key, r->device.path, &job->splats));
+    SPIN_TRY(spin_frame_cache_put(plan->parts, job->frame, stage->refinement->frame[job->frame].key,
+                                  stage->device->path, &job->splats));
     pthread_mutex_lock(&stage->lock);
-    refined->n = job->splats.n;
+    stage->refinement->counts[job->frame] = job->splats.n;
     stage->done += stage->options.iterations - stats->iterations;
     stage->drawn += stats->iterations;
     stage->blind += stats->blind;
-    r->report->loss_last += stats->loss_last / stage->n_todo;
+    plan->report->loss_last += stats->loss_last / stage->n_todo;
     spin_log(1, "frame %d: %zu splats became %zu, loss %.4f became %.4f",
-             spin_run_info(r, job->frame)->number, stats->n_first, stats->n_last, stats->loss_first,
-             stats->loss_last);
+             spin_plan_info(plan, job->frame)->number, stats->n_first, stats->n_last,
+             stats->loss_first, stats->loss_last);
     pthread_mutex_unlock(&stage->lock);
     return SPIN_OK;
 }
@@ -336,13 +318,14 @@ static spin_status refine(struct job *job, struct spin_device *device)
     struct spin_refine_options o = job->stage->options;
     struct spin_refine_stats stats = {0};
 
-    o.densify.frame = spin_run_info(job->stage->r, job->frame)->number;
+    o.densify.frame = spin_plan_info(job->stage->plan, job->frame)->number;
     o.watch = watch;
     o.context = job;
-    SPIN_TRY(load(job));
+    SPIN_TRY(load(job, device));
     stats.n_first = stats.n_last = job->cloud.n;
     if (job->n_views > 0)
-        SPIN_TRY(spin_refine_frame(device, &o, job->view, job->n_views, NULL, &job->cloud, &stats));
+        SPIN_TRY(spin_refine_frame(device, &o, &job->images.images, job->view, job->n_views, NULL,
+                                   &job->cloud, &stats));
     if (!isfinite(stats.loss_last))
         return spin_fail(SPIN_E_MALFORMED, "the loss is not finite; look for bad points");
     return keep(job, &stats);
@@ -365,14 +348,13 @@ static void refine_task(void *context, int task, int hand)
         if (stage->status == SPIN_OK) {
             stage->status = status;
             snprintf(stage->why, sizeof stage->why, "frame %d: %s",
-                     spin_run_info(stage->r, job.frame)->number, spin_last_error());
+                     spin_plan_info(stage->plan, job.frame)->number, spin_last_error());
         }
         pthread_mutex_unlock(&stage->lock);
     }
     free(job.view);
     free(job.pair);
-    free(job.truth);
-    free(job.weight);
+    spin_image_store_close(&job.images);
     spin_refine_cloud_free(&job.cloud);
     spin_splats_free(&job.splats);
 }
@@ -381,7 +363,7 @@ static void refine_task(void *context, int task, int hand)
 
 static void set_options(struct stage *stage)
 {
-    const struct spin_retrain_options *from = stage->r->o;
+    const struct spin_retrain_options *from = stage->plan->o;
     struct spin_refine_options *o = &stage->options;
 
     spin_refine_defaults(o);
@@ -394,38 +376,29 @@ static void set_options(struct stage *stage)
     o->lambda_scale = from->lambda_scale;
     o->lambda_opacity = from->lambda_opacity;
     o->antialias = from->antialias;
-    o->densify.extent = stage->r->extent;
+    o->densify.extent = stage->plan->extent;
     o->densify.max_points = (size_t)from->max_points;
     o->densify.seed = from->seed;
-}
-
-size_t spin_run_refine_bytes(const struct spin_run *r)
-{
-    size_t n_views = 0;
-
-    for (size_t i = 0; i < r->n_train; i++)
-        n_views += r->train[i].frame == r->train[0].frame;
-    return spin_refine_bytes(2 * r->clip.n_max, r->max_pixels) +
-           n_views * (r->o->dynamic_weight != 1 ? 4 : 3) * r->max_pixels * sizeof(float);
 }
 
 /* Which frames are still to be done. */
 static spin_status list_todo(struct stage *stage)
 {
-    struct spin_run *r = stage->r;
+    struct spin_refinement *r = stage->refinement;
+    struct spin_plan *plan = stage->plan;
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc((size_t)r->clip.n_frames, sizeof *stage->todo, &block));
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *stage->todo, &block));
     stage->todo = block;
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        bool found = input_has(r, f), shelved = false;
+    for (int f = 0; f < plan->clip.n_frames; f++) {
+        bool found = input_has(r, plan, f), shelved = false;
         struct spin_shelved there;
 
-        if (!found && r->o->resume)
-            SPIN_TRY(spin_frame_cache_find(r->parts, f, r->refined[f].key, &shelved, &there));
+        if (!found && plan->o->resume)
+            SPIN_TRY(spin_frame_cache_find(plan->parts, f, r->frame[f].key, &shelved, &there));
         if (shelved) {
-            r->refined[f].n = there.n;
-            spin_run_did(r, there.path);
+            r->counts[f] = there.n;
+            spin_code_paths_add(stage->code_paths, there.path);
         }
         if (!found && !shelved)
             stage->todo[stage->n_todo++] = f;
@@ -436,18 +409,18 @@ static spin_status list_todo(struct stage *stage)
 /* A device for each of n frames worked on at a time, as far as threads and memory go. */
 static spin_status take_hands(struct stage *stage, int n, int n_threads)
 {
-    struct spin_run *r = stage->r;
+    struct spin_plan *plan = stage->plan;
     void *block = NULL;
 
     n = n < n_threads ? n : n_threads;
-    if (strcmp(r->device.op->name, "cpu") != 0)
+    if (strcmp(stage->device->op->name, "cpu") != 0)
         n = 1;
-    while (n > 1 && (size_t)n * spin_run_refine_bytes(r) > r->report->bytes_available / 2)
+    while (n > 1 && (size_t)n * spin_plan_refine_bytes(plan) > plan->report->bytes_available / 2)
         n--;
     SPIN_TRY(spin_alloc((size_t)n, sizeof *stage->hand, &block));
     stage->hand = block;
     for (int i = 0; i < n; i++) {
-        SPIN_TRY(spin_device_open(r->o->device, n_threads / n, &stage->hand[i]));
+        SPIN_TRY(spin_device_open(plan->o->device, n_threads / n, &stage->hand[i]));
         stage->n_hands++;
     }
     return SPIN_OK;
@@ -489,7 +462,7 @@ static spin_status run(struct stage *stage)
     struct spin_pool *pool = NULL;
     int n_threads;
 
-    SPIN_TRY(spin_pool_create(stage->r->o->n_threads, &pool));
+    SPIN_TRY(spin_pool_create(stage->plan->o->n_threads, &pool));
     n_threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
     while (stage->first < stage->n_todo) {
@@ -500,60 +473,46 @@ static spin_status run(struct stage *stage)
     return SPIN_OK;
 }
 
-/* From here on the clip's splats are the refined ones. */
-static spin_status count_splats(struct spin_run *r)
+static bool can_be_drawn(const struct stage *stage)
 {
-    r->clip.n_max = 0;
-    r->clip.n_mean = 0;
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        r->counts[f] = r->refined[f].n;
-        r->clip.n_max = r->counts[f] > r->clip.n_max ? r->counts[f] : r->clip.n_max;
-        r->clip.n_mean += (double)r->counts[f] / r->clip.n_frames;
-    }
-    if (r->clip.n_max == 0)
-        return spin_fail(SPIN_E_MALFORMED, "refining left no splat in any frame");
-    r->is_refined = true;
-    return SPIN_OK;
-}
+    bool input = !(whole & ~stage->plan->clip.bundle.refined.columns);
 
-static bool can_be_drawn(const struct spin_run *r)
-{
-    bool input = !(whole & ~r->clip.bundle.refined.columns);
-
-    for (int f = 0; f < r->clip.n_frames; f++)
-        if (r->refined[f].from_input && !input)
+    for (int f = 0; f < stage->plan->clip.n_frames; f++)
+        if (stage->refinement->frame[f].from_input && !input)
             return false;
     return true;
 }
 
 static spin_status read_whole(void *context, int frame, struct spin_splats *out)
 {
-    const struct spin_run *r = context;
+    const struct stage *stage = context;
 
-    SPIN_TRY(spin_run_refined(context, frame, whole, out));
-    out->antialias = r->o->antialias;
+    SPIN_TRY(spin_refinement_read(stage->refinement, stage->plan, frame, whole, out));
+    out->antialias = stage->plan->o->antialias;
     return SPIN_OK;
 }
 
-static spin_status look(struct spin_run *r)
+/* Measure the refined frames, and draw the preview. */
+static spin_status look(struct stage *stage)
 {
-    struct spin_quality *q = &r->report->refined;
-    struct spin_frame_renderer frame_renderer;
+    struct spin_plan *plan = stage->plan;
+    struct spin_quality *q = &plan->report->refined;
+    struct spin_frame_renderer shown;
     spin_status status;
 
-    if (!can_be_drawn(r))
+    if (!can_be_drawn(stage))
         return SPIN_OK;
-    spin_frame_renderer_open_reader(&frame_renderer, &r->device, read_whole, r);
-    status = spin_run_measure(r, &frame_renderer, r->counts, "evaluating the refined frames", q);
-    spin_frame_renderer_close(&frame_renderer);
-    if (status == SPIN_OK && q->valid)
-        spin_log(0, "refined: %.1f splats a frame, test PSNR %.3f dB, SSIM %.4f", r->clip.n_mean,
+    spin_frame_renderer_open_reader(&shown, stage->device, read_whole, stage);
+    status = spin_test_views_measure(plan, stage->truth, &shown, plan->counts,
+                                     "evaluating the refined frames", q);
+    spin_frame_renderer_close(&shown);
+    SPIN_TRY(status);
+    if (q->valid)
+        spin_log(0, "refined: %.1f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
                  q->psnr, q->ssim);
-    if (status == SPIN_OK) {
-        spin_frame_renderer_open_reader(&frame_renderer, &r->device, read_whole, r);
-        status = spin_run_preview(r, &frame_renderer, "refined");
-        spin_frame_renderer_close(&frame_renderer);
-    }
+    spin_frame_renderer_open_reader(&shown, stage->device, read_whole, stage);
+    status = spin_test_views_preview(plan, stage->truth, &shown, "refined");
+    spin_frame_renderer_close(&shown);
     return status;
 }
 
@@ -562,7 +521,7 @@ static spin_status judge_blind(const struct stage *stage)
 {
     if (stage->blind == 0)
         return SPIN_OK;
-    if (stage->blind == stage->drawn && stage->n_todo == stage->r->clip.n_frames)
+    if (stage->blind == stage->drawn && stage->n_todo == stage->plan->clip.n_frames)
         return spin_fail(SPIN_E_MALFORMED,
                          "no splat is visible in any view of any frame: do the cameras belong to "
                          "these points");
@@ -572,63 +531,70 @@ static spin_status judge_blind(const struct stage *stage)
     return SPIN_OK;
 }
 
-spin_status spin_run_refine(struct spin_run *r)
+/* The plan for the refined frames. Images that are kept stay; how many more may be is planned anew. */
+static spin_status recount(const struct stage *stage)
 {
-    struct stage stage = {.r = r, .lock = PTHREAD_MUTEX_INITIALIZER, .start_s = spin_now_s()};
+    struct spin_image_cache *cache = &stage->truth->cache;
+
+    SPIN_TRY(spin_plan_recount(stage->plan, stage->refinement->counts, cache->held));
+    cache->budget = stage->plan->pixels_budget;
+    return SPIN_OK;
+}
+
+spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_plan *plan,
+                                struct spin_truth *truth, struct spin_device *device,
+                                struct spin_code_paths *code_paths, struct spin_journal *journal)
+{
+    struct stage stage = {.refinement = refinement,
+                          .plan = plan,
+                          .truth = truth,
+                          .device = device,
+                          .code_paths = code_paths,
+                          .journal = journal,
+                          .lock = PTHREAD_MUTEX_INITIALIZER,
+                          .start_s = spin_now_s()};
     spin_status status;
 
-    if (!r->o->resume)
-        spin_frame_cache_clear(r->parts);
+    if (!plan->o->resume)
+        spin_frame_cache_clear(plan->parts);
     set_options(&stage);
     SPIN_TRY_OUT(list_todo(&stage));
-    spin_log(0, "refining %d of %d frames, %d iterations each", stage.n_todo, r->clip.n_frames,
-             r->o->refine);
+    spin_log(0, "refining %d of %d frames, %d iterations each", stage.n_todo, plan->clip.n_frames,
+             plan->o->refine);
     spin_progress_begin(&stage.progress, "refining", "it", 0,
-                        (long long)stage.n_todo * r->o->refine);
+                        (long long)stage.n_todo * plan->o->refine);
     status = run(&stage);
     spin_progress_end(&stage.progress);
     if (status == SPIN_OK)
         status = judge_blind(&stage);
-    r->report->refine_seconds = spin_now_s() - stage.start_s;
+    plan->report->refine_seconds = spin_now_s() - stage.start_s;
     if (status == SPIN_OK)
-        status = count_splats(r);
+        status = recount(&stage);
     if (status == SPIN_OK)
-        status = look(r);
+        status = look(&stage);
 out:
     free(stage.todo);
     pthread_mutex_destroy(&stage.lock);
     return status;
 }
 
-/* ---- The output ------------------------------------------------------------------------------ */
-
-spin_status spin_run_write_refined(struct spin_run *r, struct spin_bundle_writer *w)
-{
-    unsigned columns = kept_columns(r);
-
-    for (int f = 0; f < r->clip.n_frames; f++) {
-        SPIN_TRY(spin_run_refined(r, f, columns, &r->splats));
-        SPIN_TRY(spin_bundle_write_refined(w, f, columns, &r->splats));
-    }
-    return SPIN_OK;
-}
-
-spin_json *spin_run_refined_to_json(const struct spin_run *r)
+spin_json *spin_refinement_to_json(const struct spin_refinement *refinement,
+                                   const struct spin_plan *plan)
 {
     spin_json *j = spin_json_object(), *frames = spin_json_array();
 
-    for (int f = 0; f < r->clip.n_frames; f++) {
+    for (int f = 0; f < plan->clip.n_frames; f++) {
         spin_json *frame = spin_json_object();
 
-        spin_json_set_integer(frame, "n", (int64_t)r->refined[f].n);
-        spin_json_set_string(frame, "key", r->refined[f].key);
+        spin_json_set_integer(frame, "n", (int64_t)refinement->counts[f]);
+        spin_json_set_string(frame, "key", refinement->frame[f].key);
         spin_json_push(frames, frame);
     }
-    spin_json_set(j, "columns", spin_column_names(kept_columns(r)));
-    spin_json_set_integer(j, "sh_degree", needs_whole(r) ? 0 : -1);
-    if (r->o->antialias)
+    spin_json_set(j, "columns", spin_column_names(spin_refinement_columns(plan)));
+    spin_json_set_integer(j, "sh_degree", needs_whole(plan) ? 0 : -1);
+    if (plan->o->antialias)
         spin_json_set_bool(j, "antialias", true);
-    spin_json_set(j, "options", spin_run_refine_settings(r));
+    spin_json_set(j, "options", spin_settings_refine(plan));
     spin_json_set(j, "frames", frames);
     return j;
 }

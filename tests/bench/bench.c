@@ -11,33 +11,15 @@
 
 #include "base/err.h"
 #include "base/log.h"
+#include "base/mem.h"
 #include "io/json.h"
 #include "math/adam.h"
 #include "tests/bench/bench.h"
 
-enum { MAX_ROUNDS = 64, MAX_LIST = 8, N_SIZES = 3 };
-static const size_t reference_sizes[N_SIZES] = {10000, 50000, 200000};
+enum { MAX_ROUNDS = 64, MAX_LIST = 8 };
+static const size_t reference_sizes[BENCH_SIZES] = {10000, 50000, 200000};
 
-/* What a stage is counted in, and which ceiling bounds it. */
-enum unit { PER_SPLAT, PER_PAIR, PER_PIXEL, PER_PARAMETER, UNITS };
-enum bound { BY_NOTHING, BY_FMA, BY_LOOKUPS, BY_UPDATE };
 static const char *const unit_names[UNITS] = {"Gaussian", "pair", "pixel", "parameter"};
-
-struct work {
-    double flop, bytes, lookups;
-    double lines; /* of 64 bytes, wherever they lie: each is a random read by itself */
-};
-
-struct stage {
-    const char *name, *title;
-    void (*run)(struct bench_scene *s);
-    struct work (*work)(const struct bench_scene *s);
-    enum unit unit;
-    enum bound bound;
-    bool uses_table;              /* the reference is for 2^21 rows a level */
-    double reference_ms[N_SIZES]; /* of one thread, docs/benchmarks.md */
-    double allowed;               /* times that */
-};
 
 struct timing {
     double cpu[MAX_ROUNDS], wall[MAX_ROUNDS];
@@ -52,242 +34,12 @@ struct options {
     bool alone, json;
 };
 
-/* ---- the stages ------------------------------------------------------------------------------ */
-
-static const struct spin_train_frame *frame_of(const struct bench_scene *s)
-{
-    return &s->trainer.frame[0];
-}
-
-static void run_contract(struct bench_scene *s)
-{
-    s->device.op->contract(&s->device, &s->trainer.field.transform, s->n, frame_of(s)->pos, 0.37f,
-                           s->trainer.field_eval.x_u);
-}
-
-static void run_grid(struct bench_scene *s)
-{
-    struct spin_field_eval *w = &s->trainer.field_eval;
-
-    s->device.op->grid(&s->device, &s->trainer.field.grid, s->trainer.table.p, s->n, w->x_u, w->z);
-}
-
-static void run_grid_lazy(struct bench_scene *s)
-{
-    struct spin_trainer *t = &s->trainer;
-
-    s->device.op->lazy_grid(&s->device, &t->field.grid, &s->lazy.lazy, t->table.p, t->table.m,
-                            t->table.v, s->n, t->field_eval.x_u, t->field_eval.z);
-}
-
-static void run_mlp(struct bench_scene *s)
-{
-    struct spin_field_eval *w = &s->trainer.field_eval;
-
-    s->device.op->mlp(&s->device, &s->trainer.field.heads, s->trainer.heads.p, s->n, w->z, w->raw);
-}
-
-static void run_attr(struct bench_scene *s)
-{
-    struct spin_field_eval *w = &s->trainer.field_eval;
-
-    s->device.op->attr(&s->device, s->n, w->raw, w->attr);
-}
-
-static void run_project(struct bench_scene *s)
-{
-    s->device.op->project(&s->device, &s->cam, s->n, frame_of(s)->pos, s->trainer.field_eval.attr,
-                          s->trainer.field.sh_degree, s->trainer.raster.splat2d);
-}
-
-static void run_lists(struct bench_scene *s)
-{
-    struct spin_raster *r = &s->trainer.raster;
-
-    s->device.op->tile_count(&s->device, &s->cam, s->n, r->splat2d, &r->tiles);
-    s->device.op->tile_fill(&s->device, &s->cam, s->n, r->splat2d, &r->tiles);
-}
-
-static void run_blend(struct bench_scene *s)
-{
-    struct spin_raster *r = &s->trainer.raster;
-
-    s->device.op->blend(&s->device, &s->cam, r->splat2d, &r->tiles, s->trainer.background, r->image,
-                        r->final_transmittance, r->last_contributor);
-}
-
-static void run_loss(struct bench_scene *s)
-{
-    struct spin_raster *r = &s->trainer.raster;
-    double values[3];
-
-    s->device.op->loss(&s->device, s->cam.width, s->cam.height, r->image, r->truth, NULL, 0.2f,
-                       1.0f, values, r->d_image);
-}
-
-static void run_blend_back(struct bench_scene *s)
-{
-    struct spin_raster *r = &s->trainer.raster;
-
-    s->device.op->blend_back(&s->device, &s->cam, s->n, r->splat2d, &r->tiles,
-                             s->trainer.background, r->final_transmittance, r->last_contributor,
-                             r->d_image, r->d_splat2d);
-}
-
-static void run_project_back(struct bench_scene *s)
-{
-    struct spin_raster *r = &s->trainer.raster;
-
-    s->device.op->project_back(&s->device, &s->cam, s->n, frame_of(s)->pos,
-                               s->trainer.field_eval.attr, s->trainer.field.sh_degree, r->splat2d,
-                               r->d_splat2d, s->trainer.field_eval.d_attr, s->trainer.d_pos);
-}
-
-/* All rows, as in the reference, whether they have a gradient or not. */
-static void run_attr_back(struct bench_scene *s)
-{
-    struct spin_field_eval *w = &s->trainer.field_eval;
-
-    s->device.op->activate_back(&s->device, s->n, NULL, w->raw, w->d_attr, w->d_raw);
-}
-
-static void run_mlp_back(struct bench_scene *s)
-{
-    struct spin_field_eval *w = &s->trainer.field_eval;
-
-    s->device.op->mlp_back(&s->device, &s->trainer.field.heads, s->trainer.heads.p, s->n, NULL,
-                           w->z, w->d_raw, s->trainer.heads.g, w->d_z);
-}
-
-static void run_grid_back(struct bench_scene *s)
-{
-    struct spin_field_eval *w = &s->trainer.field_eval;
-
-    s->device.op->grid_back(&s->device, &s->trainer.field.grid, s->trainer.table.p, s->n, NULL,
-                            w->x_u, w->d_z, s->trainer.table.g, w->d_x_u);
-}
-
-static void run_adam_lazy(struct bench_scene *s)
-{
-    struct spin_trainer *t = &s->trainer;
-    struct spin_param *p = &t->table;
-
-    s->device.op->lazy_adam(&s->device, &t->field.grid, &s->lazy.lazy, p->n, p->p, p->g, p->m, p->v,
-                            1e-7);
-    spin_lazy_advance(&s->lazy, 1e-7);
-}
-
-static void run_adam(struct bench_scene *s)
-{
-    struct spin_param *p = &s->trainer.table;
-
-    s->trainer.iteration++;
-    s->device.op->adam(&s->device, p->n, p->p, p->g, p->m, p->v, 1e-7, s->trainer.iteration);
-}
-
-static void run_step(struct bench_scene *s)
-{
-    struct spin_train_item item = {.taken = {.camera = &s->camera, .truth = s->truth}};
-    struct spin_train_values values = {0};
-
-    if (spin_trainer_step(&s->trainer, &item, 1, &values) != SPIN_OK)
-        exit(1);
-}
-
-/* ---- their work ------------------------------------------------------------------------------ */
-
-static double lookups_of(const struct bench_scene *s)
-{
-    return (double)s->n * s->trainer.field.grid.n_levels * 16;
-}
-
-/* Lines of the table that the points of the scene need, after a look at it as a lazy one. */
-static double lines_of(const struct bench_scene *s)
-{
-    const struct spin_lazy_adam *lazy = &s->lazy.lazy;
-    double n = 0;
-
-    for (size_t i = 0; i < s->lazy.n_lines; i++)
-        n += lazy->last[i] > 0;
-    return n;
-}
-
-static struct work work_grid(const struct bench_scene *s)
-{
-    return (struct work){
-        .lookups = lookups_of(s), .bytes = 16 * lookups_of(s), .lines = lines_of(s)};
-}
-
-/* Read, add and write the gradient; read the table for the positions. */
-static struct work work_grid_back(const struct bench_scene *s)
-{
-    return (struct work){.lookups = 2 * lookups_of(s), .bytes = 48 * lookups_of(s)};
-}
-
-static double multiply_adds(const struct bench_scene *s)
-{
-    const struct spin_heads *h = &s->trainer.field.heads;
-    double sum = 0;
-
-    for (int k = 0; k < SPIN_HEADS; k++)
-        sum += (double)h->hidden * (h->n_in + h->hidden + h->n_out[k]);
-    return sum * (double)s->n;
-}
-
-static struct work work_mlp(const struct bench_scene *s)
-{
-    return (struct work){.flop = 2 * multiply_adds(s), .bytes = 480.0 * (double)s->n};
-}
-
-/* The activations again, the gradient of the weights and of the inputs. */
-static struct work work_mlp_back(const struct bench_scene *s)
-{
-    return (struct work){.flop = 6 * multiply_adds(s), .bytes = 736.0 * (double)s->n};
-}
-
-static struct work work_adam(const struct bench_scene *s)
-{
-    return (struct work){.bytes = 32.0 * (double)s->trainer.table.n};
-}
-
-static struct work work_none(const struct bench_scene *s)
-{
-    (void)s;
-    return (struct work){0};
-}
-
-/* clang-format off */
-static const struct stage stages[] = {
-    {"contract", "contraction", run_contract, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
-    {"grid", "encode forward", run_grid, work_grid, PER_SPLAT, BY_LOOKUPS, 1, {7, 35, 131}, 1.5},
-    {"lazy_grid", "  of a lazy table", run_grid_lazy, work_grid, PER_SPLAT, BY_LOOKUPS, 0, {0}, 0},
-    {"mlp", "heads forward", run_mlp, work_mlp, PER_SPLAT, BY_FMA, 0, {5.5, 27, 109}, 1.3},
-    {"attr", "attributes", run_attr, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
-    {"project", "project + SH", run_project, work_none, PER_SPLAT, BY_NOTHING, 0, {1, 4, 17}, 1.5},
-    {"lists", "sort + tile lists", run_lists, work_none, PER_SPLAT, BY_NOTHING, 0, {.6, 1.6, 7.5}, 1.5},
-    {"blend", "raster forward", run_blend, work_none, PER_PAIR, BY_NOTHING, 0, {8, 14, 26}, 1.5},
-    {"loss", "L1 + SSIM, both ways", run_loss, work_none, PER_PIXEL, BY_NOTHING, 0, {6.4, 6.4, 6.4}, 1.5},
-    {"blend_back", "raster backward", run_blend_back, work_none, PER_PAIR, BY_NOTHING, 0, {12, 20, 38}, 1.5},
-    {"project_back", "project + SH backward", run_project_back, work_none, PER_SPLAT, BY_NOTHING, 0, {1.4, 6.5, 24}, 1.5},
-    {"activate_back", "attributes backward", run_attr_back, work_none, PER_SPLAT, BY_NOTHING, 0, {0}, 0},
-    {"mlp_back", "heads backward", run_mlp_back, work_mlp_back, PER_SPLAT, BY_FMA, 0, {15.5, 76, 303}, 1.3},
-    {"grid_back", "encode backward", run_grid_back, work_grid_back, PER_SPLAT, BY_LOOKUPS, 1, {22, 114, 404}, 1.5},
-    {"adam_lazy", "Adam, needed lines", run_adam_lazy, work_none, PER_SPLAT, BY_NOTHING, 1, {25, 57, 68}, 1.5},
-    {"adam", "Adam, all parameters", run_adam, work_adam, PER_PARAMETER, BY_UPDATE, 1, {108, 108, 108}, 1.5},
-};
-static const struct stage steps[] = {
-    {"step", "whole step", run_step, work_none, PER_SPLAT, BY_NOTHING, 1, {187, 412, 1174}, 1.5},
-    {"step_lazy", "whole step, lazy table", run_step, work_none, PER_SPLAT, BY_NOTHING, 1, {104, 361, 1134}, 1.5},
-};
-/* clang-format on */
-enum { N_STAGES = sizeof stages / sizeof stages[0], N_STEPS = sizeof steps / sizeof steps[0] };
-
 /* The same step by stock PyTorch on the CPU and a known trainer's rasteriser, docs/benchmarks.md. */
-static const double peers_ms[N_SIZES] = {1910, 3810, 19470};
+static const double peers_ms[BENCH_SIZES] = {1910, 3810, 19470};
 
 /* ---- measuring ------------------------------------------------------------------------------- */
 
-static void time_stage(const struct stage *stage, struct bench_scene *s, struct timing *t,
+static void time_stage(const struct bench_stage *stage, struct bench_scene *s, struct timing *t,
                        int round)
 {
     double cpu = bench_cpu_s(), wall = spin_now_s();
@@ -305,14 +57,14 @@ static int by_value(const void *a, const void *b)
 }
 
 struct row {
-    const struct stage *stage;
+    const struct bench_stage *stage;
     double cpu_ms, cpu_median_ms, wall_ms, each_ns, gflops, gbytes, share, ratio, peers;
     double lines, lines_ms; /* of the table, and the time of as many random reads */
 };
 
 static int reference_place(size_t n)
 {
-    for (int i = 0; i < N_SIZES; i++)
+    for (int i = 0; i < BENCH_SIZES; i++)
         if (reference_sizes[i] == n)
             return i;
     return -1;
@@ -332,8 +84,8 @@ static double units_of(const struct bench_scene *s, enum unit unit, double inter
     }
 }
 
-static double share_of(const struct stage *stage, const struct work *work, double seconds,
-                       const struct bench_scene *s, const struct bench_ceilings *c)
+static double share_of(const struct bench_stage *stage, const struct bench_work *work,
+                       double seconds, const struct bench_scene *s, const struct bench_ceilings *c)
 {
     switch (stage->bound) {
     case BY_FMA:
@@ -347,11 +99,11 @@ static double share_of(const struct stage *stage, const struct work *work, doubl
     }
 }
 
-static struct row row_of(const struct stage *stage, struct timing *t, int rounds, int n_threads,
-                         const struct bench_scene *s, const struct bench_ceilings *c,
+static struct row row_of(const struct bench_stage *stage, struct timing *t, int rounds,
+                         int n_threads, struct bench_scene *s, const struct bench_ceilings *c,
                          double intersections, int log2_rows)
 {
-    struct work work = stage->work(s);
+    struct bench_work work = stage->work(s);
     struct row row = {.stage = stage};
     int at = reference_place(s->n);
     double seconds;
@@ -370,7 +122,7 @@ static struct row row_of(const struct stage *stage, struct timing *t, int rounds
     row.lines_ms = 1e3 * work.lines / bench_lookups(c, 4 * s->trainer.table.n);
     if (at >= 0 && n_threads == 1 && stage->allowed > 0 && (!stage->uses_table || log2_rows == 21))
         row.ratio = row.cpu_ms / stage->reference_ms[at];
-    if (at >= 0 && n_threads == 1 && stage->run == run_step && log2_rows == 21)
+    if (at >= 0 && n_threads == 1 && strncmp(stage->name, "step", 4) == 0 && log2_rows == 21)
         row.peers = peers_ms[at] / row.cpu_ms;
     return row;
 }
@@ -410,10 +162,10 @@ static void print_row(const struct row *r)
 static void print_head(const struct bench_scene *s, int log2_rows, double intersections)
 {
     printf("\n%s, %zu Gaussians, 2^%d rows a level (%.1f M parameters), %.1f contributing pairs a "
-           "pixel, %u tile pairs\n",
+           "pixel, %llu tile pairs\n",
            s->device.description, s->n, log2_rows, (double)s->trainer.table.n / 1e6,
            intersections / ((double)s->cam.width * s->cam.height),
-           s->trainer.raster.tiles.n_intersections);
+           (unsigned long long)s->trainer.raster.tiles.n_intersections);
     printf("  %-22s %9s %9s %9s %9s %9s %9s %9s %9s\n", "", "cpu ms", "median", "wall ms",
            "ns each", "GFLOP/s", "GB/s", "ceiling", "reference");
 }
@@ -482,12 +234,12 @@ static void print_ceilings(int n_threads, const struct bench_ceilings *c)
 /* ---- one scene ------------------------------------------------------------------------------- */
 
 /* What is lazy has nothing to do the second time, and a step is no stage. */
-static bool repeats(const struct stage *stage)
+static bool repeats(const struct bench_stage *stage)
 {
     return !strstr(stage->name, "lazy") && strcmp(stage->name, "step") != 0;
 }
 
-static bool wanted(const struct options *o, const struct stage *stage)
+static bool wanted(const struct options *o, const struct bench_stage *stage)
 {
     return (!o->mode || strcmp(o->mode, stage->name) == 0) && (!o->alone || repeats(stage));
 }
@@ -495,15 +247,28 @@ static bool wanted(const struct options *o, const struct stage *stage)
 static spin_status fill_lists(struct bench_scene *s)
 {
     struct spin_trainer *t = &s->trainer;
+    struct spin_frame_batch frames = bench_frames(s);
+    struct spin_view_batch views = bench_views(s);
 
-    run_contract(s);
-    run_grid(s);
-    run_mlp(s);
-    run_attr(s);
-    t->device->op->upload(t->device, t->raster.truth, s->truth,
-                          (size_t)s->cam.width * (size_t)s->cam.height * 3 * sizeof(float));
-    return spin_raster_forward(&t->raster, &s->cam, s->n, frame_of(s)->pos, t->field_eval.attr,
-                               t->field.sh_degree, t->background);
+    spin_field_forward(&t->field_eval, &t->field, t->table.p, t->heads.p, &frames);
+    return spin_raster_forward(&t->raster, &views, &frames, t->field_eval.attr, t->field.sh_degree);
+}
+
+/* All rows count as active. */
+static spin_status fill_active(struct bench_scene *s)
+{
+    struct spin_device *d = &s->device;
+    uint32_t n = (uint32_t)s->n, *row;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(n, sizeof *row, &block));
+    row = block;
+    for (uint32_t i = 0; i < n; i++)
+        row[i] = i;
+    d->op->upload(d, s->trainer.field_eval.active.row, row, n * sizeof *row);
+    d->op->upload(d, s->trainer.field_eval.active.n, &n, sizeof n);
+    free(block);
+    return SPIN_OK;
 }
 
 static void zero_gradients(struct bench_scene *s)
@@ -529,42 +294,44 @@ static void report(const struct options *o, const struct row *row, spin_json *in
 static void time_alone(const struct options *o, struct bench_scene *s, struct timing *timing)
 {
     zero_gradients(s);
-    for (int i = 0; i < N_STAGES; i++)
-        time_stage(&stages[i], s, &timing[i], 0);
-    for (int i = 0; i < N_STAGES; i++)
-        for (int round = 0; round < o->rounds && wanted(o, &stages[i]); round++)
-            time_stage(&stages[i], s, &timing[i], round);
+    for (int i = 0; i < BENCH_STAGES; i++)
+        time_stage(&bench_stages[i], s, &timing[i], 0);
+    for (int i = 0; i < BENCH_STAGES; i++)
+        for (int round = 0; round < o->rounds && wanted(o, &bench_stages[i]); round++)
+            time_stage(&bench_stages[i], s, &timing[i], round);
 }
 
 static spin_status measure(const struct options *o, struct bench_scene *s, int n_threads,
                            int log2_rows, const struct bench_ceilings *c, spin_json *runs)
 {
-    static struct timing timing[N_STAGES + N_STEPS];
+    static struct timing timing[BENCH_STAGES + BENCH_STEPS];
     spin_json *rows = runs ? spin_json_array() : NULL;
     double intersections;
 
     SPIN_TRY(fill_lists(s)); /* grows what grows */
+    SPIN_TRY(fill_active(s));
     intersections = bench_scene_pairs(s);
     if (o->alone)
         time_alone(o, s, timing);
     for (int round = 0; round < o->rounds && !o->alone; round++) {
         zero_gradients(s);
-        for (int i = 0; i < N_STAGES; i++)
-            time_stage(&stages[i], s, &timing[i], round);
+        for (int i = 0; i < BENCH_STAGES; i++)
+            time_stage(&bench_stages[i], s, &timing[i], round);
     }
-    for (int i = 0; i < N_STEPS; i++) {
-        if (!wanted(o, &steps[i]))
+    for (int i = 0; i < BENCH_STEPS; i++) {
+        if (!wanted(o, &bench_steps[i]))
             continue;
         s->trainer.iteration = 0;
         if (i == 1)
             SPIN_TRY(spin_trainer_enable_lazy_adam(&s->trainer));
         for (int round = 0; round < o->rounds; round++)
-            time_stage(&steps[i], s, &timing[N_STAGES + i], round);
+            time_stage(&bench_steps[i], s, &timing[BENCH_STAGES + i], round);
     }
     if (!runs)
         print_head(s, log2_rows, intersections);
-    for (int i = 0; i < N_STAGES + N_STEPS; i++) {
-        const struct stage *stage = i < N_STAGES ? &stages[i] : &steps[i - N_STAGES];
+    for (int i = 0; i < BENCH_STAGES + BENCH_STEPS; i++) {
+        const struct bench_stage *stage =
+            i < BENCH_STAGES ? &bench_stages[i] : &bench_steps[i - BENCH_STAGES];
         struct row row;
 
         if (!wanted(o, stage))
@@ -580,7 +347,7 @@ static spin_status measure(const struct options *o, struct bench_scene *s, int n
         spin_json_set_integer(j, "log2_rows", log2_rows);
         spin_json_set_number(j, "pairs_per_pixel",
                              intersections / ((double)s->cam.width * s->cam.height));
-        spin_json_set_integer(j, "tile_pairs", s->trainer.raster.tiles.n_intersections);
+        spin_json_set_integer(j, "tile_pairs", (int64_t)s->trainer.raster.tiles.n_intersections);
         spin_json_set(j, "stages", rows);
         spin_json_push(runs, j);
     }
@@ -621,8 +388,8 @@ static void help(void)
            "  --gaussians 10000,50000,200000\n"
            "  --table 19,21         log2 of the rows a level\n"
            "  --mode NAME           one stage:");
-    for (int i = 0; i < N_STAGES; i++)
-        printf(" %s", stages[i].name);
+    for (int i = 0; i < BENCH_STAGES; i++)
+        printf(" %s", bench_stages[i].name);
     printf(" step step_lazy\n"
            "  --alone               each stage repeated by itself, not in its place in a step\n"
            "  --rounds 7            up to %d; the least and the median are shown\n"
@@ -652,10 +419,10 @@ static int read_list(const char *text, int list[MAX_LIST])
 
 static bool known_mode(const char *mode)
 {
-    bool known = strcmp(mode, steps[0].name) == 0 || strcmp(mode, steps[1].name) == 0;
+    bool known = strcmp(mode, bench_steps[0].name) == 0 || strcmp(mode, bench_steps[1].name) == 0;
 
-    for (int i = 0; i < N_STAGES; i++)
-        known |= strcmp(mode, stages[i].name) == 0;
+    for (int i = 0; i < BENCH_STAGES; i++)
+        known |= strcmp(mode, bench_stages[i].name) == 0;
     return known;
 }
 

@@ -22,11 +22,11 @@ double bench_lookups(const struct bench_ceilings *c, size_t bytes);
 struct bench_scene {
     struct spin_device device;
     struct spin_trainer trainer;
-    struct spin_lazy_table lazy; /* of the trainer's table, for the stages */
+    struct spin_lazy_adam *lazy;   /* of the trainer's table, for the stages */
+    struct spin_image_store photo; /* one */
     struct spin_camera camera;
     struct spin_camera_f32 cam;
     size_t n;
-    float *truth; /* host [3][h][w] */
     bool open;
 };
 
@@ -35,8 +35,38 @@ struct bench_scene {
 spin_status bench_scene_open(size_t n, int log2_rows, int n_threads, const char *path, int frame,
                              struct bench_scene *out);
 void bench_scene_close(struct bench_scene *s);
+/* The frame, and the view of it. */
+struct spin_frame_batch bench_frames(struct bench_scene *s);
+struct spin_view_batch bench_views(struct bench_scene *s);
 /* (splat, pixel) pairs that pass 1/255 before the pixel stops, after a forward pass. */
-double bench_scene_pairs(const struct bench_scene *s);
+double bench_scene_pairs(struct bench_scene *s);
+/* n values of the device's memory on the host, to be freed; or the end of the program. */
+void *bench_fetch(struct bench_scene *s, const void SPIN_DEV *from, size_t bytes);
+
+/* ---- stages.c ------------------------------------------------------------------------------- */
+
+enum { BENCH_STAGES = 16, BENCH_STEPS = 2, BENCH_SIZES = 3 };
+/* What a stage is counted in, and which ceiling bounds it. */
+enum unit { PER_SPLAT, PER_PAIR, PER_PIXEL, PER_PARAMETER, UNITS };
+enum bound { BY_NOTHING, BY_FMA, BY_LOOKUPS, BY_UPDATE };
+
+struct bench_work {
+    double flop, bytes, lookups;
+    double lines; /* of 64 bytes, wherever they lie: each is a random read by itself */
+};
+
+struct bench_stage {
+    const char *name, *title;
+    void (*run)(struct bench_scene *s);
+    struct bench_work (*work)(struct bench_scene *s);
+    enum unit unit;
+    enum bound bound;
+    bool uses_table;                  /* the reference is for 2^21 rows a level */
+    double reference_ms[BENCH_SIZES]; /* of one thread, docs/benchmarks.md */
+    double allowed;                   /* times that */
+};
+extern const struct bench_stage bench_stages[BENCH_STAGES];
+extern const struct bench_stage bench_steps[BENCH_STEPS]; /* whole ones */
 
 /* Seconds of processor time of this process. */
 double bench_cpu_s(void);

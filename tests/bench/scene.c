@@ -140,15 +140,18 @@ static spin_status open_trainer(struct bench_scene *s, int log2_rows)
 {
     static const int base[4] = {16, 16, 16, 8}, finest[4] = {2048, 2048, 2048, 128};
     struct spin_field field;
+    struct spin_param_group table;
 
     SPIN_TRY(spin_field_plan(&field, 16, 4, log2_rows, 64, 3, base, finest));
     field.time_last = 1;
-    SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &field, 1, &s->n, WIDTH * HEIGHT,
+    SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &field, 1, &s->n, 1, WIDTH * HEIGHT,
                                (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y, 0, false));
     s->trainer.frame[0].time = 0.37;
     s->trainer.lambda_dssim = 0.2f;
     set_rates(&s->trainer.rates);
-    SPIN_TRY(spin_lazy_enable(&s->lazy, &s->device, &field, s->trainer.rates.iterations));
+    table = spin_param_group(&s->trainer.table, 0, s->trainer.table.n, 0, 0);
+    SPIN_TRY(s->device.op->lazy_adam_enable(&s->device, &field.grid, &table,
+                                            s->trainer.rates.iterations, &s->lazy));
     return put_network(s);
 }
 
@@ -182,11 +185,14 @@ spin_status bench_scene_open(size_t n, int log2_rows, int n_threads, const char 
     SPIN_TRY_OUT(open_trainer(s, log2_rows));
     SPIN_TRY_OUT(put_points(s, splats.means));
     SPIN_TRY_OUT(spin_alloc((size_t)WIDTH * HEIGHT, 3 * sizeof(float), &block));
-    s->truth = block;
     for (size_t i = 0; i < (size_t)WIDTH * HEIGHT * 3; i++)
-        s->truth[i] = spin_rng_uniform(5, 0, i);
+        ((float *)block)[i] = spin_rng_uniform(5, 0, i);
+    SPIN_TRY_OUT(
+        spin_image_store_open(&s->photo, &s->device, 1, WIDTH * HEIGHT, SPIN_IMAGE_F32, false));
+    spin_image_store_put(&s->photo, 0, WIDTH * HEIGHT, block, NULL);
 out:
     spin_splats_free(&splats);
+    free(block);
     if (status != SPIN_OK)
         bench_scene_close(s);
     return status;
@@ -196,31 +202,65 @@ void bench_scene_close(struct bench_scene *s)
 {
     if (!s->open)
         return;
-    spin_lazy_close(&s->lazy, &s->device);
+    if (s->lazy)
+        s->device.op->lazy_adam_close(&s->device, s->lazy);
+    spin_image_store_close(&s->photo);
     spin_trainer_close(&s->trainer);
     spin_device_close(&s->device);
-    free(s->truth);
     memset(s, 0, sizeof *s);
 }
 
-double bench_scene_pairs(const struct bench_scene *s)
+struct spin_frame_batch bench_frames(struct bench_scene *s)
+{
+    struct spin_train_frame *frame = &s->trainer.frame[0];
+    struct spin_frame_batch frames = spin_one_frame(s->n, frame->pos, 0.37f, NULL);
+
+    frames.frame[0].d_means = s->trainer.d_pos;
+    return frames;
+}
+
+struct spin_view_batch bench_views(struct bench_scene *s)
+{
+    struct spin_view_batch views = spin_raster_batch(&s->trainer.raster, s->trainer.background);
+
+    spin_raster_add_view(&s->trainer.raster, &views, 0, s->n, &s->camera, false)->weight = 1;
+    return views;
+}
+
+void *bench_fetch(struct bench_scene *s, const void SPIN_DEV *from, size_t bytes)
+{
+    void *to = malloc(bytes + 1);
+
+    if (!to || s->device.op->download(&s->device, to, from, bytes) != SPIN_OK)
+        exit(1);
+    return to;
+}
+
+double bench_scene_pairs(struct bench_scene *s)
 {
     const struct spin_raster *r = &s->trainer.raster;
-    double intersections = 0;
+    size_t tiles = (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y;
+    uint32_t *intersections =
+        bench_fetch(s, r->tiles.intersections, r->tiles.n_intersections * sizeof *intersections);
+    uint32_t *start = bench_fetch(s, r->tiles.start, (tiles + 1) * sizeof *start);
+    struct spin_splat2d *splat2d = bench_fetch(s, r->splat2d, s->n * sizeof *splat2d);
+    int32_t *last = bench_fetch(s, r->last_contributor, WIDTH * HEIGHT * sizeof *last);
+    double pairs = 0;
 
     for (int py = 0; py < HEIGHT; py++)
         for (int px = 0; px < WIDTH; px++) {
             int tile = py / SPIN_TILE * s->cam.tiles_x + px / SPIN_TILE;
-            const uint32_t *list = r->tiles.intersections + r->tiles.start[tile];
+            const uint32_t *list = intersections + start[tile];
 
-            for (int i = 0; i < r->last_contributor[py * WIDTH + px]; i++) {
-                const struct spin_splat2d *p = r->splat2d + list[i];
+            for (int i = 0; i < last[py * WIDTH + px]; i++) {
+                const struct spin_splat2d *p = splat2d + list[i];
                 struct spin_blend_splat b =
                     spin_blend_prepare(p->u_px, p->v_px, p->conic, p->opacity, p->colour);
                 float power = spin_blend_power(&b, p->u_px - (float)px, p->v_px - (float)py);
 
-                intersections += spin_blend_counts(power, b.log2_opacity);
+                pairs += spin_blend_counts(power, b.log2_opacity);
             }
         }
-    return intersections;
+    free(intersections), free(start), free(splat2d), free(last);
+    return pairs;
 }

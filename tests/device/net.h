@@ -5,8 +5,7 @@
 
 #include "device/device.h"
 #include "math/rng.h"
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/device/verbs.h"
 
 static const char *const net_paths[] = {"base", "v3", "v4"};
 enum { N_NET_PATHS = 3 };

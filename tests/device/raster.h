@@ -6,8 +6,7 @@
 #include <stdint.h>
 
 #include "device/device.h"
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/device/verbs.h"
 
 struct view {
     char name[32];
@@ -17,8 +16,7 @@ struct view {
     float *pos_w, *attr;
     struct spin_splat2d *splat2d;
     struct spin_splat2d_grad *d_splat2d;
-    struct spin_tiles tiles;
-    size_t pairs_room;
+    struct host_tiles tiles;
     float *image, *final_transmittance, *d_image; /* [3][h][w], [h][w], [3][h][w] */
     int32_t *last_contributor;
     float *d_attr, *d_pos_w;
@@ -78,21 +76,15 @@ static inline void view_free(struct view *v)
 
 static inline void view_tiles(struct spin_device *d, struct view *v)
 {
-    d->op->tile_count(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles);
-    if (v->tiles.n_intersections > v->pairs_room || !v->tiles.intersections) {
-        free(v->tiles.intersections);
-        v->pairs_room = v->tiles.n_intersections;
-        v->tiles.intersections = take(v->pairs_room, sizeof(uint32_t));
-    }
-    d->op->tile_fill(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles);
+    on_tiles(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles);
 }
 
 static inline void view_forward(struct spin_device *d, struct view *v)
 {
-    d->op->project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d);
+    on_project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d);
     view_tiles(d, v);
-    d->op->blend(d, &v->cam, v->splat2d, &v->tiles, v->background, v->image, v->final_transmittance,
-                 v->last_contributor);
+    on_blend(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles, v->background, v->image,
+             v->final_transmittance, v->last_contributor);
 }
 
 /* After view_forward, from d_image. */
@@ -100,10 +92,10 @@ static inline void view_backward(struct spin_device *d, struct view *v)
 {
     memset(v->d_attr, 0, (size_t)v->n * SPIN_ATTR * sizeof(float));
     memset(v->d_pos_w, 0, (size_t)v->n * 3 * sizeof(float));
-    d->op->blend_back(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles, v->background,
-                      v->final_transmittance, v->last_contributor, v->d_image, v->d_splat2d);
-    d->op->project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d,
-                        v->d_splat2d, v->d_attr, v->d_pos_w);
+    on_blend_back(d, &v->cam, (size_t)v->n, v->splat2d, &v->tiles, v->background,
+                  v->final_transmittance, v->last_contributor, v->d_image, v->d_splat2d);
+    on_project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d,
+                    v->d_splat2d, v->d_attr, v->d_pos_w);
 }
 
 /* Rows `to` with a column taken from rows of `columns` floats. */

@@ -51,8 +51,8 @@ static void golden(const char *path)
         put(d_attr, g, n, at[k], width[k]);
         free(r), free(g);
     }
-    d->op->attr(d, n, raw, attr);
-    d->op->activate_back(d, n, NULL, raw, d_attr, d_raw);
+    on_activate(d, n, raw, attr);
+    on_activate_back(d, n, NULL, raw, d_attr, d_raw);
     compare(&npz, "scale", attr, n, SPIN_ATTR_SCALE, 3, path);
     compare(&npz, "rot", attr, n, SPIN_ATTR_ROTATION, 4, path);
     compare(&npz, "opacity", attr, n, SPIN_ATTR_OPACITY, 1, path);
@@ -91,7 +91,7 @@ static void differences(void)
     float *d_raw = net_floats(n * SPIN_ATTR);
     double worst = 0, h = 1e-5;
 
-    d->op->activate_back(d, n, NULL, raw, g, d_raw);
+    on_activate_back(d, n, NULL, raw, g, d_raw);
     for (size_t i = 0; i < n; i++) {
         double row[SPIN_ATTR], up, down;
 
@@ -132,13 +132,13 @@ static void rows_and_threads(void)
     g[2 * SPIN_ATTR + 5] = -0.0f; /* still nothing */
     for (int k = 0; k < 4; k++) {
         struct spin_device *d = check_device(threads[k]);
-        size_t n_found = d->op->active(d, n, g, d_pos, found);
+        size_t n_found = on_nonzero_grad(d, n, g, d_pos, found);
 
         ok(n_found == n_rows && memcmp(found, rows, n_rows * sizeof *rows) == 0,
            "active lists the rows with a gradient, %d threads", threads[k]);
-        d->op->attr(d, n, raw, attr[k > 0]);
-        d->op->activate_back(d, n_rows, rows, raw, g, d_raw[k > 0]);
-        d->op->activate_back(d, n, NULL, raw, g, full);
+        on_activate(d, n, raw, attr[k > 0]);
+        on_activate_back(d, n_rows, rows, raw, g, d_raw[k > 0]);
+        on_activate_back(d, n, NULL, raw, g, full);
         if (k) {
             check_same_bits(attr[1], attr[0], n * SPIN_ATTR * 4, "attr: same bits for any threads");
             check_same_bits(d_raw[1], d_raw[0], n * SPIN_ATTR * 4,
@@ -161,11 +161,11 @@ static void active_edges(void)
     float *g = net_floats(n * SPIN_ATTR), *d_pos = net_floats(n * 3);
     uint32_t *rows = net_take(n, sizeof *rows);
 
-    ok(d->op->active(d, n, g, d_pos, rows) == 0, "active of nothing");
-    ok(d->op->active(d, 0, g, d_pos, rows) == 0, "active of no rows");
+    ok(on_nonzero_grad(d, n, g, d_pos, rows) == 0, "active of nothing");
+    ok(on_nonzero_grad(d, 0, g, d_pos, rows) == 0, "active of no rows");
     d_pos[2999 * 3 + 2] = 1e-40f;
     g[SPIN_ATTR * 17 + 55] = NAN;
-    ok(d->op->active(d, n, g, d_pos, rows) == 2 && rows[0] == 17 && rows[1] == 2999,
+    ok(on_nonzero_grad(d, n, g, d_pos, rows) == 2 && rows[0] == 17 && rows[1] == 2999,
        "active sees the last column, NaN and a denormal position gradient");
     free(g), free(d_pos), free(rows);
     check_device_free(d);
@@ -185,7 +185,7 @@ static void shrinks(void)
         struct spin_device *d = check_device(n_threads[k]);
 
         g[k] = net_random((size_t)N * SPIN_ATTR, 8, -1, 1);
-        d->op->regularise_back(d, ROWS, rows, 0.5f, 0.25f, g[k]);
+        on_regularise_back(d, ROWS, rows, 0.5f, 0.25f, g[k]);
         check_device_free(d);
         check_same_bits(g[k], g[0], (size_t)N * SPIN_ATTR * sizeof(float), "shrink: same bits");
     }
@@ -214,8 +214,8 @@ static void sane(void)
 
     for (size_t i = 0; i < n * SPIN_ATTR; i++)
         raw[i] = extremes[i / SPIN_ATTR];
-    d->op->attr(d, n, raw, attr);
-    d->op->activate_back(d, n, NULL, raw, g, d_raw);
+    on_activate(d, n, raw, attr);
+    on_activate_back(d, n, NULL, raw, g, d_raw);
     ok(net_n_nan(attr, n * SPIN_ATTR) == 0 && net_n_nan(d_raw, n * SPIN_ATTR) == 0,
        "no NaN comes out");
     for (size_t i = 0; i < n; i++)

@@ -40,7 +40,7 @@ static void golden(const char *path)
         double *w = want + (step - 1) * n;
 
         memcpy(g, grad + (step - 1) * n, n * sizeof *g);
-        d->op->adam(d, n, p, g, m, v, lr[step - 1], (int64_t)step);
+        on_adam(d, n, p, g, m, v, lr[step - 1], (int64_t)step);
         memcpy(got, p, n * sizeof *p);
         for (size_t i = 0; i < n; i++)
             if (vanishes(grad, n_steps, n, i))
@@ -93,8 +93,8 @@ static void golden_lazy(void)
     for (size_t i = 0; i < n_steps; i++) {
         for (size_t f = 0; f < n_frames; f++)
             if (visited[i * n_frames + f] != 0)
-                d->op->adam(d, n, p + f * n, grad + (i * n_frames + f) * n, m + f * n, v + f * n,
-                            lr, ++step[f]);
+                on_adam(d, n, p + f * n, grad + (i * n_frames + f) * n, m + f * n, v + f * n, lr,
+                        ++step[f]);
         check_close(p, want + i * n_frames * n, n_frames * n,
                     check_tolerance("adam_lazy.npz", "p_abs", 1e-6), 0,
                     "golden p of frames visited now and then");
@@ -182,7 +182,7 @@ static void threads_and_paths(void)
         float *p = net_copy(p0, n), *g = net_copy(g0, n), *m = net_copy(m0, n),
               *v = net_copy(v0, n);
 
-        d->op->adam(d, n, p, g, m, v, 1e-2, 7);
+        on_adam(d, n, p, g, m, v, 1e-2, 7);
         if (first)
             check_same_bits(p, first, n * 4, "same bits for any number of threads");
         else
@@ -199,11 +199,11 @@ static void sane(void)
     float p[] = {1, 1, 1, 1, 1}, g[] = {0, 1e-30f, 1e30f, NAN, 0}, m[5] = {0}, v[5] = {0};
 
     m[4] = 1e-39f;
-    d->op->adam(d, 5, p, g, m, v, 1e-3, 1);
+    on_adam(d, 5, p, g, m, v, 1e-3, 1);
     ok(p[0] == 1.0f, "no gradient and no momentum: no move");
     ok(!isnan(p[1]) && !isnan(p[2]), "tiny and huge gradients give numbers");
     ok(isnan(p[3]) && !isnan(p[4]), "NaN stays in its own parameter");
-    d->op->adam(d, 0, p, g, m, v, 1e-3, 1);
+    on_adam(d, 0, p, g, m, v, 1e-3, 1);
     check_device_free(d);
 }
 

@@ -29,13 +29,13 @@ static void golden(const char *path)
     d_x = net_floats(n * 4);
     got = net_floats(n * 3);
     d_mu = net_floats(n * 3);
-    d->op->contract(d, &identity, n, mu, 0.25f, x);
+    on_contract(d, &identity, n, mu, 0.25f, x);
     for (size_t i = 0; i < n; i++) {
         memcpy(got + i * 3, x + i * 4, 3 * sizeof *got);
         memcpy(d_x + i * 4, v + i * 3, 3 * sizeof *got);
         d_x[i * 4 + 3] = 1e3f; /* the gradient to time is not used */
     }
-    d->op->contract_back(d, &identity, n, NULL, mu, d_x, d_mu);
+    on_contract_back(d, &identity, n, NULL, mu, d_x, d_mu);
     snprintf(what, sizeof what, "golden normalised (%s)", path);
     check_close(got, want, n * 3, abs, rel, what);
     snprintf(what, sizeof what, "golden grad_mu (%s)", path);
@@ -72,7 +72,7 @@ static void differences(void)
     float *d_pos = net_floats(n * 3);
     double worst = 0;
 
-    d->op->contract_back(d, &transform, n, NULL, pos, d_x, d_pos);
+    on_contract_back(d, &transform, n, NULL, pos, d_x, d_pos);
     for (size_t i = 0; i < n * 3; i++) {
         const float *at = pos + i / 3 * 3, *g = d_x + i / 3 * 4;
         double h = 1e-5, a[3] = {at[0], at[1], at[2]}, b[3] = {at[0], at[1], at[2]};
@@ -97,8 +97,8 @@ static void uncontracted(void)
     float want_d[] = {0.5f, 1, 1.5f, 2.5f, 3, 3.5f}, x[8], d_pos[6] = {0};
     struct spin_device *d = check_device(1);
 
-    d->op->contract(d, &transform, 2, pos, 0.5f, x);
-    d->op->contract_back(d, &transform, 2, NULL, pos, d_x, d_pos);
+    on_contract(d, &transform, 2, pos, 0.5f, x);
+    on_contract_back(d, &transform, 2, NULL, pos, d_x, d_pos);
     check_same_bits(x, want, sizeof x, "raw: outside stays outside");
     check_same_bits(d_pos, want_d, sizeof d_pos, "raw: the slope is the scale");
     check_device_free(d);
@@ -117,8 +117,8 @@ static void rows_and_threads(void)
         struct spin_device *d = check_device(threads[k]);
 
         d2 = net_floats(n * 3);
-        d->op->contract(d, &identity, n, pos, 0.5f, k ? x : x1);
-        d->op->contract_back(d, &identity, n_rows, rows, pos, d_x, d2);
+        on_contract(d, &identity, n, pos, 0.5f, k ? x : x1);
+        on_contract_back(d, &identity, n_rows, rows, pos, d_x, d2);
         if (k) {
             check_same_bits(x, x1, n * 16, "forward: same bits for any number of threads");
             check_same_bits(d2, d1, n * 12, "backward: same bits for any number of threads");
@@ -145,8 +145,8 @@ static void sane(void)
 
     for (int i = 0; i < 28; i++)
         d_x[i] = 1.0f;
-    d->op->contract(d, &identity, 7, pos, 7.0f, x);
-    d->op->contract_back(d, &identity, 7, NULL, pos, d_x, d_pos);
+    on_contract(d, &identity, 7, pos, 7.0f, x);
+    on_contract_back(d, &identity, 7, NULL, pos, d_x, d_pos);
     for (int i = 0; i < 24; i++)
         inside &= x[i] >= 0.0f && x[i] <= 1.0f;
     ok(inside, "huge and infinite points land in the cube");

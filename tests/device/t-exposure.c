@@ -5,8 +5,7 @@
 #include <stdlib.h>
 
 #include "math/exposure.h"
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/device/verbs.h"
 
 enum { PIXELS = 5000 };
 
@@ -16,7 +15,7 @@ static double value(struct spin_device *d, const float *exposure)
 {
     double sum = 0;
 
-    d->op->exposure(d, PIXELS, exposure, image, out);
+    on_exposure(d, PIXELS, exposure, image, out);
     for (int i = 0; i < 3 * PIXELS; i++)
         sum += (double)weight[i] * (double)out[i];
     return sum;
@@ -34,7 +33,7 @@ static void check_path(const char *path)
     for (int k = 0; k < 4; k++) {
         d = check_device(n_threads[k]);
         memcpy(back, weight, sizeof back);
-        d->op->exposure_back(d, PIXELS, exposure, image, back, d_exposure[k]);
+        on_exposure_back(d, PIXELS, exposure, image, back, d_exposure[k]);
         check_device_free(d);
         check_same_bits(d_exposure[k], d_exposure[0], sizeof d_exposure[0],
                         "the same bits on many threads");

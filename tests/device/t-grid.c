@@ -79,8 +79,8 @@ static void golden_core(const char *name, const char *path)
     d_table = net_floats(n_table);
     d_x = net_random(n * 4, 1, 1, 2); /* must be overwritten */
     d = check_device(2);
-    d->op->grid(d, &grid, table, n, x, z);
-    d->op->grid_back(d, &grid, table, n, NULL, x, v, d_table, d_x);
+    on_grid(d, &grid, table, n, x, z);
+    on_grid_back(d, &grid, table, n, NULL, x, v, d_table, d_x);
     snprintf(what, sizeof what, "golden %s y (%s)", name, path);
     check_rel_to_absmax(z, y, n * width, tol, what);
     snprintf(what, sizeof what, "golden %s grad_table (%s)", name, path);
@@ -167,8 +167,8 @@ static void golden_hash4d(const char *name, const char *path)
     d_table = net_floats(n_table);
     d_x = net_floats(n * 4);
     d = check_device(2);
-    d->op->grid(d, &grid, table, n, x, z);
-    d->op->grid_back(d, &grid, table, n, NULL, x, g, d_table, d_x);
+    on_grid(d, &grid, table, n, x, z);
+    on_grid_back(d, &grid, table, n, NULL, x, g, d_table, d_x);
     check_corner_rows(&npz, &grid, x, name);
     for (size_t i = 0; i < n * 4; i++)
         largest = fmax(largest, fabs(grad_x[i]));
@@ -293,8 +293,8 @@ static void against_plain(int n_features, int odd_rows)
     double *want = net_take(n * width, sizeof *want), worst = 0;
     char what[96];
 
-    d->op->grid(d, &grid, table, n, x, z);
-    d->op->grid_back(d, &grid, table, n, NULL, x, g, d_table, d_x);
+    on_grid(d, &grid, table, n, x, z);
+    on_grid_back(d, &grid, table, n, NULL, x, g, d_table, d_x);
     for (size_t i = 0; i < n; i++) {
         double at[4] = {x[i * 4], x[i * 4 + 1], x[i * 4 + 2], x[i * 4 + 3]};
 
@@ -316,7 +316,7 @@ static void against_plain(int n_features, int odd_rows)
     near(worst, 0, 3e-3, "position slopes (up to 200) are central differences");
     ok(d_x[3] == 0.0f, "no gradient to time");
     /* The output is linear in the table: g . grid(direction) = d_table . direction. */
-    d->op->grid(d, &grid, direction, n, x, z);
+    on_grid(d, &grid, direction, n, x, z);
     near(net_dot(d_table, direction, n_table), net_dot(g, z, n * width), 2e-4,
          "table slopes are those of a linear map");
     free(table), free(x), free(g), free(z), free(d_x), free(d_table), free(direction), free(want);
@@ -352,9 +352,9 @@ static void threads_and_paths(void)
             run.d_table = net_floats(n_table);
             run.d_table_only = net_floats(n_table);
             run.d_x = net_floats(n * 4);
-            d->op->grid(d, &grid, table, n, x, run.z);
-            d->op->grid_back(d, &grid, table, n_rows, rows, x, g, run.d_table, run.d_x);
-            d->op->grid_back(d, &grid, table, n_rows, rows, x, g, run.d_table_only, NULL);
+            on_grid(d, &grid, table, n, x, run.z);
+            on_grid_back(d, &grid, table, n_rows, rows, x, g, run.d_table, run.d_x);
+            on_grid_back(d, &grid, table, n_rows, rows, x, g, run.d_table_only, NULL);
             snprintf(what, sizeof what, "without the position gradient: same table (%s, %d)",
                      net_paths[p], threads[k]);
             check_same_bits(run.d_table_only, run.d_table, n_table * 4, what);
@@ -391,11 +391,11 @@ static void rows_are_compact(void)
     n_rows = net_rows(n, &rows);
     for (size_t i = 0; i < n_rows; i++)
         memcpy(listed_x + i * 4, x + rows[i] * 4, 16);
-    d->op->grid_back(d, &grid, table, n_rows, rows, x, g, t1, d1);
-    d->op->grid_back(d, &grid, table, n_rows, NULL, listed_x, g, t2, d2);
+    on_grid_back(d, &grid, table, n_rows, rows, x, g, t1, d1);
+    on_grid_back(d, &grid, table, n_rows, NULL, listed_x, g, t2, d2);
     check_same_bits(t1, t2, n_table * 4, "listed rows: same table gradient as the rows alone");
     check_same_bits(d1, d2, n * 16, "listed rows: same position gradient");
-    d->op->grid_back(d, &grid, table, 0, rows, x, g, t1, d1);
+    on_grid_back(d, &grid, table, 0, rows, x, g, t1, d1);
     check_same_bits(t1, t2, n_table * 4, "no rows: nothing happens");
     free(table), free(x), free(g), free(listed_x), free(t1), free(t2), free(d1), free(d2),
         free(rows);
@@ -417,28 +417,28 @@ static void sane(void)
 
     for (int i = 0; i < 7 * 16; i++)
         g[i] = 1.0f;
-    d->op->grid(d, &grid, table, 7, x, z);
+    on_grid(d, &grid, table, 7, x, z);
     for (int i = 32; i < 112; i++)
         zero &= z[i] == 0.0f;
     ok(zero, "outside or NaN gives zeros");
     ok(z[0] == table[(grid.offset[1] - 1) * 4], "x = 1 is the last vertex of a dense level");
     ok(z[16] == table[0], "x = 0 is the first vertex");
-    d->op->grid_back(d, &grid, table, 2, NULL, x, g, d_table, d_x);
+    on_grid_back(d, &grid, table, 2, NULL, x, g, d_table, d_x);
     before = net_copy(d_table, n_table);
     for (int i = 0; i < 28; i++)
         d_x[i] = 5.0f;
-    d->op->grid_back(d, &grid, table, 5, NULL, x + 8, g, d_table, d_x);
+    on_grid_back(d, &grid, table, 5, NULL, x + 8, g, d_table, d_x);
     check_same_bits(d_table, before, n_table * 4, "and no gradient to the table");
     zero = 1;
     for (int i = 0; i < 20; i++)
         zero &= d_x[i] == 0.0f;
     ok(zero, "and none to the position");
-    d->op->grid(d, &grid, table, 0, x, z);
+    on_grid(d, &grid, table, 0, x, z);
     free(table), free(d_table), free(before);
     check_device_free(d);
 }
 
-/* hash-encoder-4d.md section 1 gives the number of rows of these. */
+/* The number of rows of these, worked out from the formula of docs/method.md 3.3. */
 static uint64_t rows_of(int base_space, int base_time, int finest_time, int log2_rows)
 {
     int base[4] = {base_space, base_space, base_space, base_time};

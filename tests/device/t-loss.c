@@ -4,7 +4,7 @@
 #include "math/loss.h"
 #include "tests/device/raster.h"
 
-/* The variances of a flat picture are differences of nearly equal numbers, and method.md 5 asks 3e-4 of
+/* The variances of a flat picture are differences of nearly equal numbers, and docs/method.md 5 asks 3e-4 of
  * it, relative, not the others' absolute 2e-6. */
 static double value_tolerance(bool flat, double want)
 {
@@ -44,14 +44,21 @@ static void check_value(struct spin_npz *npz, int pair, bool flat, const char *n
     free(want);
 }
 
-static void check_psnr(struct spin_npz *npz, int pair, const float *image, const float *truth,
-                       size_t pixels)
+/* The device clamps, so what is not clamped comes from the formula alone. */
+static void check_psnr(struct spin_device *d, struct spin_npz *npz, int pair, int w, int h,
+                       float *image, const float *truth)
 {
     const char *names[3] = {"psnr", "psnr_channel_mean", "psnr_clamped"};
-    double got[3] = {spin_psnr_image(image, truth, pixels, 0),
-                     spin_psnr_channel_mean(image, truth, pixels, 0),
-                     spin_psnr_image(image, truth, pixels, 1)};
+    size_t pixels = (size_t)(w * h);
+    double got[3] = {spin_psnr(spin_squares(image, truth, 3 * pixels) / (3 * (double)pixels))};
+    double values[SPIN_MEASURE_VALUES];
 
+    for (size_t c = 0; c < 3; c++)
+        got[1] += spin_psnr(spin_squares(image + c * pixels, truth + c * pixels, pixels) /
+                            (double)pixels) /
+                  3;
+    on_measure(d, w, h, image, NULL, truth, NULL, values);
+    got[2] = spin_psnr(values[SPIN_MEASURE_SQUARES] / (3 * (double)pixels));
     for (int i = 0; i < 3; i++) {
         char key[32];
         double *want;
@@ -102,7 +109,7 @@ static void golden_pair(struct spin_device *d, struct spin_npz *npz, int pair)
     flat = is_flat(image, (size_t)(w * h)) && is_flat(truth, (size_t)(w * h));
     identical = memcmp(image, truth, info.count * sizeof *image) == 0;
     lambda = check_setting_or("loss.npz", "lambda_dssim", lambda_of(npz));
-    d->op->loss(d, w, h, image, truth, NULL, (float)lambda, 1, values, d_image);
+    on_loss(d, w, h, image, truth, NULL, (float)lambda, 1, values, d_image);
     check_value(npz, pair, flat, "loss", values[0]);
     check_value(npz, pair, flat, "l1", values[1]);
     check_value(npz, pair, flat, "ssim", values[2]);
@@ -111,12 +118,12 @@ static void golden_pair(struct spin_device *d, struct spin_npz *npz, int pair)
     check_gradient(identical, d_image, want, (size_t)info.count, key);
     free(want);
     /* lambda 1 leaves only SSIM: its gradient with the sign turned */
-    d->op->loss(d, w, h, image, truth, NULL, 1, -1, values, d_image);
+    on_loss(d, w, h, image, truth, NULL, 1, -1, values, d_image);
     snprintf(key, sizeof key, "%d_grad_ssim", pair);
     want = check_load(npz, key, NULL);
     check_gradient(identical, d_image, want, (size_t)info.count, key);
     free(want);
-    check_psnr(npz, pair, image, truth, (size_t)(w * h));
+    check_psnr(d, npz, pair, w, h, image, truth);
     free(image);
     free(truth);
     free(d_image);
@@ -141,6 +148,41 @@ static void golden(struct spin_device *d)
     spin_npz_close(&npz);
 }
 
+/* A photograph of bytes is one of floats, and regions are measured apart. */
+static void bytes(struct spin_device *d)
+{
+    enum { W = 33, H = 21, N = 3 * W * H };
+    float *x = take(N, 4), *again = take(N, 4), *y = take(N, 4);
+    uint8_t *rgb = take(N, 1), *mask = take((W * H + 7) / 8, 1);
+    double of_bytes[SPIN_MEASURE_VALUES], of_floats[SPIN_MEASURE_VALUES], sum[2] = {0}, red = 0;
+    uint64_t state = 5;
+
+    for (int i = 0; i < W * H; i++) {
+        for (int c = 0; c < 3; c++) {
+            rgb[3 * i + c] = (uint8_t)(256 * random_f(&state));
+            y[c * W * H + i] = (float)rgb[3 * i + c] / 255.0f;
+            x[c * W * H + i] = again[c * W * H + i] = random_between(&state, -0.2f, 1.2f);
+        }
+        mask[i / 8] |= (uint8_t)((i % 7 < 2) << i % 8);
+    }
+    on_measure(d, W, H, x, rgb, NULL, mask, of_bytes);
+    on_measure(d, W, H, again, NULL, y, mask, of_floats);
+    check_same_bits(of_bytes, of_floats, sizeof of_bytes, "bytes measure as their floats do");
+    for (int i = 0; i < N; i++) {
+        double off = (double)x[i] - (double)y[i];
+
+        sum[i % (W * H) % 7 < 2] += off * off;
+        red += i < W * H ? off * off : 0;
+        if (x[i] < 0 || x[i] > 1)
+            ok(0, "value %d is clamped", i);
+    }
+    near(of_bytes[SPIN_MEASURE_OUTSIDE], sum[0], 1e-4 * sum[0], "squares outside of the mask");
+    near(of_bytes[SPIN_MEASURE_INSIDE], sum[1], 1e-4 * sum[1], "squares inside of it");
+    near(of_bytes[SPIN_MEASURE_SQUARES], sum[0] + sum[1], 1e-4 * sum[0], "and of all");
+    near(of_bytes[SPIN_MEASURE_RED], red, 1e-4 * red, "and of red");
+    free(x), free(again), free(y), free(rgb), free(mask);
+}
+
 /* Along a random direction, far from |0|: (L(x + hv) - L(x - hv)) / 2h = g . v; all pixels alike, or
  * each with a weight of its own. */
 static void differences(struct spin_device *d, bool weighted)
@@ -158,16 +200,16 @@ static void differences(struct spin_device *d, bool weighted)
         v[i] = random_between(&state, -1, 1);
     }
     for (int i = 0; i < W * H; i++)
-        weights[i] = i % 5 == 0 ? 0 : random_between(&state, 0.5f, 4);
-    d->op->loss(d, W, H, x, y, w, 0.2f, 3, values, g);
+        weights[i] = i % 5 == 0 ? 0 : 2.5f;
+    on_loss(d, W, H, x, y, w, 0.2f, 3, values, g);
     for (int i = 0; i < N; i++) {
         along += (double)g[i] * v[i];
         moved[i] = x[i] + step * v[i];
     }
-    d->op->loss(d, W, H, moved, y, w, 0.2f, 3, high, NULL);
+    on_loss(d, W, H, moved, y, w, 0.2f, 3, high, NULL);
     for (int i = 0; i < N; i++)
         moved[i] = x[i] - step * v[i];
-    d->op->loss(d, W, H, moved, y, w, 0.2f, 3, low, NULL);
+    on_loss(d, W, H, moved, y, w, 0.2f, 3, low, NULL);
     near(along, 3 * (high[0] - low[0]) / (2 * step), 1e-3 * fabs(along) + 1e-4,
          weighted ? "and so when pixels count more or less often"
                   : "the gradient is 3 times the slope of the loss");
@@ -195,14 +237,14 @@ static void weights(struct spin_device *d)
     }
     for (int i = 0; i < W * H; i++) {
         one[i] = 1;
-        some[i] = i % W > 20 && i % W < 30 ? (float)(i % 3 + 1) : 0;
+        some[i] = i % W > 20 && i % W < 30 ? 3 : 0;
     }
-    d->op->loss(d, W, H, x, y, NULL, 0.2f, 1, plain, g);
-    d->op->loss(d, W, H, x, y, one, 0.2f, 1, values, other);
+    on_loss(d, W, H, x, y, NULL, 0.2f, 1, plain, g);
+    on_loss(d, W, H, x, y, one, 0.2f, 1, values, other);
     check_same_bits(values, plain, sizeof plain, "weights of 1: the loss without");
     check_same_bits(other, g, N * sizeof *g, "weights of 1: the gradient without");
 
-    d->op->loss(d, W, H, x, y, some, 0.2f, 1, plain, g);
+    on_loss(d, W, H, x, y, some, 0.2f, 1, plain, g);
     for (int i = 0; i < N; i++) {
         float w = some[i % (W * H)];
 
@@ -212,7 +254,7 @@ static void weights(struct spin_device *d)
     near(plain[1], sum / mass, 1e-6, "L1 is the weighted mean");
     for (int i = 0; i < W * H; i++)
         one[i] = 4 * some[i];
-    d->op->loss(d, W, H, x, y, one, 0.2f, 1, values, other);
+    on_loss(d, W, H, x, y, one, 0.2f, 1, values, other);
     for (int i = 0; i < N; i++)
         worst = fmax(worst, fabs((double)other[i] - (double)g[i]));
     ok(values[0] == plain[0] && worst == 0, "a common factor of four changes nothing");
@@ -221,7 +263,7 @@ static void weights(struct spin_device *d)
             outside = fmax(outside, fabs((double)g[i]));
             x[i] = 0.5f;
         }
-    d->op->loss(d, W, H, x, y, some, 0.2f, 1, values, NULL);
+    on_loss(d, W, H, x, y, some, 0.2f, 1, values, NULL);
     ok(outside == 0 && values[0] == plain[0], "what counts nowhere has no gradient and no part");
     free(x), free(y), free(g), free(other), free(one), free(some);
 }
@@ -240,7 +282,7 @@ static void same_bits(const char *path)
     for (int n = 1; n <= 8; n = n < 3 ? n + 1 : n + 5) {
         struct spin_device *d = device_of_path(path, n);
         char what[64];
-        d->op->loss(d, W, H, x, y, NULL, 0.2f, 1, n == 1 ? first : values, n == 1 ? one : more);
+        on_loss(d, W, H, x, y, NULL, 0.2f, 1, n == 1 ? first : values, n == 1 ? one : more);
         if (n > 1) {
             snprintf(what, sizeof what, "%s: values are the same with %d threads", path, n);
             check_same_bits(values, first, sizeof first, what);
@@ -267,11 +309,11 @@ static void extremes(struct spin_device *d)
         x[i] = 100.3f;
         y[i] = 0.7f;
     }
-    d->op->loss(d, W, H, x, y, NULL, 0.2f, 1, values, g);
+    on_loss(d, W, H, x, y, NULL, 0.2f, 1, values, g);
     for (int i = 0; i < N; i++)
         finite &= isfinite(g[i]);
     ok(finite && isfinite(values[0]), "flat images of 100 and 0.7 have a finite loss and gradient");
-    d->op->loss(d, 1, 1, x, x, NULL, 0.2f, 1, values, g);
+    on_loss(d, 1, 1, x, x, NULL, 0.2f, 1, values, g);
     near(values[0], 0, 1e-6, "one pixel equal to itself has no loss");
     near(values[2], 1, 1e-6, "and SSIM 1");
     free(x);
@@ -287,6 +329,7 @@ TAP_MAIN
             continue;
         printf("# code path %s\n", cpu_paths[i]);
         golden(d);
+        bytes(d);
         differences(d, false);
         differences(d, true);
         weights(d);

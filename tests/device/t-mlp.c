@@ -112,9 +112,9 @@ static void golden_decoder(const char *path)
                    (size_t)n_out[h] * sizeof *v);
         free(v);
     }
-    d->op->mlp(d, &heads, param, n, z, raw);
-    d->op->activate_back(d, n, NULL, raw, d_attr, d_raw);
-    d->op->mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
+    on_mlp(d, &heads, param, n, z, raw);
+    on_activate_back(d, n, NULL, raw, d_attr, d_raw);
+    on_mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
     for (int h = 0; h < SPIN_HEADS; h++) {
         snprintf(key, sizeof key, "raw_%s", names[h]);
         want = check_load(&npz, key, NULL);
@@ -158,8 +158,8 @@ static void golden_relu(const char *path)
     each_piece(&npz, "", param, 1, path);
     for (size_t i = 0; i < n; i++)
         memcpy(d_raw + i * SPIN_ATTR, v + i * 3, 3 * sizeof *v);
-    d->op->mlp(d, &heads, param, n, z, raw);
-    d->op->mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
+    on_mlp(d, &heads, param, n, z, raw);
+    on_mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
     columns_get(part, raw, n, SPIN_HEAD_SCALE);
     want = check_load(&npz, "y", NULL);
     snprintf(what, sizeof what, "golden relu y (%s)", path);
@@ -246,8 +246,8 @@ static void against_plain(int n_in, int hidden, int relu, size_t n)
     struct spin_device *d = check_device(2);
     char what[96];
 
-    d->op->mlp(d, &heads, param, n, z, raw);
-    d->op->mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
+    on_mlp(d, &heads, param, n, z, raw);
+    on_mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
     for (size_t i = 0; i < n_param; i++)
         p[i] = param[i];
     for (size_t i = 0; i < n; i++) {
@@ -306,8 +306,8 @@ static void threads_same(size_t n)
         float *raw = net_floats(n * SPIN_ATTR), *d_param = net_floats(n_param);
         float *d_z = net_floats(n * 64);
 
-        d->op->mlp(d, &heads, param, n, z, raw);
-        d->op->mlp_back(d, &heads, param, n_rows, rows, z, d_raw, d_param, d_z);
+        on_mlp(d, &heads, param, n, z, raw);
+        on_mlp_back(d, &heads, param, n_rows, rows, z, d_raw, d_param, d_z);
         if (k == 0) {
             first[0] = raw;
             first[1] = d_param;
@@ -340,17 +340,17 @@ static void rows_are_compact(void)
     n_rows = net_rows(n, &rows);
     for (size_t i = 0; i < n_rows; i++)
         memcpy(listed + i * 16, z + rows[i] * 16, 64);
-    d->op->mlp_back(d, &heads, param, n_rows, rows, z, d_raw, p1, z1);
-    d->op->mlp_back(d, &heads, param, n_rows, NULL, listed, d_raw, p2, z2);
+    on_mlp_back(d, &heads, param, n_rows, rows, z, d_raw, p1, z1);
+    on_mlp_back(d, &heads, param, n_rows, NULL, listed, d_raw, p2, z2);
     check_same_bits(p1, p2, n_param * 4, "listed rows: same weight gradient as the rows alone");
     check_same_bits(z1, z2, n * 64, "listed rows: same d_z");
     for (size_t i = 0; i < n_param; i++)
         twice[i] = 2.0 * p1[i];
-    d->op->mlp_back(d, &heads, param, n_rows, rows, z, d_raw, p1, z1);
+    on_mlp_back(d, &heads, param, n_rows, rows, z, d_raw, p1, z1);
     check_rel_to_absmax(p1, twice, n_param, 1e-6, "weight gradients add up over calls");
     memcpy(p2, p1, n_param * 4);
-    d->op->mlp_back(d, &heads, param, 0, rows, z, d_raw, p1, z1);
-    d->op->mlp(d, &heads, param, 0, z, z1);
+    on_mlp_back(d, &heads, param, 0, rows, z, d_raw, p1, z1);
+    on_mlp(d, &heads, param, 0, z, z1);
     check_same_bits(p1, p2, n_param * 4, "no rows: nothing happens");
     free(param), free(z), free(d_raw), free(listed), free(p1), free(p2), free(z1), free(z2);
     free(twice), free(rows);
@@ -367,13 +367,13 @@ static void sane(void)
     float *d_param = net_floats(n_param), *d_z = net_floats(n * 64);
 
     z[7 * 64 + 3] = NAN;
-    d->op->mlp(d, &heads, param, n, z, raw);
+    on_mlp(d, &heads, param, n, z, raw);
     ok(net_n_nan(raw, n * SPIN_ATTR) == SPIN_ATTR && isnan(raw[7 * SPIN_ATTR]),
        "NaN stays in its row");
     z[7 * 64 + 3] = 1e15f;
     z[8 * 64] = -1e-40f;
-    d->op->mlp(d, &heads, param, n, z, raw);
-    d->op->mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
+    on_mlp(d, &heads, param, n, z, raw);
+    on_mlp_back(d, &heads, param, n, NULL, z, d_raw, d_param, d_z);
     ok(net_n_nan(raw, n * SPIN_ATTR) + net_n_nan(d_param, n_param) + net_n_nan(d_z, n * 64) == 0,
        "huge and denormal features give numbers");
     free(param), free(z), free(raw), free(d_raw), free(d_param), free(d_z);

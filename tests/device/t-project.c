@@ -100,8 +100,8 @@ static void golden_backward(struct spin_device *d, struct spin_npz *npz, struct 
         memcpy(g->colour, colour + 3 * i, sizeof g->colour);
         g->opacity = opacity[i];
     }
-    d->op->project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d,
-                        v->d_splat2d, v->d_attr, v->d_pos_w);
+    on_project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d,
+                    v->d_splat2d, v->d_attr, v->d_pos_w);
     check_columns(npz, v, "grad_means", v->d_pos_w, 3, 0, 3, tolerance);
     check_columns(npz, v, "grad_scales", v->d_attr, SPIN_ATTR, SPIN_ATTR_SCALE, 3, tolerance);
     check_columns(npz, v, "grad_quats", v->d_attr, SPIN_ATTR, SPIN_ATTR_ROTATION, 4, tolerance);
@@ -124,7 +124,7 @@ static void golden(struct spin_device *d, const char *name)
         return;
     snprintf(file, sizeof file, "%s.npz", name);
     rel = check_tolerance(file, "projection_rel", 1e-5);
-    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
+    on_project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     check_culled(&npz, &v);
     /* u, v are sums of terms as large as the picture */
     check_visible(&npz, &v, "means2d", 2, get_mean, rel * v.cam.width, rel);
@@ -197,7 +197,7 @@ static void differences_of(struct spin_device *d, struct view *v, const struct g
             double *sum = side < 0 ? &low : &high;
             for (int k = 0; k < group->columns; k++)
                 p[k] = old[k] + (float)side * group->step * dir[k];
-            d->op->project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d);
+            on_project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, v->degree, v->splat2d);
             *sum = weighted(v, v->d_splat2d);
         }
         memcpy(p, old, (size_t)group->columns * sizeof *p);
@@ -225,10 +225,10 @@ static void differences(struct spin_device *d, bool antialias)
     for (int i = 0; i < v.n; i++)
         for (int c = 0; c < 3; c++)
             v.attr[SPIN_ATTR * i + SPIN_ATTR_SH + c] = 1; /* no channel near its clamp */
-    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
+    on_project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     weighted(&v, v.d_splat2d);
-    d->op->project_back(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d, v.d_splat2d,
-                        v.d_attr, v.d_pos_w);
+    on_project_back(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d, v.d_splat2d,
+                    v.d_attr, v.d_pos_w);
     for (size_t g = 0; g < sizeof groups / sizeof groups[0]; g++)
         differences_of(d, &v, groups + g);
     view_free(&v);
@@ -255,8 +255,8 @@ static void fades(struct spin_device *d)
             if (k < 2)
                 plain.pos_w[3 * i + k] = faint.pos_w[3 * i + k] = 0;
         }
-    d->op->project(d, &plain.cam, 30, plain.pos_w, plain.attr, 3, plain.splat2d);
-    d->op->project(d, &faint.cam, 30, faint.pos_w, faint.attr, 3, faint.splat2d);
+    on_project(d, &plain.cam, 30, plain.pos_w, plain.attr, 3, plain.splat2d);
+    on_project(d, &faint.cam, 30, faint.pos_w, faint.attr, 3, faint.splat2d);
     for (int i = 0; i < 30; i++) {
         double s = 0.02 * (i + 1) * (i + 1), want = s * s / (s * s + 0.3);
 
@@ -280,10 +280,10 @@ static void same_bits(const char *path)
         struct view *v = n == 1 ? &one : &more;
         struct spin_device *d = device_of_path(path, n);
         view_random(v, &camera, 3000, 3, 21);
-        d->op->project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, 3, v->splat2d);
+        on_project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, 3, v->splat2d);
         weighted(v, v->d_splat2d);
-        d->op->project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, 3, v->splat2d,
-                            v->d_splat2d, v->d_attr, v->d_pos_w);
+        on_project_back(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, 3, v->splat2d, v->d_splat2d,
+                        v->d_attr, v->d_pos_w);
         check_device_free(d);
         if (n == 1)
             continue;
@@ -314,7 +314,7 @@ static void bad_numbers(struct spin_device *d)
             float *p = k < 3 ? v.pos_w + k : v.attr + k - 3, old = *p;
             const struct spin_splat2d *s = v.splat2d;
             *p = bad[b];
-            d->op->project(d, &v.cam, 2, v.pos_w, v.attr, 3, v.splat2d);
+            on_project(d, &v.cam, 2, v.pos_w, v.attr, 3, v.splat2d);
             wrong += s->radius_px < 0 || s->x1 > v.cam.tiles_x || s->y1 > v.cam.tiles_y ||
                      (s->radius_px > 0 && !(s->x0 < s->x1 && s->y0 < s->y1));
             wrong += s->radius_px > 0 && !isfinite(s->u_px + s->v_px + s->conic[0] + s->conic[1] +
@@ -322,8 +322,8 @@ static void bad_numbers(struct spin_device *d)
             weighted(&v, v.d_splat2d);
             memset(v.d_attr, 0, 2 * SPIN_ATTR * sizeof(float));
             memset(v.d_pos_w, 0, 6 * sizeof(float));
-            d->op->project_back(d, &v.cam, 2, v.pos_w, v.attr, 3, v.splat2d, v.d_splat2d, v.d_attr,
-                                v.d_pos_w);
+            on_project_back(d, &v.cam, 2, v.pos_w, v.attr, 3, v.splat2d, v.d_splat2d, v.d_attr,
+                            v.d_pos_w);
             for (int c = 0; c < SPIN_ATTR; c++) {
                 spoiled += !isfinite(v.d_attr[SPIN_ATTR + c]);
                 spoiled += s->radius_px == 0 && v.d_attr[c] != 0;

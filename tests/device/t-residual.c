@@ -1,10 +1,9 @@
-/* A splat's own values beside the heads' outputs: where they go, back the same way, the same bits for any
- * number of threads.
+/* A splat's own values beside the heads' outputs, or without any: where they go, back the same way, the
+ * same bits for any number of threads.
  * K: threads residual */
 #include <stdlib.h>
 
-#include "tests/check.h"
-#include "tests/tap.h"
+#include "tests/device/verbs.h"
 
 enum { N = 2500, ROWS = 1700 };
 
@@ -33,7 +32,7 @@ static void check_path(const char *path, int n_threads)
     setenv("SPIN_CPU", path, 1);
     d = check_device(n_threads);
     memcpy(raw, first, sizeof raw);
-    d->op->residual(d, N, residual, raw);
+    on_residual(d, N, residual, raw);
     for (size_t i = 0; i < N; i++)
         for (int k = 0; k < SPIN_ATTR; k++) {
             float sum = first[i * SPIN_ATTR + (size_t)k] + of_own(residual, i, k);
@@ -42,9 +41,21 @@ static void check_path(const char *path, int n_threads)
         }
     ok(wrong == 0, "%s, %d threads: outputs plus own values (%d differ)", path, n_threads, wrong);
     wrong = 0;
+    memcpy(raw, first, sizeof raw);
+    on_residual_set(d, N, residual, raw);
+    for (size_t i = 0; i < N; i++)
+        for (int k = 0; k < SPIN_ATTR; k++) {
+            bool own = k < SPIN_ATTR_SH + 3 || k == SPIN_ATTR_OPACITY;
+            size_t at = i * SPIN_ATTR + (size_t)k;
+
+            wrong += raw[at] != (own ? of_own(residual, i, k) : first[at]);
+        }
+    ok(wrong == 0, "%s, %d threads: own values in place of outputs (%d differ)", path, n_threads,
+       wrong);
+    wrong = 0;
     for (size_t i = 0; i < SPIN_RESIDUAL * N; i++)
         d_residual[i] = 1;
-    d->op->residual_back(d, N, ROWS, rows, d_raw, d_residual);
+    on_residual_back(d, N, ROWS, rows, d_raw, d_residual);
     for (size_t i = 0, r = 0; i < N; i++) {
         bool active = r < ROWS && rows[r] == i;
 

@@ -106,7 +106,7 @@ static void golden(struct spin_device *d, const char *name)
 
     if (!view_load(&v, &npz, name))
         return;
-    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
+    on_project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, v.degree, v.splat2d);
     view_tiles(d, &v);
     want = check_load(&npz, "order", &info);
     order = plain_order(&v, &n);
@@ -144,7 +144,7 @@ static void many(struct spin_device *d, int n, float size_px)
     snprintf(v.name, sizeof v.name, "%d of %g px", n, (double)size_px);
     for (int i = 2; i < n; i += 3)
         v.pos_w[3 * i + 2] = v.pos_w[3 * (i - 1) + 2]; /* ties */
-    d->op->project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, 3, v.splat2d);
+    on_project(d, &v.cam, (size_t)v.n, v.pos_w, v.attr, 3, v.splat2d);
     view_tiles(d, &v);
     check_lists(&v);
     check_slots(&v);
@@ -177,7 +177,7 @@ static void same_bits(const char *path)
         struct view *v = n == 1 ? &one : &more;
         struct spin_device *d = device_of_path(path, n);
         view_random(v, &camera, 5000, 4, 33);
-        d->op->project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, 3, v->splat2d);
+        on_project(d, &v->cam, (size_t)v->n, v->pos_w, v->attr, 3, v->splat2d);
         view_tiles(d, v);
         check_device_free(d);
         if (n == 1)
@@ -196,9 +196,10 @@ static void too_many(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(16, 16, 20);
     struct spin_splat2d *s = take(17, sizeof *s);
+    struct spin_splat2d SPIN_DEV *splats;
     struct spin_tiles tiles = {0};
-    uint32_t rows[4];
-    float nothing[4] = {0};
+    struct loans l = {.d = d};
+    uint32_t found = 1;
 
     camera.width = camera.height = 65536;
     for (int i = 0; i < 17; i++)
@@ -210,9 +211,11 @@ static void too_many(struct spin_device *d)
                                      .radius_px = 1 << 20,
                                      .x1 = 4096,
                                      .y1 = 4096};
+    splats = lend(&l, s, 17 * sizeof *s);
     for (size_t n = 16; n <= 17; n++) {
         struct spin_camera_f32 cam = spin_camera_f32_from(&camera);
-        spin_status status = d->op->tile_count(d, &cam, n, s, &tiles);
+        struct spin_view_batch views = view_of_camera(&cam, n);
+        spin_status status = d->op->tile_count(d, &views, splats, &tiles);
 
         ok(n == 16 ? status == SPIN_OK && tiles.n_intersections == SPIN_MAX_PAIRS
                    : status == SPIN_E_MEMORY && strstr(spin_last_error(), "285212672 pairs"),
@@ -222,15 +225,25 @@ static void too_many(struct spin_device *d)
     for (int turn = 0; turn < 2; turn++) {
         struct spin_camera_f32 cam = spin_camera_f32_from(&camera);
         size_t n = (size_t)1 << 56;
+        struct spin_view_batch views = view_of_camera(&cam, n);
+        struct spin_frame_batch frames = frame_of(n);
+        struct spin_active active = {.most = n};
 
-        ok(d->op->tile_count(d, &cam, n, s, &tiles) == SPIN_E_MEMORY,
+        active.row = lend(&l, &found, sizeof found);
+        active.n = lend_both(&l, &found, sizeof found);
+        ok(d->op->tile_count(d, &views, splats, &tiles) == SPIN_E_MEMORY,
            "no memory for the lists: an error");
         ok(d->op->wait(d) == SPIN_OK, "which has been told");
-        ok(d->op->active(d, n, nothing, nothing, rows) == 0, "no memory for the rows: none");
+        d->op->nonzero_grad(d, &frames, lend(&l, s, sizeof *s), &active);
         ok(d->op->wait(d) == SPIN_E_MEMORY && strstr(spin_last_error(), "bytes"),
            "and wait() tells it");
         ok(d->op->wait(d) == SPIN_OK, "once");
+        settle(&l);
+        ok(found == 0, "no memory for the rows: none");
+        splats = lend(&l, s, 17 * sizeof *s);
+        found = 1;
     }
+    settle(&l);
     free(s);
 }
 

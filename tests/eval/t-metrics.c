@@ -398,7 +398,7 @@ static void check_tints(void)
                 spin_npz_open(part, &state) == SPIN_OK,
             "learns colours of cameras that see nothing: %s", spin_last_error()))
         return;
-    exposure = check_load_f32(&state, "tint/p", NULL);
+    exposure = check_load_f32(&state, "exposure/p", NULL);
     ok(largest_of(exposure, 0) == 0, "no gains");
     near(largest_of(exposure, 3), 0.005, 1e-6, "offsets, with a mean of 0");
     free(exposure);

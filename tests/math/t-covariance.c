@@ -240,7 +240,7 @@ static void test_rotations(void)
     near(worst_slice, 0, 1e-10, "slices agree with the inverse of the 4-D covariance");
 }
 
-/* The worked example of realtime4dgs.md. */
+/* The worked example, by hand. */
 static void test_pair_example(void)
 {
     const double l[4] = {-0.0785067, -0.1047020, -0.0832891, -0.4083459};
@@ -260,7 +260,7 @@ static void test_pair_example(void)
     near(spin_time_weight(dt, s.variance_t), 0.9759460, 2e-6, "pair of quaternions: weight");
 }
 
-/* The worked example of rotor4dgs.md. */
+/* The worked example, by hand. */
 static void test_rotor_example(void)
 {
     const double rotor[8] = {-0.1347521, -0.4475614, 0.4473197,  -0.2991245,

@@ -291,7 +291,7 @@ static void from_splats(void)
     spin_refine_cloud_free(&c);
 }
 
-/* What 3DGS takes (method.md, section 2). */
+/* What 3DGS takes (docs/method.md, section 2). */
 static void defaults(void)
 {
     struct spin_refine_options o;

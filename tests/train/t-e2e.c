@@ -1,8 +1,10 @@
 /* Whole training steps against PyTorch: losses iteration by iteration, the first picture, the
- * first gradients, the final weights; and the same bits for any number of threads.
+ * first gradients, the final weights; and the same bits for any number of threads, and
+ * on a device that works late and whose memory the host cannot read.
  * K: golden threads e2e */
 #include "train/step.h"
 #include "tests/check.h"
+#include "tests/device/strict.h"
 #include "tests/tap.h"
 
 enum { MOST = 16 }; /* frames, cameras, pictures of a batch */
@@ -133,12 +135,22 @@ static float *load_heads(struct fixture *f, const struct spin_field *m)
     return heads;
 }
 
-static float *tenfold(const float *m, size_t n)
+static float *fetch(struct spin_device *d, const float SPIN_DEV *from, size_t n)
 {
-    float *g = malloc(n * sizeof *g);
+    float *to = malloc(n * sizeof *to);
+
+    if (d->op->download(d, to, from, n * sizeof *to) != SPIN_OK)
+        ok(0, "downloads: %s", spin_last_error());
+    return to;
+}
+
+/* The gradient of the first step, from the moment m after it: m = 0.1 g. */
+static float *tenfold(struct spin_device *d, const float SPIN_DEV *m, size_t n)
+{
+    float *g = fetch(d, m, n);
 
     for (size_t i = 0; i < n; i++)
-        g[i] = 10 * m[i]; /* after one step m = 0.1 g */
+        g[i] *= 10;
     return g;
 }
 
@@ -146,15 +158,17 @@ static double setting(const char *path) { return check_setting("e2e.npz", path);
 
 static void fill_trainer(struct fixture *f, struct spin_trainer *t)
 {
-    memcpy(t->table.p, f->table0, t->table.n * sizeof(float));
-    memcpy(t->heads.p, f->heads0, t->heads.n * sizeof(float));
+    struct spin_device *d = t->device;
+
+    d->op->upload(d, t->table.p, f->table0, t->table.n * sizeof(float));
+    d->op->upload(d, t->heads.p, f->heads0, t->heads.n * sizeof(float));
     for (int k = 0; k < f->frames; k++) {
         char key[32];
         float *pos;
 
         snprintf(key, sizeof key, "pos0_%d", k);
         pos = check_load_f32(&f->npz, key, NULL);
-        memcpy(t->frame[k].pos, pos, f->points[k] * 3 * sizeof *pos);
+        d->op->upload(d, t->frame[k].pos, pos, f->points[k] * 3 * sizeof *pos);
         t->frame[k].time = k;
         free(pos);
     }
@@ -174,18 +188,41 @@ static void fill_trainer(struct fixture *f, struct spin_trainer *t)
 
 static void keep_first(struct fixture *f, struct spin_trainer *t, struct result *r)
 {
-    r->g1_table = tenfold(t->table.m, t->table.n);
-    r->g1_heads = tenfold(t->heads.m, t->heads.n);
-    for (int k = 0; k < f->frames; k++)
-        for (size_t i = 0; i < f->points[k] * 3; i++)
-            r->g1_pos[f->at[k] + i] = 10 * t->frame[k].m[i];
+    r->g1_table = tenfold(t->device, t->table.m, t->table.n);
+    r->g1_heads = tenfold(t->device, t->heads.m, t->heads.n);
+    for (int k = 0; k < f->frames; k++) {
+        float *g = tenfold(t->device, t->frame[k].m, f->points[k] * 3);
+
+        memcpy(r->g1_pos + f->at[k], g, f->points[k] * 3 * sizeof *g);
+        free(g);
+    }
 }
 
-static void run(struct fixture *f, int n_threads, struct result *r)
+/* The first picture, before any step. */
+static float *draw_first(struct fixture *f, struct spin_trainer *t,
+                         const struct spin_train_item *item)
 {
-    struct spin_device *d = check_device(n_threads);
+    struct spin_train_frame *frame = &t->frame[item->frame];
+    size_t n = f->points[item->frame];
+    struct spin_frame_batch frames =
+        spin_one_frame(n, frame->pos, spin_field_time(&t->field, frame->time), NULL);
+    struct spin_view_batch views = spin_raster_batch(&t->raster, t->background);
+
+    spin_raster_add_view(&t->raster, &views, 0, n, item->camera, false);
+    spin_field_forward(&t->field_eval, &t->field, t->table.p, t->heads.p, &frames);
+    if (spin_raster_forward(&t->raster, &views, &frames, t->field_eval.attr, f->sh_degree) !=
+        SPIN_OK)
+        ok(0, "draws: %s", spin_last_error());
+    return fetch(t->device, t->raster.image,
+                 3 * (size_t)(item->camera->width * item->camera->height));
+}
+
+static void run(struct fixture *f, struct spin_device *d, struct result *r)
+{
     struct spin_trainer t;
+    struct spin_image_store photos;
     size_t pixels = 0, tiles = 0;
+    int n_photos = f->frames * f->cameras;
 
     memset(r, 0, sizeof *r);
     load_model(f, &r->field);
@@ -201,10 +238,14 @@ static void run(struct fixture *f, int n_threads, struct result *r)
         pixels = p > pixels ? p : pixels;
         tiles = n > tiles ? n : tiles;
     }
-    ok(spin_trainer_open(&t, d, &r->field, f->frames, f->points, pixels, tiles, 0, false) ==
-           SPIN_OK,
+    ok(spin_trainer_open(&t, d, &r->field, f->frames, f->points, f->batch, pixels, tiles, 0,
+                         false) == SPIN_OK &&
+           spin_image_store_open(&photos, d, (size_t)n_photos, pixels, SPIN_IMAGE_F32, false) ==
+               SPIN_OK,
        "opens");
     fill_trainer(f, &t);
+    for (int k = 0; k < n_photos; k++)
+        spin_image_store_put(&photos, (uint32_t)k, pixels, f->truth + (size_t)k * 3 * pixels, NULL);
     for (int i = 0; i < f->steps; i++) {
         struct spin_train_item items[MOST] = {0};
         struct spin_train_values v = {0};
@@ -214,35 +255,32 @@ static void run(struct fixture *f, int n_threads, struct result *r)
             int camera = (int)f->order[(i * f->batch + k) * 2 + 1];
 
             items[k].frame = frame;
-            items[k].taken.camera = &f->camera[camera];
-            items[k].taken.truth = f->truth + (size_t)(frame * f->cameras + camera) * 3 * pixels;
+            items[k].camera = &f->camera[camera];
+            items[k].image = (uint32_t)(frame * f->cameras + camera);
         }
-        if (i == 0) { /* the first picture, before any step */
-            struct spin_camera_f32 cam = spin_camera_f32_from(items[0].taken.camera);
-            int first = items[0].frame;
-            struct spin_train_frame *frame = &t.frame[first];
-
-            spin_field_forward(&t.field_eval, &t.field, t.table.p, t.heads.p, f->points[first],
-                               frame->pos, spin_field_time(&t.field, frame->time), NULL);
-            if (spin_raster_forward(&t.raster, &cam, f->points[first], frame->pos,
-                                    t.field_eval.attr, f->sh_degree, t.background) == SPIN_OK) {
-                r->image0 = malloc(3 * pixels * sizeof(float));
-                memcpy(r->image0, t.raster.image, 3 * pixels * sizeof(float));
-            }
-        }
-        if (spin_trainer_step(&t, items, f->batch, &v) != SPIN_OK)
+        if (i == 0)
+            r->image0 = draw_first(f, &t, &items[0]);
+        if (spin_trainer_step(&t, &photos.images, items, f->batch, &v) != SPIN_OK)
             ok(0, "step %d: %s", i, spin_last_error());
         r->loss[i] = v.loss;
         if (i == 0)
             keep_first(f, &t, r);
     }
-    r->table = malloc(t.table.n * sizeof(float));
-    memcpy(r->table, t.table.p, t.table.n * sizeof(float));
-    r->heads = malloc(t.heads.n * sizeof(float));
-    memcpy(r->heads, t.heads.p, t.heads.n * sizeof(float));
+    r->table = fetch(d, t.table.p, t.table.n);
+    r->heads = fetch(d, t.heads.p, t.heads.n);
     for (int k = 0; k < f->frames; k++)
-        memcpy(r->pos + f->at[k], t.frame[k].pos, f->points[k] * 3 * sizeof(float));
+        if (d->op->download(d, r->pos + f->at[k], t.frame[k].pos,
+                            f->points[k] * 3 * sizeof *r->pos) != SPIN_OK)
+            ok(0, "downloads");
+    spin_image_store_close(&photos);
     spin_trainer_close(&t);
+}
+
+static void run_on_cpu(struct fixture *f, int n_threads, struct result *r)
+{
+    struct spin_device *d = check_device(n_threads);
+
+    run(f, d, r);
     check_device_free(d);
 }
 
@@ -343,40 +381,73 @@ static void check_first(struct fixture *f, struct result *r)
         }
 }
 
-static void check_path(struct fixture *f, const char *path)
+/* Everything against PyTorch. */
+static void check_golden(struct fixture *f, struct result *r, const char *what)
 {
-    struct result one, many;
     double *loss = check_load(&f->npz, "loss", NULL);
     double tolerance = check_tolerance("e2e.npz", "loss_abs", 5e-5), worst = 0;
     char key[48];
 
-    setenv("SPIN_CPU", path, 1);
-    run(f, 1, &one);
     for (int i = 0; i < f->steps; i++)
-        worst = fmax(worst, fabs(one.loss[i] - loss[i]));
-    ok(worst <= tolerance, "%s: %d losses follow PyTorch's (worst %.2g, tolerance %.2g)", path,
+        worst = fmax(worst, fabs(r->loss[i] - loss[i]));
+    ok(worst <= tolerance, "%s: %d losses follow PyTorch's (worst %.2g, tolerance %.2g)", what,
        f->steps, worst, tolerance);
-    check_first(f, &one);
+    check_first(f, r);
     for (int k = 0; k < f->frames; k++) {
         snprintf(key, sizeof key, "final_pos%d", k);
-        check_spread(f, key, one.pos + f->at[k], f->points[k] * 3, five_times(key, "median"),
+        check_spread(f, key, r->pos + f->at[k], f->points[k] * 3, five_times(key, "median"),
                      five_times(key, "p95"));
     }
-    check_spread(f, "final_table", one.table, one.field.n_table,
-                 five_times("final_table", "median"), five_times("final_table", "p95"));
+    check_spread(f, "final_table", r->table, r->field.n_table, five_times("final_table", "median"),
+                 five_times("final_table", "p95"));
     for (int h = 0; h < SPIN_HEADS; h++)
-        check_head(f, &one, h);
+        check_head(f, r, h);
+    free(loss);
+}
+
+static int same(struct fixture *f, const struct result *a, const struct result *b)
+{
+    return memcmp(a->loss, b->loss, (size_t)f->steps * sizeof *a->loss) == 0 &&
+           memcmp(a->table, b->table, a->field.n_table * sizeof(float)) == 0 &&
+           memcmp(a->heads, b->heads, a->field.n_heads * sizeof(float)) == 0 &&
+           memcmp(a->pos, b->pos, f->at[f->frames] * sizeof *a->pos) == 0;
+}
+
+static void check_path(struct fixture *f, const char *path)
+{
+    struct result one, many;
+
+    setenv("SPIN_CPU", path, 1);
+    run_on_cpu(f, 1, &one);
+    check_golden(f, &one, path);
     for (int n_threads = 2; n_threads <= 8; n_threads += n_threads == 2 ? 1 : 5) {
-        run(f, n_threads, &many);
-        ok(memcmp(one.loss, many.loss, (size_t)f->steps * sizeof *one.loss) == 0 &&
-               memcmp(one.table, many.table, one.field.n_table * sizeof(float)) == 0 &&
-               memcmp(one.heads, many.heads, one.field.n_heads * sizeof(float)) == 0 &&
-               memcmp(one.pos, many.pos, f->at[f->frames] * sizeof *one.pos) == 0,
-           "%s: %d threads give the bits of one", path, n_threads);
+        run_on_cpu(f, n_threads, &many);
+        ok(same(f, &one, &many), "%s: %d threads give the bits of one", path, n_threads);
         free_result(&many);
     }
     free_result(&one);
-    free(loss);
+}
+
+/* Late, and with memory that is not the host's: nothing is used before it was asked for. Then with all
+ * frames and views of a step in one call. */
+static void check_strict(struct fixture *f)
+{
+    struct result one, late;
+    struct spin_device *d = strict_open(check_device(1), 1, 1);
+    int complaints = strict_complaints();
+
+    run_on_cpu(f, 1, &one);
+    run(f, d, &late);
+    strict_close(d);
+    ok(same(f, &one, &late), "a strict device gives the same bits");
+    free_result(&one);
+    free_result(&late);
+    d = strict_open(check_device(2), SPIN_MAX_FRAMES, SPIN_MAX_VIEWS);
+    run(f, d, &late);
+    strict_close(d);
+    check_golden(f, &late, "all frames and views at once");
+    ok(strict_complaints() == complaints, "and it has nothing to complain about");
+    free_result(&late);
 }
 
 TAP_MAIN
@@ -436,6 +507,8 @@ TAP_MAIN
         spin_device_close(&d);
         check_path(&f, paths[i]);
     }
+    unsetenv("SPIN_CPU");
+    check_strict(&f);
     free(f.truth);
     free(f.order);
     free(f.table0);

@@ -3,6 +3,7 @@
  * K: refine explicit retrain options */
 #include "scene/clip.h"
 #include "eval/dynamic_mask.h"
+#include "render/image_store.h"
 #include "train/refine.h"
 
 #include "base/log.h"
@@ -54,9 +55,9 @@ static struct spin_refine_options same_options(const struct spin_retrain_options
     return o;
 }
 
-/* The training views of a frame, in the order of their cameras. */
+/* The training views of a frame, in the order of their cameras, with their images. */
 static int take_views(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
-                      struct spin_refine_view *view)
+                      struct spin_refine_view *view, struct spin_image_store *photos)
 {
     struct spin_image_cache pixels;
     struct spin_dynamic_mask dynamic = {0};
@@ -72,26 +73,48 @@ static int take_views(const struct spin_retrain_options *from, struct spin_clip 
     for (size_t i = 0; i < clip->views.n; i++) {
         const struct spin_view *v = &clip->views.view[i];
         size_t plane = (size_t)v->camera.width * (size_t)v->camera.height, n_dynamic;
-        float *truth, *weight;
+        float *truth;
+        uint8_t *mask;
 
         if (v->dataset_frame != clip->dataset_frame[frame] || v->camera_id == held_out[0] ||
             v->camera_id == held_out[1])
             continue;
-        truth = malloc(4 * plane * sizeof *truth);
-        weight = truth + 3 * plane;
-        if (!truth || n == MOST_VIEWS || spin_image_cache_get(&pixels, i, truth) != SPIN_OK ||
+        truth = malloc(3 * plane * sizeof *truth);
+        mask = calloc(plane / 8 + 1, 1);
+        if (!truth || !mask || plane > photos->images.max_pixels || n == MOST_VIEWS ||
+            spin_image_cache_get(&pixels, i, truth) != SPIN_OK ||
             spin_dynamic_mask_find(&dynamic, i, truth, &n_dynamic) != SPIN_OK)
             exit(1);
         for (size_t k = 0; k < plane; k++)
-            weight[k] = dynamic.mask[k] ? (float)from->dynamic_weight : 1;
+            mask[k / 8] |= (uint8_t)((dynamic.mask[k] != 0) << k % 8);
+        spin_image_store_put(photos, (uint32_t)n, plane, truth, photos->masks ? mask : NULL);
         view[n].camera = v->camera;
-        view[n].truth = truth;
-        view[n++].weight = from->dynamic_weight != 1 ? weight : NULL;
+        view[n].image = (uint32_t)n;
+        n++;
+        free(truth);
+        free(mask);
     }
     spin_dynamic_mask_close(&dynamic);
     spin_image_cache_close(&pixels);
     free(pairs);
     return n;
+}
+
+static void open_photos(const struct spin_retrain_options *from, const struct spin_clip *clip,
+                        struct spin_device *d, struct spin_image_store *photos)
+{
+    size_t most = 0;
+
+    for (size_t i = 0; i < clip->views.n; i++) {
+        const struct spin_camera *c = &clip->views.view[i].camera;
+        size_t plane = (size_t)c->width * (size_t)c->height;
+
+        most = plane > most ? plane : most;
+    }
+    if (spin_image_store_open(photos, d, MOST_VIEWS, most, SPIN_IMAGE_F32,
+                              from->dynamic_weight != 1) != SPIN_OK)
+        exit(1);
+    photos->images.mask_weight[1] = (float)from->dynamic_weight;
 }
 
 /* Frame `frame` of the clip, refined here. */
@@ -103,8 +126,11 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
     struct spin_refine_cloud cloud = {0};
     struct spin_splats s = {0};
     struct spin_device *d = check_device(1);
-    int n = take_views(from, clip, frame, view);
+    struct spin_image_store photos;
+    int n;
 
+    open_photos(from, clip, d, &photos);
+    n = take_views(from, clip, frame, view, &photos);
     o.densify.frame = clip->bundle.meta.frame[clip->frame[frame]].number;
     if (spin_bundle_frame(&clip->bundle, clip->frame[frame], SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                           &s) != SPIN_OK)
@@ -113,14 +139,13 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
              ? spin_refine_init_from_splats(&s, &cloud)
              : spin_refine_init_from_colours(&s, &cloud)) != SPIN_OK)
         exit(1);
-    if (spin_refine_frame(d, &o, view, n, NULL, &cloud, NULL) != SPIN_OK ||
+    if (spin_refine_frame(d, &o, &photos.images, view, n, NULL, &cloud, NULL) != SPIN_OK ||
         spin_refine_to_splats(&cloud, result) != SPIN_OK)
         exit(1);
     ok(n == 6 &&
            (from->max_points == 0 || (result->n > s.n && result->n <= (size_t)from->max_points)),
        "refined here from six views: %zu splats became %zu", s.n, result->n);
-    for (int i = 0; i < n; i++)
-        free((void *)(uintptr_t)view[i].truth);
+    spin_image_store_close(&photos);
     spin_refine_cloud_free(&cloud);
     spin_splats_free(&s);
     check_device_free(d);

@@ -13,9 +13,12 @@ enum { STEPS = 90, SETS = 7, POINTS = 24, LEVELS = 6 };
 struct table {
     struct spin_device *d;
     struct spin_field field;
-    struct spin_lazy_table lazy;
+    struct spin_lazy_adam *lazy;
     size_t n;
-    float *p, *g, *m, *v, *z;
+    struct loans loans; /* the arrays on the device */
+    struct spin_param_group group;
+    float SPIN_DEV *z;
+    float *host_z; /* [POINTS][LEVELS * 4] */
 };
 
 static void plan(struct spin_field *field)
@@ -28,24 +31,53 @@ static void plan(struct spin_field *field)
 static struct table table_of(int n_threads, int lazy)
 {
     struct table t = {.d = check_device(n_threads)};
+    float *host;
 
     plan(&t.field);
     t.n = t.field.n_table;
-    t.p = net_random(t.n, 1, -0.1f, 0.1f);
-    t.g = net_floats(t.n);
-    t.m = net_floats(t.n);
-    t.v = net_floats(t.n);
-    t.z = net_floats((size_t)POINTS * LEVELS * 4);
-    if (lazy && spin_lazy_enable(&t.lazy, t.d, &t.field, STEPS) != SPIN_OK)
+    t.loans.d = t.d;
+    host = net_random(t.n, 1, -0.1f, 0.1f);
+    t.group = (struct spin_param_group){.n = t.n};
+    t.group.p = lend(&t.loans, host, t.n * sizeof *host);
+    memset(host, 0, t.n * sizeof *host);
+    t.group.g = lend(&t.loans, host, t.n * sizeof *host);
+    t.group.m = lend(&t.loans, host, t.n * sizeof *host);
+    t.group.v = lend(&t.loans, host, t.n * sizeof *host);
+    t.host_z = net_floats((size_t)POINTS * LEVELS * 4);
+    t.z = lend_both(&t.loans, t.host_z, (size_t)POINTS * LEVELS * 4 * sizeof *host);
+    free(host);
+    if (lazy && t.d->op->lazy_adam_enable(t.d, &t.field.grid, &t.group, STEPS, &t.lazy) != SPIN_OK)
         ok(0, "opens");
     return t;
 }
 
 static void table_free(struct table *t)
 {
-    spin_lazy_close(&t->lazy, t->d);
-    free(t->p), free(t->g), free(t->m), free(t->v), free(t->z);
+    if (t->lazy)
+        t->d->op->lazy_adam_close(t->d, t->lazy);
+    settle(&t->loans);
+    free(t->host_z);
     check_device_free(t->d);
+}
+
+static float *fetch(struct table *t, const float SPIN_DEV *from, size_t n)
+{
+    float *to = net_floats(n);
+
+    ok(t->d->op->download(t->d, to, from, n * sizeof *to) == SPIN_OK, "downloads");
+    return to;
+}
+
+/* As if every line had taken every step. */
+static float *flush(struct table *t)
+{
+    float SPIN_DEV *out = lend_to(&t->loans, NULL, NULL, t->n * sizeof(float));
+    float *flushed;
+
+    t->d->op->lazy_adam_flush(t->d, t->lazy, out);
+    flushed = fetch(t, out, t->n);
+    t->d->op->release(t->d, out, t->loans.loan[--t->loans.n].bytes + 64);
+    return flushed;
 }
 
 /* The points of a set are needed together; set k comes rarely when k is large. */
@@ -65,18 +97,26 @@ static void step(struct table *t, int k)
     float *x = net_random(POINTS * 4, 100 + (uint64_t)set_of(k), 0, 1);
     float *d_z = net_random((size_t)POINTS * LEVELS * 4, 200 + (uint64_t)k, -1e-3f, 1e-3f);
     const struct spin_grid *grid = &t->field.grid;
+    struct loans l = {.d = t->d};
+    struct spin_active all = lend_active(&l, NULL, POINTS);
+    float SPIN_DEV *x_u = lend(&l, x, POINTS * 4 * sizeof *x);
 
-    if (t->lazy.lazy.last)
-        t->d->op->lazy_grid(t->d, grid, &t->lazy.lazy, t->p, t->m, t->v, POINTS, x, t->z);
+    if (t->lazy)
+        t->d->op->lazy_adam_grid(t->d, t->lazy, POINTS, x_u, t->z);
     else
-        t->d->op->grid(t->d, grid, t->p, POINTS, x, t->z);
-    t->d->op->grid_back(t->d, grid, t->p, POINTS, NULL, x, d_z, t->g, NULL);
-    if (t->lazy.lazy.last) {
-        t->d->op->lazy_adam(t->d, grid, &t->lazy.lazy, t->n, t->p, t->g, t->m, t->v, rate(k));
-        spin_lazy_advance(&t->lazy, rate(k));
-    } else {
-        t->d->op->adam(t->d, t->n, t->p, t->g, t->m, t->v, rate(k), k);
-    }
+        t->d->op->grid(t->d, grid, t->group.p, POINTS, x_u, t->z);
+    t->d->op->grid_back(t->d, grid, t->group.p, &all, x_u,
+                        lend(&l, d_z, (size_t)POINTS * LEVELS * 4 * sizeof *d_z), t->group.g, NULL);
+    t->group.lr = rate(k);
+    t->group.step = k;
+    if (t->lazy)
+        t->d->op->lazy_adam_step(t->d, t->lazy, rate(k));
+    else
+        t->d->op->adam(t->d, 1, &t->group);
+    settle(&l);
+    ok(t->d->op->download(t->d, t->host_z, t->z, (size_t)POINTS * LEVELS * 4 * sizeof(float)) ==
+           SPIN_OK,
+       "reads");
     free(x), free(d_z);
 }
 
@@ -93,36 +133,41 @@ static double worst(const float *a, const float *b, size_t n)
 static void equals_dense(const char *path)
 {
     struct table dense = table_of(1, 0), lazy = table_of(1, 1);
-    float *settled = net_floats(dense.n);
+    float *settled, *p, *v, *g, *last;
     double read = 0, moved;
     size_t behind = 0;
 
     for (int k = 1; k <= STEPS; k++) {
         step(&dense, k);
         step(&lazy, k);
-        read = fmax(read, worst(lazy.z, dense.z, (size_t)POINTS * LEVELS * 4));
+        read = fmax(read, worst(lazy.host_z, dense.host_z, (size_t)POINTS * LEVELS * 4));
     }
-    for (size_t i = 0; i < lazy.lazy.n_lines; i++)
-        behind += lazy.lazy.lazy.last[i] < STEPS;
-    ok(behind > lazy.lazy.n_lines / 2, "most lines are behind (%s)", path);
+    last = fetch(&lazy, lazy.lazy->last, lazy.lazy->n_lines);
+    for (size_t i = 0; i < lazy.lazy->n_lines; i++)
+        behind += last[i] < STEPS;
+    ok(behind > lazy.lazy->n_lines / 2, "most lines are behind (%s)", path);
     ok(read < 2e-6, "every step reads what the dense table has: %.1e (%s)", read, path);
-    moved = worst(lazy.p, dense.p, dense.n);
+    p = fetch(&dense, dense.group.p, dense.n);
+    v = fetch(&dense, dense.group.v, dense.n);
+    g = fetch(&lazy, lazy.group.p, lazy.n);
+    moved = worst(g, p, dense.n);
+    free(g);
     ok(moved > 1e-3, "unsettled they differ: %.1e (%s)", moved, path);
-    lazy.d->op->lazy_flush(lazy.d, &lazy.field.grid, &lazy.lazy.lazy, lazy.n, lazy.p, lazy.m,
-                           lazy.v, settled);
-    moved = worst(settled, dense.p, dense.n);
+    settled = flush(&lazy);
+    moved = worst(settled, p, dense.n);
     ok(moved < 2e-4, "settled they are equal: %.1e (%s)", moved, path);
     for (size_t i = 0; i < dense.n; i++)
-        if (dense.v[i] < 1e-23f) /* gradients near the 1e-15: between the two exact ends */
-            settled[i] = dense.p[i];
-    moved = worst(settled, dense.p, dense.n);
+        if (v[i] < 1e-23f) /* gradients near the 1e-15: between the two exact ends */
+            settled[i] = p[i];
+    moved = worst(settled, p, dense.n);
     ok(moved < 4e-6, "where gradients count, to %.1e (%s)", moved, path);
+    g = fetch(&lazy, lazy.group.g, lazy.n);
     for (size_t i = 0; i < lazy.n; i++)
-        if (lazy.g[i] != 0.0f) {
+        if (g[i] != 0.0f) {
             ok(0, "gradient %zu is left zero", i);
             break;
         }
-    free(settled);
+    free(settled), free(p), free(v), free(g), free(last);
     table_free(&dense);
     table_free(&lazy);
 }
@@ -134,18 +179,19 @@ static void same_bits(void)
 
     for (int i = 0; i < 4; i++) {
         struct table t = table_of(threads[i], 1);
-        float *settled = net_floats(t.n);
+        float *p;
 
         for (int k = 1; k <= STEPS; k++) {
             step(&t, k);
             if (i > 1 && k % 10 == 0) /* looking changes nothing */
-                t.d->op->lazy_flush(t.d, &t.field.grid, &t.lazy.lazy, t.n, t.p, t.m, t.v, settled);
+                free(flush(&t));
         }
+        p = fetch(&t, t.group.p, t.n);
         if (first)
-            check_same_bits(t.p, first, t.n * 4, "same bits for any number of threads");
+            check_same_bits(p, first, t.n * 4, "same bits for any number of threads");
         else
-            first = net_copy(t.p, t.n);
-        free(settled);
+            first = net_copy(p, t.n);
+        free(p);
         table_free(&t);
     }
     free(first);

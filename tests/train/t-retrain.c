@@ -3,6 +3,7 @@
  * K: retrain sound d3dgs */
 #include "base/log.h"
 #include "scene/clip.h"
+#include "model/field_eval.h"
 #include "render/raster.h"
 #include "tests/check.h"
 #include "tests/tap.h"
@@ -234,29 +235,32 @@ static void test_pairs(void)
     struct spin_device *d = check_device(1), poor;
     struct spin_device_ops ops;
     float pos[3] = {0, 0, 3}, attr[SPIN_ATTR] = {0}, black[3] = {0};
+    struct spin_frame_batch frames = spin_one_frame(1, pos, 0, NULL);
     struct spin_raster raster;
-    struct spin_camera_f32 cam;
 
     if (!d)
         return;
     camera.w2c[10] = 1;
-    cam = spin_camera_f32_from(&camera);
     attr[SPIN_ATTR_SCALE] = attr[SPIN_ATTR_SCALE + 1] = attr[SPIN_ATTR_SCALE + 2] = 1;
     attr[SPIN_ATTR_ROTATION] = attr[SPIN_ATTR_OPACITY] = 1;
     for (int k = 0; k < 2; k++) {
+        struct spin_view_batch views;
+
         poor = *d;
         ops = *d->op;
         poor.op = &ops;
         if (k == 1)
-            ops.memory = no_memory;
-        if (!ok(spin_raster_open(&raster, &poor, 1, 64 * 64, 16, true) == SPIN_OK, "opens"))
+            ops.memory_available = no_memory;
+        if (!ok(spin_raster_open(&raster, &poor, 1, 64 * 64, 16, 1, true) == SPIN_OK, "opens"))
             return;
+        views = spin_raster_batch(&raster, black);
+        spin_raster_add_view(&raster, &views, 0, 1, &camera, false);
         if (k == 0)
-            ok(spin_raster_forward(&raster, &cam, 1, pos, attr, 0, black) == SPIN_OK &&
+            ok(spin_raster_forward(&raster, &views, &frames, attr, 0) == SPIN_OK &&
                    raster.tiles.n_intersections == 16,
                "a splat over 16 tiles");
         else
-            ok(spin_raster_forward(&raster, &cam, 1, pos, attr, 0, black) == SPIN_E_MEMORY &&
+            ok(spin_raster_forward(&raster, &views, &frames, attr, 0) == SPIN_E_MEMORY &&
                    strstr(spin_last_error(), "16 pairs of splats and tiles") != NULL,
                "is refused where memory has no room for its pairs: %s", spin_last_error());
         spin_raster_close(&raster);
@@ -286,8 +290,8 @@ TAP_MAIN
     test_array("table/p", offsetof(struct spin_retrain_options, lr_table), false);
     test_array("heads/p", offsetof(struct spin_retrain_options, lr_head_factor), false);
     test_array("frames/", offsetof(struct spin_retrain_options, lr_position), false);
-    test_array("own/", offsetof(struct spin_retrain_options, lr_residual), false);
-    test_array("tint/p", offsetof(struct spin_retrain_options, lr_exposure), true);
+    test_array("residual/", offsetof(struct spin_retrain_options, lr_residual), false);
+    test_array("exposure/p", offsetof(struct spin_retrain_options, lr_exposure), true);
     test_when(2, "iteration 2:");
     test_when(150, "iteration 100:");
     test_last_good();

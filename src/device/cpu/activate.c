@@ -12,13 +12,14 @@ struct job {
     const uint32_t *rows;
     const float *raw, *d_attr, *d_pos_w;
     float *out;
-    uint32_t *found; /* [n], a chunk's own at its place */
-    uint32_t *count; /* [chunks] */
+    uint32_t first_row; /* of the frame */
+    uint32_t *found;    /* [n], a chunk's own at its place */
+    uint32_t *count;    /* [chunks] */
 };
 
 static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
 
-static void attr_task(void *context, int task, int worker)
+static void activate_task(void *context, int task, int worker)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
@@ -37,14 +38,16 @@ static void attr_task(void *context, int task, int worker)
     }
 }
 
-void SPIN_CPU(attr)(struct spin_device *d, size_t n, const float *raw, float *attr)
+void SPIN_CPU(activate)(struct spin_device *d, size_t n, const float *raw, float *attr)
 {
     struct job job = {.n = n, .raw = raw, .out = attr};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), n_chunks(n), attr_task, &job);
+    spin_pool_run(spin_cpu_pool(d), n_chunks(n), activate_task, &job);
+    spin_cpu_spent(d, SPIN_OP_ACTIVATE, start);
 }
 
-static void attr_back_task(void *context, int task, int worker)
+static void activate_back_task(void *context, int task, int worker)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
@@ -52,7 +55,7 @@ static void attr_back_task(void *context, int task, int worker)
 
     (void)worker;
     for (size_t i = first; i < end; i++) {
-        size_t row = job->rows ? job->rows[i] : i;
+        size_t row = job->rows[i];
         const float *h = job->raw + row * SPIN_ATTR, *g = job->d_attr + row * SPIN_ATTR;
         float *d_h = job->out + i * SPIN_ATTR;
 
@@ -65,12 +68,15 @@ static void attr_back_task(void *context, int task, int worker)
     }
 }
 
-void SPIN_CPU(activate_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
+void SPIN_CPU(activate_back)(struct spin_device *d, const struct spin_active *active,
                              const float *raw, const float *d_attr, float *d_raw)
 {
-    struct job job = {.n = n_rows, .rows = rows, .raw = raw, .d_attr = d_attr, .out = d_raw};
+    struct job job = {
+        .n = *active->n, .rows = active->row, .raw = raw, .d_attr = d_attr, .out = d_raw};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), n_chunks(n_rows), attr_back_task, &job);
+    spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), activate_back_task, &job);
+    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
 }
 
 /* All bits but the signs, or-ed: not zero when any value is (NaN counts, -0 does not). */
@@ -94,29 +100,45 @@ static void active_task(void *context, int task, int worker)
     for (size_t i = first; i < end; i++)
         if (any_set(job->d_attr + i * SPIN_ATTR, SPIN_ATTR) ||
             (job->d_pos_w && any_set(job->d_pos_w + i * 3, 3)))
-            found[n++] = (uint32_t)i;
+            found[n++] = job->first_row + (uint32_t)i;
     job->count[task] = n;
 }
 
-/* Every chunk lists its own, then the lists are put together in order. */
-size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, const float *d_pos_w,
-                        uint32_t *rows)
+/* Every chunk lists its own, then the lists are put together in order. Returns how many there are. */
+static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
+                            const float *d_attr, uint32_t *rows)
 {
-    int chunks = n_chunks(n);
-    uint32_t *scratch =
-        spin_cpu_scratch_need(d, SPIN_SCRATCH_ACTIVE, (n + (size_t)chunks + 1) * sizeof *scratch);
-    struct job job = {.n = n, .d_attr = d_attr, .d_pos_w = d_pos_w, .found = scratch};
-    size_t total = 0;
+    int chunks = n_chunks(frame->n);
+    uint32_t *scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_ACTIVE,
+                                              (frame->n + (size_t)chunks + 1) * sizeof *scratch);
+    struct job job = {.n = frame->n,
+                      .d_attr = d_attr + frame->first * SPIN_ATTR,
+                      .d_pos_w = frame->d_means,
+                      .first_row = (uint32_t)frame->first,
+                      .found = scratch};
+    uint32_t total = 0;
 
     if (!scratch)
         return 0;
-    job.count = scratch + n;
+    job.count = scratch + frame->n;
     spin_pool_run(spin_cpu_pool(d), chunks, active_task, &job);
     for (int c = 0; c < chunks; c++) {
         memcpy(rows + total, job.found + (size_t)c * CHUNK, job.count[c] * sizeof *rows);
         total += job.count[c];
     }
     return total;
+}
+
+void SPIN_CPU(nonzero_grad)(struct spin_device *d, const struct spin_frame_batch *frames,
+                            const float *d_attr, const struct spin_active *active)
+{
+    double start = spin_now_s();
+    uint32_t n = 0;
+
+    for (int f = 0; f < frames->n_frames; f++)
+        n += list_active(d, &frames->frame[f], d_attr, active->row + n);
+    *active->n = n;
+    spin_cpu_spent(d, SPIN_OP_NONZERO_GRAD, start);
 }
 
 struct regularise_back {
@@ -126,7 +148,7 @@ struct regularise_back {
     float *d_attr;
 };
 
-static void shrink_task(void *context, int task, int worker)
+static void regularise_task(void *context, int task, int worker)
 {
     const struct regularise_back *job = context;
     size_t first = (size_t)task * CHUNK;
@@ -142,10 +164,19 @@ static void shrink_task(void *context, int task, int worker)
     }
 }
 
-void SPIN_CPU(regularise_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                               float d_scale, float d_opacity, float *d_attr)
+void SPIN_CPU(regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                               const struct spin_active *active, float *d_attr)
 {
-    struct regularise_back job = {rows, n_rows, d_scale, d_opacity, d_attr};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), n_chunks(n_rows), shrink_task, &job);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const struct spin_frame_of_batch *frame = &frames->frame[f];
+        size_t first, n = SPIN_CPU(active_of)(active, frame, &first);
+        struct regularise_back job = {active->row + first, n, frame->d_scale, frame->d_opacity,
+                                      d_attr};
+
+        if (frame->d_scale != 0 || frame->d_opacity != 0)
+            spin_pool_run(spin_cpu_pool(d), n_chunks(n), regularise_task, &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
 }

@@ -25,7 +25,7 @@ struct job {
     const struct spin_camera_f32 *cam;
     size_t n;
     const struct spin_splat2d *splat2d;
-    const struct spin_tiles *tiles;
+    const uint32_t *lists, *start; /* of the view's tiles: struct spin_tiles */
     const float *background;
     float *image, *final_transmittance;
     int32_t *last_contributor;
@@ -119,8 +119,8 @@ static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
     return s;
 }
 
-/* What the exponent needs of every row of the tile: the distance, and the term without dx. In
- * memory, as a register is filled with one of them for nothing when it is loaded. */
+/* What the exponent needs of every row of the tile: the distance, and the term without dx. They are kept in
+ * memory because a load that copies one float into all lanes costs no more than a plain load. */
 struct rows {
     float dy[SIDE], c[SIDE];
     int begin, end; /* rows with a pixel that may count; an ellipse leaves no gap */
@@ -277,8 +277,8 @@ static void blend_task(void *context, int tile, int worker)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
-    const uint32_t *intersections = job->tiles->intersections + job->tiles->start[tile];
-    uint32_t n = job->tiles->start[tile + 1] - job->tiles->start[tile];
+    const uint32_t *intersections = job->lists + job->start[tile];
+    uint32_t n = job->start[tile + 1] - job->start[tile];
     struct ready ready;
     struct front f;
 
@@ -294,20 +294,28 @@ static void blend_task(void *context, int tile, int worker)
     front_end(job, &f, &p);
 }
 
-void SPIN_CPU(blend)(struct spin_device *d, const struct spin_camera_f32 *cam,
+void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
                      const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                     const float background[3], float *image, float *final_transmittance,
-                     int32_t *last_contributor)
+                     float *image, float *final_transmittance, int32_t *last_contributor)
 {
-    struct job job = {.cam = cam,
-                      .splat2d = splat2d,
-                      .tiles = tiles,
-                      .background = background,
-                      .image = image,
-                      .final_transmittance = final_transmittance,
-                      .last_contributor = last_contributor};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, blend_task, &job);
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        struct job job = {.cam = &view->camera,
+                          .splat2d = splat2d + view->first,
+                          .lists = tiles->intersections,
+                          .start = tiles->start + (size_t)k * (views->max_tiles + 1),
+                          .background = views->background,
+                          .image = spin_cpu_picture(views, k, image),
+                          .final_transmittance =
+                              final_transmittance + (size_t)k * views->max_pixels,
+                          .last_contributor = last_contributor + (size_t)k * views->max_pixels};
+
+        spin_pool_run(spin_cpu_pool(d), view->camera.tiles_x * view->camera.tiles_y, blend_task,
+                      &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_BLEND, start);
 }
 
 /* ---- Backward -------------------------------------------------------------------------------- */
@@ -463,8 +471,8 @@ static void back_task(void *context, int tile, int worker)
 {
     const struct job *job = context;
     struct place p = place_of(job->cam, tile);
-    const uint32_t *intersections = job->tiles->intersections + job->tiles->start[tile];
-    uint32_t n = job->tiles->start[tile + 1] - job->tiles->start[tile], end;
+    const uint32_t *intersections = job->lists + job->start[tile];
+    uint32_t n = job->start[tile + 1] - job->start[tile], end;
     struct ready ready;
     struct back b;
 
@@ -522,27 +530,41 @@ static void reduce_task(void *context, int task, int worker)
     }
 }
 
-void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                          const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                          const float background[3], const float *final_transmittance,
-                          const int32_t *last_contributor, const float *d_image,
-                          struct spin_splat2d_grad *d_splat2d)
+static void blend_view_back(struct spin_device *d, const struct spin_view_of_batch *view,
+                            struct job *job)
 {
-    struct job job = {.cam = cam,
-                      .n = n,
-                      .splat2d = splat2d,
-                      .tiles = tiles,
-                      .background = background,
-                      .final_t_in = final_transmittance,
-                      .n_used_in = last_contributor,
-                      .d_image = d_image,
-                      .d_splat2d = d_splat2d};
+    int n_tiles = view->camera.tiles_x * view->camera.tiles_y;
+    size_t slots = (size_t)(job->start[n_tiles] - job->start[0]) + 1;
 
-    job.slots = spin_cpu_scratch_need(d, SPIN_SCRATCH_BLEND,
-                                      ((size_t)tiles->n_intersections + 1) * sizeof *job.slots);
-    if (!job.slots)
+    job->slots = spin_cpu_scratch_need(d, SPIN_SCRATCH_BLEND, slots * sizeof *job->slots);
+    if (!job->slots)
         return;
-    spin_pool_run(spin_cpu_pool(d), cam->tiles_x * cam->tiles_y, back_task, &job);
-    spin_pool_run(spin_cpu_pool(d), (int)((n + REDUCE_CHUNK - 1) / REDUCE_CHUNK), reduce_task,
-                  &job);
+    spin_pool_run(spin_cpu_pool(d), n_tiles, back_task, job);
+    spin_pool_run(spin_cpu_pool(d), (int)((job->n + REDUCE_CHUNK - 1) / REDUCE_CHUNK), reduce_task,
+                  job);
+}
+
+void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *views,
+                          const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
+                          const float *final_transmittance, const int32_t *last_contributor,
+                          const float *d_image, struct spin_splat2d_grad *d_splat2d)
+{
+    double start = spin_now_s();
+
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        struct job job = {.cam = &view->camera,
+                          .n = view->n,
+                          .splat2d = splat2d + view->first,
+                          .lists = tiles->intersections,
+                          .start = tiles->start + (size_t)k * (views->max_tiles + 1),
+                          .background = views->background,
+                          .final_t_in = final_transmittance + (size_t)k * views->max_pixels,
+                          .n_used_in = last_contributor + (size_t)k * views->max_pixels,
+                          .d_image = d_image + (size_t)k * 3 * views->max_pixels,
+                          .d_splat2d = d_splat2d + view->first};
+
+        blend_view_back(d, view, &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_BLEND_BACK, start);
 }

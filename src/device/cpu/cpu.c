@@ -1,4 +1,5 @@
-/* The CPU device: memory, and the struct that says which function does which op. */
+/* The CPU device: memory, and which function is which verb. It works at once: on return from a verb its
+ * work is done. A frame and a view at a time fit its caches best. */
 #include "device/cpu/cpu.h"
 
 #include <stdio.h>
@@ -15,6 +16,8 @@ static spin_status open_cpu(struct spin_device *d, int n_threads)
 
     SPIN_TRY(spin_alloc(1, sizeof(struct spin_cpu), &block));
     d->state = block;
+    d->frames_at_once = d->views_at_once = 1;
+    d->is_host = true;
     status = spin_pool_create(n_threads, &((struct spin_cpu *)block)->pool);
     if (status != SPIN_OK) {
         free(block);
@@ -43,13 +46,40 @@ static void close_cpu(struct spin_device *d)
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)
 {
     struct spin_cpu *cpu = d->state;
+    spin_status status = spin_scratch_need(&cpu->scratch[which], bytes);
 
-    if (spin_scratch_need(&cpu->scratch[which], bytes) == SPIN_OK)
+    if (status == SPIN_OK)
         return cpu->scratch[which].block;
-    if (!cpu->no_memory[0])
-        snprintf(cpu->no_memory, sizeof cpu->no_memory, "%s", spin_last_error());
+    if (cpu->failed == SPIN_OK) {
+        cpu->failed = status;
+        snprintf(cpu->why, sizeof cpu->why, "%s", spin_last_error());
+    }
     return NULL;
 }
+
+static size_t place_of(const struct spin_active *active, size_t row)
+{
+    size_t low = 0, high = *active->n;
+
+    while (low < high) {
+        size_t middle = (low + high) / 2;
+
+        if (active->row[middle] < row)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+size_t SPIN_CPU(active_of)(const struct spin_active *active,
+                           const struct spin_frame_of_batch *frame, size_t *first)
+{
+    *first = place_of(active, frame->first);
+    return place_of(active, frame->first + frame->n) - *first;
+}
+
+/* ---- Memory ---------------------------------------------------------------------------------- */
 
 static spin_status reserve(struct spin_device *d, size_t bytes, void **out)
 {
@@ -64,34 +94,53 @@ static void release(struct spin_device *d, void *block, size_t bytes)
         spin_pages_release(block, bytes);
 }
 
-static void copy(struct spin_device *d, void *to, const void *from, size_t bytes)
+static void zero(struct spin_device *d, void *block, size_t bytes)
+{
+    double start = spin_now_s();
+
+    memset(block, 0, bytes);
+    spin_cpu_spent(d, SPIN_OP_CLEAR, start);
+}
+
+static void upload(struct spin_device *d, void *to, const void *host, size_t bytes)
 {
     (void)d;
     if (bytes)
-        memcpy(to, from, bytes);
+        memcpy(to, host, bytes);
 }
 
-static void zero(struct spin_device *d, void *block, size_t bytes)
-{
-    (void)d;
-    memset(block, 0, bytes);
-}
-
-spin_status SPIN_CPU(wait)(struct spin_device *d)
+static spin_status wait(struct spin_device *d)
 {
     struct spin_cpu *cpu = d->state;
 
-    if (!cpu->no_memory[0])
+    spin_status status = cpu->failed;
+
+    if (status == SPIN_OK)
         return SPIN_OK;
-    spin_fail(SPIN_E_MEMORY, "%s", cpu->no_memory);
-    cpu->no_memory[0] = '\0';
-    return spin_fail_context(SPIN_E_MEMORY, "scratch of an operation");
+    cpu->failed = SPIN_OK;
+    spin_fail(status, "%s", cpu->why);
+    return spin_fail_context(status, "scratch of an operation");
 }
 
-static size_t memory(struct spin_device *d)
+static spin_status download(struct spin_device *d, void *host, const void *from, size_t bytes)
+{
+    if (bytes)
+        memcpy(host, from, bytes);
+    return wait(d);
+}
+
+static size_t memory_available(struct spin_device *d)
 {
     (void)d;
     return spin_memory_available();
+}
+
+static double clock_of(struct spin_device *d, int op)
+{
+    double *seconds = &((struct spin_cpu *)d->state)->seconds[op], spent = *seconds;
+
+    *seconds = 0;
+    return spent;
 }
 
 extern const struct spin_device_ops SPIN_CPU(ops);
@@ -101,34 +150,42 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .close = close_cpu,
     .reserve = reserve,
     .release = release,
-    .upload = copy,
-    .download = copy,
     .zero = zero,
-    .wait = SPIN_CPU(wait),
-    .memory = memory,
+    .upload = upload,
+    .download = download,
+    .wait = wait,
+    .memory_available = memory_available,
+    .clock = clock_of,
     .contract = SPIN_CPU(contract),
     .contract_back = SPIN_CPU(contract_back),
     .grid = SPIN_CPU(grid),
     .grid_back = SPIN_CPU(grid_back),
     .mlp = SPIN_CPU(mlp),
     .mlp_back = SPIN_CPU(mlp_back),
-    .attr = SPIN_CPU(attr),
+    .residual = SPIN_CPU(residual),
+    .residual_set = SPIN_CPU(residual_set),
+    .residual_back = SPIN_CPU(residual_back),
+    .activate = SPIN_CPU(activate),
     .activate_back = SPIN_CPU(activate_back),
     .regularise_back = SPIN_CPU(regularise_back),
+    .nonzero_grad = SPIN_CPU(nonzero_grad),
     .project = SPIN_CPU(project),
     .project_back = SPIN_CPU(project_back),
+    .densify_stats = SPIN_CPU(densify_stats),
     .tile_count = SPIN_CPU(tile_count),
     .tile_fill = SPIN_CPU(tile_fill),
     .blend = SPIN_CPU(blend),
     .blend_back = SPIN_CPU(blend_back),
     .loss = SPIN_CPU(loss),
-    .residual = SPIN_CPU(residual),
-    .residual_back = SPIN_CPU(residual_back),
+    .measure = SPIN_CPU(measure),
     .exposure = SPIN_CPU(exposure),
     .exposure_back = SPIN_CPU(exposure_back),
-    .active = SPIN_CPU(active),
+    .exposure_centre = SPIN_CPU(exposure_centre),
     .adam = SPIN_CPU(adam),
-    .lazy_grid = SPIN_CPU(lazy_grid),
-    .lazy_adam = SPIN_CPU(lazy_adam),
-    .lazy_flush = SPIN_CPU(lazy_flush),
+    .lazy_adam_enable = SPIN_CPU(lazy_adam_enable),
+    .lazy_adam_close = SPIN_CPU(lazy_adam_close),
+    .lazy_adam_grid = SPIN_CPU(lazy_adam_grid),
+    .lazy_adam_step = SPIN_CPU(lazy_adam_step),
+    .lazy_adam_advance = SPIN_CPU(lazy_adam_advance),
+    .lazy_adam_flush = SPIN_CPU(lazy_adam_flush),
 };

@@ -4,6 +4,7 @@
 #ifndef SPIN_DEVICE_CPU_CPU_H
 #define SPIN_DEVICE_CPU_CPU_H
 
+#include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
 #include "device/device.h"
@@ -12,8 +13,7 @@
 #define SPIN_CPU_JOIN(path, name) SPIN_CPU_JOIN2(path, name)
 #define SPIN_CPU(name) SPIN_CPU_JOIN(SPIN_CPU_PATH, name)
 
-/* Scratch of the ops, grown when needed and kept. A failed growth inside an op ends the process with a
- * message: ops cannot fail, and their sizes were part of the plan. */
+/* Scratch of the verbs, grown when needed and kept. */
 enum spin_cpu_scratch {
     SPIN_SCRATCH_GRID,
     SPIN_SCRATCH_MLP,
@@ -21,6 +21,7 @@ enum spin_cpu_scratch {
     SPIN_SCRATCH_TILE_KEYS,
     SPIN_SCRATCH_BLEND,
     SPIN_SCRATCH_LOSS,
+    SPIN_SCRATCH_TRUTH,
     SPIN_SCRATCH_ACTIVE,
     SPIN_SCRATCHES
 };
@@ -28,94 +29,70 @@ enum spin_cpu_scratch {
 struct spin_cpu {
     struct spin_pool *pool;
     struct spin_scratch scratch[SPIN_SCRATCHES];
-    char no_memory[128]; /* why an op could not; "": all could */
+    double seconds[SPIN_N_OPS]; /* since the last clock() */
+    spin_status failed;         /* what the next wait() will report, once */
+    char why[256];
 };
 
-/* 64-byte aligned, contents undefined. NULL without memory: the op leaves its results as they are, and
- * the next wait() reports it. */
+/* 64-byte aligned, contents undefined. NULL when there is no memory: the verb then leaves its results as
+ * they are, and the next wait() or download() reports it. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
-spin_status SPIN_CPU(wait)(struct spin_device *d);
 
 static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
 {
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* grid.c */
-void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform *transform,
-                        size_t n, const float *pos_w, float t, float *x_u);
-void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
-                             size_t n_rows, const uint32_t *rows, const float *pos_w,
-                             const float *d_x_u, float *d_pos_w);
-void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const float *table,
-                    size_t n, const float *x_u, float *z);
-void SPIN_CPU(lazy_grid)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy_adam *lazy, float *p, float *m, float *v, size_t n,
-                         const float *x_u, float *z);
-void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, const float *table,
-                         size_t n_rows, const uint32_t *rows, const float *x_u, const float *d_z,
-                         float *d_table, float *d_x_u);
-/* mlp.c */
-void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const float *param,
-                   size_t n, const float *z, float *raw);
-void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, const float *param,
-                        size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
-                        float *d_param, float *d_z);
-/* attr.c */
-void SPIN_CPU(attr)(struct spin_device *d, size_t n, const float *raw, float *attr);
-void SPIN_CPU(activate_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                             const float *raw, const float *d_attr, float *d_raw);
-void SPIN_CPU(regularise_back)(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                               float d_scale, float d_opacity, float *d_attr);
-size_t SPIN_CPU(active)(struct spin_device *d, size_t n, const float *d_attr, const float *d_pos_w,
-                        uint32_t *rows);
-/* adam.c */
-void SPIN_CPU(adam)(struct spin_device *d, size_t n, float *p, float *g, float *m, float *v,
-                    double lr, int64_t step);
-void SPIN_CPU(lazy_adam)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy_adam *lazy, size_t n, float *p, float *g, float *m,
-                         float *v, double lr);
-void SPIN_CPU(lazy_flush)(struct spin_device *d, const struct spin_grid *grid,
-                          const struct spin_lazy_adam *lazy, size_t n, const float *p,
-                          const float *m, const float *v, float *out);
-/* project.c */
-void SPIN_CPU(project)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                       const float *pos_w, const float *attr, int sh_degree,
-                       struct spin_splat2d *splat2d);
-void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                            const float *pos_w, const float *attr, int sh_degree,
-                            const struct spin_splat2d *splat2d,
-                            const struct spin_splat2d_grad *d_splat2d, float *d_attr,
-                            float *d_pos_w);
-/* tile.c */
-spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                                 struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                                const struct spin_splat2d *splat2d, struct spin_tiles *tiles);
-/* blend.c */
-void SPIN_CPU(blend)(struct spin_device *d, const struct spin_camera_f32 *cam,
-                     const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                     const float background[3], float *image, float *final_transmittance,
-                     int32_t *last_contributor);
-void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                          const struct spin_splat2d *splat2d, const struct spin_tiles *tiles,
-                          const float background[3], const float *final_transmittance,
-                          const int32_t *last_contributor, const float *d_image,
-                          struct spin_splat2d_grad *d_splat2d);
-/* loss.c */
-void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *image,
-                    const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
-                    double values[3], float *d_image);
+/* The verb that began at start_s is over. */
+static inline void spin_cpu_spent(struct spin_device *d, int op, double start_s)
+{
+    ((struct spin_cpu *)d->state)->seconds[op] += spin_now_s() - start_s;
+}
 
-/* own.c */
-void SPIN_CPU(residual)(struct spin_device *d, size_t n, const float *residual, float *raw);
-void SPIN_CPU(residual_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
-                             const float *d_raw, float *d_residual);
-/* tint.c */
-void SPIN_CPU(exposure)(struct spin_device *d, size_t n_pixels, const float *exposure,
-                        const float *image, float *out);
-void SPIN_CPU(exposure_back)(struct spin_device *d, size_t n_pixels, const float *exposure,
-                             const float *image, float *d_image, float *d_exposure);
+static inline float *spin_cpu_picture(const struct spin_view_batch *views, int view,
+                                      float *pictures)
+{
+    return pictures ? pictures + (size_t)view * 3 * views->max_pixels : NULL;
+}
+
+/* Active rows of one frame: [first, first + returned) of the list. */
+size_t SPIN_CPU(active_of)(const struct spin_active *active,
+                           const struct spin_frame_of_batch *frame, size_t *first);
+
+/* A verb of the device has the type that its place in spin_device_ops has. */
+#define SPIN_CPU_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) SPIN_CPU(name)
+SPIN_CPU_VERB(contract); /* contract.c */
+SPIN_CPU_VERB(contract_back);
+SPIN_CPU_VERB(grid); /* grid.c */
+SPIN_CPU_VERB(grid_back);
+SPIN_CPU_VERB(lazy_adam_grid);
+SPIN_CPU_VERB(mlp); /* mlp.c */
+SPIN_CPU_VERB(mlp_back);
+SPIN_CPU_VERB(residual); /* residual.c */
+SPIN_CPU_VERB(residual_set);
+SPIN_CPU_VERB(residual_back);
+SPIN_CPU_VERB(activate); /* activate.c */
+SPIN_CPU_VERB(activate_back);
+SPIN_CPU_VERB(regularise_back);
+SPIN_CPU_VERB(nonzero_grad);
+SPIN_CPU_VERB(project); /* project.c */
+SPIN_CPU_VERB(project_back);
+SPIN_CPU_VERB(densify_stats); /* densify_stats.c */
+SPIN_CPU_VERB(tile_count);    /* tile.c */
+SPIN_CPU_VERB(tile_fill);
+SPIN_CPU_VERB(blend); /* blend.c */
+SPIN_CPU_VERB(blend_back);
+SPIN_CPU_VERB(loss); /* loss.c */
+SPIN_CPU_VERB(measure);
+SPIN_CPU_VERB(exposure); /* exposure.c */
+SPIN_CPU_VERB(exposure_back);
+SPIN_CPU_VERB(exposure_centre);
+SPIN_CPU_VERB(adam);             /* adam.c */
+SPIN_CPU_VERB(lazy_adam_enable); /* lazy_adam.c */
+SPIN_CPU_VERB(lazy_adam_close);
+SPIN_CPU_VERB(lazy_adam_step);
+SPIN_CPU_VERB(lazy_adam_advance);
+SPIN_CPU_VERB(lazy_adam_flush);
 
 #endif

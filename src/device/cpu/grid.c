@@ -1,4 +1,4 @@
-/* The encoder on the CPU: contraction, and the 4-D hash grid forward and backward.
+/* The 4-D hash grid on the CPU, forward and backward.
  *
  * Points go in blocks of 64. For one level, the rows and weights of all corners of a block are
  * computed first, in loops over points that become vector code; then every corner is one short
@@ -14,8 +14,8 @@
 #include <string.h>
 
 #include "device/cpu/denormals.h"
+#include "device/cpu/lazy_adam.h"
 #include "math/adam.h"
-#include "math/contract.h"
 #include "math/grid.h"
 
 enum { BLOCK = 64, CORNERS = 16, CHUNK = 4096 };
@@ -47,88 +47,6 @@ static inline __attribute__((always_inline)) void quad_store(float *p, quad v, i
 static int n_tasks_of(size_t n, size_t each) { return (int)((n + each - 1) / each); }
 
 static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i; }
-
-/* ---- contraction ----------------------------------------------------------------------------- */
-
-struct contract_job {
-    const struct spin_scene_transform *transform;
-    size_t n;
-    const uint32_t *rows;
-    const float *pos_w, *d_x_u;
-    float t, *x_u, *d_pos_w;
-};
-
-static inline spin_vec3 normalised(const struct spin_scene_transform *transform, const float *p)
-{
-    return spin_v3(spin_contract_axis(p[0], transform->centre[0], transform->inv_radius),
-                   spin_contract_axis(p[1], transform->centre[1], transform->inv_radius),
-                   spin_contract_axis(p[2], transform->centre[2], transform->inv_radius));
-}
-
-static void contract_task(void *context, int task, int worker)
-{
-    const struct contract_job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
-    float t = spin_clamp_unit(job->t);
-    bool raw = job->transform->raw;
-
-    (void)worker;
-    for (size_t i = first; i < end; i++) {
-        spin_vec3 p = normalised(job->transform, job->pos_w + i * 3);
-        spin_vec3 u = raw ? p : spin_contract(p);
-
-        job->x_u[i * 4] = u.x;
-        job->x_u[i * 4 + 1] = u.y;
-        job->x_u[i * 4 + 2] = u.z;
-        job->x_u[i * 4 + 3] = t;
-    }
-}
-
-void SPIN_CPU(contract)(struct spin_device *d, const struct spin_scene_transform *transform,
-                        size_t n, const float *pos_w, float t, float *x_u)
-{
-    struct contract_job job = {.transform = transform, .n = n, .pos_w = pos_w, .t = t, .x_u = x_u};
-
-    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, CHUNK), contract_task, &job);
-}
-
-static void contract_back_task(void *context, int task, int worker)
-{
-    const struct contract_job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
-    bool raw = job->transform->raw;
-
-    (void)worker;
-    for (size_t i = first; i < end; i++) {
-        size_t row = row_of(job->rows, i);
-        const float *d_u = job->d_x_u + i * 4;
-        float *d_p = job->d_pos_w + row * 3;
-        spin_vec3 g = spin_v3(d_u[0], d_u[1], d_u[2]);
-
-        if (!raw)
-            g = spin_contract_adj(normalised(job->transform, job->pos_w + row * 3), g);
-
-        d_p[0] += g.x * job->transform->inv_radius;
-        d_p[1] += g.y * job->transform->inv_radius;
-        d_p[2] += g.z * job->transform->inv_radius;
-    }
-}
-
-void SPIN_CPU(contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
-                             size_t n_rows, const uint32_t *rows, const float *pos_w,
-                             const float *d_x_u, float *d_pos_w)
-{
-    struct contract_job job = {.transform = transform,
-                               .n = n_rows,
-                               .rows = rows,
-                               .pos_w = pos_w,
-                               .d_x_u = d_x_u,
-                               .d_pos_w = d_pos_w};
-
-    spin_pool_run(spin_cpu_pool(d), n_tasks_of(n_rows, CHUNK), contract_back_task, &job);
-}
 
 /* ---- rows and weights of a block ------------------------------------------------------------- */
 
@@ -280,7 +198,7 @@ struct grid_job {
     float *z, *d_table;
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
-    const struct spin_lazy_adam *lazy;
+    const struct spin_cpu_lazy_adam *lazy;
     float *p, *m, *v; /* of a lazy table */
 };
 
@@ -373,8 +291,10 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
                     size_t n, const float *x_u, float *z)
 {
     struct grid_job job = {.grid = grid, .table = table, .n = n, .x_u = x_u, .z = z};
+    double start = spin_now_s();
 
     spin_pool_run(spin_cpu_pool(d), n_tasks_of(n, BLOCK), grid_task, &job);
+    spin_cpu_spent(d, SPIN_OP_GRID, start);
 }
 
 /* ---- forward, bringing lines of the table to the present step -------------------------------- */
@@ -382,8 +302,8 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
 /* Makes up for the steps that a line has missed. */
 static void bring(const struct grid_job *job, float from, size_t at)
 {
-    const struct spin_lazy_adam *lazy = job->lazy;
-    size_t step = (size_t)from, missed = (size_t)lazy->done - step;
+    const struct spin_cpu_lazy_adam *lazy = job->lazy;
+    size_t step = (size_t)from, missed = (size_t)lazy->public.done - step;
     float skipped_step = lazy->skipped_step[2 * step],
           skipped_eps = lazy->skipped_step[2 * step + 1];
     float decay_m = lazy->moment_decay[2 * missed], decay_v = lazy->moment_decay[2 * missed + 1];
@@ -397,15 +317,15 @@ static void bring(const struct grid_job *job, float from, size_t at)
 static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
                  size_t begin, size_t line, const struct ahead *next)
 {
-    float mark = (float)(job->lazy->done + 1), done = (float)job->lazy->done;
+    float mark = (float)(job->lazy->public.done + 1), done = (float)job->lazy->public.done;
+    float *lines = job->lazy->public.last;
     uint32_t width = (uint32_t)job->grid->n_features;
 
     for (int b = 0; b < m; b++) {
         size_t before = SIZE_MAX;
 
         for (int k = 0; k < CORNERS && next->c; k++)
-            __builtin_prefetch(
-                job->lazy->last + line + (size_t)next->c->row[k][b] * width / SPIN_LINE, 0, 2);
+            __builtin_prefetch(lines + line + (size_t)next->c->row[k][b] * width / SPIN_LINE, 0, 2);
         if (!p->inside[b])
             continue;
         for (int k = 0; k < CORNERS; k++) {
@@ -415,12 +335,12 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
             if (at == before) /* neighbours along x share a line, mostly */
                 continue;
             before = at;
-            last = job->lazy->last[at];
+            last = lines[at];
             if (last == mark)
                 continue;
             if (last != done)
                 bring(job, last, begin + at * SPIN_LINE);
-            job->lazy->last[at] = mark;
+            lines[at] = mark;
         }
     }
 }
@@ -455,14 +375,24 @@ static void grid_lazy_task(void *context, int task, int worker)
     spin_denormals_back(before);
 }
 
-void SPIN_CPU(lazy_grid)(struct spin_device *d, const struct spin_grid *grid,
-                         const struct spin_lazy_adam *lazy, float *p, float *m, float *v, size_t n,
-                         const float *x_u, float *z)
+void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy, size_t n,
+                              const float *x_u, float *z)
 {
-    struct grid_job job = {
-        .grid = grid, .table = p, .n = n, .x_u = x_u, .z = z, .lazy = lazy, .p = p, .m = m, .v = v};
+    const struct spin_cpu_lazy_adam *own = (const struct spin_cpu_lazy_adam *)lazy;
+    const struct spin_param_group *table = &own->table;
+    struct grid_job job = {.grid = &own->grid,
+                           .table = table->p,
+                           .n = n,
+                           .x_u = x_u,
+                           .z = z,
+                           .lazy = own,
+                           .p = table->p,
+                           .m = table->m,
+                           .v = table->v};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_lazy_task, &job);
+    spin_pool_run(spin_cpu_pool(d), own->grid.n_levels, grid_lazy_task, &job);
+    spin_cpu_spent(d, SPIN_OP_GRID, start);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
@@ -597,25 +527,27 @@ static void sum_levels_task(void *context, int task, int worker)
 }
 
 void SPIN_CPU(grid_back)(struct spin_device *d, const struct spin_grid *grid, const float *table,
-                         size_t n_rows, const uint32_t *rows, const float *x_u, const float *d_z,
+                         const struct spin_active *active, const float *x_u, const float *d_z,
                          float *d_table, float *d_x_u)
 {
     struct grid_job job = {.grid = grid,
                            .table = table,
-                           .n = n_rows,
-                           .rows = rows,
+                           .n = *active->n,
+                           .rows = active->row,
                            .x_u = x_u,
                            .d_z = d_z,
                            .d_table = d_table,
                            .d_x_u = d_x_u};
+    double start = spin_now_s();
 
     if (d_x_u) {
         job.d_x = spin_cpu_scratch_need(d, SPIN_SCRATCH_GRID,
-                                        (size_t)grid->n_levels * n_rows * sizeof(quad));
+                                        (size_t)grid->n_levels * job.n * sizeof(quad));
         if (!job.d_x)
             return;
     }
     spin_pool_run(spin_cpu_pool(d), grid->n_levels, grid_back_task, &job);
     if (d_x_u)
-        spin_pool_run(spin_cpu_pool(d), n_tasks_of(n_rows, CHUNK), sum_levels_task, &job);
+        spin_pool_run(spin_cpu_pool(d), n_tasks_of(job.n, CHUNK), sum_levels_task, &job);
+    spin_cpu_spent(d, SPIN_OP_GRID_BACK, start);
 }

@@ -1,4 +1,4 @@
-/* L1 + SSIM in two sweeps over bands of rows (method.md 5). The first windows x, y, x^2 + y^2 and
+/* L1 + SSIM in two sweeps over bands of rows (docs/method.md 5). The first windows x, y, x^2 + y^2 and
  * x y, and leaves the three slopes of the map; the second windows those. Bands depend only on the
  * image, and their sums are added in order. */
 #include <string.h>
@@ -233,9 +233,64 @@ static void backward_task(void *context, int task, int worker)
 
 static size_t round_up(size_t n) { return (n + 15) / 16 * 16; }
 
-void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *image,
-                    const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
-                    double values[3], float *d_image)
+/* ---- Photographs ----------------------------------------------------------------------------- */
+
+struct photo {
+    const uint8_t *rgb8, *mask;
+    size_t plane;
+    float weight[2];
+    float *truth, *pixel_weight;
+};
+
+enum { PHOTO_CHUNK = 1 << 14 }; /* pixels */
+
+static void photo_task(void *context, int task, int worker)
+{
+    const struct photo *p = context;
+    size_t first = (size_t)task * PHOTO_CHUNK;
+    size_t last = p->plane - first < PHOTO_CHUNK ? p->plane : first + PHOTO_CHUNK;
+
+    (void)worker;
+    for (size_t c = 0; p->rgb8 && c < 3; c++)
+        for (size_t i = first; i < last; i++)
+            p->truth[c * p->plane + i] = (float)p->rgb8[3 * i + c] / 255.0f;
+    for (size_t i = first; p->pixel_weight && i < last; i++)
+        p->pixel_weight[i] = p->weight[p->mask[i / 8] >> i % 8 & 1];
+}
+
+/* The view's photograph as floats, and its pixels' weights (NULL: all 1) when they are wanted.
+ * False: there is no memory. */
+static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *view,
+                       const struct spin_images *images, bool weights, const float **truth,
+                       const float **pixel_weight)
+{
+    size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
+    size_t at = (size_t)view->image * 3 * images->max_pixels;
+    struct photo p = {.plane = plane, .weight = {images->mask_weight[0], images->mask_weight[1]}};
+    float *scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_TRUTH, 4 * plane * sizeof *scratch);
+
+    if (!scratch)
+        return false;
+    p.truth = scratch;
+    if (images->rgb8)
+        p.rgb8 = images->rgb8 + at;
+    if (images->mask && weights) {
+        p.mask = images->mask + (size_t)view->image * ((images->max_pixels + 7) / 8);
+        p.pixel_weight = scratch + 3 * plane;
+    }
+    if (p.rgb8 || p.mask)
+        spin_pool_run(spin_cpu_pool(d), (int)((plane + PHOTO_CHUNK - 1) / PHOTO_CHUNK), photo_task,
+                      &p);
+    *truth = p.rgb8 ? p.truth : images->f32 + at;
+    *pixel_weight = p.pixel_weight;
+    return true;
+}
+
+/* ---- Verbs ----------------------------------------------------------------------------------- */
+
+static void lose(struct spin_device *d, int width, int height, const float *image,
+                 const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
+                 double values[SPIN_LOSS_VALUES], float *d_image)
 {
     struct job job = {.width = width,
                       .height = height,
@@ -280,4 +335,64 @@ void SPIN_CPU(loss)(struct spin_device *d, int width, int height, const float *i
     values[0] = (1 - (double)lambda_dssim) * values[1] + (double)lambda_dssim * (1 - values[2]);
     if (d_image)
         spin_pool_run(spin_cpu_pool(d), 3 * job.bands, backward_task, &job);
+}
+
+void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
+                    const struct spin_images *images, float lambda_dssim, const float *image,
+                    double *values, float *d_image)
+{
+    double start = spin_now_s();
+
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        const float *truth, *pixel_weight;
+
+        if (!load_photo(d, view, images, true, &truth, &pixel_weight))
+            return;
+        lose(d, view->camera.width, view->camera.height, image + (size_t)k * 3 * views->max_pixels,
+             truth, pixel_weight, lambda_dssim, view->weight,
+             values + (size_t)view->value * SPIN_LOSS_VALUES, spin_cpu_picture(views, k, d_image));
+    }
+    spin_cpu_spent(d, SPIN_OP_LOSS, start);
+}
+
+/* Sums of squares, apart for pixels whose bit is 0 and 1. */
+static void sum_regions(size_t plane, const float *image, const float *truth, const uint8_t *mask,
+                        double sum[2])
+{
+    sum[0] = sum[1] = 0;
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < plane; i++) {
+            double d = (double)(image[c * plane + i] - truth[c * plane + i]);
+
+            sum[mask[i / 8] >> i % 8 & 1] += d * d;
+        }
+}
+
+void SPIN_CPU(measure)(struct spin_device *d, const struct spin_view_batch *views,
+                       const struct spin_images *images, float *image, double *values)
+{
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
+        size_t mask_at = (size_t)view->image * ((images->max_pixels + 7) / 8);
+        double *v = values + (size_t)view->value * SPIN_MEASURE_VALUES, loss[SPIN_LOSS_VALUES];
+        float *shown = spin_cpu_picture(views, k, image);
+        const float *truth, *pixel_weight;
+
+        if (!load_photo(d, view, images, false, &truth, &pixel_weight))
+            return;
+        for (size_t i = 0; i < 3 * plane; i++)
+            shown[i] = fminf(fmaxf(shown[i], 0.0f), 1.0f);
+        v[SPIN_MEASURE_SQUARES] = spin_squares(shown, truth, 3 * plane);
+        for (size_t c = 0; c < 3; c++)
+            v[SPIN_MEASURE_RED + c] = spin_squares(shown + c * plane, truth + c * plane, plane);
+        lose(d, view->camera.width, view->camera.height, shown, truth, NULL, 1.0f, 0.0f, loss,
+             NULL);
+        v[SPIN_MEASURE_SSIM] = loss[SPIN_LOSS_SSIM];
+        v[SPIN_MEASURE_OUTSIDE] = v[SPIN_MEASURE_SQUARES];
+        v[SPIN_MEASURE_INSIDE] = 0;
+        if (images->mask)
+            sum_regions(plane, shown, truth, images->mask + mask_at, &v[SPIN_MEASURE_OUTSIDE]);
+    }
 }

@@ -5,7 +5,7 @@
  * 64 with AVX-512): one row of the right factor is loaded, six values of the left are broadcast.
  * Weights are copied once per call, transposed for the forward and padded to whole vectors.
  *
- * Backward recomputes the activations (method.md 11). The gradient of the weights is a sum over
+ * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum over
  * Gaussians: the blocks are cut into at most 32 tasks, a number that depends only on the number of
  * Gaussians; each has its own partial sum, and the partial sums are added in task order. */
 #include "device/cpu/cpu.h"
@@ -317,6 +317,7 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
 {
     size_t n_workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
     struct job job = {.heads = heads, .n = n, .z = z, .raw = raw};
+    double start = spin_now_s();
     float *scratch;
 
     job.turned = pieces_of(heads, true);
@@ -329,6 +330,7 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
     job.turned_w = scratch;
     job.work = scratch + job.turned.n_floats;
     spin_pool_run(spin_cpu_pool(d), (int)((n + BLOCK - 1) / BLOCK), mlp_task, &job);
+    spin_cpu_spent(d, SPIN_OP_MLP, start);
 }
 
 /* ---- backward -------------------------------------------------------------------------------- */
@@ -510,18 +512,19 @@ static void sum_task(void *context, int task, int worker)
 }
 
 void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, const float *param,
-                        size_t n_rows, const uint32_t *rows, const float *z, const float *d_raw,
+                        const struct spin_active *active, const float *z, const float *d_raw,
                         float *d_param, float *d_z)
 {
     size_t n_workers = (size_t)spin_pool_n_threads(spin_cpu_pool(d));
-    size_t n_blocks = (n_rows + BLOCK - 1) / BLOCK, floats;
+    size_t n_rows = *active->n, n_blocks = (n_rows + BLOCK - 1) / BLOCK, floats;
     struct job job = {.heads = heads,
                       .n = n_rows,
-                      .rows = rows,
+                      .rows = active->row,
                       .z = z,
                       .d_raw = d_raw,
                       .d_param = d_param,
                       .d_z = d_z};
+    double start = spin_now_s();
     float *scratch;
 
     if (n_rows == 0)
@@ -545,4 +548,5 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
     job.work = job.partial + (size_t)job.n_tasks * job.plain.n_floats;
     spin_pool_run(spin_cpu_pool(d), job.n_tasks, mlp_back_task, &job);
     spin_pool_run(spin_cpu_pool(d), SPIN_HEADS * PIECES, sum_task, &job);
+    spin_cpu_spent(d, SPIN_OP_MLP_BACK, start);
 }

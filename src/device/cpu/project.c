@@ -92,19 +92,26 @@ static void project_task(void *context, int task, int worker)
         project_range(job, job->sh_degree, first, last);
 }
 
-void SPIN_CPU(project)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                       const float *pos_w, const float *attr, int sh_degree,
+void SPIN_CPU(project)(struct spin_device *d, const struct spin_view_batch *views,
+                       const struct spin_frame_batch *frames, const float *attr, int sh_degree,
                        struct spin_splat2d *splat2d)
 {
-    struct job job = {.cam = cam,
-                      .projection = lens_of(cam),
-                      .n = n,
-                      .pos_w = pos_w,
-                      .attr = attr,
-                      .sh_degree = sh_degree,
-                      .splat2d = splat2d};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), (int)((n + CHUNK - 1) / CHUNK), project_task, &job);
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
+        struct job job = {.cam = &view->camera,
+                          .projection = lens_of(&view->camera),
+                          .n = view->n,
+                          .pos_w = frame->means,
+                          .attr = attr + frame->first * SPIN_ATTR,
+                          .sh_degree = sh_degree,
+                          .splat2d = splat2d + view->first};
+
+        spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), project_task, &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_PROJECT, start);
 }
 
 static int all_zero(const struct spin_splat2d_grad *g)
@@ -163,22 +170,29 @@ static void project_back_task(void *context, int task, int worker)
         project_back_range(job, job->sh_degree, first, last);
 }
 
-void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                            const float *pos_w, const float *attr, int sh_degree,
+void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_view_batch *views,
+                            const struct spin_frame_batch *frames, const float *attr, int sh_degree,
                             const struct spin_splat2d *splat2d,
-                            const struct spin_splat2d_grad *d_splat2d, float *d_attr,
-                            float *d_pos_w)
+                            const struct spin_splat2d_grad *d_splat2d, float *d_attr)
 {
-    struct job job = {.cam = cam,
-                      .projection = lens_of(cam),
-                      .n = n,
-                      .pos_w = pos_w,
-                      .attr = attr,
-                      .sh_degree = sh_degree,
-                      .splat2d_in = splat2d,
-                      .d_splat2d = d_splat2d,
-                      .d_attr = d_attr,
-                      .d_pos_w = d_pos_w};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), (int)((n + CHUNK - 1) / CHUNK), project_back_task, &job);
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
+        struct job job = {.cam = &view->camera,
+                          .projection = lens_of(&view->camera),
+                          .n = view->n,
+                          .pos_w = frame->means,
+                          .attr = attr + frame->first * SPIN_ATTR,
+                          .sh_degree = sh_degree,
+                          .splat2d_in = splat2d + view->first,
+                          .d_splat2d = d_splat2d + view->first,
+                          .d_attr = d_attr + frame->first * SPIN_ATTR,
+                          .d_pos_w = frame->d_means};
+
+        spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), project_back_task,
+                      &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_PROJECT_BACK, start);
 }

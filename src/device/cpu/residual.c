@@ -1,66 +1,114 @@
-/* What every splat adds to the heads' outputs by itself, and back (the layout is in device.h). */
+/* Explicit values of every splat to rows of raw attributes, and gradients back (the layout is in device.h). */
 #include "device/cpu/cpu.h"
 
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n, n_all;
-    const uint32_t *rows;
+    size_t n, n_rows;
+    const uint32_t *rows; /* [n_rows], of the batch */
+    size_t first_row;     /* of the frame */
     const float *from;
     float *to;
 };
 
-/* Where splat i's value of column k lies in the groups of n splats. */
-static size_t place(size_t n, size_t i, size_t k)
+/* A group is a matrix [n][width]; in a row of attributes it begins at this column. */
+enum { N_GROUPS = 4 };
+static const struct group {
+    size_t width, column;
+} groups[N_GROUPS] = {
+    {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
+
+static inline void to_rows(const struct job *job, int task, bool add)
 {
-    if (k < SPIN_ATTR_ROTATION)
-        return 3 * i + k;
-    if (k < SPIN_ATTR_SH)
-        return 3 * n + 4 * i + k - SPIN_ATTR_ROTATION;
-    if (k < SPIN_RESIDUAL - 1)
-        return 7 * n + 3 * i + k - SPIN_ATTR_SH;
-    return 10 * n + i;
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    const float *from = job->from;
+
+    for (int k = 0; k < N_GROUPS; from += groups[k++].width * job->n)
+        for (size_t i = first; i < end; i++)
+            for (size_t c = 0; c < groups[k].width; c++) {
+                float *to = &job->to[i * SPIN_ATTR + groups[k].column + c];
+                float value = from[i * groups[k].width + c];
+
+                *to = add ? *to + value : value;
+            }
 }
 
-/* The same column in a row of attributes. */
-static size_t column(size_t k) { return k < SPIN_RESIDUAL - 1 ? k : SPIN_ATTR_OPACITY; }
+static void add_task(void *context, int task, int worker)
+{
+    (void)worker;
+    to_rows(context, task, true);
+}
 
-static void own_task(void *context, int task, int worker)
+static void set_task(void *context, int task, int worker)
+{
+    (void)worker;
+    to_rows(context, task, false);
+}
+
+static int n_chunks(size_t n) { return (int)((n + CHUNK - 1) / CHUNK); }
+
+static void all_to_rows(struct spin_device *d, const struct spin_frame_batch *frames, float *raw,
+                        spin_task_fn task)
+{
+    double start = spin_now_s();
+
+    for (int f = 0; f < frames->n_frames; f++) {
+        const struct spin_frame_of_batch *frame = &frames->frame[f];
+        struct job job = {
+            .n = frame->n, .from = frame->residual, .to = raw + frame->first * SPIN_ATTR};
+
+        if (frame->residual)
+            spin_pool_run(spin_cpu_pool(d), n_chunks(job.n), task, &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_ACTIVATE, start);
+}
+
+void SPIN_CPU(residual)(struct spin_device *d, const struct spin_frame_batch *frames, float *raw)
+{
+    all_to_rows(d, frames, raw, add_task);
+}
+
+void SPIN_CPU(residual_set)(struct spin_device *d, const struct spin_frame_batch *frames,
+                            float *raw)
+{
+    all_to_rows(d, frames, raw, set_task);
+}
+
+static void back_task(void *context, int task, int worker)
 {
     const struct job *job = context;
     size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    size_t end = first + CHUNK < job->n_rows ? first + CHUNK : job->n_rows;
+    float *to = job->to;
 
     (void)worker;
-    for (size_t i = first; i < end; i++)
-        for (size_t k = 0; k < SPIN_RESIDUAL; k++)
-            job->to[i * SPIN_ATTR + column(k)] += job->from[place(job->n, i, k)];
+    for (int k = 0; k < N_GROUPS; to += groups[k++].width * job->n)
+        for (size_t i = first; i < end; i++) {
+            size_t row = job->rows[i] - job->first_row;
+
+            for (size_t c = 0; c < groups[k].width; c++)
+                to[row * groups[k].width + c] += job->from[i * SPIN_ATTR + groups[k].column + c];
+        }
 }
 
-void SPIN_CPU(residual)(struct spin_device *d, size_t n, const float *residual, float *raw)
+void SPIN_CPU(residual_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                             const struct spin_active *active, const float *d_raw)
 {
-    struct job job = {.n = n, .from = residual, .to = raw};
+    double start = spin_now_s();
 
-    spin_pool_run(spin_cpu_pool(d), (int)((n + CHUNK - 1) / CHUNK), own_task, &job);
-}
+    for (int f = 0; f < frames->n_frames; f++) {
+        const struct spin_frame_of_batch *frame = &frames->frame[f];
+        size_t first, n_rows = SPIN_CPU(active_of)(active, frame, &first);
+        struct job job = {.n = frame->n,
+                          .n_rows = n_rows,
+                          .rows = active->row + first,
+                          .first_row = frame->first,
+                          .from = d_raw + first * SPIN_ATTR,
+                          .to = frame->d_residual};
 
-static void own_back_task(void *context, int task, int worker)
-{
-    const struct job *job = context;
-    size_t first = (size_t)task * CHUNK;
-    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
-
-    (void)worker;
-    for (size_t i = first; i < end; i++)
-        for (size_t k = 0; k < SPIN_RESIDUAL; k++)
-            job->to[place(job->n_all, job->rows ? job->rows[i] : i, k)] +=
-                job->from[i * SPIN_ATTR + column(k)];
-}
-
-void SPIN_CPU(residual_back)(struct spin_device *d, size_t n, size_t n_rows, const uint32_t *rows,
-                             const float *d_raw, float *d_residual)
-{
-    struct job job = {.n = n_rows, .n_all = n, .rows = rows, .from = d_raw, .to = d_residual};
-
-    spin_pool_run(spin_cpu_pool(d), (int)((n_rows + CHUNK - 1) / CHUNK), own_back_task, &job);
+        if (frame->d_residual)
+            spin_pool_run(spin_cpu_pool(d), n_chunks(n_rows), back_task, &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_ACTIVATE_BACK, start);
 }

@@ -5,7 +5,6 @@
  *
  * Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get no pair (trim):
  * the pixels would skip it anyway. */
-#include <limits.h>
 #include <string.h>
 
 #include "base/err.h"
@@ -32,11 +31,13 @@ struct rect {
     uint16_t x0, y0, x1, y1;
 };
 
-/* Kept in SPIN_SCRATCH_TILE from tile_count to tile_fill. */
+/* Of every view, kept in SPIN_SCRATCH_TILE from tile_count to tile_fill. What follows in memory has
+ * sorted_bytes(). */
 struct sorted {
     size_t n;
     struct entry *entry; /* [n] front to back */
     struct rect *rect;   /* [splats] */
+    uint32_t first;      /* place of the view's list in the intersections */
 };
 
 struct job {
@@ -44,7 +45,7 @@ struct job {
     size_t n;
     int parts;
     struct spin_splat2d *splat2d;
-    struct spin_tiles *tiles;
+    uint32_t *lists;                          /* of the tiles */
     uint64_t intersections[MAX_PARTS];        /* of a part of the splats; then before it */
     size_t drawn[MAX_PARTS];                  /* likewise */
     uint32_t low[MAX_PARTS], high[MAX_PARTS]; /* keys of a part's drawn splats */
@@ -217,11 +218,12 @@ static void digit_move_task(void *context, int part, int worker)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
 
-/* Counts of n buckets, `stride` from part to part, to first places: bucket by bucket, within a
- * bucket part by part. */
-static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride, uint32_t *start)
+/* Counts of n buckets, `stride` from part to part, to places from `place` on: bucket by bucket, within a
+ * bucket part by part. Returns the place behind them. */
+static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride, uint32_t place,
+                                 uint32_t *start)
 {
-    uint32_t place = 0, *count = job->count;
+    uint32_t *count = job->count;
 
     for (size_t k = 0; k < n; k++) {
         if (start)
@@ -247,7 +249,7 @@ static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highe
         struct entry *swap = job->from;
         job->shift = pass * job->digit;
         spin_pool_run(spin_cpu_pool(d), job->parts, digit_count_task, job);
-        counts_to_places(job, (size_t)1 << job->digit, (size_t)1 << job->digit, NULL);
+        counts_to_places(job, (size_t)1 << job->digit, (size_t)1 << job->digit, 0, NULL);
         spin_pool_run(spin_cpu_pool(d), job->parts, digit_move_task, job);
         job->from = job->to;
         job->to = swap;
@@ -275,21 +277,29 @@ static uint64_t sum_parts(struct job *job, uint32_t *highest)
     return intersections;
 }
 
-spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                                 struct spin_splat2d *splat2d, struct spin_tiles *tiles)
+enum { HEADER = 64 }; /* bytes for a struct sorted, so that what follows is aligned */
+
+static size_t sorted_bytes(size_t n)
 {
-    struct job job = {.cam = cam, .n = n, .parts = parts_of(n), .splat2d = splat2d};
+    size_t bytes = n * (2 * sizeof(struct entry) + sizeof(struct rect) + sizeof(uint32_t));
+
+    return HEADER + (bytes + 63) / 64 * 64;
+}
+
+/* The view's list will begin at *first; moves it on. */
+static spin_status count_view(struct spin_device *d, const struct spin_view_of_batch *view,
+                              struct spin_splat2d *splat2d, struct sorted *sorted, uint64_t *first)
+{
+    size_t n = view->n;
+    struct job job = {.cam = &view->camera, .n = n, .parts = parts_of(n), .splat2d = splat2d};
     uint32_t highest;
     uint64_t intersections;
-    struct sorted *sorted;
 
-    sorted = spin_cpu_scratch_need(
-        d, SPIN_SCRATCH_TILE, 64 + n * (2 * sizeof *job.from + sizeof *job.rect + sizeof *job.key));
     job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
                                       (size_t)MAX_PARTS * MAX_BUCKETS * sizeof *job.count);
-    if (!sorted || !job.count)
-        return SPIN_CPU(wait)(d);
-    job.from = (struct entry *)((char *)sorted + 64);
+    if (!job.count)
+        return d->op->wait(d);
+    job.from = (struct entry *)((char *)sorted + HEADER);
     job.to = job.from + n;
     job.rect = (struct rect *)(job.to + n);
     job.key = (uint32_t *)(job.rect + n);
@@ -300,12 +310,42 @@ spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_camera
                          "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
                          "the splats are too large, or the image is",
                          (unsigned long long)intersections, (unsigned long long)SPIN_MAX_PAIRS);
+    if (*first + intersections > UINT32_MAX)
+        return spin_fail(SPIN_E_MEMORY,
+                         "cannot draw so many views at once: %llu pairs of splats and tiles are "
+                         "more than 2^32",
+                         (unsigned long long)(*first + intersections));
     spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
     sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);
     sorted->n = job.n_sorted;
     sorted->entry = job.from;
     sorted->rect = job.rect;
-    tiles->n_intersections = (uint32_t)intersections;
+    sorted->first = (uint32_t)*first;
+    *first += intersections;
+    return SPIN_OK;
+}
+
+spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_batch *views,
+                                 struct spin_splat2d *splat2d, struct spin_tiles *tiles)
+{
+    double start = spin_now_s();
+    size_t bytes = 0;
+    char *scratch;
+
+    tiles->n_intersections = 0;
+    for (int k = 0; k < views->n_views; k++)
+        bytes += sorted_bytes(views->view[k].n);
+    scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, bytes);
+    if (!scratch)
+        return d->op->wait(d);
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+
+        SPIN_TRY(count_view(d, view, splat2d + view->first, (struct sorted *)scratch,
+                            &tiles->n_intersections));
+        scratch += sorted_bytes(view->n);
+    }
+    spin_cpu_spent(d, SPIN_OP_TILE, start);
     return SPIN_OK;
 }
 
@@ -375,8 +415,7 @@ static void tile_move_task(void *context, int part, int worker)
 {
     struct job *job = context;
     size_t tiles_x = (size_t)job->cam->tiles_x;
-    uint32_t *place = job->count + (size_t)part * corners_of(job->cam),
-             *intersections = job->tiles->intersections;
+    uint32_t *place = job->count + (size_t)part * corners_of(job->cam), *intersections = job->lists;
     size_t end = part_begin(job, job->n_sorted, part + 1);
 
     (void)worker;
@@ -391,23 +430,38 @@ static void tile_move_task(void *context, int part, int worker)
     }
 }
 
-spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
-                                const struct spin_splat2d *splat2d, struct spin_tiles *tiles)
+static spin_status fill_view(struct spin_device *d, const struct spin_view_of_batch *view,
+                             const struct sorted *sorted, uint32_t *lists, uint32_t *start)
 {
-    const struct sorted *sorted = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, sizeof *sorted);
+    const struct spin_camera_f32 *cam = &view->camera;
     size_t n_tiles = (size_t)cam->tiles_x * (size_t)cam->tiles_y;
-    struct job job = {.cam = cam, .n = n, .parts = parts_of(n), .tiles = tiles};
+    struct job job = {.cam = cam, .n = view->n, .parts = parts_of(view->n), .lists = lists};
 
-    (void)splat2d;
     job.n_sorted = sorted->n;
     job.from = sorted->entry;
     job.rect = sorted->rect;
     job.count = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE_KEYS,
                                       MAX_PARTS * corners_of(cam) * sizeof *job.count);
     if (!job.count)
-        return SPIN_CPU(wait)(d);
+        return d->op->wait(d);
     spin_pool_run(spin_cpu_pool(d), job.parts, tile_count_task, &job);
-    tiles->start[n_tiles] = counts_to_places(&job, n_tiles, corners_of(cam), tiles->start);
+    start[n_tiles] = counts_to_places(&job, n_tiles, corners_of(cam), sorted->first, start);
     spin_pool_run(spin_cpu_pool(d), job.parts, tile_move_task, &job);
+    return SPIN_OK;
+}
+
+spin_status SPIN_CPU(tile_fill)(struct spin_device *d, const struct spin_view_batch *views,
+                                const struct spin_splat2d *splat2d, const struct spin_tiles *tiles)
+{
+    const char *scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_TILE, 0);
+    double start = spin_now_s();
+
+    (void)splat2d;
+    for (int k = 0; k < views->n_views; k++) {
+        SPIN_TRY(fill_view(d, &views->view[k], (const struct sorted *)scratch, tiles->intersections,
+                           tiles->start + (size_t)k * (views->max_tiles + 1)));
+        scratch += sorted_bytes(views->view[k].n);
+    }
+    spin_cpu_spent(d, SPIN_OP_TILE, start);
     return SPIN_OK;
 }

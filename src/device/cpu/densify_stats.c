@@ -1,0 +1,58 @@
+/* How strongly a view's loss pulls at every splat, gathered for densification. Compiled without contraction
+ * of products and sums (-ffp-contract=off), so every code path gives the same bits. */
+#include <math.h>
+
+#include "device/cpu/cpu.h"
+
+enum { CHUNK = 4096 };
+
+struct job {
+    size_t n;
+    float half_width, half_height;
+    const struct spin_splat2d *splat2d;
+    const struct spin_splat2d_grad *d_splat2d;
+    float *sum;
+    uint32_t *seen;
+};
+
+/* A pixel coordinate u belongs to x in normalised device coordinates by u = ((x + 1) width - 1) / 2. */
+static void stats_task(void *context, int task, int worker)
+{
+    const struct job *job = context;
+    size_t first = (size_t)task * CHUNK;
+    size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+
+    (void)worker;
+    for (size_t i = first; i < end; i++) {
+        float x = job->half_width * job->d_splat2d[i].u_px;
+        float y = job->half_height * job->d_splat2d[i].v_px;
+
+        if (job->splat2d[i].radius_px <= 0)
+            continue;
+        job->sum[i] += sqrtf(x * x + y * y);
+        job->seen[i]++;
+    }
+}
+
+void SPIN_CPU(densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
+                             const struct spin_frame_batch *frames,
+                             const struct spin_splat2d *splat2d,
+                             const struct spin_splat2d_grad *d_splat2d, float *sum, uint32_t *seen)
+{
+    double start = spin_now_s();
+
+    for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
+        size_t first = frames->frame[view->frame].first;
+        struct job job = {.n = view->n,
+                          .half_width = 0.5f * (float)view->camera.width,
+                          .half_height = 0.5f * (float)view->camera.height,
+                          .splat2d = splat2d + view->first,
+                          .d_splat2d = d_splat2d + view->first,
+                          .sum = sum + first,
+                          .seen = seen + first};
+
+        spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), stats_task, &job);
+    }
+    spin_cpu_spent(d, SPIN_OP_PROJECT_BACK, start);
+}

@@ -1,0 +1,39 @@
+/* The unfinished state of a network training, beside the output: written whole or not at all, and read by
+ * --resume. */
+#ifndef SPIN_TRAIN_CHECKPOINT_H
+#define SPIN_TRAIN_CHECKPOINT_H
+
+#include "train/code_paths.h"
+#include "train/refinement.h"
+#include "train/step.h"
+
+struct spin_checkpoint {
+    const char *path;        /* of the state */
+    const char *fingerprint; /* what must be equal for a resume */
+    double start_s, saved_s; /* when this run began to work, when it last saved: spin_now_s() */
+    double before_s;         /* seconds worked before the state was saved that was resumed */
+    struct spin_code_paths *code_paths;
+    bool sound;    /* the trainer stands between two steps, all finite: its state can be saved */
+    int64_t saved; /* iteration of the state that is kept; -1: none is */
+};
+
+/* What decides the result: options, the frames and what refined frames are made from, the images, the CRCs of
+ * the input's arrays. To be freed. */
+spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refinement *refinement,
+                             const struct spin_truth *truth, const struct spin_device *device,
+                             char **out);
+
+/* Seconds of work so far, those before a resume too. */
+double spin_checkpoint_seconds(const struct spin_checkpoint *checkpoint);
+spin_status spin_checkpoint_save(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
+spin_status spin_checkpoint_load(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
+
+/* All parameters are finite; else an error that names the array and the iteration. */
+spin_status spin_check_parameters(struct spin_trainer *trainer);
+/* An array on the trainer's device into an archive, piece by piece through the host. Its values must be
+ * finite. */
+spin_status spin_write_device_array(struct spin_trainer *trainer, struct spin_zip_writer *w,
+                                    const char *name, int n_dims, const uint64_t *shape,
+                                    const float SPIN_DEV *at, size_t n);
+
+#endif

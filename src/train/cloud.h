@@ -1,0 +1,48 @@
+/* The points of one frame in host memory, where densification changes their number, and their first values. */
+#ifndef SPIN_TRAIN_CLOUD_H
+#define SPIN_TRAIN_CLOUD_H
+
+#include "base/pool.h"
+#include "device/device.h"
+
+/* The parameters of one Gaussian, raw: what the optimiser sees. */
+struct spin_refine_row {
+    float pos_w[3];
+    float log_scale[3]; /* from here on a row of residual values, model/residual.h */
+    float rotation[4];  /* w, x, y, z, any length */
+    float dc[3];        /* first SH coefficient of r, g, b */
+    float logit_opacity;
+};
+enum { SPIN_REFINE_WIDTH = 3 + SPIN_RESIDUAL }; /* floats of a row */
+
+struct spin_refine_point {
+    struct spin_refine_row p, m, v; /* parameters and Adam's moments */
+    float gradient;                 /* sum of |dL/d(ndc xy)| over the views that saw it ... */
+    uint32_t seen;                  /* ... and how many those were, since the last densification */
+};
+
+/* Zero it to begin, free it once. */
+struct spin_refine_cloud {
+    struct spin_refine_point *point; /* [n] */
+    size_t n, capacity;
+};
+
+/* Room for n points; contents are kept. */
+spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n);
+void spin_refine_cloud_free(struct spin_refine_cloud *cloud);
+
+/* The start of 3DGS from coloured points: isotropic scale from the 3 nearest neighbours, no
+ * rotation, opacity 0.1. pos_w [n][3] must be finite; rgb [n][3] is 0..1, or NULL for mid grey. */
+spin_status spin_refine_init_from_points(struct spin_pool *pool, size_t n, const float *pos_w,
+                                         const float *rgb, struct spin_refine_cloud *out);
+/* The same from splats with rgb, with SH of which the first coefficient is a colour, or with neither. */
+spin_status spin_refine_init_from_colours(const struct spin_splats *splats,
+                                          struct spin_refine_cloud *out);
+/* The start from finished splats with all attribute columns; SH beyond the first is left behind. */
+spin_status spin_refine_init_from_splats(const struct spin_splats *splats,
+                                         struct spin_refine_cloud *out);
+
+/* All attribute columns of the cloud, SH degree 0. */
+spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out);
+
+#endif

@@ -1,0 +1,36 @@
+/* Names of code paths, each once. */
+#include "train/code_paths.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/log.h"
+
+void spin_code_paths_begin(struct spin_code_paths *paths, const char *now)
+{
+    paths->now = now;
+    snprintf(paths->all, sizeof paths->all, "%s", now);
+}
+
+void spin_code_paths_add(struct spin_code_paths *paths, const char *before)
+{
+    bool other = false;
+
+    for (const char *at = before ? before : ""; *at;) {
+        size_t n = strcspn(at, "+"), used = strlen(paths->all);
+        char one[sizeof paths->all];
+
+        snprintf(one, sizeof one, "%.*s", (int)n, at);
+        at += n + (at[n] == '+');
+        if (one[strspn(one, "abcdefghijklmnopqrstuvwxyz0123456789")] || strstr(paths->all, one) ||
+            used + strlen(one) + 2 > sizeof paths->all)
+            continue;
+        snprintf(paths->all + used, sizeof paths->all - used, "%s%s", used ? "+" : "", one);
+        other = true;
+    }
+    if (other)
+        spin_warn(
+            "the processor's code path is %s now and was another before (%s): the two differ in "
+            "the last bits, so the result is not bit for bit that of an unbroken run",
+            paths->now, paths->all);
+}

@@ -1,0 +1,216 @@
+/* One pass over the clip's splats. */
+#include "train/frames.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "base/pool.h"
+#include "train/cloud.h"
+#include "train/knn.h"
+#include "train/morton.h"
+#include "train/point_sample.h"
+
+/* A frame's splats with finite means; refinement NULL: the source's. */
+static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
+                              unsigned columns, struct spin_splats *out)
+{
+    int index = spin_plan_index(plan, frame);
+
+    if (refinement)
+        SPIN_TRY(spin_refinement_read(refinement, plan, frame, columns, out));
+    else
+        SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, index, columns, out));
+    return spin_plan_check_means(plan, frame, refinement != NULL, out);
+}
+
+/* ---- The scene transform ------------------------------------------------------------------------ */
+
+static int compare_floats(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre (docs/method.md
+ * 3.1). Only when the options ask for it; else what they say, or the identity. */
+static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
+                          struct spin_scene_transform *t)
+{
+    if (o->normalise_radius > 0) {
+        for (int c = 0; c < 3; c++)
+            t->centre[c] = (float)o->normalise_centre[c];
+        t->inv_radius = (float)(1 / o->normalise_radius);
+        return;
+    }
+    if (o->normalise == SPIN_NORMALISE_AUTO)
+        t->inv_radius = 1.0f / fmaxf(spin_point_sample_enclose(sample, t->centre), 1e-20f);
+}
+
+static double share_outside(const struct spin_point_sample *sample,
+                            const struct spin_scene_transform *t)
+{
+    size_t outside = 0;
+
+    for (size_t i = 0; i < sample->n; i++)
+        outside +=
+            spin_point_square_to(sample->point + 3 * i, t->centre) * pow((double)t->inv_radius, 2) >
+            1;
+    return sample->n ? (double)outside / (double)sample->n : 0;
+}
+
+spin_status spin_frames_look(struct spin_plan *plan)
+{
+    struct spin_scene_transform transform = plan->field.transform;
+    struct spin_splats splats = {0};
+    struct spin_point_sample sample = {0};
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
+    for (int f = 0; f < plan->clip.n_frames; f++) {
+        SPIN_TRY_OUT(read_frame(plan, NULL, f, SPIN_COL_MEANS, &splats));
+        spin_point_sample_add(&sample, &splats);
+    }
+    fit_transform(plan->o, &sample, &transform);
+    plan->report->outside_ball = share_outside(&sample, &transform);
+out:
+    spin_point_sample_close(&sample);
+    spin_splats_free(&splats);
+    return status;
+}
+
+/* ---- First values ------------------------------------------------------------------------------- */
+
+/* The columns that a frame's first values are made from: residual values begin as the source (or the refined
+ * frame) has them, or as 3DGS would begin from coloured points. */
+static unsigned first_columns(const struct spin_plan *plan, bool refined)
+{
+    unsigned there = plan->clip.bundle.meta.columns;
+
+    if (!spin_plan_has_residual(plan))
+        return SPIN_COL_MEANS;
+    if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
+        return SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    return SPIN_COL_MEANS | (refined || there & SPIN_COL_RGB ? SPIN_COL_RGB : there & SPIN_COL_SH);
+}
+
+/* What stands for a splat whose values are not all finite: small, grey and faint. */
+static void make_finite(struct spin_refine_row *p)
+{
+    static const struct spin_refine_row none = {
+        .logit_opacity = -2.1972246f, .log_scale = {-5, -5, -5}, .rotation = {1, 0, 0, 0}};
+    float sum = p->logit_opacity;
+
+    for (int k = 0; k < 3; k++)
+        sum += p->log_scale[k] + p->dc[k];
+    for (int k = 0; k < 4; k++)
+        sum += p->rotation[k];
+    if (!isfinite(sum))
+        *p = none;
+}
+
+/* A frame's splats to the device, in our order. */
+static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s,
+                              const uint32_t *permutation, struct spin_device *device,
+                              struct spin_train_frame *frame)
+{
+    struct spin_refine_cloud cloud = {0};
+    struct spin_rows pos = {s->means, 3}, residual = {0};
+    spin_status status;
+
+    if (spin_plan_has_residual(plan)) {
+        if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
+            SPIN_TRY_OUT(spin_refine_init_from_splats(s, &cloud));
+        else
+            SPIN_TRY_OUT(spin_refine_init_from_colours(s, &cloud));
+        for (size_t i = 0; i < cloud.n; i++)
+            make_finite(&cloud.point[i].p);
+        if (cloud.n > 0)
+            residual =
+                (struct spin_rows){cloud.point[0].p.log_scale, sizeof *cloud.point / sizeof(float)};
+    }
+    status = spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, pos, residual, permutation);
+out:
+    spin_refine_cloud_free(&cloud);
+    return status;
+}
+
+/* The log of the median distance to the three nearest points. */
+static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
+{
+    struct spin_pool *pool = NULL;
+    void *block = NULL;
+    float *d2;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_pool_create(n_threads, &pool));
+    SPIN_TRY_OUT(spin_alloc(s->n, sizeof(float), &block));
+    d2 = block;
+    SPIN_TRY_OUT(spin_knn_mean_dist2(pool, s->n, s->means, d2));
+    qsort(d2, s->n, sizeof *d2, compare_floats);
+    *log_scale = 0.5 * log(fmax((double)d2[s->n / 2], 1e-7));
+out:
+    spin_pool_free(pool);
+    free(block);
+    return status;
+}
+
+/* ---- The pass ----------------------------------------------------------------------------------- */
+
+static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan,
+                              struct spin_trainer *trainer, int f, const struct spin_splats *s,
+                              bool first_values)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof(uint32_t), &block));
+    frames->permutation[f] = block;
+    /* along a space-filling curve, so that neighbours share cache lines */
+    SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
+    trainer->frame[f].time = spin_plan_info(plan, f)->time;
+    if (isnan(plan->o->init_log_scale) && f == spin_plan_middle_frame(plan))
+        SPIN_TRY(measure_spacing(plan->o->n_threads, s, &frames->init_log_scale));
+    if (!first_values)
+        return SPIN_OK;
+    return send_frame(plan, s, frames->permutation[f], trainer->device, &trainer->frame[f]);
+}
+
+spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
+                             struct spin_refinement *refinement, struct spin_trainer *trainer,
+                             bool first_values)
+{
+    struct spin_refinement *from = refinement->frame ? refinement : NULL;
+    unsigned columns = first_values ? first_columns(plan, from != NULL) : SPIN_COL_MEANS;
+    struct spin_scene_transform *transform = &trainer->field.transform;
+    struct spin_splats splats = {0};
+    struct spin_point_sample sample = {0};
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation, &block));
+    frames->permutation = block;
+    frames->n = plan->clip.n_frames;
+    frames->init_log_scale = plan->o->init_log_scale;
+    SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
+    for (int f = 0; f < frames->n; f++) {
+        SPIN_TRY_OUT(read_frame(plan, from, f, columns, &splats));
+        spin_point_sample_add(&sample, &splats);
+        SPIN_TRY_OUT(load_frame(frames, plan, trainer, f, &splats, first_values));
+    }
+    fit_transform(plan->o, &sample, transform);
+    plan->report->outside_ball = share_outside(&sample, transform);
+out:
+    spin_point_sample_close(&sample);
+    spin_splats_free(&splats);
+    return status;
+}
+
+void spin_frames_close(struct spin_frames *frames)
+{
+    for (int f = 0; f < frames->n; f++)
+        free(frames->permutation[f]);
+    free(frames->permutation);
+}

@@ -1,0 +1,64 @@
+/* A retraining before it begins: options checked, the clip with its views, shapes, memory and time. Every
+ * later stage reads the plan; only refinement changes it, when it changes the number of splats. */
+#ifndef SPIN_TRAIN_PLAN_H
+#define SPIN_TRAIN_PLAN_H
+
+#include "device/device.h"
+#include "model/field.h"
+#include "scene/clip.h"
+
+struct spin_plan {
+    const struct spin_retrain_options *o;
+    struct spin_retrain_report *report; /* every stage writes its own fields */
+    struct spin_device *device;         /* where the run works; the caller's */
+    struct spin_clip clip;
+    struct spin_field field; /* the scene transform is set by frames.c */
+    size_t *counts;          /* [frames] splats; of the refined frames once there are some */
+    int *camera;             /* [n_cameras] ids of the training cameras, ascending */
+    int n_cameras;
+    struct spin_pair *train, *test; /* pairs (frame, view) */
+    size_t n_train, n_test;
+    size_t max_pixels, max_tiles; /* of the largest view */
+    double extent;                /* of the training cameras, in world units */
+    size_t pixels_budget;         /* bytes of decoded images that are kept */
+    char *part;                   /* path of the unfinished state */
+    char *parts;                  /* folder of the frames refined so far */
+};
+
+/* All but what depends on the device. Zero the plan first; close it also after a failure. */
+spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
+                           struct spin_retrain_report *report);
+void spin_plan_close(struct spin_plan *plan);
+/* Where the run works: its memory and seconds go into the report. */
+void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device);
+
+/* A frame's place in the bundle, and what is known of it. */
+int spin_plan_index(const struct spin_plan *plan, int frame);
+const struct spin_frame_info *spin_plan_info(const struct spin_plan *plan, int frame);
+/* The clip's middle frame, or the next that has points. */
+int spin_plan_middle_frame(const struct spin_plan *plan);
+/* Means of a frame of the source, or refined, are finite; else an error that names the array and the row. */
+spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool refined,
+                                  const struct spin_splats *s);
+/* Place of a training camera in plan->camera. */
+int spin_plan_camera(const struct spin_plan *plan, int id);
+/* The bundle has all attributes of its source. */
+bool spin_plan_has_source(const struct spin_plan *plan);
+/* Splats have residual values, to which the network adds. */
+bool spin_plan_has_residual(const struct spin_plan *plan);
+/* Pixels do not all count alike (--dynamic-weight). */
+bool spin_plan_is_weighted(const struct spin_plan *plan);
+/* Whether the table takes lazy Adam: the device has it, and a step's splats need less than half of the table. */
+bool spin_plan_is_lazy(const struct spin_plan *plan);
+
+/* Bytes of an image on the device, with its mask where pixels do not all count alike. */
+size_t spin_plan_image_bytes(const struct spin_plan *plan);
+/* Bytes of one frame that is being refined, should its points double. */
+size_t spin_plan_refine_bytes(const struct spin_plan *plan);
+/* SPIN_E_MEMORY when the run needs more than there is. */
+spin_status spin_plan_check_memory(const struct spin_plan *plan);
+/* Refinement is over: the clip's splats are these [frames], and the memory is planned anew. held: bytes of
+ * decoded images that are kept by now. */
+spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size_t held);
+
+#endif

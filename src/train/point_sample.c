@@ -1,0 +1,64 @@
+/* Medians and percentiles of a sample of points. */
+#include "train/point_sample.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+enum { SAMPLE = 20000 }; /* points of a frame, at most */
+
+spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc((size_t)SAMPLE * (size_t)n_frames * 4, sizeof(float), &block));
+    sample->point = block;
+    sample->n = 0;
+    return SPIN_OK;
+}
+
+void spin_point_sample_close(struct spin_point_sample *sample) { free(sample->point); }
+
+void spin_point_sample_add(struct spin_point_sample *sample, const struct spin_splats *s)
+{
+    size_t step = s->n / SAMPLE + 1;
+
+    for (size_t i = 0; i < s->n; i += step)
+        memcpy(sample->point + 3 * sample->n++, s->means + 3 * i, 3 * sizeof(float));
+}
+
+static int compare_floats(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return (x > y) - (x < y);
+}
+
+double spin_point_square_to(const float *point, const float centre[3])
+{
+    double d2 = 0;
+
+    for (int c = 0; c < 3; c++)
+        d2 += pow((double)(point[c] - centre[c]), 2);
+    return d2;
+}
+
+float spin_point_sample_enclose(struct spin_point_sample *sample, float centre[3])
+{
+    size_t n = sample->n;
+    float *value = sample->point + 3 * n;
+
+    for (int c = 0; c < 3; c++) {
+        for (size_t i = 0; i < n; i++)
+            value[i] = sample->point[3 * i + (size_t)c];
+        qsort(value, n, sizeof *value, compare_floats);
+        centre[c] = value[n / 2];
+    }
+    for (size_t i = 0; i < n; i++)
+        value[i] = (float)sqrt(spin_point_square_to(sample->point + 3 * i, centre));
+    qsort(value, n, sizeof *value, compare_floats);
+    return value[(size_t)(0.9 * (double)(n - 1))];
+}

@@ -1,0 +1,127 @@
+/* The schedule of views. */
+#include "train/sampler.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "math/rng.h"
+
+enum { STREAM_SHUFFLE = 16 }; /* of the random numbers, see math/rng.h */
+
+static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
+{
+    for (size_t i = n; i > 1; i--) {
+        size_t j = spin_rng_below(s->plan->o->seed, STREAM_SHUFFLE, key << 32 | i, (uint32_t)i);
+        uint32_t keep = list[i - 1];
+
+        list[i - 1] = list[j];
+        list[j] = keep;
+    }
+}
+
+/* One epoch: a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
+ * views of a frame are permuted, cut into groups of V, and the groups permuted. A function of the
+ * seed and the epoch. */
+static void plan_epoch(struct spin_sampler *s, int64_t epoch)
+{
+    size_t n = s->plan->n_train, v = (size_t)s->plan->o->views_per_frame, n_groups = 0;
+    uint32_t *views = s->sequence + n, *groups = views + n;
+
+    if (s->epoch == epoch)
+        return;
+    for (size_t i = 0; i < n; i++)
+        s->sequence[i] = (uint32_t)i;
+    s->epoch = epoch;
+    if (v == 1) {
+        shuffle(s, 2 * (uint64_t)epoch, s->sequence, n);
+        return;
+    }
+    memcpy(views, s->sequence, n * sizeof *views);
+    shuffle(s, 2 * (uint64_t)epoch, views, n);
+    /* Stable by frame: pairs of one frame stay in their shuffled order, side by side. */
+    for (size_t f = 0, k = 0; f < (size_t)s->plan->clip.n_frames; f++) {
+        size_t first = k;
+
+        for (size_t i = 0; i < n; i++)
+            if (s->plan->train[views[i]].frame == (int)f)
+                s->sequence[k++] = views[i];
+        for (size_t i = first; i < k; i += v)
+            groups[n_groups++] = (uint32_t)i;
+    }
+    memcpy(views, s->sequence, n * sizeof *views);
+    shuffle(s, 2 * (uint64_t)epoch + 1, groups, n_groups);
+    for (size_t g = 0, k = 0; g < n_groups; g++) {
+        int frame = s->plan->train[views[groups[g]]].frame;
+
+        for (size_t i = groups[g];
+             i < n && i < groups[g] + v && s->plan->train[views[i]].frame == frame; i++)
+            s->sequence[k++] = views[i];
+    }
+}
+
+spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
+{
+    const struct spin_plan *plan = s->plan;
+    size_t batch = (size_t)plan->o->batch;
+    int64_t per_epoch = (int64_t)(plan->n_train / batch);
+
+    if (per_epoch < 1)
+        per_epoch = 1;
+    plan_epoch(s, iteration / per_epoch);
+    spin_image_store_turn(&s->images);
+    for (size_t k = 0; k < batch; k++) {
+        size_t at = ((size_t)(iteration % per_epoch) * batch + k) % plan->n_train;
+        const struct spin_pair *pair = &plan->train[s->sequence[at]];
+        const struct spin_view *view = &plan->clip.views.view[pair->view];
+        struct spin_train_item *item = &s->items[k];
+
+        item->frame = pair->frame;
+        item->camera = &view->camera;
+        item->exposure = spin_plan_camera(plan, view->camera_id);
+        if (!spin_image_store_find(&s->images, pair->view, &item->image))
+            SPIN_TRY(spin_truth_put(s->truth, plan, pair->view, &s->images, item->image));
+        s->pairs[k] = pair;
+    }
+    return SPIN_OK;
+}
+
+/* A device with memory of its own keeps as many images as fit; the host has its cache of them. */
+static size_t images_kept(const struct spin_plan *plan)
+{
+    size_t batch = (size_t)plan->o->batch, most;
+
+    if (plan->device->is_host)
+        return batch;
+    most = plan->device->op->memory_available(plan->device) / 2 / spin_plan_image_bytes(plan);
+    most = plan->n_train < most ? plan->n_train : most;
+    return most > batch ? most : batch;
+}
+
+spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *plan,
+                              struct spin_truth *truth)
+{
+    size_t batch = (size_t)plan->o->batch;
+    void *block = NULL;
+
+    s->plan = plan;
+    s->truth = truth;
+    s->epoch = -1;
+    SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, &block));
+    s->sequence = block;
+    SPIN_TRY(spin_truth_open_store(plan, plan->device, images_kept(plan), &s->images));
+    SPIN_TRY(spin_alloc(batch, sizeof *s->items, &block));
+    s->items = block;
+    SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, &block));
+    s->pairs = block;
+    return SPIN_OK;
+}
+
+void spin_sampler_close(struct spin_sampler *s)
+{
+    free(s->sequence);
+    spin_image_store_close(&s->images);
+    free(s->items);
+    free(s->pairs);
+}

@@ -1,0 +1,13 @@
+/* The options that decide the result, as JSON: stored with it, and compared before a resume. */
+#ifndef SPIN_TRAIN_SETTINGS_H
+#define SPIN_TRAIN_SETTINGS_H
+
+#include "io/json.h"
+#include "train/plan.h"
+
+/* Of refining a frame. */
+spin_json *spin_settings_refine(const struct spin_plan *plan);
+/* Of training the network. init_log_scale: the log scale that splats begin with; NaN: not known yet. */
+spin_json *spin_settings_network(const struct spin_plan *plan, double init_log_scale);
+
+#endif

@@ -1,0 +1,103 @@
+/* Measuring and drawing the test views. */
+#include "train/test_views.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_truth *truth,
+                                    struct spin_frame_renderer *shown, const size_t *live_counts,
+                                    const char *what, struct spin_quality *out)
+{
+    struct spin_metrics m = {.frame_renderer = shown,
+                             .clip = &plan->clip,
+                             .pixels = &truth->cache,
+                             .pairs = plan->test,
+                             .n_pairs = plan->n_test,
+                             .background = plan->o->background,
+                             .live_counts = live_counts,
+                             .what = what};
+
+    memset(out, 0, sizeof *out);
+    return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
+}
+
+spin_status spin_test_views_measure_source(struct spin_plan *plan, struct spin_truth *truth,
+                                           struct spin_device *device, struct spin_quality *out)
+{
+    struct spin_frame_renderer source;
+    spin_status status;
+
+    memset(out, 0, sizeof *out);
+    if (!spin_plan_has_source(plan))
+        return SPIN_OK;
+    SPIN_TRY(spin_frame_renderer_open(&source, device, &plan->clip.bundle, SPIN_FROM_SOURCE));
+    status = spin_test_views_measure(plan, truth, &source, NULL, "evaluating the source", out);
+    spin_frame_renderer_close(&source);
+    return status;
+}
+
+/* One of the preview's pictures. source may be NULL. */
+static spin_status preview_view(struct spin_plan *plan, struct spin_truth *truth,
+                                struct spin_frame_renderer *shown,
+                                struct spin_frame_renderer *source, const struct spin_pair *pair,
+                                const char *label)
+{
+    const struct spin_view *view = &plan->clip.views.view[pair->view];
+    size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
+    const float *picture[3];
+    char name[96];
+    char *path = NULL;
+    void *block = NULL;
+    float *values;
+    int n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
+    values = block;
+    SPIN_TRY_OUT(spin_image_cache_get(&truth->cache, pair->view, values));
+    picture[n++] = values;
+    if (source) {
+        SPIN_TRY_OUT(spin_frame_renderer_show(source, spin_plan_index(plan, pair->frame)));
+        SPIN_TRY_OUT(
+            spin_frame_renderer_draw(source, &view->camera, plan->o->background, values + pixels));
+        picture[n++] = values + pixels;
+    }
+    SPIN_TRY_OUT(
+        spin_frame_renderer_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
+    picture[n++] = values + 2 * pixels;
+    snprintf(name, sizeof name, "frame_%05d_cam_%02d_%s.png",
+             spin_plan_info(plan, pair->frame)->number, view->camera_id, label);
+    SPIN_TRY_OUT(spin_path_join(plan->o->preview, name, &path));
+    SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
+out:
+    free(block);
+    free(path);
+    return status;
+}
+
+spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_truth *truth,
+                                    struct spin_frame_renderer *shown, const char *label)
+{
+    struct spin_frame_renderer source = {0};
+    bool with_source = spin_plan_has_source(plan);
+    int middle = plan->clip.n_frames / 2;
+    spin_status status = SPIN_OK;
+
+    if (!plan->o->preview || plan->n_test == 0)
+        return SPIN_OK;
+    if (with_source)
+        SPIN_TRY(
+            spin_frame_renderer_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
+    SPIN_TRY_OUT(spin_frame_renderer_show_live(shown, middle, plan->counts[middle],
+                                               spin_plan_info(plan, middle)->time));
+    for (size_t i = 0; i < plan->n_test; i++)
+        if (plan->test[i].frame == middle)
+            SPIN_TRY_OUT(preview_view(plan, truth, shown, with_source ? &source : NULL,
+                                      &plan->test[i], label));
+out:
+    spin_frame_renderer_close(&source);
+    return status;
+}

@@ -1,0 +1,52 @@
+/* One frame while it is trained: the explicit parameters of its splats on the device, which are positions
+ * and, where there are some, residual values (log scale, rotation, colour, opacity). With a network the
+ * residual values are added to its outputs; the frame-wise stage has nothing else. */
+#ifndef SPIN_TRAIN_TRAIN_FRAME_H
+#define SPIN_TRAIN_TRAIN_FRAME_H
+
+#include "device/device.h"
+
+/* Parameters and Adam's moments. While the frame is not in a batch its moments and its step counter stay
+ * as they are (docs/method.md section 6). */
+struct spin_train_frame {
+    size_t n, capacity;          /* splats; those there is memory for */
+    double time;                 /* in the source's unit */
+    float SPIN_DEV *pos, *m, *v; /* [n][3] */
+    float SPIN_DEV *residual, *residual_m,
+        *residual_v; /* [SPIN_RESIDUAL n] in groups (device.h), or NULL */
+    int64_t steps;
+};
+
+/* All zero. After a failure close as well. */
+spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d, size_t n,
+                                  bool residual);
+void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d);
+/* Bytes that open reserves for a splat. */
+size_t spin_train_frame_bytes(bool residual);
+
+/* Host memory with a row for every splat, `stride` floats apart. at NULL: not wanted. */
+struct spin_rows {
+    float *at;
+    size_t stride;
+};
+enum spin_train_array { SPIN_TRAIN_VALUES, SPIN_TRAIN_MOMENT_1, SPIN_TRAIN_MOMENT_2 };
+
+/* Rows of 3 positions and of SPIN_RESIDUAL values to the device, and back. Splat i has row row_of[i]; NULL:
+ * row i. */
+spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_device *d,
+                                    enum spin_train_array which, struct spin_rows pos,
+                                    struct spin_rows residual, const uint32_t *row_of);
+spin_status spin_train_frame_download(const struct spin_train_frame *frame, struct spin_device *d,
+                                      enum spin_train_array which, struct spin_rows pos,
+                                      struct spin_rows residual, const uint32_t *row_of);
+
+/* Begin a step of the frame's parameters with the gradients d_pos [n][3] and d_residual [SPIN_RESIDUAL n]:
+ * the groups that the caller hands to the device's adam(). Returns how many. lr_pos 0: positions stay.
+ * d_residual NULL: residual values stay. */
+enum { SPIN_TRAIN_FRAME_GROUPS = SPIN_HEADS + 1 };
+int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,
+                          const double lr_residual[SPIN_HEADS], float SPIN_DEV *d_pos,
+                          float SPIN_DEV *d_residual,
+                          struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS]);
+
+#endif

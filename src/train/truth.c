@@ -1,0 +1,167 @@
+/* Images, and masks of pixels that count differently. */
+#include "train/truth.h"
+
+#include <stdlib.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/image.h"
+
+spin_status spin_truth_open(struct spin_truth *truth, const struct spin_plan *plan)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_image_cache_open(&plan->clip.views, plan->pixels_budget, plan->o->background,
+                                   &truth->cache));
+    SPIN_TRY(spin_alloc(plan->max_pixels, 4, &block));
+    truth->image = block;
+    if (!spin_plan_is_weighted(plan))
+        return SPIN_OK;
+    SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &truth->cache, SPIN_DYNAMIC_AUTO,
+                                    plan->train, plan->n_train, &truth->dynamic));
+    if (truth->dynamic.from == SPIN_DYNAMIC_OFF)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "--dynamic-weight: the data set has no foreground masks, and no camera "
+                         "stands still for three frames");
+    return spin_dynamic_mask_keep(&truth->dynamic);
+}
+
+void spin_truth_close(struct spin_truth *truth)
+{
+    spin_dynamic_mask_close(&truth->dynamic);
+    spin_image_cache_close(&truth->cache);
+    free(truth->image);
+    free(truth->imprint);
+}
+
+spin_status spin_truth_open_store(const struct spin_plan *plan, struct spin_device *device,
+                                  size_t n, struct spin_image_store *store)
+{
+    SPIN_TRY(spin_image_store_open(store, device, n, plan->max_pixels, SPIN_IMAGE_RGB8,
+                                   spin_plan_is_weighted(plan)));
+    store->images.mask_weight[1] = (float)plan->o->dynamic_weight;
+    return SPIN_OK;
+}
+
+spin_status spin_truth_put(struct spin_truth *truth, const struct spin_plan *plan, size_t view,
+                           struct spin_image_store *store, uint32_t number)
+{
+    const struct spin_camera *camera = &plan->clip.views.view[view].camera;
+    size_t n = (size_t)camera->width * (size_t)camera->height, dynamic;
+    uint8_t *mask = NULL;
+
+    SPIN_TRY(spin_image_cache_get_rgb8(&truth->cache, view, truth->image));
+    if (spin_plan_is_weighted(plan)) {
+        mask = truth->image + 3 * plan->max_pixels;
+        SPIN_TRY(spin_dynamic_mask_find(&truth->dynamic, view, NULL, &dynamic));
+        spin_dynamic_mask_bits(&truth->dynamic, n, mask);
+    }
+    spin_image_store_put(store, number, n, truth->image, mask);
+    return SPIN_OK;
+}
+
+/* ---- Numbers for bytes ------------------------------------------------------------------------- */
+
+/* FNV-1a, 64 bits, of more bytes. */
+static void add(uint64_t *hash, const void *data, size_t n)
+{
+    const unsigned char *byte = data;
+
+    for (size_t i = 0; i < n; i++)
+        *hash = (*hash ^ byte[i]) * 0x100000001b3u;
+}
+
+static void add_number(uint64_t *hash, double value) { add(hash, &value, sizeof value); }
+
+static void add_imprint(uint64_t *hash, const struct spin_imprint *imprint)
+{
+    add(hash, &imprint->size, sizeof imprint->size);
+    add(hash, &imprint->crc, sizeof imprint->crc);
+}
+
+static void add_camera(uint64_t *hash, const struct spin_view *view)
+{
+    const struct spin_camera *c = &view->camera;
+    const double values[] = {view->camera_id, c->width, c->height, c->fx, c->fy, c->cx, c->cy};
+
+    for (size_t i = 0; i < sizeof values / sizeof *values; i++)
+        add_number(hash, values[i]);
+    for (int i = 0; i < 12; i++)
+        add_number(hash, c->w2c[i]);
+}
+
+/* ---- Looking ----------------------------------------------------------------------------------- */
+
+/* The image of a view, and its mask where masks decide; *hash may be NULL. */
+static spin_status look_at(const struct spin_truth *truth, const struct spin_plan *plan,
+                           size_t index, uint64_t *hash)
+{
+    const struct spin_view *view = &plan->clip.views.view[index];
+    struct spin_imprint imprint;
+    int width, height;
+
+    if (spin_cancelled())
+        return spin_fail_cancelled();
+    SPIN_TRY(spin_image_look(view->path, &width, &height, &imprint));
+    SPIN_TRY(spin_view_check_size(view, width, height));
+    if (!hash)
+        return SPIN_OK;
+    *hash = 0xcbf29ce484222325u;
+    add_imprint(hash, &imprint);
+    add_camera(hash, view);
+    if (truth->dynamic.from != SPIN_DYNAMIC_MASKS)
+        return SPIN_OK;
+    SPIN_TRY(spin_image_look(view->mask, &width, &height, &imprint));
+    add_imprint(hash, &imprint);
+    return SPIN_OK;
+}
+
+/* Views that a camera's pixels are compared with to find what moves. */
+static size_t median_views(const struct spin_truth *truth, const struct spin_plan *plan, int camera,
+                           size_t *view)
+{
+    if (truth->dynamic.from != SPIN_DYNAMIC_IMAGES)
+        return 0;
+    return spin_moving_views(&plan->clip.views, camera, view);
+}
+
+spin_status spin_truth_look(struct spin_truth *truth, const struct spin_plan *plan)
+{
+    size_t median[SPIN_MOVING_ROWS];
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *truth->imprint, &block));
+    truth->imprint = block;
+    for (size_t i = 0; i < plan->n_train; i++)
+        SPIN_TRY(look_at(truth, plan, plan->train[i].view, &truth->imprint[plan->train[i].view]));
+    for (int k = 0; k < plan->n_cameras; k++) {
+        size_t n = median_views(truth, plan, plan->camera[k], median);
+
+        for (size_t i = 0; i < n; i++)
+            if (!truth->imprint[median[i]])
+                SPIN_TRY(look_at(truth, plan, median[i], &truth->imprint[median[i]]));
+    }
+    for (size_t i = 0; i < plan->n_test; i++)
+        SPIN_TRY(look_at(truth, plan, plan->test[i].view, NULL));
+    return SPIN_OK;
+}
+
+uint64_t spin_truth_imprint(const struct spin_truth *truth, const struct spin_plan *plan, int frame)
+{
+    size_t median[SPIN_MOVING_ROWS];
+    uint64_t hash = 0xcbf29ce484222325u;
+
+    for (size_t i = 0; i < plan->n_train; i++) {
+        const struct spin_pair *pair = &plan->train[i];
+        size_t n;
+
+        if (frame >= 0 && pair->frame != frame)
+            continue;
+        add_number(&hash, frame < 0 ? pair->frame : 0);
+        add(&hash, &truth->imprint[pair->view], sizeof *truth->imprint);
+        n = median_views(truth, plan, plan->clip.views.view[pair->view].camera_id, median);
+        for (size_t k = 0; k < n; k++)
+            add(&hash, &truth->imprint[median[k]], sizeof *truth->imprint);
+    }
+    return hash;
+}

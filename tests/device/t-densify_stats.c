@@ -1,0 +1,108 @@
+/* The statistics of densification: the formula of 3DGS, what is not seen is left alone, two views add up,
+ * the same bits on every code path and for any number of threads.
+ * K: threads refine */
+#include <math.h>
+#include <stdlib.h>
+
+#include "tests/device/strict.h"
+#include "tests/device/verbs.h"
+
+enum { N = 9000, W = 61, H = 47 };
+
+static struct spin_splat2d splat2d[N];
+static struct spin_splat2d_grad d_splat2d[N];
+static float want_sum[N], sum[N];
+static uint32_t want_seen[N], seen[N];
+
+static void check_path(const char *path, int n_threads)
+{
+    struct spin_camera_f32 cam = {.width = W, .height = H};
+    struct spin_device *d;
+
+    setenv("SPIN_CPU", path, 1);
+    d = check_device(n_threads);
+    memset(sum, 0, sizeof sum);
+    memset(seen, 0, sizeof seen);
+    for (int view = 0; view < 2; view++)
+        on_densify_stats(d, &cam, N, splat2d, d_splat2d, sum, seen);
+    ok(memcmp(sum, want_sum, sizeof sum) == 0, "%s, %d threads: sums of gradients", path,
+       n_threads);
+    ok(memcmp(seen, want_seen, sizeof seen) == 0, "%s, %d threads: views that saw it", path,
+       n_threads);
+    check_device_free(d);
+}
+
+/* Two frames, three views together on the strict device: each view adds to the splats of its frame. */
+static void views_together(void)
+{
+    enum { FIRST = 4000, REST = N - FIRST };
+    static const int shows[3] = {1, 0, 1};
+    static struct spin_splat2d drawn[REST + FIRST + REST];
+    static struct spin_splat2d_grad d_drawn[REST + FIRST + REST];
+    static const struct spin_frame_of_batch frame[2] = {{.n = FIRST}, {.first = FIRST, .n = REST}};
+    struct spin_device *d = strict_open(check_device(2), 2, 3);
+    struct loans l = {.d = d};
+    struct spin_frame_batch frames = {.n_frames = 2, .n = N, .frame = {frame[0], frame[1]}};
+    struct spin_view_batch views = {.n_views = 3};
+    int complaints = strict_complaints(), wrong = 0;
+    size_t at = 0;
+
+    for (int k = 0; k < 3; k++) {
+        size_t first = frame[shows[k]].first, n = frame[shows[k]].n;
+
+        views.view[k] = (struct spin_view_of_batch){
+            .frame = shows[k], .first = at, .n = n, .camera = {.width = W, .height = H}};
+        memcpy(drawn + at, splat2d + first, n * sizeof *drawn);
+        memcpy(d_drawn + at, d_splat2d + first, n * sizeof *d_drawn);
+        at += n;
+    }
+    memset(sum, 0, sizeof sum);
+    memset(seen, 0, sizeof seen);
+    d->op->densify_stats(d, &views, &frames, lend(&l, drawn, sizeof drawn),
+                         lend(&l, d_drawn, sizeof d_drawn), lend_both(&l, sum, sizeof sum),
+                         lend_both(&l, seen, sizeof seen));
+    settle(&l);
+    for (size_t i = 0; i < N; i++) {
+        float times = i < FIRST ? 0.5f : 1; /* the first frame is seen once, the other twice */
+
+        wrong += sum[i] != want_sum[i] * times || (float)seen[i] != (float)want_seen[i] * times;
+    }
+    ok(wrong == 0, "views together: %d of %d splats differ", wrong, (int)N);
+    ok(strict_complaints() == complaints, "without a complaint");
+    strict_close(d);
+}
+
+TAP_MAIN
+{
+    static const char *const paths[] = {"base", "v3", "v4"};
+
+    for (int i = 0; i < N; i++) {
+        volatile float x, y, xx, yy; /* one rounding per operation */
+
+        splat2d[i].radius_px = i % 5 - 1;
+        d_splat2d[i].u_px = (float)(i * 7919 % 1999) / 1e7f - 1e-4f;
+        d_splat2d[i].v_px = (float)(i * 7907 % 1993) / 1e7f - 1e-4f;
+        x = 0.5f * (float)W * d_splat2d[i].u_px;
+        y = 0.5f * (float)H * d_splat2d[i].v_px;
+        xx = x * x;
+        yy = y * y;
+        if (splat2d[i].radius_px > 0) {
+            want_sum[i] = sqrtf(xx + yy) + sqrtf(xx + yy);
+            want_seen[i] = 2;
+        }
+    }
+    for (int p = 0; p < 3; p++) {
+        struct spin_device d;
+
+        setenv("SPIN_CPU", paths[p], 1);
+        if (spin_device_open("cpu", 1, &d) != SPIN_OK) {
+            skip(paths[p], spin_last_error());
+            continue;
+        }
+        spin_device_close(&d);
+        check_path(paths[p], 1);
+        check_path(paths[p], 3);
+    }
+    unsetenv("SPIN_CPU");
+    views_together();
+}
