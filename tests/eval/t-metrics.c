@@ -232,16 +232,21 @@ static void check_overlays(void)
 
 /* ---- Quality ------------------------------------------------------------------------------------- */
 
-/* Mean squared error of n pixels of this shift, summed over the channels, against what is drawn. */
+/* Squared error of one channel of a pixel of this shift against what is drawn. */
+static double error_of(int row, int camera, int shift, const float drawn[3], int c)
+{
+    double a = alpha_of(camera), v = value_of(row, camera, c) + shift, back = (double)drawn[c];
+
+    return pow(rint(a * v + (1 - a) * 255 * back) / 255 - back, 2);
+}
+
+/* Mean squared error of the channels. */
 static double errors(int row, int camera, int shift, const float drawn[3])
 {
     double sum = 0;
 
-    for (int c = 0; c < 3; c++) {
-        double a = alpha_of(camera), v = value_of(row, camera, c) + shift, back = (double)drawn[c];
-
-        sum += pow(rint(a * v + (1 - a) * 255 * back) / 255 - back, 2) / 3;
-    }
+    for (int c = 0; c < 3; c++)
+        sum += error_of(row, camera, shift, drawn, c) / 3;
     return sum;
 }
 
@@ -278,8 +283,14 @@ static bool views_are_right(const struct spin_eval_report *r, const float drawn[
         double share = (double)n_dynamic(row, k) / (W * H);
         double dynamic = errors(row, k, SHIFT, drawn), still = errors(row, k, 0, drawn);
         bool few = n_dynamic(row, k) < 16;
+        double channels = 0;
 
-        good = good && is(q->psnr, decibels(share * dynamic + (1 - share) * still)) &&
+        for (int c = 0; c < 3; c++)
+            channels += decibels(share * error_of(row, k, SHIFT, drawn, c) +
+                                 (1 - share) * error_of(row, k, 0, drawn, c)) /
+                        3;
+        good = good && is(q->psnr_channel_mean, channels) &&
+               is(q->psnr, decibels(share * dynamic + (1 - share) * still)) &&
                is(q->psnr_dynamic, few ? NAN : decibels(dynamic)) &&
                is(q->psnr_static, decibels(still)) && is(q->dynamic, share) && q->valid;
         s->psnr += q->psnr;
