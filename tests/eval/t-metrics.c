@@ -145,7 +145,8 @@ static void write_meta(const char *name, int first, int end)
     fclose(f);
 }
 
-static void write_cloud(const char *name, int number, int row)
+/* One splat, as its row of values. */
+static void write_cloud(const char *name, int number, const char *values)
 {
     static const char *const names[] = {"x",      "y",       "z",       "f_dc_0",  "f_dc_1",
                                         "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
@@ -157,7 +158,7 @@ static void write_cloud(const char *name, int number, int row)
     fprintf(f, "ply\nformat ascii 1.0\nelement vertex 1\n");
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         fprintf(f, "property float %s\n", names[i]);
-    fprintf(f, "end_header\n%d %d 30000 0 0 0 -9 -5 -5 -5 1 0 0 0\n", 10000 + row, 20000 - row);
+    fprintf(f, "end_header\n%s\n", values);
     fclose(f);
 }
 
@@ -168,6 +169,7 @@ static void make_clip(void)
 
     mkdir(in("far", 0, 0), 0777);
     mkdir(in("other", 0, 0), 0777);
+    mkdir(in("black", 0, 0), 0777);
     mkdir(in("data", 0, 0), 0777);
     mkdir(in("data/ims", 0, 0), 0777);
     mkdir(in("data/seg", 0, 0), 0777);
@@ -176,8 +178,13 @@ static void make_clip(void)
         mkdir(in("data/seg/%d", camera_id[k], 0), 0777);
     }
     for (int row = 0; row < ROWS; row++) {
-        write_cloud("far/f%d.ply", FIRST + row, row);
-        write_cloud("other/f%d.ply", row, row);
+        char far[80];
+
+        snprintf(far, sizeof far, "%d %d 30000 0 0 0 -9 -5 -5 -5 1 0 0 0", 10000 + row,
+                 20000 - row);
+        write_cloud("far/f%d.ply", FIRST + row, far);
+        write_cloud("other/f%d.ply", row, far);
+        write_cloud("black/f%d.ply", FIRST + row, "0 0 2 -2 -2 -2 0 -2 -2 -2 1 0 0 0");
     }
     write_pictures();
     write_meta("data/train_meta.json", 0, 2);
@@ -414,6 +421,47 @@ static void check_tints(void)
     near(largest_of(exposure, 3), 0.005, 1e-6, "offsets, with a mean of 0");
     free(exposure);
     spin_npz_close(&state);
+}
+
+/* A black splat before black: again there is nothing to brighten. What was learned stands in the bundle under
+ * its own names. */
+static void check_black(void)
+{
+    struct spin_import_options import = {.data = data};
+    struct spin_import_report imported;
+    struct spin_retrain_options o;
+    struct spin_retrain_report r;
+    struct spin_bundle b;
+    double offset = 0, gain = 1;
+
+    import.input = in("black", 0, 0);
+    import.output = in("black.spin", 0, 0);
+    spin_retrain_defaults(&o);
+    o.input = import.output;
+    o.output = in("brighter.spin", 0, 0);
+    o.device = "cpu";
+    o.n_threads = 1;
+    o.hash_log2 = 8;
+    o.residual = SPIN_RESIDUAL_SOURCE;
+    o.iterations = o.warmup = o.batch = 1;
+    o.learn_exposure = true;
+    o.lr_exposure = 0.01;
+    if (!ok(spin_import(&import, &imported) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK &&
+                spin_bundle_open(o.output, &b) == SPIN_OK,
+            "learns the exposure of cameras before a black splat"))
+        return;
+    for (size_t i = 0; i < 2; i++) {
+        const spin_json *one =
+            spin_json_at(spin_json_get(spin_json_get(b.json, "network"), "cameras"), i);
+
+        for (size_t c = 0; c < 3; c++) {
+            spin_json_number(spin_json_at(spin_json_get(one, "log_gain"), c), &gain);
+            spin_json_number(spin_json_at(spin_json_get(one, "offset"), c), &offset);
+            ok(gain == 0, "no gain of camera %zu", i);
+            near(fabs(offset), 0.005, 1e-6, "but an offset");
+        }
+    }
+    spin_bundle_close(&b);
 }
 
 /* Behind splats that nobody sees is the background, and in pictures that let it through as well: the first
@@ -884,6 +932,7 @@ TAP_MAIN
     check_overlays();
     check_quality();
     check_tints();
+    check_black();
     check_first_loss();
     train();
     check_log();
