@@ -479,10 +479,17 @@ enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT };
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
 enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 
-/* NONE: not even the contraction; splats outside the unit cube share one set of attributes. */
-enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO, SPIN_NORMALISE_NONE };
+/* Centre and radius of the scene at the network's input. AUTO: median of the positions, and the distance that
+ * holds 90% of them. NONE: as OFF, without the contraction; splats outside the unit cube share one set of
+ * attributes. GIVEN: normalise_centre, normalise_radius. */
+enum spin_normalise {
+    SPIN_NORMALISE_OFF,
+    SPIN_NORMALISE_AUTO,
+    SPIN_NORMALISE_NONE,
+    SPIN_NORMALISE_GIVEN
+};
 
-#define SPIN_HASH_INIT_RANGE 1e-4 /* as in Instant NGP */
+/* Defaults and limits of all numbers: spin-retrain(1). */
 struct spin_retrain_options {
     const char *input, *output;
     const char *data, *data_from, *pair;
@@ -493,43 +500,46 @@ struct spin_retrain_options {
     enum spin_method method;
     int refine; /* iterations of every frame before the network, or instead */
     enum spin_refine_start refine_start; /* from coloured points, or from the source's attributes */
-    bool no_densify;                     /* refining keeps the number of points, but for pruning */
+    bool densify;                        /* refining adds points; else it only prunes them */
     int max_points;                      /* of a frame while it is refined; 0: no limit */
-    int iterations, batch;               /* 40000, 3 */
-    int levels, features, hash_log2;     /* 16, 4, 21 */
-    int hidden, sh_degree;               /* 64, 3 */
-    int base_resolution[4];              /* 8 8 8 8 */
-    int finest_resolution[4];            /* 2048 2048 2048 0; 0: max(16, frames) */
-    double lambda_dssim;                 /* 0.2 */
-    double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
-    double dynamic_weight;               /* how often a pixel that moves counts; 1 */
+    int iterations, batch;
+    int levels, features, hash_log2; /* of the hash grid */
+    int hidden, sh_degree;           /* width of the heads; of the colours */
+    int base_resolution[4];          /* x y z t */
+    int finest_resolution[4];        /* of t 0: max(16, frames) */
+    double lambda_dssim;
+    double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity */
+    double dynamic_weight;               /* of pixels that show motion, relative to the others */
     bool antialias;                      /* draw antialiased, and so train */
-    double hash_init_range;              /* first values of the table lie within; 1e-4 */
+    double hash_init_range;              /* first values of the table lie within */
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
-    double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position; /* paper's */
+    double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
     int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start */
     bool learn_exposure;   /* learn a gain and offset of every training camera */
-    double lr_exposure;    /* their rate; 1e-3 */
-    double lr_head_factor; /* on the four head rates; 1 */
+    double lr_exposure;    /* their rate */
+    double lr_head_factor; /* on the four head rates */
     enum spin_residual residual; /* what the network adds to */
-    double lr_residual;          /* on 3DGS's rates for a splat's own values; 1; 0: they stay */
-    double init_log_scale;       /* -5; NaN: auto, log of the median distance to 3 neighbours */
+    double lr_residual;          /* on 3DGS's rates for a splat's own values; 0: they stay */
+    double init_log_scale;       /* NaN: auto, log of the median distance to 3 neighbours */
     bool relu;                   /* ReLU in the heads instead of GELU */
     enum spin_normalise normalise;
-    double normalise_centre[3], normalise_radius; /* with radius > 0: use these */
-    int views_per_frame;                          /* of a batch taken from one frame; 1 */
+    double normalise_centre[3], normalise_radius; /* with SPIN_NORMALISE_GIVEN */
+    int views_per_frame;                          /* of a batch taken from one frame */
     float background[3];
     const char *device;         /* "auto", "cpu" or "cuda" */
     int n_threads;              /* 0: all */
-    int eval_every, save_every; /* 0: at the end; every 5 minutes */
+    int eval_every, save_every; /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
     const char *preview, *log; /* folder, file; or NULL */
 };
 
 /* The paper's defaults. */
 void spin_retrain_defaults(struct spin_retrain_options *o);
-/* "paper": these. "short": what does best in minutes. SPIN_E_USAGE when there is no such preset. */
+#define SPIN_PRESETS "paper|short"
+/* "paper": these. "short": for minutes of training on a CPU; frames are visited a hundred times instead of
+ * thousands, so rates are higher, the views of a step share one evaluation of the network, and splats start from
+ * known values. SPIN_E_USAGE when there is no such preset; then the options are those of "paper". */
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
 
 /* LPIPS networks, and the place of each in arrays. */

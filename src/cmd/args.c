@@ -148,25 +148,29 @@ static bool parse_ints(const struct spin_args_row *row, const char *text)
     return true;
 }
 
+int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room)
+{
+    int n = count_items(text);
+
+    for (int i = 0; i < n; i++) {
+        size_t length = strcspn(text, ",");
+
+        if (n > room || !parse_double(text, length, &out[i]) || !within(row, out[i]))
+            return 0;
+        text += length + 1;
+    }
+    return n;
+}
+
 static bool parse_doubles(const struct spin_args_row *row, const char *text)
 {
     struct spin_args_doubles *list = row->into;
     int n = count_items(text);
 
     free(list->value);
-    list->n = 0;
     list->value = calloc((size_t)n, sizeof *list->value);
-    if (!list->value)
-        return false;
-    for (; list->n < n; list->n++) {
-        size_t length = strcspn(text, ",");
-        double *value = &list->value[list->n];
-
-        if (!parse_double(text, length, value) || !within(row, *value))
-            return false;
-        text += length + 1;
-    }
-    return true;
+    list->n = list->value ? spin_args_numbers(row, text, list->value, n) : 0;
+    return list->n > 0;
 }
 
 /* A:B or A:B:STEP, half open and not empty. */
@@ -190,39 +194,49 @@ static bool parse_range(const char *text, struct spin_range *range)
     return true;
 }
 
-static bool parse_colour(const char *text, float *colour)
+static bool parse_colour(const struct spin_args_row *row, const char *text)
 {
+    static const struct spin_args_row channel = {.min = 0, .max = 1};
+    float *colour = row->into;
+    double value[3];
+
     if (!strcmp(text, "black") || !strcmp(text, "white")) {
         colour[0] = colour[1] = colour[2] = *text == 'w';
         return true;
     }
-    if (count_items(text) != 3)
+    if (spin_args_numbers(&channel, text, value, 3) != 3)
         return false;
-    for (int channel = 0; channel < 3; channel++) {
-        size_t length = strcspn(text, ",");
-        double value;
-
-        if (!parse_double(text, length, &value) || value < 0 || value > 1)
-            return false;
-        colour[channel] = (float)value;
-        text += length + 1;
-    }
+    for (int c = 0; c < 3; c++)
+        colour[c] = (float)value[c];
     return true;
 }
 
-static bool is_choice(const char *text, const char *choices)
+int spin_args_choice(const char *text, const char *choices)
 {
     size_t length = strlen(text);
 
-    for (const char *c = choices;; c++) {
-        size_t n = strcspn(c, "|");
+    for (int place = 0;; place++) {
+        size_t n = strcspn(choices, "|");
 
-        if (n == length && !memcmp(c, text, n))
-            return true;
-        c += n;
-        if (!*c)
-            return false;
+        if (n == length && !memcmp(choices, text, n))
+            return place;
+        if (!choices[n])
+            return -1;
+        choices += n + 1;
     }
+}
+
+static bool parse_enum(const struct spin_args_row *row, const char *text)
+{
+    int place = spin_args_choice(text, row->arg);
+
+    if (place < 0)
+        return false;
+    if (row->kind == SPIN_ARG_SWITCH)
+        *(bool *)row->into = place == 1;
+    else
+        *(unsigned *)row->into = (unsigned)place;
+    return true;
 }
 
 /* What the value should have been, for the message. */
@@ -290,7 +304,10 @@ static bool store(const struct spin_args_row *row, const char *text)
         return *text != '\0';
     case SPIN_ARG_CHOICE:
         *(const char **)row->into = text;
-        return is_choice(text, row->arg);
+        return spin_args_choice(text, row->arg) >= 0;
+    case SPIN_ARG_ENUM:
+    case SPIN_ARG_SWITCH:
+        return parse_enum(row, text);
     case SPIN_ARG_INTS:
         return parse_ints(row, text);
     case SPIN_ARG_DOUBLES:
@@ -298,9 +315,9 @@ static bool store(const struct spin_args_row *row, const char *text)
     case SPIN_ARG_RANGE:
         return parse_range(text, row->into);
     case SPIN_ARG_COLOUR:
-        return parse_colour(text, row->into);
+        return parse_colour(row, text);
     case SPIN_ARG_CUSTOM:
-        return row->parse(text, row->into);
+        return row->parse(row, text);
     case SPIN_ARG_FLAG:
     case SPIN_ARG_COUNT:
         break;
@@ -416,15 +433,13 @@ static int misuse_unknown(const struct parser *p, const char *name, size_t lengt
 
 /* ---- Reading the command line ---------------------------------------------------------------- */
 
-/* The last value of the option that names a plug-in, before anything else is read: which options are
- * known depends on it, wherever it stands. */
-static const char *scan_selector(int argc, char **argv, const char *selector)
+const char *spin_args_find(int argc, char **argv, const char *name)
 {
     const char *chosen = NULL;
-    size_t length = strlen(selector);
+    size_t length = strlen(name);
 
     for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
-        if (strncmp(argv[i], "--", 2) || strncmp(argv[i] + 2, selector, length))
+        if (strncmp(argv[i], "--", 2) || strncmp(argv[i] + 2, name, length))
             continue;
         if (argv[i][2 + length] == '=')
             chosen = argv[i] + 3 + length;
@@ -631,7 +646,8 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
 
     *words = (struct spin_args_words){0};
     if (command->plugins) {
-        p.chosen = scan_selector(argc, argv, command->plugin_selector);
+        /* first: which options are known depends on it, wherever it stands */
+        p.chosen = spin_args_find(argc, argv, command->plugin_selector);
         spin_plugins_load(p.chosen);
         p.n_plugins = command->plugins(p.plugin, MAX_PLUGINS);
     }

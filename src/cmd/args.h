@@ -29,6 +29,8 @@ enum spin_args_kind {
     SPIN_ARG_DOUBLE,  /* double *, min..max, finite                */
     SPIN_ARG_STRING,  /* const char **, not empty                  */
     SPIN_ARG_CHOICE,  /* const char **, one of arg's a|b|c         */
+    SPIN_ARG_ENUM,    /* unsigned *, place of one of arg's a|b|c   */
+    SPIN_ARG_SWITCH,  /* bool *, the second of arg's a|b           */
     SPIN_ARG_INTS,    /* struct spin_args_ints *, each min..max     */
     SPIN_ARG_DOUBLES, /* struct spin_args_doubles *, each min..max  */
     SPIN_ARG_RANGE,   /* struct spin_range *, A:B or A:B:STEP      */
@@ -52,20 +54,16 @@ struct spin_args_row {
     const char *arg;  /* word for the value; NULL for flags */
     const char *help; /* one sentence without a capital or full stop */
     enum spin_args_kind kind;
-    void *into;                                  /* where the value goes, see the kind */
-    double min, max;                             /* numbers; 0, 0: no limit */
-    bool (*parse)(const char *text, void *into); /* SPIN_ARG_CUSTOM: false when it makes no sense */
-    const char *section;                         /* the heading, when name is NULL */
+    void *into;      /* where the value goes, see the kind */
+    double min, max; /* numbers; 0, 0: no limit */
+    /* SPIN_ARG_CUSTOM: store text; false when it makes no sense */
+    bool (*parse)(const struct spin_args_row *row, const char *text);
+    const char *section; /* the heading, when name is NULL */
 };
 
 #define SPIN_ARG(name, brief, arg, help, kind, into, min, max)                                     \
     {                                                                                              \
         name, brief, arg, help, kind, into, min, max, NULL, NULL                                   \
-    }
-/* A value that parse() reads. */
-#define SPIN_ARG_PARSED(name, arg, help, into, parse)                                              \
-    {                                                                                              \
-        name, 0, arg, help, SPIN_ARG_CUSTOM, into, 0, 0, parse, NULL                               \
     }
 #define SPIN_ARG_END                                                                               \
     {                                                                                              \
@@ -96,6 +94,14 @@ struct spin_args_common {
         SPIN_ARG("help", 'h', NULL, "this text", SPIN_ARG_FLAG, &(c).help, 0, 0),                  \
         SPIN_ARG("version", 0, NULL, "name and version", SPIN_ARG_FLAG, &(c).version, 0, 0),       \
         SPIN_ARG_END
+
+/* For parse(): the place of text in "a|b|c", or -1; how many numbers there are, with commas between and each
+ * in min..max, or 0 when one is wrong or they are more than room. */
+int spin_args_choice(const char *text, const char *choices);
+int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room);
+
+/* The last value of --name, before anything is parsed; or NULL. */
+const char *spin_args_find(int argc, char **argv, const char *name);
 
 /* ---- Plug-ins -------------------------------------------------------------------------------- */
 

@@ -40,7 +40,7 @@ static int compare_floats(const void *a, const void *b)
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
-    if (o->normalise_radius > 0) {
+    if (o->normalise == SPIN_NORMALISE_GIVEN) {
         for (int c = 0; c < 3; c++)
             t->centre[c] = (float)o->normalise_centre[c];
         t->inv_radius = (float)(1 / o->normalise_radius);

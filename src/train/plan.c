@@ -10,6 +10,7 @@
 #include "base/mem.h"
 #include "base/pool.h"
 #include "train/lazy_adam.h"
+#include "train/options.h"
 #include "train/point_sample.h"
 #include "train/refine.h"
 #include "train/step.h"
@@ -18,79 +19,11 @@ static const size_t program_bytes = 150 << 20; /* the image library, mostly */
 
 /* ---- Options ---------------------------------------------------------------------------------- */
 
-void spin_retrain_defaults(struct spin_retrain_options *o)
-{
-    memset(o, 0, sizeof *o);
-    o->image_scale = 1;
-    o->iterations = 40000;
-    o->batch = 3;
-    o->levels = 16;
-    o->features = 4;
-    o->hash_log2 = 21;
-    o->hidden = 64;
-    o->sh_degree = 3;
-    for (int d = 0; d < 4; d++) {
-        o->base_resolution[d] = 8;
-        o->finest_resolution[d] = d < 3 ? 2048 : 0;
-    }
-    o->lambda_dssim = 0.2;
-    o->dynamic_weight = 1;
-    o->hash_init_range = SPIN_HASH_INIT_RANGE;
-    o->warmup = -1;
-    o->lr_table = 8e-3;
-    o->lr_sh = 1e-3;
-    o->lr_scale = 3e-4;
-    o->lr_rotation = 3e-5;
-    o->lr_opacity = 8e-4;
-    o->lr_position = 1.6e-4;
-    o->lr_exposure = 1e-3;
-    o->lr_head_factor = 1;
-    o->lr_residual = 1;
-    o->init_log_scale = -5;
-    o->views_per_frame = 1;
-    o->device = "auto";
-}
-
-/* What a budget of minutes wants. A frame is visited some hundred times, not some thousand: rates are
- * higher, the views of a batch share one run of the network, and the splats begin with what is known. */
-static void preset_short(struct spin_retrain_options *o)
-{
-    o->iterations = 1500;
-    o->views_per_frame = 3;
-    o->hash_log2 = 19;
-    o->normalise = SPIN_NORMALISE_AUTO;
-    o->residual = SPIN_RESIDUAL_POINTS;
-    o->lr_residual = 8;
-    o->lr_position = 1e-3;
-    o->lr_table = 4e-2;
-    o->lr_head_factor = 4;
-}
-
-spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o)
-{
-    spin_retrain_defaults(o);
-    if (!strcmp(name, "short"))
-        preset_short(o);
-    else if (strcmp(name, "paper") != 0)
-        return spin_fail(SPIN_E_USAGE, "no preset '%s': paper or short", name);
-    return SPIN_OK;
-}
-
 static spin_status check_options(const struct spin_retrain_options *o)
 {
     if (!o->input || (!o->output && !o->dry_run))
         return spin_fail(SPIN_E_USAGE, "retraining needs an input and an output");
-    if (o->iterations < 1 || o->batch < 1 || o->views_per_frame < 1 || o->batch > 4096)
-        return spin_fail(SPIN_E_USAGE, "iterations, batch and views per frame must be at least 1");
-    if (!(o->lambda_dssim >= 0 && o->lambda_dssim <= 1))
-        return spin_fail(SPIN_E_USAGE, "lambda-dssim %g is not in 0 to 1", o->lambda_dssim);
-    if (!(o->lambda_scale >= 0 && o->lambda_opacity >= 0 && o->dynamic_weight > 0 &&
-          o->hash_init_range >= 0))
-        return spin_fail(SPIN_E_USAGE, "weights and ranges are not negative numbers");
-    if (!(o->image_scale > 0 && o->image_scale <= 1))
-        return spin_fail(SPIN_E_USAGE, "image scale %g is not in (0, 1]", o->image_scale);
-    if (o->refine < 0 || o->max_points < 0)
-        return spin_fail(SPIN_E_USAGE, "refinement has no negative iterations or points");
+    SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_EXPLICIT && o->refine < 1)
         return spin_fail(SPIN_E_USAGE, "the explicit method needs iterations for every frame: say "
                                        "how many with --refine");

@@ -370,7 +370,7 @@ static void set_options(struct stage *stage)
     o->iterations = from->refine;
     o->lambda_dssim = from->lambda_dssim;
     memcpy(o->background, from->background, sizeof o->background);
-    if (from->no_densify)
+    if (!from->densify)
         o->densify_until = 0;
     o->lr_exposure = from->learn_exposure ? from->lr_exposure : 0;
     o->lambda_scale = from->lambda_scale;

@@ -1,8 +1,9 @@
-/* Where every option of a retraining starts, by preset. The values stand here a second time, so that no
- * change to one goes unnoticed.
- * K: retrain defaults presets */
-#include "spin.h"
+/* Where every option of a retraining starts, by preset, and its limits. The values stand here a second time, so
+ * that no change to one goes unnoticed.
+ * K: retrain defaults presets limits */
+#include <math.h>
 
+#include "train/options.h"
 #include "tests/tap.h"
 
 /* Every field in its order and by no name: a new field does not compile until its defaults stand here. */
@@ -21,7 +22,7 @@ static const struct spin_retrain_options paper = {
     SPIN_METHOD_NETWORK,     /* method */
     0,                       /* refine */
     SPIN_REFINE_FROM_POINTS, /* refine_start */
-    false,                   /* no_densify */
+    true,                    /* densify */
     0,                       /* max_points */
     40000,
     3, /* iterations, batch */
@@ -83,7 +84,7 @@ static const struct spin_retrain_options shorter = {
     SPIN_METHOD_NETWORK,     /* method */
     0,                       /* refine */
     SPIN_REFINE_FROM_POINTS, /* refine_start */
-    false,                   /* no_densify */
+    true,                    /* densify */
     0,                       /* max_points */
     1500,
     3, /* iterations, batch */
@@ -150,6 +151,148 @@ static void same(const char *name, const struct spin_retrain_options *want)
         printf("#   the first that is not: byte %zu of struct spin_retrain_options\n", i);
 }
 
+/* ---- Limits of the library call ----------------------------------------------------------------- */
+
+static struct spin_retrain_options o;
+
+/* The input is not there, which is found after the options were checked. */
+static void is_refused(bool want, const char *field)
+{
+    struct spin_retrain_report report;
+    spin_status status = spin_retrain(&o, &report);
+    char name[40];
+
+    snprintf(name, sizeof name, "%.*s", (int)strcspn(field, "["), field);
+    if (want)
+        ok(status == SPIN_E_USAGE && strstr(spin_last_error(), name), "%s is refused: %s", field,
+           spin_last_error());
+    else
+        ok(status != SPIN_OK && status != SPIN_E_USAGE, "%s is allowed: %s", field,
+           spin_last_error());
+    spin_retrain_defaults(&o);
+    o.input = "nowhere/in.spin";
+    o.output = "nowhere/out.spin";
+}
+
+/* One value on the limit, one beyond it. */
+#define LIMIT(field, on, beyond)                                                                   \
+    do {                                                                                           \
+        o.field = on;                                                                              \
+        is_refused(false, #field);                                                                 \
+        o.field = beyond;                                                                          \
+        is_refused(true, #field);                                                                  \
+    } while (0)
+
+static void test_limits(void)
+{
+    spin_retrain_defaults(&o);
+    is_refused(true, "input");
+    LIMIT(image_scale, 0.01, 0.009);
+    LIMIT(image_scale, 1, NAN);
+    LIMIT(background[2], 1, 1.01f);
+    LIMIT(iterations, 1, 0);
+    LIMIT(batch, 1024, 1025);
+    LIMIT(views_per_frame, 3, 4);
+    LIMIT(views_per_frame, 1, 0);
+    LIMIT(lambda_dssim, 1, 1.01);
+    LIMIT(dynamic_weight, 1e-3, 0);
+    LIMIT(lambda_opacity, 1e3, -1);
+    LIMIT(lambda_scale, 1e3, INFINITY);
+    LIMIT(warmup, 0, -2);
+    LIMIT(lr_table, 0, -1e-3);
+    LIMIT(lr_sh, 1, 2);
+    LIMIT(lr_scale, 1, NAN);
+    LIMIT(lr_rotation, 1, 2);
+    LIMIT(lr_opacity, 1, 2);
+    LIMIT(lr_position, 0, INFINITY);
+    LIMIT(lr_head_factor, 1000, 1001);
+    LIMIT(sh_increase_every, 0, -1);
+    LIMIT(lr_exposure, 1, 2);
+    LIMIT(eval_every, 0, -1);
+    LIMIT(save_every, 0, -1);
+    LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT + 1);
+    LIMIT(refine, 0, -1);
+    LIMIT(refine_start, SPIN_REFINE_FROM_SOURCE, SPIN_REFINE_FROM_SOURCE + 1);
+    LIMIT(max_points, 0, -1);
+    LIMIT(levels, 32, 33);
+    LIMIT(features, 8, 0);
+    LIMIT(hash_log2, 4, 27);
+    LIMIT(hidden, 256, 0);
+    LIMIT(sh_degree, 0, 4);
+    LIMIT(base_resolution[3], 2, 1);
+    LIMIT(finest_resolution[0], 65536, 65537);
+    LIMIT(hash_init_range, 10, -1);
+    LIMIT(init_log_scale, NAN, INFINITY);
+    LIMIT(normalise, SPIN_NORMALISE_NONE, SPIN_NORMALISE_GIVEN); /* which has no radius yet */
+    LIMIT(normalise, SPIN_NORMALISE_OFF, SPIN_NORMALISE_GIVEN + 1);
+    LIMIT(residual, SPIN_RESIDUAL_SOURCE, SPIN_RESIDUAL_SOURCE + 1);
+    LIMIT(lr_residual, 0, 1001);
+    o.normalise = SPIN_NORMALISE_GIVEN;
+    o.normalise_radius = 1;
+    is_refused(false, "a radius");
+    o.method = SPIN_METHOD_EXPLICIT;
+    is_refused(true, "--refine");
+}
+
+/* ---- Settings in JSON ---------------------------------------------------------------------------- */
+
+/* want: with ' in place of ". */
+static void is_json(enum spin_options_of of, const char *want)
+{
+    spin_json *j = spin_options_to_json(&o, of);
+    char *text = spin_json_text(j, false);
+
+    for (char *c = text; *c; c++)
+        *c = *c == '"' ? '\'' : *c;
+    is_text(text, want,
+            of == SPIN_OPTIONS_OF_NETWORK ? "settings of the network" : "settings of a refinement");
+    free(text);
+    spin_json_free(j);
+}
+
+/* What decides a result and does not stand here passes for unchanged when a run is resumed. */
+static void test_json(void)
+{
+    spin_retrain_defaults(&o);
+    is_json(SPIN_OPTIONS_OF_NETWORK,
+            "{'image_scale':1.0,'background':[0.0,0.0,0.0],'iterations':40000,'batch':3,"
+            "'views_per_frame':1,'lambda_dssim':0.2,'seed':'0','warmup':-1,"
+            "'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,'lr_rotation':3e-05,"
+            "'lr_opacity':0.0008,'lr_position':0.00016,'lr_head_factor':1.0,"
+            "'learn_exposure':false,'lr_exposure':0.001,'hash_log2':21,"
+            "'base_resolution':[8.0,8.0,8.0,8.0],"
+            "'finest_resolution':[2048.0,2048.0,2048.0,0.0],'init_log_scale':-5.0}");
+    is_json(SPIN_OPTIONS_OF_REFINEMENT,
+            "{'image_scale':1.0,'background':[0.0,0.0,0.0],'lambda_dssim':0.2,'seed':'0',"
+            "'iterations':0,'start':'points','densify':true,'max_points':0}");
+    o.dynamic_weight = 2;
+    o.lambda_opacity = 3;
+    o.lambda_scale = 4;
+    o.antialias = o.learn_exposure = true;
+    o.sh_increase_every = 5;
+    o.refine_start = SPIN_REFINE_FROM_SOURCE;
+    o.densify = false;
+    o.hash_init_range = 0.5;
+    o.init_log_scale = NAN;
+    o.residual = SPIN_RESIDUAL_SOURCE;
+    o.seed = UINT64_MAX;
+    is_json(SPIN_OPTIONS_OF_NETWORK,
+            "{'image_scale':1.0,'background':[0.0,0.0,0.0],'iterations':40000,'batch':3,"
+            "'views_per_frame':1,'lambda_dssim':0.2,'dynamic_weight':2.0,"
+            "'lambda_opacity':3.0,'lambda_scale':4.0,'seed':'18446744073709551615',"
+            "'warmup':-1,'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,"
+            "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
+            "'lr_head_factor':1.0,'sh_increase_every':5,'learn_exposure':true,"
+            "'lr_exposure':0.001,'hash_log2':21,'base_resolution':[8.0,8.0,8.0,8.0],"
+            "'finest_resolution':[2048.0,2048.0,2048.0,0.0],'hash_init_range':0.5,"
+            "'init_log_scale':'auto','residual':'source','lr_residual':1.0}");
+    is_json(SPIN_OPTIONS_OF_REFINEMENT,
+            "{'image_scale':1.0,'background':[0.0,0.0,0.0],'lambda_dssim':0.2,"
+            "'dynamic_weight':2.0,'lambda_opacity':3.0,'lambda_scale':4.0,"
+            "'antialias':true,'seed':'18446744073709551615','lr_exposure':0.001,"
+            "'iterations':0,'start':'source','densify':false,'max_points':0}");
+}
+
 TAP_MAIN
 {
     struct spin_retrain_options defaults, preset;
@@ -162,4 +305,6 @@ TAP_MAIN
            memcmp(&defaults, &preset, sizeof preset) == 0,
        "the defaults are those of 'paper'");
     ok(spin_retrain_preset("no such", &preset) == SPIN_E_USAGE, "there is no other preset");
+    test_limits();
+    test_json();
 }

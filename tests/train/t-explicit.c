@@ -50,7 +50,7 @@ static struct spin_refine_options same_options(const struct spin_retrain_options
     o.densify.extent = extent;
     o.densify.max_points = (size_t)from->max_points;
     o.densify.seed = from->seed;
-    if (from->no_densify)
+    if (!from->densify)
         o.densify_until = 0;
     return o;
 }
@@ -282,7 +282,7 @@ static void compare_keys(void)
     o = base, o.lambda_opacity = 1, another_key(o, "weight of the opacity");
     o = base, o.dynamic_weight = 2, another_key(o, "weight of what moves");
     o = base, o.max_points = 9999, another_key(o, "limit of points");
-    o = base, o.no_densify = true, another_key(o, "densification");
+    o = base, o.densify = false, another_key(o, "densification");
     o = base, o.refine_start = SPIN_REFINE_FROM_SOURCE, another_key(o, "start");
     o = base, o.antialias = true, another_key(o, "way to draw");
     o = base, o.learn_exposure = true, another_key(o, "colour of the cameras");
@@ -316,7 +316,7 @@ TAP_MAIN
     o.lambda_dssim = 0.5;
     compare(&o, "from points, with a cap");
     o = explicit_options(136);
-    o.no_densify = true;
+    o.densify = false;
     o.refine_start = SPIN_REFINE_FROM_SOURCE;
     o.learn_exposure = true;
     o.lr_exposure = 0.03;

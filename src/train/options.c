@@ -1,0 +1,266 @@
+/* The table of the training options: defaults, presets, the range check, JSON. */
+#include "train/options.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+
+enum type { BOOL, INT, ENUM, UINT64, FLOAT, DOUBLE };
+enum preset { PAPER, SHORT };
+
+struct row {
+    enum type type;
+    const char *field, *argument;
+    size_t offset, n; /* of the field; numbers in it */
+    double min, max;  /* 0, 0: no limit */
+    struct {
+        double value[2][4]; /* [preset][number] */
+        const char *name[2];
+    } fallback;
+    struct {
+        size_t when;     /* 0: never, 1: always, else the offset of the field that must differ */
+        const char *key; /* NULL: the field's name */
+    } in_json[2];        /* [spin_options_of] */
+};
+
+/* Kinds that only the command tells apart. */
+#define FLAG BOOL
+#define SWITCH BOOL
+#define GRID INT
+#define NORMALISE ENUM
+#define LOG_SCALE DOUBLE
+#define COLOUR FLOAT
+
+#define C_BOOL bool
+#define C_INT int
+#define C_ENUM unsigned
+#define C_UINT64 uint64_t
+#define C_FLOAT float
+#define C_DOUBLE double
+#define C(type) C_##type
+#define FIELD(field) (((struct spin_retrain_options *)NULL)->field)
+/* Numbers in a field; does not compile for a field of another type. */
+#define COUNT(c, field) sizeof FIELD(field) / sizeof(_Generic(FIELD(field), c : (c)0, c * : (c)0))
+
+#define NEVER .when = 0
+#define ALWAYS .when = 1
+#define AS(name) .when = 1, .key = name
+#define WHERE(field) .when = offsetof(struct spin_retrain_options, field)
+
+#define UNSET BOTH(0)
+#define BOTH(...) .value = {{__VA_ARGS__}, {__VA_ARGS__}}
+#define BOTH_SHOWN(text, ...) BOTH(__VA_ARGS__)
+#define BOTH_NAMED(word) .name = {#word, #word}
+#define PAPER_SHORT(paper, shorter) .value = {{paper}, {shorter}}
+#define PAPER_SHORT_NAMED(paper, shorter) .name = {#paper, #shorter}
+#define HEADING(text)
+#define OPTION(kind, field, name, argument, min, max, fallback, network, refinement, help)         \
+    {kind,                                                                                         \
+     #field,                                                                                       \
+     argument,                                                                                     \
+     offsetof(struct spin_retrain_options, field),                                                 \
+     COUNT(C(kind), field),                                                                        \
+     min,                                                                                          \
+     max,                                                                                          \
+     {fallback},                                                                                   \
+     {{network}, {refinement}}},
+
+static const struct row rows[] = {
+#include "train/options.def"
+};
+static const struct row *const end = rows + sizeof rows / sizeof *rows;
+
+/* ---- Values ----------------------------------------------------------------------------------- */
+
+/* The i-th of the names in "a|b|c", and its length; NULL when there are fewer. */
+static const char *name_at(const char *names, size_t i, size_t *length)
+{
+    for (;; names++) {
+        *length = strcspn(names, "|");
+        if (i-- == 0)
+            return names;
+        names += *length;
+        if (!*names)
+            return NULL;
+    }
+}
+
+/* SIZE_MAX when there is no such name. */
+static size_t place_of(const char *name, const char *names)
+{
+    const char *found;
+    size_t length;
+
+    for (size_t i = 0; (found = name_at(names, i, &length)); i++)
+        if (length == strlen(name) && memcmp(found, name, length) == 0)
+            return i;
+    return SIZE_MAX;
+}
+
+static double fallback_of(const struct row *row, enum preset preset, size_t i)
+{
+    const char *name = row->fallback.name[preset];
+
+    return name ? (double)place_of(name, row->argument) : row->fallback.value[preset][i];
+}
+
+static double get(const struct row *row, const struct spin_retrain_options *o, size_t i)
+{
+    const void *field = (const char *)o + row->offset;
+
+    switch (row->type) {
+    case BOOL:
+        return *(const bool *)field;
+    case INT:
+        return ((const int *)field)[i];
+    case ENUM:
+        return *(const unsigned *)field;
+    case UINT64:
+        return (double)*(const uint64_t *)field;
+    case FLOAT:
+        return (double)((const float *)field)[i];
+    case DOUBLE:
+        return *(const double *)field;
+    }
+    return NAN;
+}
+
+static void put(const struct row *row, struct spin_retrain_options *o, size_t i, double value)
+{
+    void *field = (char *)o + row->offset;
+
+    switch (row->type) {
+    case BOOL:
+        *(bool *)field = value != 0;
+        break;
+    case INT:
+        ((int *)field)[i] = (int)value;
+        break;
+    case ENUM:
+        *(unsigned *)field = (unsigned)value;
+        break;
+    case UINT64:
+        *(uint64_t *)field = (uint64_t)value;
+        break;
+    case FLOAT:
+        ((float *)field)[i] = (float)value;
+        break;
+    case DOUBLE:
+        *(double *)field = value;
+        break;
+    }
+}
+
+/* ---- Presets ---------------------------------------------------------------------------------- */
+
+static void start_from(enum preset preset, struct spin_retrain_options *o)
+{
+    memset(o, 0, sizeof *o);
+    o->device = "auto";
+    for (const struct row *row = rows; row < end; row++)
+        for (size_t i = 0; i < row->n; i++)
+            put(row, o, i, fallback_of(row, preset, i));
+}
+
+void spin_retrain_defaults(struct spin_retrain_options *o) { start_from(PAPER, o); }
+
+spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o)
+{
+    size_t preset = place_of(name, SPIN_PRESETS);
+
+    start_from(preset == SHORT ? SHORT : PAPER, o);
+    if (preset == SIZE_MAX)
+        return spin_fail(SPIN_E_USAGE, "no preset '%s', only " SPIN_PRESETS, name);
+    return SPIN_OK;
+}
+
+/* ---- Limits ----------------------------------------------------------------------------------- */
+
+static spin_status check_number(const struct row *row, double value, double fallback)
+{
+    size_t length;
+
+    if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
+        return spin_fail(SPIN_E_USAGE, "%s %g is none of %s", row->field, value, row->argument);
+    if (row->min >= row->max || (value >= row->min && value <= row->max) || value == fallback ||
+        (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
+        return SPIN_OK;
+    return spin_fail(SPIN_E_USAGE, "%s %.10g is not from %.10g to %.10g", row->field, value,
+                     row->min, row->max);
+}
+
+spin_status spin_options_check(const struct spin_retrain_options *o)
+{
+    const double *centre = o->normalise_centre;
+
+    for (const struct row *row = rows; row < end; row++)
+        for (size_t i = 0; i < row->n; i++)
+            SPIN_TRY(check_number(row, get(row, o, i), fallback_of(row, PAPER, i)));
+    if (o->normalise == SPIN_NORMALISE_GIVEN &&
+        !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
+          o->normalise_radius > 0))
+        return spin_fail(SPIN_E_USAGE, "normalise_centre and normalise_radius are not finite, or "
+                                       "the radius is not above 0");
+    if (o->views_per_frame > o->batch)
+        return spin_fail(SPIN_E_USAGE, "views_per_frame %d is more than batch %d",
+                         o->views_per_frame, o->batch);
+    return SPIN_OK;
+}
+
+/* ---- JSON ------------------------------------------------------------------------------------- */
+
+static bool differs_at(size_t offset, const struct spin_retrain_options *o)
+{
+    for (const struct row *row = rows; row < end; row++)
+        for (size_t i = 0; i < row->n && row->offset == offset; i++)
+            if (get(row, o, i) != fallback_of(row, PAPER, i))
+                return true;
+    return false;
+}
+
+static void add_to_json(const struct row *row, const struct spin_retrain_options *o,
+                        const char *key, spin_json *j)
+{
+    double value = get(row, o, 0);
+    spin_json *array;
+    size_t length;
+    char text[32];
+
+    if (row->n > 1) {
+        array = spin_json_array();
+        for (size_t i = 0; i < row->n; i++)
+            spin_json_push_number(array, get(row, o, i));
+        spin_json_set(j, key, array);
+    } else if (row->type == BOOL) {
+        spin_json_set_bool(j, key, value != 0);
+    } else if (row->type == INT) {
+        spin_json_set_integer(j, key, (int64_t)value);
+    } else if (row->type == UINT64) { /* in JSON a large number would lose digits */
+        snprintf(text, sizeof text, "%" PRIu64, *(const uint64_t *)((const char *)o + row->offset));
+        spin_json_set_string(j, key, text);
+    } else if (row->type == ENUM) {
+        const char *name = name_at(row->argument, (size_t)value, &length);
+
+        snprintf(text, sizeof text, "%.*s", (int)length, name);
+        spin_json_set_string(j, key, text);
+    } else if (isnan(value)) {
+        spin_json_set_string(j, key, "auto");
+    } else {
+        spin_json_set_number(j, key, value);
+    }
+}
+
+spin_json *spin_options_to_json(const struct spin_retrain_options *o, enum spin_options_of of)
+{
+    spin_json *j = spin_json_object();
+
+    for (const struct row *row = rows; row < end; row++) {
+        size_t when = row->in_json[of].when;
+
+        if (when == 1 || (when > 1 && differs_at(when, o)))
+            add_to_json(row, o, row->in_json[of].key ? row->in_json[of].key : row->field, j);
+    }
+    return j;
+}
