@@ -7,6 +7,7 @@
 #include "spin.h"
 #include <stdlib.h>
 
+#include "importers/lib/camera_places.h"
 #include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
@@ -15,7 +16,7 @@
 #include "io/zip.h"
 #include "math/plane.h"
 
-enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_CAMERAS = 64, MAX_SEGMENTS = 4096 };
+enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_SEGMENTS = 4096 };
 
 enum { ANCHOR, FEATURE, OFFSETS, SCALING, N_HEADS };
 
@@ -44,8 +45,7 @@ struct model {
     struct hexplane global, local;
     struct hex_head head[N_HEADS], move; /* n_in == 0: there is none */
     struct mlp_linear alive[2];          /* opacity_mlp, with cameras */
-    float camera[MAX_CAMERAS][3];
-    int n_cameras;
+    struct camera_places cameras;
     float *centre; /* [most][3] of the frame that was read last */
     bool *kept;    /* [most] */
     struct mlp_team team;
@@ -133,7 +133,7 @@ static spin_status read_settings(const struct cfg_args *cfg, struct model *model
     if (spin_cfg_get(cfg, "LGD_method").at &&
         !spin_cfg_is(spin_cfg_get(cfg, "LGD_method"), "'explicit'"))
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': only LGD_method='explicit' is read", cfg->path);
-    if (model->n_cameras > 0)
+    if (model->cameras.n > 0)
         SPIN_TRY(refuse(cfg, "use_feat_bank", false));
     SPIN_TRY(need(cfg, "anchor_dynamics", &any));
     for (int h = 0; any && h < N_HEADS; h++)
@@ -145,29 +145,6 @@ static spin_status read_settings(const struct cfg_args *cfg, struct model *model
     for (size_t i = 0; i < model->n; i++) {
         model->dynamics[2 * i] = dynamics_factor(&whole, model->dynamics[2 * i]);
         model->dynamics[2 * i + 1] = dynamics_factor(&part, model->dynamics[2 * i + 1]);
-    }
-    return SPIN_OK;
-}
-
-/* --camera X,Y,Z;X,Y,Z */
-static spin_status read_cameras(const struct spin_plugin_values *values, struct model *model)
-{
-    const char *at = spin_plugin_value(values, "camera", NULL);
-
-    while (at && *at) {
-        size_t n = strcspn(at, ";");
-        double xyz[3] = {0, 0, 0};
-        char list[128];
-
-        snprintf(list, sizeof list, "[%.*s]", n < 100 ? (int)n : 100, at);
-        if (n >= 100 || !spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, xyz))
-            return spin_fail(SPIN_E_USAGE, "--camera '%.*s': expected X,Y,Z", (int)n, at);
-        if (model->n_cameras == MAX_CAMERAS)
-            return spin_fail(SPIN_E_USAGE, "--camera: more than %d places", MAX_CAMERAS);
-        for (int d = 0; d < 3; d++)
-            model->camera[model->n_cameras][d] = (float)xyz[d];
-        model->n_cameras++;
-        at += n + (at[n] == ';');
     }
     return SPIN_OK;
 }
@@ -470,7 +447,7 @@ static size_t count_scratch(const struct model *model)
 static void describe(struct model *model, struct spin_sequence_info *sequence)
 {
     sequence->n_frames = 1;
-    sequence->counts = model->n_cameras > 0 ? NULL : &model->most;
+    sequence->counts = model->cameras.n > 0 ? NULL : &model->most;
     sequence->columns = SPIN_COL_MEANS;
     sequence->continuous = true;
     sequence->time_last = 1;
@@ -478,7 +455,7 @@ static void describe(struct model *model, struct spin_sequence_info *sequence)
              "MoDec-GS, %zu anchors with %d offsets, %d segments", model->n, model->n_offsets,
              model->n_segments);
     spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
-    if (model->n_cameras == 0)
+    if (model->cameras.n == 0)
         spin_note(sequence, "all offsets are taken, also those that no camera sees: say where "
                             "cameras stand with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
@@ -487,13 +464,13 @@ static void describe(struct model *model, struct spin_sequence_info *sequence)
 static spin_status open_model(const struct cfg_args *cfg, const struct spin_plugin_values *values,
                               struct model *model, struct spin_sequence_info *sequence)
 {
-    SPIN_TRY(read_cameras(values, model));
+    SPIN_TRY(spin_camera_places_parse(spin_plugin_value(values, "camera", NULL), &model->cameras));
     SPIN_TRY(read_anchors(model));
     SPIN_TRY(read_settings(cfg, model));
     SPIN_TRY(read_times(cfg, model));
     SPIN_TRY(open_network("deformation_GAD.pth", cfg, model));
     SPIN_TRY(open_network("deformation_LGD.pth", cfg, model));
-    if (model->n_cameras > 0)
+    if (model->cameras.n > 0)
         SPIN_TRY(read_opacity(model));
     SPIN_TRY(alloc_floats(model->most, 3, &model->centre));
     SPIN_TRY(spin_alloc(model->most, sizeof *model->kept, (void **)&model->kept));
@@ -641,12 +618,13 @@ static void find_alive(const struct model *model, size_t first, int n, struct pa
 
     memcpy(parts->in, parts->deform[FEATURE], (size_t)a * MLP_BLOCK * sizeof(float));
     memset(parts->in + a * MLP_BLOCK, 0, 4 * MLP_BLOCK * sizeof(float));
-    for (int c = 0; c < model->n_cameras; c++) {
+    for (int c = 0; c < model->cameras.n; c++) {
         for (int p = 0; p < n; p++) {
             float *v = parts->in + a * MLP_BLOCK + p, norm = 0;
 
             for (int d = 0; d < 3; d++) {
-                v[d * MLP_BLOCK] = parts->deform[ANCHOR][d * MLP_BLOCK + p] - model->camera[c][d];
+                v[d * MLP_BLOCK] =
+                    parts->deform[ANCHOR][d * MLP_BLOCK + p] - model->cameras.place[c][d];
                 norm += v[d * MLP_BLOCK] * v[d * MLP_BLOCK];
             }
             norm = sqrtf(norm);
@@ -698,8 +676,8 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     deform_anchors(job, first, n, &parts);
     spawn(job->model, n, &parts);
     for (size_t i = first * k; i < (first + (size_t)n) * k; i++)
-        job->model->kept[i] = job->model->n_cameras == 0;
-    if (job->model->n_cameras > 0)
+        job->model->kept[i] = job->model->cameras.n == 0;
+    if (job->model->cameras.n > 0)
         find_alive(job->model, first, n, &parts);
     move_centres(job, first, n, &parts);
 }

@@ -205,7 +205,8 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 struct spin_peek {
     const char *path;
     bool is_folder;
-    const unsigned char *head; /* first bytes of a file, or of a folder's cfg_args, at most 4096 */
+    const unsigned char *head; /* first bytes of a file, or of the first of cfg_args, deformation.pth and
+                                  point_cloud.ply that a folder has; at most 4096 */
     size_t n_head;
     const char *tail_names;   /* zip archives, and params.npz of a folder: member names, one per
                                  line; else "" */

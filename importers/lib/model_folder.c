@@ -132,24 +132,35 @@ bool spin_model_folder_search(const char *path, const char *file, bool *coarse)
     return found;
 }
 
-spin_status spin_model_folder_cfg(const char *path, const char *save, struct cfg_args *cfg)
+spin_status spin_model_folder_beside(const char *path, const char *save, const char *name,
+                                     char **out)
 {
-    static const char *const where[] = {"cfg_args", "cfg_args", "../cfg_args", "../../cfg_args"};
+    static const char *const above[] = {"", "", "../", "../../"};
 
-    memset(cfg, 0, sizeof *cfg);
+    *out = NULL;
     for (int i = 0; i < (save ? 4 : 1); i++) {
-        char *file = NULL;
-        spin_status status = spin_path_join(i == 0 ? path : save, where[i], &file);
+        char relative[64];
 
-        if (status == SPIN_OK && spin_path_exists(file)) {
-            status = spin_cfg_open(file, cfg);
-            free(file);
-            return status;
-        }
-        free(file);
-        SPIN_TRY(status);
+        snprintf(relative, sizeof relative, "%s%s", above[i], name);
+        SPIN_TRY(spin_path_join(i == 0 ? path : save, relative, out));
+        if (spin_path_exists(*out))
+            return SPIN_OK;
+        free(*out);
+        *out = NULL;
     }
     return SPIN_OK;
+}
+
+spin_status spin_model_folder_cfg(const char *path, const char *save, struct cfg_args *cfg)
+{
+    char *file = NULL;
+    spin_status status;
+
+    memset(cfg, 0, sizeof *cfg);
+    SPIN_TRY(spin_model_folder_beside(path, save, "cfg_args", &file));
+    status = file ? spin_cfg_open(file, cfg) : SPIN_OK;
+    free(file);
+    return status;
 }
 
 /* ---- The cloud ------------------------------------------------------------------------------- */

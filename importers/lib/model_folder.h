@@ -32,8 +32,12 @@ spin_status spin_model_folder_save(const char *path, const char *wanted, const c
  * first stage only. */
 bool spin_model_folder_search(const char *path, const char *file, bool *coarse);
 
-/* Opens the cfg_args in folder `path`, or else in `save` or up to two folders above it; save may be
- * NULL. cfg->path stays NULL when there is none. */
+/* The file `name` in folder `path`, or else in `save` or up to two folders above it; save may be NULL.
+ * *out is NULL when there is none; allocated. */
+spin_status spin_model_folder_beside(const char *path, const char *save, const char *name,
+                                     char **out);
+
+/* Opens the cfg_args found so; cfg->path stays NULL when there is none. */
 spin_status spin_model_folder_cfg(const char *path, const char *save, struct cfg_args *cfg);
 
 /* A property of the vertices into out, every `step` floats; finite. */

@@ -646,18 +646,24 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-/* Two files tell the runs of related methods apart: params.npz by its members (Dynamic 3D Gaussians and
- * its descendants), cfg_args by its text (what grew out of 3DGS). */
+/* Some files tell the runs of related methods apart: params.npz by its members (Dynamic 3D Gaussians and
+ * its descendants), cfg_args by its text (what grew out of 3DGS). In the folder of one save there is no
+ * cfg_args: the keys of the network tell, or else the header of the cloud. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
+    /* In the order of the alphabet, as names are: the first that is there gives the head. */
+    static const char *const heads[] = {"cfg_args", "deformation.pth", "point_cloud.ply"};
+    bool head = false;
     char *path = NULL;
     spin_status status = SPIN_OK;
 
-    if (strcmp(name, "params.npz") != 0 && strcmp(name, "cfg_args") != 0)
+    for (size_t i = 0; i < sizeof heads / sizeof *heads; i++)
+        head = head || (!out->head && strcmp(name, heads[i]) == 0);
+    if (strcmp(name, "params.npz") != 0 && !head)
         return SPIN_OK;
     SPIN_TRY(spin_path_join(folder, name, &path));
-    if (strcmp(name, "params.npz") == 0)
+    if (!head)
         status = peek_members(path, members);
     else
         (void)peek_head(path, out); /* what cannot be read has no head */

@@ -334,6 +334,15 @@ static void peeks(void)
            !strcmp(peek.names[0], "B") && !peek.names[4],
        "peeks into a folder");
     spin_peek_free(&peek);
+    for (int i = 0; i < 3; i++) {
+        static const char *const heads[] = {"x/point_cloud.ply", "x/deformation.pth", "x/cfg_args"};
+
+        put_file(in_root(heads[i]), heads[i]);
+        ok(spin_peek_open(in_root("x"), &peek) == SPIN_OK && peek.n_head == strlen(heads[i]) &&
+               memcmp(peek.head, heads[i], peek.n_head) == 0,
+           "the head of a folder is that of its %s", spin_path_name(heads[i]));
+        spin_peek_free(&peek);
+    }
     ok(spin_peek_open(in_root("none"), &peek) == SPIN_E_NOT_FOUND,
        "what is not there is not found");
     ok(strstr(spin_last_error(), "no such file or folder") != NULL, "in these words");
