@@ -46,6 +46,8 @@ static int probe(const struct spin_peek *peek)
 {
     bool cfg = false, cloud = false, other = false, ours, modec;
 
+    if (memmem(peek->head, peek->n_head, "feature_out_c.0.weight", 22)) /* of E-D3DGS */
+        return 0;
     if (!peek->is_folder) {
         const char *name = strrchr(peek->path, '/');
 
@@ -195,10 +197,9 @@ static spin_status fail_other_network(const struct spin_value *root)
 
     for (size_t i = 0; i < sizeof theirs / sizeof *theirs; i++) {
         if (spin_value_get(root, theirs[i]))
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%s' says that this is a network of E-D3DGS, which is not "
-                             "read",
-                             theirs[i]);
+            return spin_fail(
+                SPIN_E_UNSUPPORTED,
+                "tensor '%s' says that this is a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
     return spin_fail(SPIN_E_MALFORMED,
                      "no tensor 'deformation_net.grid.grids.0.0': this is not a network of "

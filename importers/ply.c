@@ -47,11 +47,12 @@ static int probe(const struct spin_peek *peek)
 /* A cloud whose Gaussians move by themselves is no frame. */
 static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_ply_element *e)
 {
-    const char *method = NULL, *name = "t";
+    const char *method = NULL, *name = "t", *use = "";
 
     if (spin_ply_has_prefix(e, "trbf_") || spin_ply_has_prefix(e, "motion_") ||
         spin_ply_has_prefix(e, "omega_")) {
         method = "SpacetimeGaussians";
+        use = "; use --from spacetimegs";
         name = spin_ply_has_prefix(e, "trbf_")     ? "trbf_*"
                : spin_ply_has_prefix(e, "motion_") ? "motion_*"
                                                    : "omega_*";
@@ -66,8 +67,8 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
         return SPIN_OK;
     return spin_fail(SPIN_E_UNSUPPORTED,
                      "'%s': property '%s' says that this is a 4D model, it looks like %s, and not "
-                     "the cloud of one frame",
-                     ply->path, name, method);
+                     "the cloud of one frame%s",
+                     ply->path, name, method, use);
 }
 
 struct content {
@@ -131,6 +132,11 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
                   "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out "
                   "too small");
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
+    }
+    if (spin_ply_has(c->vertex, "embedding_0")) {
+        spin_note(sequence, "properties embedding_*, as E-D3DGS writes them: this is its canonical "
+                            "cloud and no frame of the video; --from ed3dgs reads its network");
+        spin_warn("'%s': the canonical cloud of E-D3DGS is no frame of the video", ply->path);
     }
     if (c->n_rest > 45) {
         spin_note(sequence, "SH degree 4 is cut to degree 3");

@@ -14,12 +14,14 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures
     d3dgs) echo d3dgs/cloud ;;
     dash) echo dash/default_like/model ;;
     deformable3dgs) echo deformable3dgs/real_small/model ;;
+    ed3dgs) echo ed3dgs/annealed_early/model ;;
     grid4d) echo grid4d/dnerf_like/model ;;
     modecgs) echo modecgs/default_like/model ;;
     omg4) echo omg4/comp_xz ;;
     ply) echo ply/inria_sh3 ;;
     realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
     rotor4dgs) echo rotor4dgs/old_names ;;
+    spacetimegs) echo spacetimegs/full_techni/model ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac
 }

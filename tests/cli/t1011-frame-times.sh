@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: 4dgaussian deformable3dgs datasets
+# K: 4dgaussian deformable3dgs ed3dgs spacetimegs datasets
 # At which times a continuous method is sampled when a data set only counts its frames.
 . tests/cli/lib.sh
 
@@ -38,6 +38,19 @@ if [ -n "$other" ]; then
 else
     skip "deformable3dgs" "no fixture at hand"
 fi
+
+# Of these the run itself says how many frames it has: 20 and 300, frame i at i/20 and i/300.
+for one in spacetimegs/full_techni/model:0.95 ed3dgs/annealed_early/model:0.99666; do
+    path=$fixtures/${one%:*}
+    if [ ! -d "$path" ]; then
+        skip "${one%%/*}" "no fixture at hand"
+        continue
+    fi
+    run "$bin/spin-import" "$path" --data "$clip" -o "$work/${one%%/*}.spin" --json
+    times_are "0,${one#*:}[0-9]*" "${one%%/*}: from its first frame to its last"
+    run "$bin/spin-import" "$path" --frames 5 -o "$work/${one%%/*}-5.spin" --json
+    times_are "0,${one#*:}[0-9]*" "and so with --frames"
+done
 
 run "$bin/spin-import" "$model" --frames 3 --frame-times unit -o "$work/none.spin"
 fails 2 spin-import "--frame-times without a data set"

@@ -1,6 +1,6 @@
 #!/bin/sh
-# K: import export ply realtime4dgs 4dgaussian retrain
-# A run of every importer in the list goes out as PLY; two that are defined at any time are retrained too.
+# K: import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs retrain
+# A run of every importer in the list goes out as PLY; some that are defined at any time are retrained too.
 . tests/cli/lib.sh
 . tests/runs.sh
 
@@ -91,4 +91,6 @@ retrained() { # IMPORTER RADIUS LAST_TIME
 
 retrained realtime4dgs 7 1
 retrained 4dgaussian 4 1
+retrained ed3dgs 8 1
+retrained spacetimegs 30 0.95
 done_testing

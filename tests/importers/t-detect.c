@@ -1,6 +1,6 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
- * K: detect import d3dgs tc3dgs deformable3dgs grid4d dash 4dgaussian modecgs 3dgstream realtime4dgs
- * K: rotor4dgs omg4 ply panoptic colmap dynerf transforms */
+ * K: detect import d3dgs tc3dgs deformable3dgs ed3dgs grid4d dash 4dgaussian modecgs 3dgstream realtime4dgs
+ * K: rotor4dgs spacetimegs omg4 ply panoptic colmap dynerf transforms */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -16,14 +16,24 @@ static const struct known runs[] = {
     {"d3dgs/trained", "d3dgs"},
     {"d3dgs/trained/params.npz", "d3dgs"},
     {"deformable3dgs/*/model", "deformable3dgs"},
+    {"ed3dgs/*/model", "ed3dgs"},
+    {"ed3dgs/annealed_early/model/point_cloud/*", "ed3dgs"},
+    {"ed3dgs/annealed_early/model/point_cloud/iteration_5400/deformation.pth", "ed3dgs"},
     {"grid4d/*/model", "grid4d"},
     {"dash/*/model", "dash"},
     {"4dgaussian/*/model", "4dgaussian"},
+    {"4dgaussian/coarse_and_fine/model/point_cloud/*", "4dgaussian"},
+    {"4dgaussian/coarse_and_fine/model/point_cloud/iteration_14000/deformation.pth", "4dgaussian"},
     {"modecgs/*/model", "modecgs"},
     {"3dgstream", "3dgstream"},
     {"3dgstream/fvv", "3dgstream"},
     {"realtime4dgs/*", "realtime4dgs"},
     {"rotor4dgs/*", "rotor4dgs"},
+    {"spacetimegs/*/model", "spacetimegs"},
+    {"spacetimegs/full_techni/model/point_cloud/*", "spacetimegs"},
+    {"spacetimegs/full_techni/model/point_cloud/iteration_12000/point_cloud.ply", "spacetimegs"},
+    {"spacetimegs/full_techni/model/point_cloud/iteration_12000/point_cloud.pt", "spacetimegs"},
+    {"spacetimegs/lite_n3d/model/point_cloud/*", "spacetimegs"},
     {"omg4/comp_xz", "omg4"},
     {"omg4/ftgs_xz", "omg4"},
     {"omg4/stale_chkpnt", "realtime4dgs"}, /* whose checkpoint it is */
@@ -51,6 +61,8 @@ static const struct known data_sets[] = {
     {"court-mini", "panoptic"},
     {"d3dgs/cloud", NULL},
     {"4dgaussian/coarse_and_fine/model", NULL},
+    {"ed3dgs/annealed_early/model", NULL},
+    {"spacetimegs/full_techni/model", NULL},
 };
 
 static void check(const char *path, const char *name, const char *importer, bool data)

@@ -259,6 +259,9 @@ static const struct run_files {
     {"4dgaussian/coarse_and_fine/model",
      {"point_cloud/iteration_14000/deformation.pth",
       "point_cloud/iteration_14000/point_cloud.ply"}},
+    {"ed3dgs/annealed_early/model",
+     {"point_cloud/iteration_5400/deformation.pth", "point_cloud/iteration_5400/point_cloud.ply"}},
+    {"spacetimegs/full_techni/model", {"*.ply"}}, /* the network not: there are no cameras */
     {"deformable3dgs/real_small/model", {"*/deform.pth", "*/point_cloud.ply"}},
     {"grid4d/dnerf_like/model", {"deform/iteration_50000/*", "point_cloud/iteration_50000/*"}},
     {"dash/default_like/model",

@@ -1,6 +1,6 @@
 /* modecgs: positions of the fixture at all its times, of all offsets and of those that a camera
  * sees, and files that lie. K: modecgs import threads */
-#include "tests/importers/models.h"
+#include "tests/importers/clouds.h"
 
 static const char *save_path = "model/point_cloud/iteration_14000";
 
@@ -105,18 +105,8 @@ static void test_setting(const char *folder, const char *word, const char *by, c
                          const char *what)
 {
     const char *model = make_model(folder), *path = path_in(model, "cfg_args");
-    char text[4096] = "", changed[4200];
-    FILE *file = fopen(path, "rb");
-    size_t n = file ? fread(text, 1, sizeof text - 1, file) : 0;
-    char *at;
 
-    text[n] = '\0';
-    at = strstr(text, word);
-    if (!file || !at)
-        exit(1);
-    fclose(file);
-    snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - text), text, by, at + strlen(word));
-    write_text(path, changed);
+    replace_text(path, word, by);
     model_fails("modecgs", model, seen, "cfg_args", in, what);
 }
 
