@@ -4,6 +4,9 @@
  * remain in the end go through zlib, as do short pieces and other processors. */
 #include "io/crc.h"
 
+#include <pthread.h>
+#include <stdbool.h>
+#include <unistd.h>
 #include <zlib.h>
 
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -63,3 +66,48 @@ uint32_t spin_crc32(uint32_t crc, const void *data, size_t n)
 }
 
 #endif
+
+/* ---- By threads ------------------------------------------------------------------------------ */
+
+enum { PARTS = 4, PART_BYTES = 2 << 20 }; /* least for a thread of its own */
+
+struct part {
+    const unsigned char *data;
+    size_t size;
+    uint32_t crc;
+    pthread_t thread;
+    bool started;
+};
+
+static void *sum_part(void *context)
+{
+    struct part *part = context;
+
+    part->crc = spin_crc32(0, part->data, part->size);
+    return NULL;
+}
+
+uint32_t spin_crc32_whole(const void *data, size_t size)
+{
+    long n_cores = sysconf(_SC_NPROCESSORS_ONLN);
+    size_t n = size / PART_BYTES, most = n_cores < PARTS ? (size_t)n_cores : PARTS;
+    struct part part[PARTS] = {{0}};
+    uint32_t crc;
+
+    n = n < 1 || n_cores < 1 ? 1 : n < most ? n : most;
+    for (size_t i = 0; i < n; i++) {
+        part[i].data = (const unsigned char *)data + size / n * i;
+        part[i].size = i + 1 < n ? size / n : size - size / n * i;
+        part[i].started = i > 0 && pthread_create(&part[i].thread, NULL, sum_part, &part[i]) == 0;
+    }
+    sum_part(&part[0]);
+    crc = part[0].crc;
+    for (size_t i = 1; i < n; i++) {
+        if (part[i].started)
+            pthread_join(part[i].thread, NULL);
+        else
+            sum_part(&part[i]);
+        crc = (uint32_t)crc32_combine(crc, part[i].crc, (z_off_t)part[i].size);
+    }
+    return crc;
+}

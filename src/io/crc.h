@@ -7,6 +7,8 @@
 
 /* Of all the bytes so far, from that of those before (0: none): as zlib's crc32(). */
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
+/* Of one block, a large one by a few threads. */
+uint32_t spin_crc32_whole(const void *data, size_t n);
 
 /* What a file is told by: its bytes, not its name or time. */
 struct spin_imprint {

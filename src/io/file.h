@@ -22,6 +22,8 @@ spin_status spin_map_check(const struct spin_map *map);
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 /* The same of bytes that are known to lie in a map. */
 void spin_map_rest(const void *bytes, size_t n);
+/* At most the first n bytes of a file, n_out of them. Errors as of spin_map_open(). */
+spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 
 bool spin_path_exists(const char *path);
 /* Something has this name, be it a link to nothing: what an output must not replace unasked. */
@@ -58,9 +60,5 @@ spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 /* The file's length so far, buffer included. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
-
-/* First bytes, entries and zip member names of path, for probing. Free with spin_peek_free(). */
-spin_status spin_peek_open(const char *path, struct spin_peek *out);
-void spin_peek_free(struct spin_peek *peek);
 
 #endif

@@ -1,5 +1,4 @@
-/* Zip and zip64, after PKWARE's APPNOTE 6.3: reading by the central directory, writing stored
- * members.
+/* Reading zip and zip64 by the central directory.
  *
  * A reader that trusts nothing. Every offset and size is compared with the bytes of the file
  * before it is used; members may not overlap each other or the directory (which is how a small
@@ -9,44 +8,23 @@
 #include "io/zip.h"
 
 #include <limits.h>
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <zlib.h>
 
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/crc.h"
+#include "io/zip_format.h"
 
-enum {
-    SIG_LOCAL = 0x04034b50,
-    SIG_CENTRAL = 0x02014b50,
-    SIG_END = 0x06054b50,
-    SIG_END64 = 0x06064b50,
-    SIG_LOCATOR = 0x07064b50,
-    LOCAL_BYTES = 30,
-    CENTRAL_BYTES = 46,
-    END_BYTES = 22,
-    END64_BYTES = 56,
-    LOCATOR_BYTES = 20,
-    EXTRA_ZIP64 = 0x0001,
-    EXTRA_ALIGN = 0xd935, /* the record zipalign uses: u16 alignment, then padding */
-    FLAG_ENCRYPTED = 1 << 0,
-    FLAG_UTF8 = 1 << 11,
-    METHOD_STORED = 0,
-    METHOD_DEFLATE = 8,
-    ALIGN = 64,
-    DOS_DATE_1980 = 0x21
-};
-static const uint32_t full32 = 0xffffffffu;
+enum { ENCRYPTED = 1 << 0 }; /* flag of a member */
 static const uint64_t deflate_ratio = 1032, deflate_slack = 4096;
 
 static uint16_t u16(const unsigned char *p) { return (uint16_t)(p[0] | p[1] << 8); }
 static uint32_t u32(const unsigned char *p) { return u16(p) | (uint32_t)u16(p + 2) << 16; }
 static uint64_t u64(const unsigned char *p) { return u32(p) | (uint64_t)u32(p + 4) << 32; }
 
-/* ---- Reading: where the directory is ------------------------------------------------------- */
+/* ---- Where the directory is ------------------------------------------------------- */
 
 struct directory {
     uint64_t offset, size, n; /* bytes, bytes, entries */
@@ -135,7 +113,7 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
     return SPIN_OK;
 }
 
-/* ---- Reading: the directory's entries ------------------------------------------------------ */
+/* ---- The directory's entries --------------------------------------------------------------- */
 
 static spin_status fail_member(spin_status code, const char *path, const char *name,
                                const char *what)
@@ -150,7 +128,7 @@ static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_z
     const unsigned char *p = NULL;
     size_t left = 0;
 
-    if (m->size != full32 && m->packed_size != full32 && m->header_offset != full32)
+    if (m->size != FULL32 && m->packed_size != FULL32 && m->header_offset != FULL32)
         return true;
     while (n >= 4) {
         size_t bytes = u16(extra + 2);
@@ -166,7 +144,7 @@ static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_z
         n -= 4 + bytes;
     }
     for (int i = 0; i < 3; i++) {
-        if (*field[i] != full32)
+        if (*field[i] != FULL32)
             continue;
         if (left < 8)
             return false;
@@ -204,7 +182,7 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     if (n_name == 0 || memchr(name, '\0', n_name))
         return fail_member(SPIN_E_MALFORMED, path, name,
                            "has a bad name (empty or with a zero byte)");
-    if (u16(p + 8) & FLAG_ENCRYPTED)
+    if (u16(p + 8) & ENCRYPTED)
         return fail_member(SPIN_E_UNSUPPORTED, path, name, "is encrypted");
     if (!read_zip64_extra(p + CENTRAL_BYTES + n_name, n_extra, m))
         return fail_member(SPIN_E_MALFORMED, path, name, "lacks its zip64 sizes");
@@ -314,7 +292,7 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
     return NULL;
 }
 
-/* ---- Reading: a member's bytes ------------------------------------------------------------- */
+/* ---- A member's bytes ---------------------------------------------------------------------- */
 
 /* The packed bytes. The local header gives only the place where they begin, and must bear the
  * name. */
@@ -443,52 +421,6 @@ spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_memb
     return SPIN_OK;
 }
 
-/* ---- Checksums ----------------------------------------------------------------------------- */
-
-enum { CRC_PARTS = 4, CRC_PART_BYTES = 2 << 20 }; /* least for a thread of its own */
-
-struct crc_part {
-    const unsigned char *data;
-    size_t size;
-    uint32_t crc;
-    pthread_t thread;
-    bool started;
-};
-
-static void *sum_part(void *context)
-{
-    struct crc_part *part = context;
-
-    part->crc = spin_crc32(0, part->data, part->size);
-    return NULL;
-}
-
-/* Of a large member by a few threads: nothing else goes on while a frame is waited for. */
-static uint32_t checksum(const unsigned char *data, size_t size)
-{
-    long n_cores = sysconf(_SC_NPROCESSORS_ONLN);
-    size_t n = size / CRC_PART_BYTES, most = n_cores < CRC_PARTS ? (size_t)n_cores : CRC_PARTS;
-    struct crc_part part[CRC_PARTS] = {{0}};
-    uint32_t crc;
-
-    n = n < 1 || n_cores < 1 ? 1 : n < most ? n : most;
-    for (size_t i = 0; i < n; i++) {
-        part[i].data = data + size / n * i;
-        part[i].size = i + 1 < n ? size / n : size - size / n * i;
-        part[i].started = i > 0 && pthread_create(&part[i].thread, NULL, sum_part, &part[i]) == 0;
-    }
-    sum_part(&part[0]);
-    crc = part[0].crc;
-    for (size_t i = 1; i < n; i++) {
-        if (part[i].started)
-            pthread_join(part[i].thread, NULL);
-        else
-            sum_part(&part[i]);
-        crc = (uint32_t)crc32_combine(crc, part[i].crc, (z_off_t)part[i].size);
-    }
-    return crc;
-}
-
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -505,7 +437,7 @@ spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_memb
     } else {
         return fail_method(zip, member);
     }
-    if (check_crc && checksum(*data, (size_t)member->size) != member->crc) {
+    if (check_crc && spin_crc32_whole(*data, (size_t)member->size) != member->crc) {
         free(*owned);
         *owned = NULL;
         *data = NULL;
@@ -513,262 +445,4 @@ spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_memb
                            "is damaged (its CRC differs)");
     }
     return SPIN_OK;
-}
-
-/* ---- Writing ------------------------------------------------------------------------------- */
-
-struct spin_zip_written {
-    char *name;
-    uint64_t size, header_offset;
-    uint32_t crc;
-};
-
-/* Headers are put together here; none is longer. */
-struct bytes {
-    unsigned char data[128 + ALIGN];
-    size_t n;
-};
-
-static void put(struct bytes *b, uint64_t value, int n_bytes)
-{
-    for (int i = 0; i < n_bytes; i++) {
-        b->data[b->n++] = (unsigned char)value;
-        value >>= 8;
-    }
-}
-
-static uint32_t low32(uint64_t value) { return value < full32 ? (uint32_t)value : full32; }
-
-static int name_flags(const char *name)
-{
-    for (; *name; name++)
-        if ((unsigned char)*name >= 0x80)
-            return FLAG_UTF8;
-    return 0;
-}
-
-spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w)
-{
-    memset(w, 0, sizeof *w);
-    return spin_out_open(path, force, &w->out);
-}
-
-static spin_status add_written(struct spin_zip_writer *w, const char *name, uint64_t size)
-{
-    struct spin_zip_written *entry;
-
-    if (w->n == w->capacity) {
-        size_t capacity = w->capacity ? 2 * w->capacity : 32;
-        void *block = w->written;
-
-        SPIN_TRY(spin_grow(capacity, sizeof *w->written, &block));
-        w->written = block;
-        w->capacity = capacity;
-    }
-    entry = &w->written[w->n];
-    memset(entry, 0, sizeof *entry);
-    SPIN_TRY(spin_strdup(name, &entry->name));
-    entry->size = size;
-    entry->header_offset = w->out.bytes;
-    w->n++;
-    return SPIN_OK;
-}
-
-/* The fields that local header and directory entry share, from "version needed" to the name
- * length. */
-static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64)
-{
-    put(b, zip64 ? 45 : 20, 2);
-    put(b, (uint64_t)name_flags(e->name), 2);
-    put(b, METHOD_STORED, 2);
-    put(b, 0, 2);
-    put(b, DOS_DATE_1980, 2);
-    put(b, e->crc, 4);
-    put(b, low32(e->size), 4);
-    put(b, low32(e->size), 4);
-    put(b, strlen(e->name), 2);
-}
-
-/* The padding record that brings the data behind `used` header bytes to a multiple of ALIGN. */
-static size_t padding(uint64_t used)
-{
-    size_t pad = (size_t)(-used & (ALIGN - 1));
-
-    return pad == 0 || pad >= 6 ? pad : pad + ALIGN;
-}
-
-/* The local header. crc: 0 when it is not known yet. */
-static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
-                                uint32_t crc)
-{
-    struct bytes b = {.n = 0}, extra = {.n = 0};
-    size_t n_name = strlen(name), pad;
-    bool zip64 = size >= full32;
-
-    if (n_name == 0 || n_name > UINT16_MAX)
-        return spin_fail(SPIN_E_USAGE, "cannot write '%s': a member's name has %zu bytes",
-                         w->out.path, n_name);
-    SPIN_TRY(add_written(w, name, size));
-    if (zip64) {
-        put(&extra, EXTRA_ZIP64, 2);
-        put(&extra, 16, 2);
-        put(&extra, size, 8);
-        put(&extra, size, 8);
-    }
-    w->written[w->n - 1].crc = crc;
-    pad = padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n);
-    if (pad > 0) {
-        put(&extra, EXTRA_ALIGN, 2);
-        put(&extra, pad - 4, 2);
-        put(&extra, ALIGN, 2);
-        for (size_t i = 6; i < pad; i++)
-            put(&extra, 0, 1);
-    }
-    put(&b, SIG_LOCAL, 4);
-    put_common(&b, &w->written[w->n - 1], zip64);
-    put(&b, extra.n, 2);
-    SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
-    SPIN_TRY(spin_out_write(&w->out, name, n_name));
-    return spin_out_write(&w->out, extra.data, extra.n);
-}
-
-spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size)
-{
-    w->crc = 0;
-    w->member_size = 0;
-    SPIN_TRY(begin_member(w, name, size, 0));
-    w->in_member = true;
-    return SPIN_OK;
-}
-
-spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
-                                  size_t n_head, const void *data, size_t n_data)
-{
-    uint32_t crc = spin_crc32(spin_crc32(0, head, n_head), data, n_data);
-
-    SPIN_TRY(begin_member(w, name, (uint64_t)n_head + n_data, crc));
-    SPIN_TRY(spin_out_write(&w->out, head, n_head));
-    return spin_out_write(&w->out, data, n_data);
-}
-
-spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes)
-{
-    if (bytes > w->written[w->n - 1].size - w->member_size)
-        return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is longer than announced",
-                         w->out.path, w->written[w->n - 1].name);
-    w->crc = spin_crc32(w->crc, data, bytes);
-    w->member_size += bytes;
-    return spin_out_write(&w->out, data, bytes);
-}
-
-/* The CRC is known only now: put it into the local header. Not by seeking, as stdio then reads and
- * writes again what lies around it. */
-spin_status spin_zip_member_end(struct spin_zip_writer *w)
-{
-    struct spin_zip_written *entry = &w->written[w->n - 1];
-    struct bytes b = {.n = 0};
-
-    w->in_member = false;
-    if (w->member_size != entry->size)
-        return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is shorter than announced",
-                         w->out.path, entry->name);
-    entry->crc = w->crc;
-    put(&b, entry->crc, 4);
-    if (fflush(w->out.file) != 0 || pwrite(fileno(w->out.file), b.data, b.n,
-                                           (off_t)(entry->header_offset + 14)) != (ssize_t)b.n)
-        return spin_fail(SPIN_E_IO, "cannot write '%s': the disk refused", w->out.path);
-    return SPIN_OK;
-}
-
-static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_written *e)
-{
-    struct bytes b = {.n = 0}, extra = {.n = 0};
-
-    if (e->size >= full32) {
-        put(&extra, e->size, 8);
-        put(&extra, e->size, 8);
-    }
-    if (e->header_offset >= full32)
-        put(&extra, e->header_offset, 8);
-
-    put(&b, SIG_CENTRAL, 4);
-    put(&b, extra.n > 0 ? 45 : 20, 2); /* made by: no system's attributes */
-    put_common(&b, e, extra.n > 0);
-    put(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
-    put(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
-    put(&b, low32(e->header_offset), 4);
-    SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
-    SPIN_TRY(spin_out_write(&w->out, e->name, strlen(e->name)));
-    if (extra.n == 0)
-        return SPIN_OK;
-    b.n = 0;
-    put(&b, EXTRA_ZIP64, 2);
-    put(&b, extra.n, 2);
-    SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
-    return spin_out_write(&w->out, extra.data, extra.n);
-}
-
-static spin_status write_directory(struct spin_zip_writer *w)
-{
-    struct bytes b = {.n = 0};
-    uint64_t offset = w->out.bytes, size, end;
-
-    for (size_t i = 0; i < w->n; i++)
-        SPIN_TRY(write_entry(w, &w->written[i]));
-    end = w->out.bytes;
-    size = end - offset;
-    if (w->n >= UINT16_MAX || offset >= full32 || size >= full32) {
-        put(&b, SIG_END64, 4);
-        put(&b, END64_BYTES - 12, 8);
-        put(&b, 45, 2);
-        put(&b, 45, 2);
-        put(&b, 0, 8); /* disks */
-        put(&b, w->n, 8);
-        put(&b, w->n, 8);
-        put(&b, size, 8);
-        put(&b, offset, 8);
-        put(&b, SIG_LOCATOR, 4);
-        put(&b, 0, 4);
-        put(&b, end, 8);
-        put(&b, 1, 4);
-    }
-    put(&b, SIG_END, 4);
-    put(&b, 0, 4); /* disks */
-    put(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
-    put(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
-    put(&b, low32(size), 4);
-    put(&b, low32(offset), 4);
-    put(&b, 0, 2);
-    return spin_out_write(&w->out, b.data, b.n);
-}
-
-static void free_written(struct spin_zip_writer *w)
-{
-    for (size_t i = 0; i < w->n; i++)
-        free(w->written[i].name);
-    free(w->written);
-    memset(w, 0, sizeof *w);
-}
-
-spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
-{
-    spin_status status = SPIN_OK;
-
-    if (w->in_member)
-        status = spin_fail(SPIN_E_USAGE, "cannot write '%s': its last member was not ended",
-                           w->out.path);
-    if (status == SPIN_OK)
-        status = write_directory(w);
-    if (status == SPIN_OK)
-        status = spin_out_commit(&w->out);
-    else
-        spin_out_abandon(&w->out);
-    free_written(w);
-    return status;
-}
-
-void spin_zip_writer_abandon(struct spin_zip_writer *w)
-{
-    spin_out_abandon(&w->out);
-    free_written(w);
 }

@@ -1,15 +1,146 @@
-/* Choosing an importer: by name, or by asking every one of them to look at the input's outside. */
+/* Choosing an importer: by name, or by asking every one of them to look at the input's outside (the peek). */
 #include "scene/probe.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
+#include "base/mem.h"
 #include "io/file.h"
 #include "io/torch.h"
+#include "io/zip.h"
 
 /* Two probes this close are a tie: the numbers are guesses. */
 #define TIE 10
+
+enum { PEEK_HEAD = 4096, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
+
+/* ---- Peek ---------------------------------------------------------------------------------- */
+
+static spin_status peek_head(const char *path, struct spin_peek *out)
+{
+    void *head;
+
+    SPIN_TRY(spin_alloc(PEEK_HEAD, 1, &head));
+    out->head = head;
+    return spin_file_head(path, head, PEEK_HEAD, &out->n_head);
+}
+
+/* Member names of a zip, one per line, bounded. An archive that cannot be read has none: saying
+ * why is for whoever opens it. */
+static spin_status peek_members(const char *path, char **out)
+{
+    struct spin_zip zip;
+    size_t bytes = 1, used = 0;
+    void *text = NULL;
+    spin_status status;
+
+    if (spin_zip_open(path, &zip) != SPIN_OK)
+        return SPIN_OK;
+    for (size_t i = 0; i < zip.n && i < PEEK_NAMES && bytes < PEEK_NAMES_BYTES; i++)
+        bytes += strlen(zip.member[i].name) + 1;
+    status = spin_alloc(bytes, 1, &text);
+    for (size_t i = 0; status == SPIN_OK && i < zip.n; i++) {
+        size_t n = strlen(zip.member[i].name);
+
+        if (used + n + 2 > bytes)
+            break;
+        if (strchr(zip.member[i].name, '\n'))
+            continue;
+        if (used > 0)
+            ((char *)text)[used++] = '\n';
+        memcpy((char *)text + used, zip.member[i].name, n);
+        used += n;
+    }
+    spin_zip_close(&zip);
+    *out = text;
+    return status;
+}
+
+/* Some files tell the runs of related methods apart: params.npz by its members (Dynamic 3D Gaussians and
+ * its descendants), cfg_args by its text (what grew out of 3DGS). In the folder of one save there is no
+ * cfg_args: the keys of the network tell, or else the header of the cloud. */
+static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
+                               char **members)
+{
+    /* In the order of the alphabet, as names are: the first that is there gives the head. */
+    static const char *const heads[] = {"cfg_args", "deformation.pth", "point_cloud.ply"};
+    bool head = false;
+    char *path = NULL;
+    spin_status status = SPIN_OK;
+
+    for (size_t i = 0; i < sizeof heads / sizeof *heads; i++)
+        head = head || (!out->head && strcmp(name, heads[i]) == 0);
+    if (strcmp(name, "params.npz") != 0 && !head)
+        return SPIN_OK;
+    SPIN_TRY(spin_path_join(folder, name, &path));
+    if (!head)
+        status = peek_members(path, members);
+    else
+        (void)peek_head(path, out); /* what cannot be read has no head */
+    free(path);
+    return status;
+}
+
+static spin_status peek_folder(const char *path, struct spin_peek *out, char **members)
+{
+    char **names;
+    size_t n;
+
+    SPIN_TRY(spin_folder_list(path, &names, &n));
+    for (size_t i = PEEK_NAMES; i < n; i++) {
+        free(names[i]);
+        names[i] = NULL;
+    }
+    out->is_folder = true;
+    out->names = (const char *const *)names;
+    for (size_t i = 0; names[i]; i++)
+        SPIN_TRY(peek_inside(path, names[i], out, members));
+    return SPIN_OK;
+}
+
+spin_status spin_peek_open(const char *path, struct spin_peek *out)
+{
+    char *copy, *members = NULL;
+    spin_status status;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_strdup(path, &copy));
+    out->path = copy;
+    if (spin_path_is_folder(path)) {
+        SPIN_TRY_OUT(peek_folder(path, out, &members));
+    } else {
+        SPIN_TRY_OUT(peek_head(path, out));
+        if (spin_zip_looks_like(out->head, out->n_head))
+            SPIN_TRY_OUT(peek_members(path, &members));
+    }
+    if (!out->head) {
+        char *empty = NULL;
+
+        SPIN_TRY_OUT(spin_strdup("", &empty));
+        out->head = (const unsigned char *)empty;
+    }
+    if (!members)
+        SPIN_TRY_OUT(spin_strdup("", &members));
+    out->tail_names = members;
+    return SPIN_OK;
+out:
+    free(members);
+    spin_peek_free(out);
+    return status;
+}
+
+void spin_peek_free(struct spin_peek *peek)
+{
+    free((void *)(uintptr_t)peek->path);
+    free((void *)(uintptr_t)peek->head);
+    free((void *)(uintptr_t)peek->tail_names);
+    spin_folder_list_free((char **)(uintptr_t)peek->names);
+    memset(peek, 0, sizeof *peek);
+}
+
+/* ---- Choosing -------------------------------------------------------------------------------- */
 
 static bool is_candidate(const struct spin_importer *importer, bool want_views)
 {

@@ -4,6 +4,10 @@
 
 #include "spin.h"
 
+/* First bytes, entries and zip member names of path, for probing. Free with spin_peek_free(). */
+spin_status spin_peek_open(const char *path, struct spin_peek *out);
+void spin_peek_free(struct spin_peek *peek);
+
 /* The importer called `from`, or with from NULL the one whose probe() is surest of `path`. Only
  * importers with open() count, or with views() when want_views. Two that are about equally sure are
  * an error that names both; SPIN_E_NOT_RECOGNISED when there is none. */

@@ -1,5 +1,6 @@
 /* Any bytes as a zip archive: open, look up and unpack every member.  K: fuzz zip */
 #include "io/zip.h"
+#include "scene/probe.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* Maps, paths, folders, write-then-rename, peeks.  K: io file */
+/* Maps, paths, folders, write-then-rename.  K: io file */
 #include <errno.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -6,7 +6,6 @@
 
 #include "io/file.h"
 #include "io/output_folder.h"
-#include "io/zip.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -300,53 +299,18 @@ static void full_disk(void)
        "that leaves nothing");
 }
 
-static void peeks(void)
+static void heads(void)
 {
-    struct spin_peek peek;
-    struct spin_zip_writer w;
-    char large[5001];
+    char head[8] = "";
+    size_t n = 99;
 
-    memset(large, 'z', 5000);
-    large[5000] = '\0';
-    put_file(in_root("large"), large);
-    ok(spin_peek_open(in_root("large"), &peek) == SPIN_OK && peek.n_head == 4096 &&
-           !peek.is_folder && peek.head[4095] == 'z',
-       "peeks at the first 4096 bytes");
-    is_text(peek.tail_names, "", "which has no members");
-    is_text(peek.path, in_root("large"), "keeps the path");
-    spin_peek_free(&peek);
-
-    spin_zip_writer_open(in_root("z.npz"), false, &w);
-    spin_zip_member_begin(&w, "a.npy", 0);
-    spin_zip_member_end(&w);
-    spin_zip_member_begin(&w, "b/c.npy", 0);
-    spin_zip_member_end(&w);
-    spin_zip_writer_commit(&w);
-    ok(spin_peek_open(in_root("z.npz"), &peek) == SPIN_OK, "peeks at an archive");
-    is_text(peek.tail_names, "a.npy\nb/c.npy", "sees its members");
-    spin_peek_free(&peek);
-    put_file(in_root("bad.npz"), "PK\003\004 and nothing more");
-    ok(spin_peek_open(in_root("bad.npz"), &peek) == SPIN_OK, "peeks at a broken archive");
-    is_text(peek.tail_names, "", "sees no members");
-    spin_peek_free(&peek);
-
-    ok(spin_peek_open(in_root("x"), &peek) == SPIN_OK && peek.is_folder &&
-           !strcmp(peek.names[0], "B") && !peek.names[4],
-       "peeks into a folder");
-    spin_peek_free(&peek);
-    for (int i = 0; i < 3; i++) {
-        static const char *const heads[] = {"x/point_cloud.ply", "x/deformation.pth", "x/cfg_args"};
-
-        put_file(in_root(heads[i]), heads[i]);
-        ok(spin_peek_open(in_root("x"), &peek) == SPIN_OK && peek.n_head == strlen(heads[i]) &&
-               memcmp(peek.head, heads[i], peek.n_head) == 0,
-           "the head of a folder is that of its %s", spin_path_name(heads[i]));
-        spin_peek_free(&peek);
-    }
-    ok(spin_peek_open(in_root("none"), &peek) == SPIN_E_NOT_FOUND,
-       "what is not there is not found");
-    ok(strstr(spin_last_error(), "no such file or folder") != NULL, "in these words");
-    spin_peek_free(&peek);
+    put_file(in_root("head"), "0123456789");
+    ok(spin_file_head(in_root("head"), head, 4, &n) == SPIN_OK && n == 4 &&
+           !memcmp(head, "0123", 5),
+       "reads the first bytes and no more");
+    ok(spin_file_head(in_root("empty"), head, 4, &n) == SPIN_OK && n == 0, "none of an empty file");
+    error_is(spin_file_head(root, head, 4, &n), SPIN_E_IO, "it is a folder",
+             "a folder has no head");
 }
 
 /* Pages come back by themselves, and what lies elsewhere is left alone. */
@@ -481,7 +445,7 @@ TAP_MAIN
     made_meanwhile();
     syncs();
     full_disk();
-    peeks();
+    heads();
     forgets();
     checks();
     cuts();

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "io/zip.h"
+#include "io/zip_writer.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

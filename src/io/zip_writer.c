@@ -1,0 +1,274 @@
+/* Zip archives of stored members. Their headers are padded so that the data lie aligned. */
+#include "io/zip_writer.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/crc.h"
+#include "io/zip_format.h"
+
+enum {
+    EXTRA_ALIGN = 0xd935, /* the record zipalign uses: u16 alignment, then padding */
+    FLAG_UTF8 = 1 << 11,
+    ALIGN = 64,
+    DOS_DATE_1980 = 0x21
+};
+
+struct spin_zip_written {
+    char *name;
+    uint64_t size, header_offset;
+    uint32_t crc;
+};
+
+/* Headers are put together here; none is longer. */
+struct bytes {
+    unsigned char data[128 + ALIGN];
+    size_t n;
+};
+
+static void put(struct bytes *b, uint64_t value, int n_bytes)
+{
+    for (int i = 0; i < n_bytes; i++) {
+        b->data[b->n++] = (unsigned char)value;
+        value >>= 8;
+    }
+}
+
+static uint32_t low32(uint64_t value) { return value < FULL32 ? (uint32_t)value : FULL32; }
+
+static int name_flags(const char *name)
+{
+    for (; *name; name++)
+        if ((unsigned char)*name >= 0x80)
+            return FLAG_UTF8;
+    return 0;
+}
+
+spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w)
+{
+    memset(w, 0, sizeof *w);
+    return spin_out_open(path, force, &w->out);
+}
+
+static spin_status add_written(struct spin_zip_writer *w, const char *name, uint64_t size)
+{
+    struct spin_zip_written *entry;
+
+    if (w->n == w->capacity) {
+        size_t capacity = w->capacity ? 2 * w->capacity : 32;
+        void *block = w->written;
+
+        SPIN_TRY(spin_grow(capacity, sizeof *w->written, &block));
+        w->written = block;
+        w->capacity = capacity;
+    }
+    entry = &w->written[w->n];
+    memset(entry, 0, sizeof *entry);
+    SPIN_TRY(spin_strdup(name, &entry->name));
+    entry->size = size;
+    entry->header_offset = w->out.bytes;
+    w->n++;
+    return SPIN_OK;
+}
+
+/* The fields that local header and directory entry share, from "version needed" to the name
+ * length. */
+static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64)
+{
+    put(b, zip64 ? 45 : 20, 2);
+    put(b, (uint64_t)name_flags(e->name), 2);
+    put(b, METHOD_STORED, 2);
+    put(b, 0, 2);
+    put(b, DOS_DATE_1980, 2);
+    put(b, e->crc, 4);
+    put(b, low32(e->size), 4);
+    put(b, low32(e->size), 4);
+    put(b, strlen(e->name), 2);
+}
+
+/* The padding record that brings the data behind `used` header bytes to a multiple of ALIGN. */
+static size_t padding(uint64_t used)
+{
+    size_t pad = (size_t)(-used & (ALIGN - 1));
+
+    return pad == 0 || pad >= 6 ? pad : pad + ALIGN;
+}
+
+/* The local header. crc: 0 when it is not known yet. */
+static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
+                                uint32_t crc)
+{
+    struct bytes b = {.n = 0}, extra = {.n = 0};
+    size_t n_name = strlen(name), pad;
+    bool zip64 = size >= FULL32;
+
+    if (n_name == 0 || n_name > UINT16_MAX)
+        return spin_fail(SPIN_E_USAGE, "cannot write '%s': a member's name has %zu bytes",
+                         w->out.path, n_name);
+    SPIN_TRY(add_written(w, name, size));
+    if (zip64) {
+        put(&extra, EXTRA_ZIP64, 2);
+        put(&extra, 16, 2);
+        put(&extra, size, 8);
+        put(&extra, size, 8);
+    }
+    w->written[w->n - 1].crc = crc;
+    pad = padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n);
+    if (pad > 0) {
+        put(&extra, EXTRA_ALIGN, 2);
+        put(&extra, pad - 4, 2);
+        put(&extra, ALIGN, 2);
+        for (size_t i = 6; i < pad; i++)
+            put(&extra, 0, 1);
+    }
+    put(&b, SIG_LOCAL, 4);
+    put_common(&b, &w->written[w->n - 1], zip64);
+    put(&b, extra.n, 2);
+    SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
+    SPIN_TRY(spin_out_write(&w->out, name, n_name));
+    return spin_out_write(&w->out, extra.data, extra.n);
+}
+
+spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size)
+{
+    w->crc = 0;
+    w->member_size = 0;
+    SPIN_TRY(begin_member(w, name, size, 0));
+    w->in_member = true;
+    return SPIN_OK;
+}
+
+spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
+                                  size_t n_head, const void *data, size_t n_data)
+{
+    uint32_t crc = spin_crc32(spin_crc32(0, head, n_head), data, n_data);
+
+    SPIN_TRY(begin_member(w, name, (uint64_t)n_head + n_data, crc));
+    SPIN_TRY(spin_out_write(&w->out, head, n_head));
+    return spin_out_write(&w->out, data, n_data);
+}
+
+spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes)
+{
+    if (bytes > w->written[w->n - 1].size - w->member_size)
+        return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is longer than announced",
+                         w->out.path, w->written[w->n - 1].name);
+    w->crc = spin_crc32(w->crc, data, bytes);
+    w->member_size += bytes;
+    return spin_out_write(&w->out, data, bytes);
+}
+
+/* The CRC is known only now: put it into the local header. Not by seeking, as stdio then reads and
+ * writes again what lies around it. */
+spin_status spin_zip_member_end(struct spin_zip_writer *w)
+{
+    struct spin_zip_written *entry = &w->written[w->n - 1];
+    struct bytes b = {.n = 0};
+
+    w->in_member = false;
+    if (w->member_size != entry->size)
+        return spin_fail(SPIN_E_USAGE, "cannot write '%s': member '%s' is shorter than announced",
+                         w->out.path, entry->name);
+    entry->crc = w->crc;
+    put(&b, entry->crc, 4);
+    if (fflush(w->out.file) != 0 || pwrite(fileno(w->out.file), b.data, b.n,
+                                           (off_t)(entry->header_offset + 14)) != (ssize_t)b.n)
+        return spin_fail(SPIN_E_IO, "cannot write '%s': the disk refused", w->out.path);
+    return SPIN_OK;
+}
+
+static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_written *e)
+{
+    struct bytes b = {.n = 0}, extra = {.n = 0};
+
+    if (e->size >= FULL32) {
+        put(&extra, e->size, 8);
+        put(&extra, e->size, 8);
+    }
+    if (e->header_offset >= FULL32)
+        put(&extra, e->header_offset, 8);
+
+    put(&b, SIG_CENTRAL, 4);
+    put(&b, extra.n > 0 ? 45 : 20, 2); /* made by: no system's attributes */
+    put_common(&b, e, extra.n > 0);
+    put(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
+    put(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
+    put(&b, low32(e->header_offset), 4);
+    SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
+    SPIN_TRY(spin_out_write(&w->out, e->name, strlen(e->name)));
+    if (extra.n == 0)
+        return SPIN_OK;
+    b.n = 0;
+    put(&b, EXTRA_ZIP64, 2);
+    put(&b, extra.n, 2);
+    SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
+    return spin_out_write(&w->out, extra.data, extra.n);
+}
+
+static spin_status write_directory(struct spin_zip_writer *w)
+{
+    struct bytes b = {.n = 0};
+    uint64_t offset = w->out.bytes, size, end;
+
+    for (size_t i = 0; i < w->n; i++)
+        SPIN_TRY(write_entry(w, &w->written[i]));
+    end = w->out.bytes;
+    size = end - offset;
+    if (w->n >= UINT16_MAX || offset >= FULL32 || size >= FULL32) {
+        put(&b, SIG_END64, 4);
+        put(&b, END64_BYTES - 12, 8);
+        put(&b, 45, 2);
+        put(&b, 45, 2);
+        put(&b, 0, 8); /* disks */
+        put(&b, w->n, 8);
+        put(&b, w->n, 8);
+        put(&b, size, 8);
+        put(&b, offset, 8);
+        put(&b, SIG_LOCATOR, 4);
+        put(&b, 0, 4);
+        put(&b, end, 8);
+        put(&b, 1, 4);
+    }
+    put(&b, SIG_END, 4);
+    put(&b, 0, 4); /* disks */
+    put(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
+    put(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
+    put(&b, low32(size), 4);
+    put(&b, low32(offset), 4);
+    put(&b, 0, 2);
+    return spin_out_write(&w->out, b.data, b.n);
+}
+
+static void free_written(struct spin_zip_writer *w)
+{
+    for (size_t i = 0; i < w->n; i++)
+        free(w->written[i].name);
+    free(w->written);
+    memset(w, 0, sizeof *w);
+}
+
+spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
+{
+    spin_status status = SPIN_OK;
+
+    if (w->in_member)
+        status = spin_fail(SPIN_E_USAGE, "cannot write '%s': its last member was not ended",
+                           w->out.path);
+    if (status == SPIN_OK)
+        status = write_directory(w);
+    if (status == SPIN_OK)
+        status = spin_out_commit(&w->out);
+    else
+        spin_out_abandon(&w->out);
+    free_written(w);
+    return status;
+}
+
+void spin_zip_writer_abandon(struct spin_zip_writer *w)
+{
+    spin_out_abandon(&w->out);
+    free_written(w);
+}
