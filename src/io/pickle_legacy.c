@@ -1,11 +1,11 @@
 /* The stream that torch.save wrote before 1.6: five pickles, then the storages. */
-#include <stdlib.h>
+#include "io/pickle_legacy.h"
+
 #include <string.h>
 
 #include "base/err.h"
-#include "io/pickle_machine.h"
-
-/* ---- The legacy stream ----------------------------------------------------------------------- */
+#include "io/pickle_run.h"
+#include "io/pickle_types.h"
 
 static const unsigned char legacy_magic[15] = {0x80, 0x02, 0x8a, 0x0a, 0x6c, 0xfc, 0x9c, 0x46,
                                                0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, 0x2e};
@@ -48,7 +48,7 @@ static spin_status bind_storage(struct spin_pickle_machine *m, const struct spin
 }
 
 /* The pickles: magic number, version, byte order, the object, the keys in order; then the data. */
-static spin_status run_legacy(struct spin_pickle_machine *m, struct spin_pickle *out)
+spin_status spin_pickle_run_legacy(struct spin_pickle_machine *m, struct spin_pickle *out)
 {
     const struct spin_value *version, *system, *keys, *little;
 
@@ -79,30 +79,13 @@ static spin_status run_legacy(struct spin_pickle_machine *m, struct spin_pickle 
     return SPIN_OK;
 }
 
-spin_status spin_pickle_parse_legacy(const char *what, const unsigned char *bytes, size_t n,
-                                     struct spin_pickle *out)
-{
-    struct spin_pickle_machine m = {
-        .what = what, .p = bytes, .end = bytes + n, .arena = &out->arena};
-    spin_status status;
-
-    memset(out, 0, sizeof *out);
-    m.start = m.op = bytes;
-    m.budget = BUDGET; /* the rest is storages, which are not copied */
-    SPIN_TRY_OUT(run_legacy(&m, out));
-    out->used = (size_t)(m.p - bytes);
-out:
-    spin_pickle_release(&m);
-    if (status != SPIN_OK)
-        spin_pickle_free(out);
-    return status;
-}
-
-/* torch.storage._load_from_bytes: a whole stream in a bytes object, which yields one storage. */
 spin_status spin_pickle_load_from_bytes(struct spin_pickle_machine *m,
                                         const struct spin_value *args)
 {
-    struct spin_pickle_machine inner = {.what = m->what, .arena = m->arena, .level = m->level + 1};
+    struct spin_pickle_machine inner = {.what = m->what,
+                                        .arena = m->arena,
+                                        .level = m->level + 1,
+                                        .load_from_bytes = m->load_from_bytes};
     struct spin_pickle stream = {0};
     const struct spin_storage *s;
     spin_status status;
@@ -115,7 +98,7 @@ spin_status spin_pickle_load_from_bytes(struct spin_pickle_machine *m,
     inner.start = inner.op = inner.p = (const unsigned char *)args->item[0]->text;
     inner.end = inner.p + args->item[0]->n;
     inner.budget = m->budget;
-    status = run_legacy(&inner, &stream);
+    status = spin_pickle_run_legacy(&inner, &stream);
     m->budget = inner.budget;
     spin_pickle_release(&inner);
     SPIN_TRY(status);

@@ -1,10 +1,10 @@
-/* Inside of the pickle machine: what pickle*.c share. pickle.c runs the opcodes, pickle_values.c keeps the
- * stack and builds plain values and containers, pickle_types.c knows the whitelisted globals and makes
- * tensors and arrays of them, pickle_legacy.c reads the stream of torch before 1.6. */
+/* Inside of the pickle machine: its stack, memo and storages, plain values and containers. pickle_types.c
+ * knows the whitelisted globals and makes tensors and arrays of them, pickle_run.c runs the opcodes,
+ * pickle_legacy.c reads the stream of torch before 1.6; pickle.c puts them together. */
 #ifndef SPIN_IO_PICKLE_MACHINE_H
 #define SPIN_IO_PICKLE_MACHINE_H
 
-#include "io/pickle.h"
+#include "io/pickle_value.h"
 
 /* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
@@ -41,24 +41,9 @@ struct spin_pickle_machine {
     size_t n_storages, storage_capacity;
     size_t n_ops;
     int level; /* 1: inside _load_from_bytes */
+    /* torch.storage._load_from_bytes: a whole legacy stream in a bytes object, pushed as one storage */
+    spin_status (*load_from_bytes)(struct spin_pickle_machine *m, const struct spin_value *args);
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
-};
-
-enum global {
-    G_TENSOR_V2,
-    G_TENSOR,
-    G_PARAMETER,
-    G_STORAGE,
-    G_ORDERED_DICT,
-    G_SIZE,
-    G_SCALAR,
-    G_RECONSTRUCT,
-    G_FROMBUFFER,
-    G_NDARRAY,
-    G_DTYPE,
-    G_ENCODE,
-    G_LOAD_FROM_BYTES,
-    G_OBJECT
 };
 
 static inline struct spin_pickle_node *spin_pickle_node(struct spin_value *v)
@@ -77,19 +62,9 @@ static inline struct spin_value *spin_pickle_pop(struct spin_pickle_machine *m)
     return m->stack[--m->n_stack];
 }
 
-spin_status spin_pickle_run(struct spin_pickle_machine *m, const struct spin_value **root);
 void spin_pickle_release(struct spin_pickle_machine *m);
+/* The storages, sorted, each once; a key always means the same. */
 spin_status spin_pickle_keep_storages(struct spin_pickle_machine *m, struct spin_pickle *out);
-spin_status spin_pickle_load_from_bytes(struct spin_pickle_machine *m,
-                                        const struct spin_value *args);
-spin_status spin_pickle_op_global(struct spin_pickle_machine *m);
-spin_status spin_pickle_op_stack_global(struct spin_pickle_machine *m);
-bool spin_pickle_is_key(const struct spin_value *v);
-spin_status spin_pickle_op_persistent_id(struct spin_pickle_machine *m);
-spin_status spin_pickle_op_reduce(struct spin_pickle_machine *m);
-spin_status spin_pickle_op_newobj(struct spin_pickle_machine *m);
-spin_status spin_pickle_op_build(struct spin_pickle_machine *m);
-bool spin_pickle_is_sequence(const struct spin_value *v);
 spin_status spin_pickle_fail_at(const struct spin_pickle_machine *m, spin_status code,
                                 const char *why);
 spin_status spin_pickle_bad(const struct spin_pickle_machine *m, const char *why);

@@ -1,13 +1,31 @@
 /* The globals that a pickle may name, and what REDUCE, NEWOBJ and BUILD make of them: tensors, numpy
  * arrays, dicts, plain objects. Every other name is refused. */
+#include "io/pickle_types.h"
+
 #include <limits.h>
 #include <string.h>
 
 #include "base/err.h"
-#include "io/pickle_machine.h"
 
 /* A view that repeats elements (stride 0) may have more of them than its storage, up to this. */
 #define MAX_REPEATED ((uint64_t)1 << 22)
+
+enum global {
+    G_TENSOR_V2,
+    G_TENSOR,
+    G_PARAMETER,
+    G_STORAGE,
+    G_ORDERED_DICT,
+    G_SIZE,
+    G_SCALAR,
+    G_RECONSTRUCT,
+    G_FROMBUFFER,
+    G_NDARRAY,
+    G_DTYPE,
+    G_ENCODE,
+    G_LOAD_FROM_BYTES,
+    G_OBJECT
+};
 
 static const struct {
     const char *module, *name;
@@ -228,7 +246,7 @@ spin_status spin_pickle_op_persistent_id(struct spin_pickle_machine *m)
 /* Every element must lie in the storage, and there may not be absurdly many. */
 static spin_status check_tensor(const struct spin_pickle_machine *m, struct spin_array *t)
 {
-    uint64_t last = t->offset, spin_pickle_step;
+    uint64_t last = t->offset, reach;
 
     t->count = 1;
     for (int i = 0; i < t->n_dims; i++)
@@ -238,8 +256,8 @@ static spin_status check_tensor(const struct spin_pickle_machine *m, struct spin
         return SPIN_OK;
     for (int i = 0; i < t->n_dims; i++) {
         if (__builtin_mul_overflow(t->count, t->shape[i], &t->count) ||
-            __builtin_mul_overflow(t->shape[i] - 1, (uint64_t)t->stride[i], &spin_pickle_step) ||
-            __builtin_add_overflow(last, spin_pickle_step, &last))
+            __builtin_mul_overflow(t->shape[i] - 1, (uint64_t)t->stride[i], &reach) ||
+            __builtin_add_overflow(last, reach, &last))
             return spin_pickle_bad(m, "a tensor whose shape is beyond counting");
     }
     if (last >= t->storage_count)
@@ -262,7 +280,7 @@ static spin_status make_tensor(struct spin_pickle_machine *m, const struct spin_
         return spin_pickle_bad(m, "a tensor without a storage");
     sizes = args->item[2];
     strides = args->item[3];
-    if (!spin_pickle_is_sequence(sizes) || !spin_pickle_is_sequence(strides) ||
+    if (!spin_value_is_sequence(sizes) || !spin_value_is_sequence(strides) ||
         sizes->n != strides->n)
         return spin_pickle_bad(m, "a tensor whose sizes and strides do not match");
     if (sizes->n > SPIN_NPY_MAX_DIMS)
@@ -328,7 +346,7 @@ static spin_status fill_array(struct spin_pickle_machine *m, struct spin_array *
 {
     uint64_t stride = 1, bytes;
 
-    if (spin_pickle_node(dtype)->role != DTYPE || !spin_pickle_is_sequence(shape) ||
+    if (spin_pickle_node(dtype)->role != DTYPE || !spin_value_is_sequence(shape) ||
         shape->n > SPIN_NPY_MAX_DIMS || raw->kind != SPIN_VALUE_BYTES)
         return spin_pickle_bad(m, "a numpy array that is not made of shape, dtype and bytes");
     *t = (struct spin_array){.kind = dtype->tensor.kind,
@@ -455,13 +473,13 @@ static spin_status make_ordered(struct spin_pickle_machine *m, const struct spin
 {
     struct spin_pickle_node *node;
 
-    if (args->n > 1 || (args->n == 1 && !spin_pickle_is_sequence(args->item[0])))
+    if (args->n > 1 || (args->n == 1 && !spin_value_is_sequence(args->item[0])))
         return spin_pickle_bad(m, "an OrderedDict of an unknown form");
     SPIN_TRY(spin_pickle_new_node(m, SPIN_VALUE_DICT, ORDERED, &node));
     for (size_t i = 0; args->n == 1 && i < args->item[0]->n; i++) {
         const struct spin_value *pair = args->item[0]->item[i];
 
-        if (!spin_pickle_is_sequence(pair) || pair->n != 2)
+        if (!spin_value_is_sequence(pair) || pair->n != 2)
             return spin_pickle_bad(m, "an OrderedDict of an unknown form");
         SPIN_TRY(spin_pickle_append(m, &node->v, 2 * i, pair->item, 2));
         node->v.n++;
@@ -497,7 +515,7 @@ static spin_status call(struct spin_pickle_machine *m, struct spin_value *of,
     case G_SIZE:
         if (args->n == 0)
             return spin_pickle_push(m, (struct spin_value *)(uintptr_t)args);
-        if (args->n != 1 || !spin_pickle_is_sequence(args->item[0]))
+        if (args->n != 1 || !spin_value_is_sequence(args->item[0]))
             return spin_pickle_bad(m, "a torch.Size of an unknown form");
         return spin_pickle_push(m, args->item[0]);
     case G_SCALAR:
@@ -511,7 +529,7 @@ static spin_status call(struct spin_pickle_machine *m, struct spin_value *of,
     case G_ENCODE:
         return make_encoded(m, args);
     case G_LOAD_FROM_BYTES:
-        return spin_pickle_load_from_bytes(m, args);
+        return m->load_from_bytes(m, args);
     case G_OBJECT:
         if (args->n == 0)
             return make_instance(m, of);

@@ -1,9 +1,28 @@
 /* The values of a pickle, looked up. */
+#include "io/pickle_value.h"
+
+#include <stdlib.h>
 #include <string.h>
 
-#include "io/pickle.h"
+void spin_pickle_free(struct spin_pickle *pickle)
+{
+    spin_arena_free(&pickle->arena);
+    memset(pickle, 0, sizeof *pickle);
+}
 
-static bool is_sequence(const struct spin_value *v)
+static int compare_key(const void *key, const void *row)
+{
+    return strcmp(key, ((const struct spin_storage *)row)->key);
+}
+
+const struct spin_storage *spin_pickle_storage(const struct spin_pickle *pickle, const char *key)
+{
+    if (!key || pickle->n_storages == 0)
+        return NULL;
+    return bsearch(key, pickle->storage, pickle->n_storages, sizeof *pickle->storage, compare_key);
+}
+
+bool spin_value_is_sequence(const struct spin_value *v)
 {
     return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
 }
@@ -24,7 +43,7 @@ const struct spin_value *spin_value_get(const struct spin_value *dict, const cha
 
 const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, size_t index)
 {
-    if (!list_or_tuple || !is_sequence(list_or_tuple) || index >= list_or_tuple->n)
+    if (!list_or_tuple || !spin_value_is_sequence(list_or_tuple) || index >= list_or_tuple->n)
         return NULL;
     return list_or_tuple->item[index];
 }

@@ -1,13 +1,17 @@
 /* Stack, memo, plain values and containers of the pickle machine. */
+#include "io/pickle_machine.h"
+
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
-#include "io/pickle_machine.h"
 
-bool spin_pickle_is_sequence(const struct spin_value *v)
+void spin_pickle_release(struct spin_pickle_machine *m)
 {
-    return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
+    free(m->stack);
+    free(m->memo);
+    free(m->mark);
+    free(m->storage);
 }
 
 spin_status spin_pickle_fail_at(const struct spin_pickle_machine *m, spin_status code,
@@ -105,8 +109,7 @@ spin_status spin_pickle_push(struct spin_pickle_machine *m, struct spin_value *v
     return SPIN_OK;
 }
 
-/* Values above the last mark. */
-
+/* At least n values above the last mark. */
 spin_status spin_pickle_need(const struct spin_pickle_machine *m, size_t n)
 {
     if (m->n_stack - spin_pickle_floor(m) < n)
@@ -361,5 +364,39 @@ spin_status spin_pickle_set_items(struct spin_pickle_machine *m, size_t at)
     SPIN_TRY(spin_pickle_append(m, dict, 2 * dict->n, m->stack + at, n));
     dict->n += n / 2;
     m->n_stack = at;
+    return SPIN_OK;
+}
+
+/* ---- Storages -------------------------------------------------------------------------------- */
+
+static int by_key(const void *a, const void *b)
+{
+    return strcmp(((const struct spin_storage *)a)->key, ((const struct spin_storage *)b)->key);
+}
+
+spin_status spin_pickle_keep_storages(struct spin_pickle_machine *m, struct spin_pickle *out)
+{
+    size_t n = 0;
+    void *block;
+
+    out->n_storages = 0;
+    if (m->n_storages == 0)
+        return SPIN_OK;
+    qsort(m->storage, m->n_storages, sizeof *m->storage, by_key);
+    for (size_t i = 0; i < m->n_storages; i++) {
+        struct spin_storage *s = &m->storage[i], *last = &m->storage[n ? n - 1 : 0];
+
+        if (n == 0 || strcmp(last->key, s->key) != 0)
+            m->storage[n++] = *s;
+        else if (s->kind != last->kind || s->item_size != last->item_size ||
+                 s->count != last->count)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "cannot read '%s': storage '%s' has two types or counts", m->what,
+                             s->key);
+    }
+    SPIN_TRY(spin_pickle_take(m, n * sizeof *out->storage, &block));
+    out->storage = memcpy(block, m->storage, n * sizeof *out->storage);
+    out->n_storages = n;
+    m->n_storages = 0;
     return SPIN_OK;
 }
