@@ -234,7 +234,7 @@ test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1 
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
-lint: ## includes, headers, lists, manual, device pointers, plug-ins
+lint: ## includes, circles, headers, lists, manual, device pointers, plug-ins
 	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done
 
 $(BENCH): $(BENCH_O) $(LIB)

@@ -232,14 +232,3 @@ void spin_eval_report_free(struct spin_eval_report *report)
     free(report->view);
     memset(report, 0, sizeof *report);
 }
-
-struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *frame,
-                                   const int *camera)
-{
-    struct spin_quality_sum sum = {0};
-
-    for (size_t i = 0; i < r->n_views; i++)
-        if ((!frame || r->view[i].frame == *frame) && (!camera || r->view[i].camera == *camera))
-            spin_quality_add(&sum, &r->view[i].q);
-    return spin_quality_mean(&sum);
-}

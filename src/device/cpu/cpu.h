@@ -34,7 +34,7 @@ struct spin_cpu {
     char why[256];
 };
 
-/* 64-byte aligned, contents undefined. NULL when there is no memory: the verb then leaves its results as
+/* verbs.c: 64-byte aligned, contents undefined. NULL when there is no memory: the verb then leaves its results as
  * they are, and the next wait() or download() reports it. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
@@ -56,7 +56,7 @@ static inline float *spin_cpu_picture(const struct spin_view_batch *views, int v
     return pictures ? pictures + (size_t)view * 3 * views->max_pixels : NULL;
 }
 
-/* Active rows of one frame: [first, first + returned) of the list. */
+/* verbs.c: active rows of one frame: [first, first + returned) of the list. */
 size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 
