@@ -139,7 +139,7 @@ static void test_text(void)
     if (set_opens(folder, NULL, &views, "a text model with points"))
         spin_views_free(&views);
     make_text(folder, "sparse/0/points3D.txt", "5 1 x 3\n");
-    set_refused(folder, NULL, "point 0", "a point that is no number");
+    set_refused(folder, NULL, "point 5", "a point that is no number");
     remove(path_in(folder, "sparse/0/points3D.txt"));
     make_images(folder, "images_2", 4, 3);
     if (set_opens(folder, "colmap:images=images_2", &views, "images of half the size")) {
