@@ -9,6 +9,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "scene/columns.h"
 
 /* Values kept of one series, for its median. */
 #define SAMPLE 65536
@@ -64,32 +65,6 @@ void spin_column_stats_close(struct spin_column_stats *d)
     memset(d, 0, sizeof *d);
 }
 
-static const float *values_of(const struct spin_splats *s, unsigned column, size_t *width)
-{
-    size_t side = (size_t)(s->sh_degree + 1);
-
-    switch (column) {
-    case SPIN_COL_MEANS:
-        *width = 3;
-        return s->means;
-    case SPIN_COL_QUATS:
-        *width = 4;
-        return s->quats;
-    case SPIN_COL_LOG_SCALES:
-        *width = 3;
-        return s->log_scales;
-    case SPIN_COL_LOGIT_OPACITIES:
-        *width = 1;
-        return s->logit_opacities;
-    case SPIN_COL_SH:
-        *width = 3 * side * side;
-        return s->sh;
-    default:
-        *width = 3;
-        return s->rgb;
-    }
-}
-
 static void take(struct spin_series *series, const float *row, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -121,10 +96,11 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
                              const struct spin_splats *s)
 {
     size_t quota = SAMPLE / (size_t)d->n_frames;
+    struct spin_splats splats = *s;
 
     for (int k = 0; k < N_KINDS; k++) {
-        size_t width, n;
-        const float *values = values_of(s, kinds[k].column, &width);
+        size_t width = spin_column_width(kinds[k].column, s->sh_degree), n;
+        const float *values = *spin_column_of(&splats, kinds[k].column);
 
         n = kinds[k].n ? kinds[k].n : width - kinds[k].first;
         if (!(columns & kinds[k].column) || !values || n == 0)

@@ -386,23 +386,12 @@ static void widen_bounds(struct spin_import_report *report, const struct spin_sp
 static spin_status check_frame(const struct import *im, int i, unsigned wanted,
                                const struct spin_splats *s)
 {
-    const struct {
-        unsigned column;
-        const float *rows;
-        const char *name;
-    } columns[] = {
-        {SPIN_COL_MEANS, s->means, "means"},
-        {SPIN_COL_QUATS, s->quats, "quats"},
-        {SPIN_COL_LOG_SCALES, s->log_scales, "log_scales"},
-        {SPIN_COL_LOGIT_OPACITIES, s->logit_opacities, "logit_opacities"},
-        {SPIN_COL_SH, s->sh, "sh"},
-        {SPIN_COL_RGB, s->rgb, "rgb"},
-    };
+    struct spin_splats splats = *s;
 
-    for (size_t c = 0; c < sizeof columns / sizeof *columns; c++) {
-        if ((wanted & columns[c].column) && (!columns[c].rows || s->n > s->capacity))
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        if ((wanted & column) && (!*spin_column_of(&splats, column) || s->n > s->capacity))
             return spin_fail(SPIN_E_UNSUPPORTED, "the importer '%s' gives no %s of frame %d",
-                             im->importer->name, columns[c].name, i);
+                             im->importer->name, spin_column_name(column), i);
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
         return spin_fail(SPIN_E_UNSUPPORTED,

@@ -5,8 +5,6 @@
  * many gigabytes opens at once. The values stay in the map until a frame is asked for. */
 #include "scene/bundle.h"
 
-#include <limits.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,250 +12,18 @@
 #include "base/err.h"
 #include "base/mem.h"
 
-#define FORMAT "spin bundle"
-#define VERSION 1
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
 /* Checking a CRC reads every byte; larger members are only checked for being there. */
 #define CRC_LIMIT (64u << 20)
 
-enum { N_COLUMNS = 6 };
-
-static const struct {
-    unsigned column;
-    const char *name;
-    size_t width; /* 0: depends on the SH degree */
-} columns_table[N_COLUMNS] = {
-    {SPIN_COL_MEANS, "means", 3},
-    {SPIN_COL_QUATS, "quats", 4},
-    {SPIN_COL_LOG_SCALES, "log_scales", 3},
-    {SPIN_COL_LOGIT_OPACITIES, "logit_opacities", 1},
-    {SPIN_COL_SH, "sh", 0},
-    {SPIN_COL_RGB, "rgb", 3},
-};
-
-/* ---- Columns --------------------------------------------------------------------------------- */
-
-static int column_index(unsigned column)
-{
-    for (int i = 0; i < N_COLUMNS; i++) {
-        if (columns_table[i].column == column)
-            return i;
-    }
-    return 0;
-}
-
-const char *spin_column_name(enum spin_column column)
-{
-    return columns_table[column_index(column)].name;
-}
-
-size_t spin_column_width(enum spin_column column, int sh_degree)
-{
-    size_t width = columns_table[column_index(column)].width;
-
-    return width ? width : 3 * (size_t)((sh_degree + 1) * (sh_degree + 1));
-}
-
-float **spin_column_of(struct spin_splats *s, enum spin_column column)
-{
-    float **const of[N_COLUMNS] = {&s->means,           &s->quats, &s->log_scales,
-                                   &s->logit_opacities, &s->sh,    &s->rgb};
-
-    return of[column_index(column)];
-}
-
-/* Dimensions of n rows of a column. */
-static int column_shape(int i, size_t n, int sh_degree, uint64_t shape[3])
-{
-    shape[0] = n;
-    if (columns_table[i].column == SPIN_COL_LOGIT_OPACITIES)
-        return 1;
-    if (columns_table[i].column == SPIN_COL_SH) {
-        shape[1] = (uint64_t)((sh_degree + 1) * (sh_degree + 1));
-        shape[2] = 3;
-        return 3;
-    }
-    shape[1] = columns_table[i].width;
-    return 2;
-}
-
 /* "source/means/00012", or "source/means" for a still column. */
-static void member_key(const char *group, int i, bool still, int frame, char key[64])
+static void member_key(const char *group, unsigned column, bool still, int frame, char key[64])
 {
     if (still)
-        snprintf(key, 64, "%s/%s", group, columns_table[i].name);
+        snprintf(key, 64, "%s/%s", group, spin_column_name(column));
     else
-        snprintf(key, 64, "%s/%s/%05d", group, columns_table[i].name, frame);
-}
-
-/* ---- Meta ------------------------------------------------------------------------------------ */
-
-spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
-{
-    void *frame = NULL, *index = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *meta->frame, &frame));
-    SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *meta->source_index, &index));
-    free(meta->frame);
-    free(meta->source_index);
-    meta->frame = frame;
-    meta->source_index = index;
-    meta->n_frames = n_frames;
-    return SPIN_OK;
-out:
-    free(frame);
-    return status;
-}
-
-void spin_bundle_meta_free(struct spin_bundle_meta *meta)
-{
-    free(meta->frame);
-    free(meta->source_index);
-    free(meta->data_path);
-    memset(meta, 0, sizeof *meta);
-}
-
-static spin_status fail_key(const char *key, const char *expected)
-{
-    return spin_fail(SPIN_E_MALFORMED, "meta.json: '%s' is missing or is not %s", key, expected);
-}
-
-static spin_status read_integer(const spin_json *object, const char *key, int64_t least,
-                                int64_t most, int64_t *out)
-{
-    if (!spin_json_integer(spin_json_get(object, key), out))
-        return fail_key(key, "a whole number");
-    if (*out < least || *out > most)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: '%s' is %lld, expected %lld to %lld", key,
-                         (long long)*out, (long long)least, (long long)most);
-    return SPIN_OK;
-}
-
-/* A string, cut to fit. Absent or null: "". */
-static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
-{
-    const char *text = spin_json_string(spin_json_get(object, key));
-
-    snprintf(out, n_out, "%s", text ? text : "");
-}
-
-static spin_status read_columns(const spin_json *root, const char *key, unsigned *out)
-{
-    const spin_json *list = spin_json_get(root, key);
-
-    *out = 0;
-    if (!list || !spin_json_is_array(list))
-        return fail_key(key, "a list of names");
-    for (size_t k = 0; k < spin_json_length(list); k++) {
-        const char *name = spin_json_string(spin_json_at(list, k));
-        int i = 0;
-
-        if (!name)
-            return fail_key(key, "a list of names");
-        while (i < N_COLUMNS && strcmp(columns_table[i].name, name) != 0)
-            i++;
-        if (i == N_COLUMNS)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "meta.json: '%s' names a column '%.40s' that this "
-                             "version does not know",
-                             key, name);
-        *out |= columns_table[i].column;
-    }
-    return SPIN_OK;
-}
-
-/* The columns that splats have, means at least, the degree of their colours, how to draw them. */
-static spin_status read_splat_columns(const spin_json *object, unsigned *columns, int *sh_degree,
-                                      bool *antialias)
-{
-    int64_t degree;
-
-    SPIN_TRY(read_columns(object, "columns", columns));
-    if (!(*columns & SPIN_COL_MEANS))
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: 'columns' lacks 'means'");
-    SPIN_TRY(read_integer(object, "sh_degree", -1, 3, &degree));
-    if ((*columns & SPIN_COL_SH) && degree < 0)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: column 'sh' with an 'sh_degree' of -1");
-    *sh_degree = (int)degree;
-    spin_json_bool(spin_json_get(object, "antialias"), antialias);
-    return SPIN_OK;
-}
-
-static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const spin_json *entry)
-{
-    struct spin_frame_info *f = &meta->frame[i];
-    int64_t number, n, index;
-
-    SPIN_TRY(read_integer(entry, "number", INT_MIN, INT_MAX, &number));
-    SPIN_TRY(read_integer(entry, "n", 0, UINT32_MAX, &n));
-    SPIN_TRY(read_integer(entry, "source_index", 0, meta->n_source_frames - 1, &index));
-    if (!spin_json_number(spin_json_get(entry, "time"), &f->time) || !isfinite(f->time))
-        return fail_key("time", "a number");
-    f->number = (int)number;
-    f->n = (size_t)n;
-    meta->source_index[i] = (int)index;
-    return SPIN_OK;
-}
-
-static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *root)
-{
-    const spin_json *list = spin_json_get(root, "frames");
-    size_t n = spin_json_length(list);
-    int64_t n_source;
-
-    if (!list || !spin_json_is_array(list) || n == 0 || n > INT_MAX)
-        return fail_key("frames", "a list with at least one frame");
-    SPIN_TRY(read_integer(root, "source_frames", 1, INT_MAX, &n_source));
-    meta->n_source_frames = (int)n_source;
-    SPIN_TRY(spin_bundle_meta_reserve(meta, (int)n));
-    for (size_t i = 0; i < n; i++) {
-        spin_status status = read_frame_entry(meta, (int)i, spin_json_at(list, i));
-
-        if (status != SPIN_OK)
-            return spin_fail_context(status, "frame %zu", i);
-    }
-    return SPIN_OK;
-}
-
-static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *root)
-{
-    const spin_json *data = spin_json_get(root, "data");
-    const char *path;
-
-    if (!data || !spin_json_is_object(data))
-        return SPIN_OK;
-    path = spin_json_string(spin_json_get(data, "path"));
-    if (!path || path[0] == '\0')
-        return fail_key("data.path", "a path");
-    read_text(data, "from", meta->data_from, sizeof meta->data_from);
-    return spin_strdup(path, &meta->data_path);
-}
-
-static spin_status read_meta(struct spin_bundle_meta *meta, const spin_json *root)
-{
-    const char *format = spin_json_string(spin_json_get(root, "format"));
-    int64_t version;
-
-    if (!format || strcmp(format, FORMAT) != 0)
-        return fail_key("format", "'" FORMAT "'");
-    SPIN_TRY(read_integer(root, "version", 1, INT_MAX, &version));
-    if (version != VERSION)
-        return spin_fail(SPIN_E_UNSUPPORTED, "it is of version %lld, this program reads version %d",
-                         (long long)version, VERSION);
-    read_text(root, "from", meta->from, sizeof meta->from);
-    read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
-    read_text(root, "variant", meta->variant, sizeof meta->variant);
-    if (!spin_json_bool(spin_json_get(root, "numbered"), &meta->numbered))
-        return fail_key("numbered", "true or false");
-    SPIN_TRY(read_splat_columns(root, &meta->columns, &meta->sh_degree, &meta->antialias));
-    SPIN_TRY(read_columns(root, "static_columns", &meta->static_columns));
-    if (meta->static_columns & ~meta->columns)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "meta.json: 'static_columns' names columns that 'columns' does not");
-    SPIN_TRY(read_data(meta, root));
-    return read_frames(meta, root);
+        snprintf(key, 64, "%s/%s/%05d", group, spin_column_name(column), frame);
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -293,32 +59,36 @@ struct group {
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
+    const size_t *n; /* [n_frames] of the refined ones */
 };
 
-static struct group source_of(const struct spin_bundle *b)
+static struct group group_of(const struct spin_bundle *b, enum spin_splat_source from)
 {
-    return (struct group){"source", b->meta.columns, b->meta.static_columns, b->meta.sh_degree,
-                          b->meta.antialias};
+    const struct spin_bundle_meta *m = &b->meta;
+    const struct spin_bundle_refined *r = &b->refined;
+
+    if (from == SPIN_FROM_REFINED)
+        return (struct group){"refined", r->columns, 0, r->sh_degree, r->antialias, r->n};
+    return (struct group){"source",     m->columns,   m->static_columns,
+                          m->sh_degree, m->antialias, NULL};
 }
 
-static struct group refined_of(const struct spin_bundle *b)
+static size_t count_of(const struct spin_bundle *b, const struct group *group, int frame)
 {
-    return (struct group){"refined", b->refined.columns, 0, b->refined.sh_degree,
-                          b->refined.antialias};
+    return group->n ? group->n[frame] : b->meta.frame[frame].n;
 }
 
-static spin_status find_column(struct spin_bundle *b, const struct group *group, int i, int frame,
-                               size_t n, bool check_crc, struct spin_array *out)
+static spin_status find_column(struct spin_bundle *b, const struct group *group, unsigned column,
+                               int frame, bool check_crc, struct spin_array *out)
 {
-    bool still = (group->static_columns & columns_table[i].column) != 0;
     uint64_t shape[3];
     int64_t wanted[3];
     char key[64];
-    int n_dims = column_shape(i, n, group->sh_degree, shape);
+    int n_dims = spin_column_shape(column, count_of(b, group, frame), group->sh_degree, shape);
 
     for (int d = 0; d < n_dims; d++)
         wanted[d] = (int64_t)shape[d];
-    member_key(group->name, i, still, frame, key);
+    member_key(group->name, column, (group->static_columns & column) != 0, frame, key);
     return find_array(b, key, check_crc, n_dims, wanted, out);
 }
 
@@ -333,12 +103,11 @@ static void forget_all(const struct spin_bundle *b, int n_looked_at)
 
 static spin_status check_source(struct spin_bundle *b)
 {
-    struct group source = source_of(b);
+    struct group source = group_of(b, SPIN_FROM_SOURCE);
     struct spin_array array;
     int n_looked_at = 0;
 
-    for (int i = 0; i < N_COLUMNS; i++) {
-        unsigned column = columns_table[i].column;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         bool still = (b->meta.static_columns & column) != 0;
 
         if (!(b->meta.columns & column))
@@ -346,12 +115,13 @@ static spin_status check_source(struct spin_bundle *b)
         for (int f = 0; f < b->meta.n_frames; f++) {
             forget_all(b, n_looked_at++);
             if (f == 0 || !still)
-                SPIN_TRY(find_column(b, &source, i, f, b->meta.frame[f].n, false, &array));
+                SPIN_TRY(find_column(b, &source, column, f, false, &array));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
                 return spin_fail(SPIN_E_MALFORMED,
                                  "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
                                  "'%s' is the same in both",
-                                 f, b->meta.frame[f].n, b->meta.frame[0].n, columns_table[i].name);
+                                 f, b->meta.frame[f].n, b->meta.frame[0].n,
+                                 spin_column_name(column));
         }
     }
     return SPIN_OK;
@@ -367,23 +137,23 @@ static spin_status check_refined(struct spin_bundle *b)
     if (!refined)
         return SPIN_OK;
     if (!spin_json_is_object(refined))
-        return fail_key("refined", "an object");
-    SPIN_TRY(read_splat_columns(refined, &b->refined.columns, &b->refined.sh_degree,
-                                &b->refined.antialias));
+        return spin_meta_fail("refined", "an object");
+    SPIN_TRY(spin_meta_columns(refined, &b->refined.columns, &b->refined.sh_degree,
+                               &b->refined.antialias));
     list = spin_json_get(refined, "frames");
     if (!list || spin_json_length(list) != (size_t)b->meta.n_frames)
-        return fail_key("frames", "a list as long as the clip's");
+        return spin_meta_fail("frames", "a list as long as the clip's");
     SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->refined.n, &block));
     b->refined.n = block;
-    group = refined_of(b);
+    group = group_of(b, SPIN_FROM_REFINED);
     for (int f = 0; f < b->meta.n_frames; f++) {
         int64_t n;
 
-        SPIN_TRY(read_integer(spin_json_at(list, (size_t)f), "n", 0, UINT32_MAX, &n));
+        SPIN_TRY(spin_meta_integer(spin_json_at(list, (size_t)f), "n", 0, UINT32_MAX, &n));
         b->refined.n[f] = (size_t)n;
-        for (int i = 0; i < N_COLUMNS; i++)
-            if (group.columns & columns_table[i].column)
-                SPIN_TRY(find_column(b, &group, i, f, (size_t)n, false, &array));
+        for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
+            if (group.columns & column)
+                SPIN_TRY(find_column(b, &group, column, f, false, &array));
     }
     return SPIN_OK;
 }
@@ -400,8 +170,8 @@ static spin_status check_network(struct spin_bundle *b)
     if (!network)
         return SPIN_OK;
     if (!spin_json_is_object(network))
-        return fail_key("network", "an object");
-    SPIN_TRY(read_integer(network, "features", 1, 8, &features));
+        return spin_meta_fail("network", "an object");
+    SPIN_TRY(spin_meta_integer(network, "features", 1, 8, &features));
     shape[1] = features;
     SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
     SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
@@ -432,7 +202,7 @@ static spin_status load_meta(struct spin_bundle *b)
     status = spin_json_parse(META, (const char *)text, (size_t)m->size, &b->json);
     free(owned);
     SPIN_TRY(status);
-    return read_meta(&b->meta, b->json);
+    return spin_bundle_meta_read(&b->meta, b->json);
 }
 
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
@@ -495,31 +265,33 @@ out:
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-static spin_status fail_no_column(const struct spin_bundle *b, unsigned columns)
+/* The group, if it has the frame and these columns. */
+static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_splat_source from,
+                              unsigned columns, struct group *out)
 {
-    for (int i = 0; i < N_COLUMNS; i++) {
-        if (columns & columns_table[i].column & ~b->meta.columns)
-            return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no '%s' of its source%s", b->path,
-                             columns_table[i].name,
-                             (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0
-                                 ? ", only positions: run spin-retrain"
-                                 : "");
-    }
-    return SPIN_OK;
+    unsigned missing;
+
+    *out = group_of(b, from);
+    missing = columns & ~out->columns;
+    if (frame < 0 || frame >= b->meta.n_frames)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d, only 0 to %d", b->path, frame,
+                         b->meta.n_frames - 1);
+    if (missing && from == SPIN_FROM_REFINED)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no refined splats with these columns",
+                         b->path);
+    if (missing)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no '%s' of its source%s", b->path,
+                         spin_column_name(missing),
+                         (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0
+                             ? ", only positions: run spin-retrain"
+                             : "");
+    return spin_map_check(&b->npz.zip.map);
 }
 
-static spin_status check_index(const struct spin_bundle *bundle, int frame)
+static spin_status read_column(struct spin_bundle *b, const struct group *group, unsigned column,
+                               int frame, struct spin_array *array)
 {
-    if (frame < 0 || frame >= bundle->meta.n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d, only 0 to %d", bundle->path,
-                         frame, bundle->meta.n_frames - 1);
-    return SPIN_OK;
-}
-
-static spin_status read_column(struct spin_bundle *b, const struct group *group, int i, int frame,
-                               size_t n, struct spin_array *array)
-{
-    spin_status status = find_column(b, group, i, frame, n, true, array);
+    spin_status status = find_column(b, group, column, frame, true, array);
 
     if (status != SPIN_OK && !strstr(spin_last_error(), b->path))
         return spin_fail_context(status, "cannot read '%s'", b->path);
@@ -527,18 +299,18 @@ static spin_status read_column(struct spin_bundle *b, const struct group *group,
 }
 
 static spin_status read_group(struct spin_bundle *bundle, const struct group *group, int frame,
-                              size_t n, unsigned columns, struct spin_splats *out)
+                              unsigned columns, struct spin_splats *out)
 {
-    SPIN_TRY(spin_map_check(&bundle->npz.zip.map));
+    size_t n = count_of(bundle, group, frame);
+
     SPIN_TRY(spin_splats_reserve(out, n, columns, group->sh_degree < 0 ? 0 : group->sh_degree));
     out->antialias = group->antialias;
-    for (int i = 0; i < N_COLUMNS; i++) {
-        unsigned column = columns_table[i].column;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         struct spin_array array;
 
         if (!(columns & column))
             continue;
-        SPIN_TRY(read_column(bundle, group, i, frame, n, &array));
+        SPIN_TRY(read_column(bundle, group, column, frame, &array));
         if (n > 0)
             memcpy(*spin_column_of(out, column), array.data, (size_t)array.n_bytes);
         if (!(bundle->meta.static_columns & column)) /* a clip goes by, frame after frame */
@@ -547,24 +319,45 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
     return SPIN_OK;
 }
 
-/* The columns as they lie in the map; copied when one is not aligned. */
-static spin_status view_group(struct spin_bundle *bundle, const struct group *group, int frame,
-                              size_t n, unsigned columns, struct spin_splats *out)
+static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
+                              unsigned columns, struct spin_splats *out)
 {
-    struct spin_splats view = {.n = n, .capacity = n, .mapped = true};
+    struct group group;
 
-    SPIN_TRY(spin_map_check(&bundle->npz.zip.map));
-    view.sh_degree = group->sh_degree < 0 ? 0 : group->sh_degree;
-    view.antialias = group->antialias;
-    for (int i = 0; i < N_COLUMNS; i++) {
-        unsigned column = columns_table[i].column;
+    SPIN_TRY(find_group(bundle, frame, from, columns, &group));
+    return read_group(bundle, &group, frame, columns, out);
+}
+
+spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
+                              struct spin_splats *out)
+{
+    return read_frame(bundle, frame, SPIN_FROM_SOURCE, columns, out);
+}
+
+spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
+                                      struct spin_splats *out)
+{
+    return read_frame(bundle, frame, SPIN_FROM_REFINED, columns, out);
+}
+
+spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
+                             unsigned columns, struct spin_splats *out)
+{
+    struct spin_splats view = {.mapped = true};
+    struct group group;
+
+    SPIN_TRY(find_group(bundle, frame, from, columns, &group));
+    view.n = view.capacity = count_of(bundle, &group, frame);
+    view.sh_degree = group.sh_degree < 0 ? 0 : group.sh_degree;
+    view.antialias = group.antialias;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         struct spin_array array;
 
         if (!(columns & column))
             continue;
-        SPIN_TRY(read_column(bundle, group, i, frame, n, &array));
-        if (n == 0 || !spin_array_f32(&array))
-            return read_group(bundle, group, frame, n, columns, out);
+        SPIN_TRY(read_column(bundle, &group, column, frame, &array));
+        if (view.n == 0 || !spin_array_f32(&array)) /* not aligned: copied */
+            return read_group(bundle, &group, frame, columns, out);
         *spin_column_of(&view, column) = (float *)(uintptr_t)array.data;
     }
     spin_splats_free(out);
@@ -572,55 +365,11 @@ static spin_status view_group(struct spin_bundle *bundle, const struct group *gr
     return SPIN_OK;
 }
 
-spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
-                              struct spin_splats *out)
-{
-    struct group source = source_of(bundle);
-
-    SPIN_TRY(check_index(bundle, frame));
-    SPIN_TRY(fail_no_column(bundle, columns));
-    return read_group(bundle, &source, frame, bundle->meta.frame[frame].n, columns, out);
-}
-
-static spin_status check_refined_frame(const struct spin_bundle *bundle, int frame,
-                                       unsigned columns)
-{
-    SPIN_TRY(check_index(bundle, frame));
-    if (columns & ~bundle->refined.columns)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no refined splats with these columns",
-                         bundle->path);
-    return SPIN_OK;
-}
-
-spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
-                                      struct spin_splats *out)
-{
-    struct group refined = refined_of(bundle);
-
-    SPIN_TRY(check_refined_frame(bundle, frame, columns));
-    return read_group(bundle, &refined, frame, bundle->refined.n[frame], columns, out);
-}
-
-spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
-                             unsigned columns, struct spin_splats *out)
-{
-    struct group group = from == SPIN_FROM_REFINED ? refined_of(bundle) : source_of(bundle);
-
-    if (from == SPIN_FROM_REFINED) {
-        SPIN_TRY(check_refined_frame(bundle, frame, columns));
-        return view_group(bundle, &group, frame, bundle->refined.n[frame], columns, out);
-    }
-    SPIN_TRY(check_index(bundle, frame));
-    SPIN_TRY(fail_no_column(bundle, columns));
-    return view_group(bundle, &group, frame, bundle->meta.frame[frame].n, columns, out);
-}
-
 void spin_bundle_rest(const struct spin_splats *view)
 {
     struct spin_splats s = *view;
 
-    for (int i = 0; i < N_COLUMNS && s.mapped; i++) {
-        enum spin_column column = (enum spin_column)columns_table[i].column;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END && s.mapped; column <<= 1) {
         const float *values = *spin_column_of(&s, column);
 
         if (values)
@@ -639,14 +388,13 @@ uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsig
 {
     uint32_t sum = 0;
 
-    for (int i = 0; i < N_COLUMNS; i++) {
-        unsigned column = columns_table[i].column;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         const struct spin_zip_member *m;
         char key[64];
 
         if (!(columns & bundle->meta.columns & column))
             continue;
-        member_key("source", i, (bundle->meta.static_columns & column) != 0, frame, key);
+        member_key("source", column, (bundle->meta.static_columns & column) != 0, frame, key);
         m = find_member(bundle, key);
         sum =
             (sum ^ (m ? m->crc : 0)) * 0x01000193u + column; /* as FNV-1a does, a word at a time */
@@ -671,8 +419,7 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
 {
     struct spin_splats view = *splats;
 
-    for (int i = 0; i < N_COLUMNS; i++) {
-        unsigned column = columns_table[i].column;
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         bool still = (static_columns & column) != 0;
         uint64_t shape[3];
         char key[64];
@@ -681,9 +428,9 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
 
         if (!(columns & column) || (still && index != 0))
             continue;
-        n_dims = column_shape(i, splats->n, splats->sh_degree, shape);
+        n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
         data = *spin_column_of(&view, column);
-        member_key(group, i, still, index, key);
+        member_key(group, column, still, index, key);
         SPIN_TRY(
             spin_npz_write(&w->zip, key, "<f4", n_dims, shape, data ? (const void *)data : ""));
         if (still)
@@ -734,68 +481,10 @@ spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct s
     return SPIN_OK;
 }
 
-spin_json *spin_column_names(unsigned columns)
-{
-    spin_json *list = spin_json_array();
-
-    for (int i = 0; i < N_COLUMNS; i++) {
-        if (columns & columns_table[i].column)
-            spin_json_push_string(list, columns_table[i].name);
-    }
-    return list;
-}
-
-static spin_json *frames_json(const struct spin_bundle_meta *meta)
-{
-    spin_json *list = spin_json_array();
-
-    for (int i = 0; i < meta->n_frames; i++) {
-        spin_json *entry = spin_json_object();
-
-        spin_json_set_integer(entry, "number", meta->frame[i].number);
-        spin_json_set_number(entry, "time", meta->frame[i].time);
-        spin_json_set_integer(entry, "n", (int64_t)meta->frame[i].n);
-        spin_json_set_integer(entry, "source_index", meta->source_index[i]);
-        spin_json_push(list, entry);
-    }
-    return list;
-}
-
-/* Our keys go into extra, so a caller's key of the same name does not survive. */
-static spin_json *meta_json(const struct spin_bundle_meta *meta, spin_json *extra)
-{
-    spin_json *root = extra ? extra : spin_json_object();
-
-    spin_json_set_string(root, "format", FORMAT);
-    spin_json_set_integer(root, "version", VERSION);
-    spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
-    spin_json_set_string(root, "from", meta->from);
-    spin_json_set_string(root, "upstream", meta->upstream);
-    spin_json_set_string(root, "variant", meta->variant);
-    spin_json_set_integer(root, "source_frames", meta->n_source_frames);
-    spin_json_set_bool(root, "numbered", meta->numbered);
-    spin_json_set(root, "columns", spin_column_names(meta->columns));
-    spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
-    spin_json_set_integer(root, "sh_degree", meta->sh_degree);
-    if (meta->antialias)
-        spin_json_set_bool(root, "antialias", true);
-    if (meta->data_path) {
-        spin_json *data = spin_json_object();
-
-        spin_json_set_string(data, "path", meta->data_path);
-        spin_json_set_string(data, "from", meta->data_from);
-        spin_json_set(root, "data", data);
-    } else {
-        spin_json_set_null(root, "data");
-    }
-    spin_json_set(root, "frames", frames_json(meta));
-    return root;
-}
-
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra)
 {
-    spin_json *root = meta_json(meta, extra);
+    spin_json *root = spin_bundle_meta_json(meta, extra);
     char *text = spin_json_text(root, true);
     spin_status status;
 

@@ -13,28 +13,9 @@
 #ifndef SPIN_SCENE_BUNDLE_H
 #define SPIN_SCENE_BUNDLE_H
 
-#include "io/json.h"
 #include "io/npy.h"
-#include "spin.h"
-
-/* What meta.json says, less the network's own part. */
-struct spin_bundle_meta {
-    char from[32]; /* importer */
-    char upstream[160];
-    char variant[128];
-    int n_frames;
-    struct spin_frame_info *frame; /* [n_frames] */
-    int *source_index;             /* [n_frames] place in the whole source clip */
-    int n_source_frames;           /* frames of the source clip before any range */
-    bool numbered;                 /* frame numbers are the source's own */
-    unsigned columns, static_columns;
-    int sh_degree;       /* -1: none */
-    bool antialias;      /* meant to be drawn antialiased */
-    char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
-    char data_from[128]; /* as spin_views_open() takes it */
-};
-spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
-void spin_bundle_meta_free(struct spin_bundle_meta *meta);
+#include "scene/bundle_meta.h"
+#include "scene/columns.h"
 
 /* Frames that were refined on their own: splats in a number and an order of their own. A network in
  * the same bundle was trained on them. */
@@ -98,12 +79,5 @@ spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct s
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra);
 void spin_bundle_writer_abandon(struct spin_bundle_writer *w);
-
-/* The names of these columns, as meta.json lists them. */
-spin_json *spin_column_names(unsigned columns);
-/* "means" for SPIN_COL_MEANS, ... and floats per row (sh: with this degree). */
-const char *spin_column_name(enum spin_column column);
-size_t spin_column_width(enum spin_column column, int sh_degree);
-float **spin_column_of(struct spin_splats *s, enum spin_column column);
 
 #endif

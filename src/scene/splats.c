@@ -4,25 +4,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-
-#define N_COLUMNS 6
-
-/* Where a column hangs and how many floats its rows have. */
-static float **column_at(struct spin_splats *s, int column)
-{
-    float **columns[N_COLUMNS] = {&s->means,           &s->quats, &s->log_scales,
-                                  &s->logit_opacities, &s->sh,    &s->rgb};
-
-    return columns[column];
-}
-
-static size_t column_width(int column, int sh_degree)
-{
-    size_t side = sh_degree > 0 ? (size_t)sh_degree + 1 : 1;
-    const size_t widths[N_COLUMNS] = {3, 4, 3, 1, 3 * side * side, 3};
-
-    return widths[column];
-}
+#include "scene/columns.h"
 
 /* Make one column hold n rows of row_bytes, letting go of the old one first: contents do not matter
  * and two at a time might not fit. */
@@ -53,9 +35,9 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
     s->sh_degree = sh_degree;
     s->antialias = false;
     s->capacity = SIZE_MAX;
-    for (int i = 0; i < N_COLUMNS; i++) {
-        float **column = column_at(s, i);
-        size_t row_bytes = column_width(i, sh_degree) * sizeof(float);
+    for (int i = 0; i < SPIN_N_COLUMNS; i++) {
+        float **column = spin_column_of(s, 1u << i);
+        size_t row_bytes = spin_column_width(1u << i, sh_degree) * sizeof(float);
 
         /* Columns of an earlier call keep up, so that every column there is holds n rows. */
         if (!*column && !(columns & 1u << i))
@@ -72,8 +54,8 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
 
 void spin_splats_free(struct spin_splats *s)
 {
-    for (int i = 0; i < N_COLUMNS && !s->mapped; i++)
-        free(*column_at(s, i));
+    for (int i = 0; i < SPIN_N_COLUMNS && !s->mapped; i++)
+        free(*spin_column_of(s, 1u << i));
     *s = (struct spin_splats){0};
 }
 

@@ -1,0 +1,237 @@
+/* meta.json of a bundle, read and written. */
+#include "scene/bundle_meta.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "scene/columns.h"
+
+#define FORMAT "spin bundle"
+#define VERSION 1
+
+spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
+{
+    void *frame = NULL, *index = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *meta->frame, &frame));
+    SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *meta->source_index, &index));
+    free(meta->frame);
+    free(meta->source_index);
+    meta->frame = frame;
+    meta->source_index = index;
+    meta->n_frames = n_frames;
+    return SPIN_OK;
+out:
+    free(frame);
+    return status;
+}
+
+void spin_bundle_meta_free(struct spin_bundle_meta *meta)
+{
+    free(meta->frame);
+    free(meta->source_index);
+    free(meta->data_path);
+    memset(meta, 0, sizeof *meta);
+}
+
+spin_status spin_meta_fail(const char *key, const char *expected)
+{
+    return spin_fail(SPIN_E_MALFORMED, "meta.json: '%s' is missing or is not %s", key, expected);
+}
+
+spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t least, int64_t most,
+                              int64_t *out)
+{
+    if (!spin_json_integer(spin_json_get(object, key), out))
+        return spin_meta_fail(key, "a whole number");
+    if (*out < least || *out > most)
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: '%s' is %lld, expected %lld to %lld", key,
+                         (long long)*out, (long long)least, (long long)most);
+    return SPIN_OK;
+}
+
+/* A string, cut to fit. Absent or null: "". */
+static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
+{
+    const char *text = spin_json_string(spin_json_get(object, key));
+
+    snprintf(out, n_out, "%s", text ? text : "");
+}
+
+static spin_status read_columns(const spin_json *root, const char *key, unsigned *out)
+{
+    const spin_json *list = spin_json_get(root, key);
+
+    *out = 0;
+    if (!list || !spin_json_is_array(list))
+        return spin_meta_fail(key, "a list of names");
+    for (size_t k = 0; k < spin_json_length(list); k++) {
+        const char *name = spin_json_string(spin_json_at(list, k));
+
+        if (!name)
+            return spin_meta_fail(key, "a list of names");
+        if (!spin_column_named(name))
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "meta.json: '%s' names a column '%.40s' that this "
+                             "version does not know",
+                             key, name);
+        *out |= spin_column_named(name);
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *sh_degree,
+                              bool *antialias)
+{
+    int64_t degree;
+
+    SPIN_TRY(read_columns(object, "columns", columns));
+    if (!(*columns & SPIN_COL_MEANS))
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: 'columns' lacks 'means'");
+    SPIN_TRY(spin_meta_integer(object, "sh_degree", -1, 3, &degree));
+    if ((*columns & SPIN_COL_SH) && degree < 0)
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: column 'sh' with an 'sh_degree' of -1");
+    *sh_degree = (int)degree;
+    spin_json_bool(spin_json_get(object, "antialias"), antialias);
+    return SPIN_OK;
+}
+
+static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const spin_json *entry)
+{
+    struct spin_frame_info *f = &meta->frame[i];
+    int64_t number, n, index;
+
+    SPIN_TRY(spin_meta_integer(entry, "number", INT_MIN, INT_MAX, &number));
+    SPIN_TRY(spin_meta_integer(entry, "n", 0, UINT32_MAX, &n));
+    SPIN_TRY(spin_meta_integer(entry, "source_index", 0, meta->n_source_frames - 1, &index));
+    if (!spin_json_number(spin_json_get(entry, "time"), &f->time) || !isfinite(f->time))
+        return spin_meta_fail("time", "a number");
+    f->number = (int)number;
+    f->n = (size_t)n;
+    meta->source_index[i] = (int)index;
+    return SPIN_OK;
+}
+
+static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *root)
+{
+    const spin_json *list = spin_json_get(root, "frames");
+    size_t n = spin_json_length(list);
+    int64_t n_source;
+
+    if (!list || !spin_json_is_array(list) || n == 0 || n > INT_MAX)
+        return spin_meta_fail("frames", "a list with at least one frame");
+    SPIN_TRY(spin_meta_integer(root, "source_frames", 1, INT_MAX, &n_source));
+    meta->n_source_frames = (int)n_source;
+    SPIN_TRY(spin_bundle_meta_reserve(meta, (int)n));
+    for (size_t i = 0; i < n; i++) {
+        spin_status status = read_frame_entry(meta, (int)i, spin_json_at(list, i));
+
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "frame %zu", i);
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *root)
+{
+    const spin_json *data = spin_json_get(root, "data");
+    const char *path;
+
+    if (!data || !spin_json_is_object(data))
+        return SPIN_OK;
+    path = spin_json_string(spin_json_get(data, "path"));
+    if (!path || path[0] == '\0')
+        return spin_meta_fail("data.path", "a path");
+    read_text(data, "from", meta->data_from, sizeof meta->data_from);
+    return spin_strdup(path, &meta->data_path);
+}
+
+spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root)
+{
+    const char *format = spin_json_string(spin_json_get(root, "format"));
+    int64_t version;
+
+    if (!format || strcmp(format, FORMAT) != 0)
+        return spin_meta_fail("format", "'" FORMAT "'");
+    SPIN_TRY(spin_meta_integer(root, "version", 1, INT_MAX, &version));
+    if (version != VERSION)
+        return spin_fail(SPIN_E_UNSUPPORTED, "it is of version %lld, this program reads version %d",
+                         (long long)version, VERSION);
+    read_text(root, "from", meta->from, sizeof meta->from);
+    read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
+    read_text(root, "variant", meta->variant, sizeof meta->variant);
+    if (!spin_json_bool(spin_json_get(root, "numbered"), &meta->numbered))
+        return spin_meta_fail("numbered", "true or false");
+    SPIN_TRY(spin_meta_columns(root, &meta->columns, &meta->sh_degree, &meta->antialias));
+    SPIN_TRY(read_columns(root, "static_columns", &meta->static_columns));
+    if (meta->static_columns & ~meta->columns)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "meta.json: 'static_columns' names columns that 'columns' does not");
+    SPIN_TRY(read_data(meta, root));
+    return read_frames(meta, root);
+}
+
+/* ---- Writing --------------------------------------------------------------------------------- */
+
+spin_json *spin_column_names(unsigned columns)
+{
+    spin_json *list = spin_json_array();
+
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        if (columns & column)
+            spin_json_push_string(list, spin_column_name(column));
+    }
+    return list;
+}
+
+static spin_json *frames_json(const struct spin_bundle_meta *meta)
+{
+    spin_json *list = spin_json_array();
+
+    for (int i = 0; i < meta->n_frames; i++) {
+        spin_json *entry = spin_json_object();
+
+        spin_json_set_integer(entry, "number", meta->frame[i].number);
+        spin_json_set_number(entry, "time", meta->frame[i].time);
+        spin_json_set_integer(entry, "n", (int64_t)meta->frame[i].n);
+        spin_json_set_integer(entry, "source_index", meta->source_index[i]);
+        spin_json_push(list, entry);
+    }
+    return list;
+}
+
+spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra)
+{
+    spin_json *root = extra ? extra : spin_json_object();
+
+    spin_json_set_string(root, "format", FORMAT);
+    spin_json_set_integer(root, "version", VERSION);
+    spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
+    spin_json_set_string(root, "from", meta->from);
+    spin_json_set_string(root, "upstream", meta->upstream);
+    spin_json_set_string(root, "variant", meta->variant);
+    spin_json_set_integer(root, "source_frames", meta->n_source_frames);
+    spin_json_set_bool(root, "numbered", meta->numbered);
+    spin_json_set(root, "columns", spin_column_names(meta->columns));
+    spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
+    spin_json_set_integer(root, "sh_degree", meta->sh_degree);
+    if (meta->antialias)
+        spin_json_set_bool(root, "antialias", true);
+    if (meta->data_path) {
+        spin_json *data = spin_json_object();
+
+        spin_json_set_string(data, "path", meta->data_path);
+        spin_json_set_string(data, "from", meta->data_from);
+        spin_json_set(root, "data", data);
+    } else {
+        spin_json_set_null(root, "data");
+    }
+    spin_json_set(root, "frames", frames_json(meta));
+    return root;
+}

@@ -1,0 +1,42 @@
+/* meta.json of a bundle: what the frames of a clip are and which columns they have. */
+#ifndef SPIN_SCENE_BUNDLE_META_H
+#define SPIN_SCENE_BUNDLE_META_H
+
+#include "io/json.h"
+
+/* What meta.json says, less the network's own part. */
+struct spin_bundle_meta {
+    char from[32]; /* importer */
+    char upstream[160];
+    char variant[128];
+    int n_frames;
+    struct spin_frame_info *frame; /* [n_frames] */
+    int *source_index;             /* [n_frames] place in the whole source clip */
+    int n_source_frames;           /* frames of the source clip before any range */
+    bool numbered;                 /* frame numbers are the source's own */
+    unsigned columns, static_columns;
+    int sh_degree;       /* -1: none */
+    bool antialias;      /* meant to be drawn antialiased */
+    char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
+    char data_from[128]; /* as spin_views_open() takes it */
+};
+spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
+void spin_bundle_meta_free(struct spin_bundle_meta *meta);
+
+/* Fills *meta, which is zero before. SPIN_E_MALFORMED and SPIN_E_UNSUPPORTED name the key. */
+spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root);
+/* The object to be written: our keys go into extra, if any, so a caller's key of the same name does not
+ * survive. extra is taken. */
+spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra);
+/* The names of these columns, as meta.json lists them. */
+spin_json *spin_column_names(unsigned columns);
+
+/* For other parts of meta.json: "'key' is missing or is not <expected>"; a whole number in a range; the
+ * columns that splats have, means at least, the degree of their colours, how to draw them. */
+spin_status spin_meta_fail(const char *key, const char *expected);
+spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t least, int64_t most,
+                              int64_t *out);
+spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *sh_degree,
+                              bool *antialias);
+
+#endif

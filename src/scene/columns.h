@@ -1,0 +1,20 @@
+/* The columns of splats: their names, widths and places in struct spin_splats. */
+#ifndef SPIN_SCENE_COLUMNS_H
+#define SPIN_SCENE_COLUMNS_H
+
+#include "spin.h"
+
+/* for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) visits each of enum spin_column. */
+enum { SPIN_N_COLUMNS = 6, SPIN_COLUMNS_END = 1 << SPIN_N_COLUMNS };
+
+/* "means" for SPIN_COL_MEANS, ... */
+const char *spin_column_name(unsigned column);
+/* The column of that name, or 0. */
+unsigned spin_column_named(const char *name);
+/* Floats per row (sh: with this degree, or 0 when it is below). */
+size_t spin_column_width(unsigned column, int sh_degree);
+/* Dimensions of n rows, as arrays in files have them; returns how many. */
+int spin_column_shape(unsigned column, size_t n, int sh_degree, uint64_t shape[3]);
+float **spin_column_of(struct spin_splats *s, unsigned column);
+
+#endif
