@@ -6,6 +6,7 @@
 #include "spin.h"
 #include <stdlib.h>
 
+#include "base/err.h"
 #include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
@@ -242,10 +243,9 @@ static spin_status open_network(const struct cfg_args *cfg, const struct spin_pl
     if (status == SPIN_OK)
         status = load_network(&torch, cfg, values, model, sequence);
     spin_torch_close(&torch);
-    if (status != SPIN_OK && status != SPIN_E_USAGE && !strstr(spin_last_error(), model->path) &&
-        !(cfg->path && strstr(spin_last_error(), cfg->path)))
-        return spin_fail_context(status, "cannot read '%s'", model->path);
-    return status;
+    if (cfg->path && strstr(spin_last_error(), cfg->path))
+        return status;
+    return spin_fail_reading(status, model->path);
 }
 
 /* deformation_table.pth has no say in the result, but its length shows a save that was mixed up. */

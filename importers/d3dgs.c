@@ -3,6 +3,7 @@
  * Positions, colours and rotations are stored per frame, opacities and scales once (forks store
  * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
  * 0..1: they become degree-0 SH unclamped. */
+#include "base/err.h"
 #include "importers/lib/d3dgs_run.h"
 #include "base/mem.h"
 #include "importers/lib/finite.h"
@@ -67,9 +68,7 @@ static spin_status d3dgs_open(const char *path, const struct spin_plugin_values 
     SPIN_TRY(spin_alloc(1, sizeof *run, self));
     run = *self;
     status = open_run(path, run, sequence);
-    if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        return spin_fail_context(status, "cannot read '%s'", run->path ? run->path : path);
-    return status;
+    return spin_fail_reading(status, run->path ? run->path : path);
 }
 
 static spin_status d3dgs_frame(void *self, int frame, double time, unsigned columns,

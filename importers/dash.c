@@ -6,6 +6,7 @@
 #include "spin.h"
 #include <stdlib.h>
 
+#include "base/err.h"
 #include "importers/lib/finite.h"
 #include "importers/lib/hashgrid_deform.h"
 #include "importers/lib/notes.h"
@@ -56,9 +57,9 @@ static spin_status open_model(const struct hash_files *files,
     SPIN_TRY(spin_strdup(files->deform, &base->path));
     status = spin_model_folder_cfg(files->model, NULL, &cfg);
     if (status == SPIN_OK)
-        status = spin_hash_blame(spin_torch_open(files->deform, &torch), files->deform);
+        status = spin_fail_reading(spin_torch_open(files->deform, &torch), files->deform);
     if (status == SPIN_OK)
-        status = spin_hash_blame(load_network(&torch, model), files->deform);
+        status = spin_fail_reading(load_network(&torch, model), files->deform);
     if (status == SPIN_OK)
         status = spin_hash_settings(&cfg, values, base, sequence);
     spin_torch_close(&torch);

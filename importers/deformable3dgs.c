@@ -8,6 +8,7 @@
 #include "spin.h"
 #include <stdlib.h>
 
+#include "base/err.h"
 #include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/mlp_eval.h"
@@ -330,9 +331,7 @@ static spin_status open_network(struct model *m)
     if (status == SPIN_OK)
         status = load_network(&torch, m);
     spin_torch_close(&torch);
-    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_fail_context(status, "cannot read '%s'", m->path);
-    return status;
+    return spin_fail_reading(status, m->path);
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */

@@ -7,13 +7,14 @@
 #include "spin.h"
 #include <stdlib.h>
 
+#include "base/err.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
 #include "importers/lib/notes.h"
+#include "importers/lib/torchscript.h"
 #include "io/npy.h"
-#include "io/zip.h"
 #include "math/plane.h"
 
 enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_SEGMENTS = 4096 };
@@ -347,86 +348,21 @@ static spin_status open_network(const char *name, const struct cfg_args *cfg, st
         SPIN_TRY_OUT(load_local(&torch, prefix, grid_pe, !still, model));
 out:
     spin_torch_close(&torch);
-    if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        status = spin_fail_context(status, "cannot read '%s'", path);
+    status = spin_fail_reading(status, path);
     free(path);
     return status;
 }
 
 /* ---- opacity_mlp.pt -------------------------------------------------------------------------- */
 
-/* Storage number `index` of a traced module: floats, `count` of them or, where it is 0, as many as
- * there are. TorchScript numbers them as it meets them: weight and bias of the first layer, of the
- * second. */
-static spin_status read_storage(const struct spin_zip *zip, int index, size_t *count, float **out)
-{
-    const struct spin_zip_member *m = NULL;
-    const unsigned char *data;
-    void *owned = NULL;
-    char name[24];
-
-    snprintf(name, sizeof name, "/data/%d", index);
-    for (size_t i = 0; i < zip->n; i++) {
-        size_t n = strlen(zip->member[i].name), tail = strlen(name);
-
-        if (n > tail && strcmp(zip->member[i].name + n - tail, name) == 0)
-            m = &zip->member[i];
-    }
-    if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "member 'data/%d' is missing or not of the size of its "
-                         "layer",
-                         index);
-    SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
-    *count = (size_t)m->size / 4;
-    spin_status status = alloc_floats(*count, 1, out);
-    if (status == SPIN_OK)
-        memcpy(*out, data, (size_t)m->size);
-    free(owned);
-    SPIN_TRY(status);
-    for (size_t i = 0; i < *count; i++) {
-        if (!isfinite((*out)[i]))
-            return spin_fail(SPIN_E_MALFORMED, "member 'data/%d' has values that are not finite",
-                             index);
-    }
-    return SPIN_OK;
-}
-
-/* Linear(A + 3 or A + 4, A), ReLU, Linear(A, K); only the sign of what comes out is of interest,
- * so the tanh is left out. */
-static spin_status read_layers(const struct spin_zip *zip, struct model *model)
-{
-    size_t a = (size_t)model->n_features, k = (size_t)model->n_offsets;
-    size_t n_in = 0, n_bias = a, n_out = a * k, n_last = k;
-
-    SPIN_TRY(read_storage(zip, 0, &n_in, &model->alive[0].weight));
-    if (n_in != a * (a + 3) && n_in != a * (a + 4))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "member 'data/0' has %zu values, expected %zu or %zu for %zu features",
-                         n_in, a * (a + 3), a * (a + 4), a);
-    SPIN_TRY(read_storage(zip, 1, &n_bias, &model->alive[0].bias));
-    SPIN_TRY(read_storage(zip, 2, &n_out, &model->alive[1].weight));
-    SPIN_TRY(read_storage(zip, 3, &n_last, &model->alive[1].bias));
-    model->alive[0].n_in = (int)(n_in / a);
-    model->alive[0].n_out = model->alive[1].n_in = (int)a;
-    model->alive[1].n_out = (int)k;
-    return SPIN_OK;
-}
-
+/* Only the sign of what comes out is of interest, so the tanh behind it is left out. */
 static spin_status read_opacity(struct model *model)
 {
-    struct spin_zip zip;
     char *path = NULL;
     spin_status status;
 
     SPIN_TRY(spin_path_join(model->save, "opacity_mlp.pt", &path));
-    memset(&zip, 0, sizeof zip);
-    status = spin_zip_open(path, &zip);
-    if (status == SPIN_OK)
-        status = read_layers(&zip, model);
-    spin_zip_close(&zip);
-    if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        status = spin_fail_context(status, "cannot read '%s'", path);
+    status = spin_torchscript_load(path, model->n_features, model->n_offsets, model->alive);
     free(path);
     return status;
 }

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
+#include "importers/lib/huffman.h"
 #include "importers/lib/mlp_eval.h"
 #include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
@@ -26,8 +28,7 @@ enum {
     HIDDEN = 64,
     N_FEATURES = 13,
     HEAD_IN = 16, /* features and three of the six appearance numbers */
-    N_APP = 6,
-    MAX_CODE_BITS = 63
+    N_APP = 6
 };
 
 enum { CONT, DC, OPACITY, SH, N_NETS };
@@ -79,122 +80,6 @@ static int probe(const struct spin_peek *peek)
     return n_xz == 1 ? 50 : 0;
 }
 
-/* ---- Huffman codes --------------------------------------------------------------------------- */
-
-/* The table is the code: it is not canonical. Leaves have label >= 0, or END. */
-enum { INNER = -1, END = -2 };
-
-struct tree_node {
-    uint32_t child[2]; /* 0: none */
-    int64_t label;
-};
-
-struct tree {
-    struct tree_node *node;
-    size_t n, capacity;
-};
-
-static spin_status new_node(struct tree *tree, uint32_t *out)
-{
-    if (tree->n == tree->capacity) {
-        size_t larger = tree->capacity ? 2 * tree->capacity : 256;
-
-        if (larger > UINT32_MAX / 2)
-            return spin_fail(SPIN_E_MALFORMED, "a Huffman table is too large");
-        SPIN_TRY(spin_grow(larger, sizeof *tree->node, (void **)&tree->node));
-        tree->capacity = larger;
-    }
-    *out = (uint32_t)tree->n;
-    tree->node[tree->n++] = (struct tree_node){{0, 0}, INNER};
-    return SPIN_OK;
-}
-
-static spin_status add_code(struct tree *tree, int bits, uint64_t code, int64_t label)
-{
-    uint32_t at = 0;
-
-    for (int b = bits - 1; b >= 0; b--) {
-        int side = (int)(code >> b & 1);
-        uint32_t next = tree->node[at].child[side];
-
-        if (tree->node[at].label != INNER)
-            return spin_fail(SPIN_E_MALFORMED, "a Huffman code begins with another one");
-        if (next == 0) {
-            SPIN_TRY(new_node(tree, &next));
-            tree->node[at].child[side] = next;
-        }
-        at = next;
-    }
-    if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
-        return spin_fail(SPIN_E_MALFORMED, "two Huffman codes are the same, or begin alike");
-    tree->node[at].label = label;
-    return SPIN_OK;
-}
-
-/* {label: (bits, code), ..., end mark: (bits, code)} */
-static spin_status build_tree(const struct spin_value *table, struct tree *tree)
-{
-    uint32_t root;
-
-    if (!table || table->kind != SPIN_VALUE_DICT || table->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is not a dict, or empty");
-    SPIN_TRY(new_node(tree, &root));
-    for (size_t i = 0; i < table->n; i++) {
-        const struct spin_value *key = table->item[2 * i], *entry = table->item[2 * i + 1];
-        const struct spin_value *bits = spin_value_at(entry, 0), *code = spin_value_at(entry, 1);
-        double label = END;
-
-        if (key->kind != SPIN_VALUE_OBJECT &&
-            (!spin_value_number(key, &label) || !(label >= 0) || label > 1e9))
-            return spin_fail(SPIN_E_MALFORMED, "a Huffman table has a label that is no number");
-        if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
-            bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
-            code->integer >> bits->integer != 0)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "a Huffman table has a code that is not (bits, value) of at most %d "
-                             "bits",
-                             MAX_CODE_BITS);
-        SPIN_TRY(add_code(tree, (int)bits->integer, (uint64_t)code->integer, (int64_t)label));
-    }
-    return SPIN_OK;
-}
-
-/* n labels below n_labels. The end mark may be missing or cut off: what counts is how many came. */
-static spin_status read_labels(const struct tree *tree, const struct spin_value *bytes, size_t n,
-                               uint64_t n_labels, uint32_t *out)
-{
-    uint32_t at = 0;
-    size_t found = 0;
-
-    for (size_t i = 0; i < 8 * bytes->n; i++) {
-        int bit = (unsigned char)bytes->text[i / 8] >> (7 - i % 8) & 1;
-        int64_t label;
-
-        at = tree->node[at].child[bit];
-        if (at == 0) {
-            if (found == n) /* padding behind the last label */
-                return SPIN_OK;
-            return spin_fail(SPIN_E_MALFORMED, "bits that are no Huffman code behind label %zu",
-                             found);
-        }
-        label = tree->node[at].label;
-        if (label == INNER)
-            continue;
-        if (label == END)
-            break;
-        if ((uint64_t)label >= n_labels)
-            return spin_fail(SPIN_E_MALFORMED, "label %lld, but the code book has %llu entries",
-                             (long long)label, (unsigned long long)n_labels);
-        if (found == n)
-            return spin_fail(SPIN_E_MALFORMED, "more than %zu labels", n);
-        out[found++] = (uint32_t)label;
-        at = 0;
-    }
-    if (found != n)
-        return spin_fail(SPIN_E_MALFORMED, "%zu labels, expected %zu", found, n);
-    return SPIN_OK;
-}
-
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
 /* A numpy array or the inner torch tensor, of floating-point numbers, all there. */
@@ -240,22 +125,22 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
 {
     const struct spin_array *book = as_array(code);
     size_t length = (size_t)book->shape[1];
-    struct tree tree = {0};
+    struct huffman tree = {0};
     float *values = NULL;
     uint32_t *labels = NULL;
     spin_status status;
 
     if (!index || index->kind != SPIN_VALUE_BYTES)
         return spin_fail(SPIN_E_MALFORMED, "an index is not bytes");
-    SPIN_TRY_OUT(build_tree(table, &tree));
+    SPIN_TRY_OUT(spin_huffman_build(table, &tree));
     SPIN_TRY_OUT(spin_alloc(m->n, sizeof *labels, (void **)&labels));
-    SPIN_TRY_OUT(read_labels(&tree, index, m->n, book->shape[0], labels));
+    SPIN_TRY_OUT(spin_huffman_read(&tree, index, m->n, book->shape[0], labels));
     SPIN_TRY_OUT(spin_alloc((size_t)book->count, sizeof *values, (void **)&values));
     spin_array_to_f32(book, 0, book->count, values);
     for (size_t i = 0; i < m->n; i++)
         memcpy(out + i * width + at, values + labels[i] * length, length * sizeof *out);
 out:
-    free(tree.node);
+    spin_huffman_free(&tree);
     free(labels);
     free(values);
     return status;
@@ -661,16 +546,12 @@ static spin_status omg4_open(const char *path, const struct spin_plugin_values *
                              struct spin_sequence_info *sequence)
 {
     struct model *m;
-    spin_status status;
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *m, self));
     m = *self;
     SPIN_TRY(find_file(path, &m->path));
-    status = open_model(m, values, sequence);
-    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_fail_context(status, "cannot read '%s'", m->path);
-    return status;
+    return spin_fail_reading(open_model(m, values, sequence), m->path);
 }
 
 static void omg4_close(void *self)

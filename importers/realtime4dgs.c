@@ -9,7 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "importers/lib/notes.h"
+#include "importers/lib/realtime4dgs_parts.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/torch.h"
@@ -19,21 +21,11 @@
 /* Initial times are drawn from the clip and 10% beyond both its ends. */
 #define SPREAD 1.2
 
-/* Where everything lies in the pickle; NULL: not there. */
-struct parts {
-    const struct spin_value *active, *xyz, *dc, *rest, *scaling, *rotation, *opacity;
-    const struct spin_value *t, *scaling_t, *rotation_r, *rot_4d, *env_map, *active_t, *optimizer;
-    bool swapped;     /* SH are [N][3][K] */
-    bool masked;      /* a fork's mask follows */
-    bool moving;      /* gaussian_dim 4 */
-    double iteration; /* -1: not told */
-};
-
 struct model {
     struct spin_torch torch;
     char *path;
     struct run_config settings;
-    struct parts parts;
+    struct realtime4dgs_parts parts;
     bool torch_open, rot_4d, older, stale;
     struct spin_array dc, rest;
     size_t n;             /* rows in the file */
@@ -92,137 +84,6 @@ static int probe(const struct spin_peek *peek)
     return named ? 40 : 0;
 }
 
-/* ---- The tuple ------------------------------------------------------------------------------- */
-
-static const char *kind_name(const struct spin_value *v)
-{
-    static const char *const names[] = {"None",   "a bool",   "an int",   "a float",
-                                        "a text", "bytes",    "a list",   "a tuple",
-                                        "a dict", "a tensor", "an object"};
-
-    return v ? names[v->kind] : "nothing";
-}
-
-static bool is_kind(const struct spin_value *v, enum spin_value_kind kind)
-{
-    return v && v->kind == kind;
-}
-
-static void take_common(const struct spin_value *m, struct parts *p)
-{
-    p->active = spin_value_at(m, 0);
-    p->xyz = spin_value_at(m, 1);
-    p->dc = spin_value_at(m, 2);
-    p->rest = spin_value_at(m, 3);
-    p->scaling = spin_value_at(m, 4);
-    p->rotation = spin_value_at(m, 5);
-    p->opacity = spin_value_at(m, 6);
-}
-
-static spin_status take_tuple(const struct spin_value *m, struct parts *p)
-{
-    take_common(m, p);
-    p->masked = m->n == 20 || m->n == 13;
-    p->moving = m->n >= 19;
-    if (m->n == 18)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "a model of 18 items is one of PVG, whose Gaussians "
-                         "vibrate; only Realtime-4DGS (19 or 12 items) is read");
-    if (m->n == 12 || m->n == 13) {
-        p->optimizer = spin_value_at(m, 10);
-        return SPIN_OK;
-    }
-    if (m->n != 19 && m->n != 20)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the model has %zu items, the first are %s, %s and %s; Realtime-4DGS "
-                         "has 19 (or 12)",
-                         m->n, kind_name(p->active), kind_name(p->xyz), kind_name(p->dc));
-    p->optimizer = spin_value_at(m, 11);
-    p->t = spin_value_at(m, 13);
-    p->scaling_t = spin_value_at(m, 14);
-    p->rotation_r = spin_value_at(m, 15);
-    p->rot_4d = spin_value_at(m, 16);
-    p->env_map = spin_value_at(m, 17);
-    p->active_t = spin_value_at(m, 18);
-    return SPIN_OK;
-}
-
-/* A fork's dict, with the attribute names of the class. */
-static void take_attributes(const struct spin_value *m, struct parts *p)
-{
-    double dim = 4;
-
-    spin_value_number(spin_value_get(m, "gaussian_dim"), &dim);
-    p->active = spin_value_get(m, "active_sh_degree");
-    p->xyz = spin_value_get(m, "_xyz");
-    p->dc = spin_value_get(m, "_features_dc");
-    p->rest = spin_value_get(m, "_features_rest");
-    p->scaling = spin_value_get(m, "_scaling");
-    p->rotation = spin_value_get(m, "_rotation");
-    p->opacity = spin_value_get(m, "_opacity");
-    p->t = spin_value_get(m, "_t");
-    p->scaling_t = spin_value_get(m, "_scaling_t");
-    p->rotation_r = spin_value_get(m, "_rotation_r");
-    p->rot_4d = spin_value_get(m, "rot_4d");
-    p->env_map = spin_value_get(m, "env_map");
-    p->active_t = spin_value_get(m, "active_sh_degree_t");
-    p->moving = dim == 4;
-}
-
-/* What training takes as loaded_pth: features with their last two axes swapped, no degrees. */
-static void take_loaded(const struct spin_value *m, struct parts *p)
-{
-    p->xyz = spin_value_get(m, "xyz");
-    p->dc = spin_value_get(m, "features_dc");
-    p->rest = spin_value_get(m, "features_rest");
-    p->scaling = spin_value_get(m, "scaling");
-    p->rotation = spin_value_get(m, "rotation");
-    p->opacity = spin_value_get(m, "opacity");
-    p->t = spin_value_get(m, "t");
-    p->scaling_t = spin_value_get(m, "scaling_t");
-    p->rotation_r = spin_value_get(m, "rotation_r");
-    p->swapped = p->moving = true;
-}
-
-static spin_status take_parts(const struct spin_value *root, struct parts *p)
-{
-    const struct spin_value *m = spin_value_at(root, 0);
-
-    p->iteration = -1;
-    if (is_kind(root, SPIN_VALUE_DICT) && spin_value_get(root, "xyz") &&
-        spin_value_get(root, "scaling_t")) {
-        take_loaded(root, p);
-        return SPIN_OK;
-    }
-    if (!is_kind(root, SPIN_VALUE_TUPLE) || root->n != 2)
-        return spin_fail(SPIN_E_MALFORMED, "the checkpoint holds %s, expected (model, iteration)",
-                         kind_name(root));
-    spin_value_number(spin_value_at(root, 1), &p->iteration);
-    if (is_kind(m, SPIN_VALUE_DICT) && spin_value_get(m, "_xyz")) {
-        take_attributes(m, p);
-        return SPIN_OK;
-    }
-    if (!is_kind(m, SPIN_VALUE_TUPLE) || !is_kind(spin_value_at(root, 1), SPIN_VALUE_INT))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the checkpoint holds %s and %s, expected a tuple and an int",
-                         kind_name(m), kind_name(spin_value_at(root, 1)));
-    return take_tuple(m, p);
-}
-
-/* Once OMG4's networks exist they draw, and SH and opacities in its checkpoints are leftovers. */
-static bool is_stale(const struct parts *p)
-{
-    const struct spin_value *groups = spin_value_get(p->optimizer, "param_groups");
-
-    for (size_t i = 0; groups && i < groups->n; i++) {
-        const char *name = spin_value_text(spin_value_get(spin_value_at(groups, i), "name"));
-
-        if (name && (strcmp(name, "f_static") == 0 || strcmp(name, "f_view") == 0))
-            return true;
-    }
-    return false;
-}
-
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
 /* A tensor [n][width...] of floating-point numbers; n 0: any. Rows that repeat one another by a
@@ -267,7 +128,7 @@ static void swap_axes(struct spin_array *t)
 
 static spin_status bind_sh(struct model *m)
 {
-    const struct parts *p = &m->parts;
+    const struct realtime4dgs_parts *p = &m->parts;
     int64_t dc[3] = {(int64_t)m->n, p->swapped ? 3 : 1, p->swapped ? 1 : 3};
     int64_t rest[3] = {(int64_t)m->n, p->swapped ? 3 : -1, p->swapped ? -1 : 3};
     void *block = NULL;
@@ -324,8 +185,8 @@ static spin_status read_degree(const struct spin_value *v, const char *what, int
     double value = -1;
 
     if (!spin_value_number(v, &value) || value != floor(value) || value < 0 || value > largest)
-        return spin_fail(SPIN_E_MALFORMED, "%s is %s %g, expected 0 to %d", what, kind_name(v),
-                         value, largest);
+        return spin_fail(SPIN_E_MALFORMED, "%s is %s %g, expected 0 to %d", what,
+                         spin_realtime4dgs_kind(v), value, largest);
     *out = (int)value;
     return SPIN_OK;
 }
@@ -377,7 +238,7 @@ static void columns_free(struct columns *c)
 
 static spin_status load_columns(struct model *m, struct columns *c)
 {
-    const struct parts *p = &m->parts;
+    const struct realtime4dgs_parts *p = &m->parts;
 
     SPIN_TRY(load(m, p->xyz, "xyz", 3, &c->xyz));
     SPIN_TRY(load(m, p->scaling, "scaling", 3, &c->scaling));
@@ -552,9 +413,14 @@ static spin_status find_checkpoint(const char *path, char **out,
     return status;
 }
 
+static bool has_elements(const struct spin_value *v)
+{
+    return v && v->kind == SPIN_VALUE_TENSOR && v->tensor.count > 0;
+}
+
 static spin_status read_flags(struct model *m)
 {
-    const struct parts *p = &m->parts;
+    const struct realtime4dgs_parts *p = &m->parts;
     double ratio = 1, extra = 0;
     const char *next;
 
@@ -563,10 +429,10 @@ static spin_status read_flags(struct model *m)
     else if (p->rot_4d)
         m->rot_4d = p->rot_4d->integer != 0;
     else
-        m->rot_4d = is_kind(p->rotation_r, SPIN_VALUE_TENSOR) && p->rotation_r->tensor.count > 0;
-    if (m->rot_4d && is_kind(p->rotation_r, SPIN_VALUE_TENSOR) && p->rotation_r->tensor.count == 0)
+        m->rot_4d = has_elements(p->rotation_r);
+    if (m->rot_4d && !has_elements(p->rotation_r))
         return spin_fail(SPIN_E_MALFORMED, "rot_4d is true, but the right quaternions are empty");
-    m->stale = is_stale(p);
+    m->stale = spin_realtime4dgs_is_stale(p);
     spin_cfg_number(spin_yaml_find(&m->settings, "frame_ratio", &next), &ratio);
     SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "frame_ratio", &ratio));
     SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "prefilter_var", &extra));
@@ -604,8 +470,6 @@ static bool cosines_are_zero(struct model *m)
 
 static void note_losses(struct model *m, struct spin_sequence_info *sequence)
 {
-    const struct spin_value *env = m->parts.env_map;
-
     if (m->stale)
         spin_note(sequence,
                   "a checkpoint of OMG4, whose colours and opacities live in networks that "
@@ -616,7 +480,7 @@ static void note_losses(struct model *m, struct spin_sequence_info *sequence)
                   "times%s; --time-duration or --config decides",
                   m->times.first, m->times.last,
                   m->degree_t > 0 ? ", and colours depend on it" : "");
-    if (is_kind(env, SPIN_VALUE_TENSOR) && env->tensor.count > 0)
+    if (has_elements(m->parts.env_map))
         spin_note(sequence, "the environment map is lost: windows and far background go missing");
     if (m->parts.masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
@@ -659,7 +523,7 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
 
     SPIN_TRY(spin_torch_open(m->path, &m->torch));
     m->torch_open = true;
-    SPIN_TRY(take_parts(m->torch.root, &m->parts));
+    SPIN_TRY(spin_realtime4dgs_parts(m->torch.root, &m->parts));
     SPIN_TRY(spin_run_config_open(m->path, spin_plugin_value(values, "config", NULL),
                                   "time_duration", &m->settings));
     SPIN_TRY(count_rows(m));
@@ -688,16 +552,12 @@ static spin_status realtime4dgs_open(const char *path, const struct spin_plugin_
                                      void **self, struct spin_sequence_info *sequence)
 {
     struct model *m;
-    spin_status status;
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *m, self));
     m = *self;
     SPIN_TRY(find_checkpoint(path, &m->path, sequence));
-    status = open_model(m, values, sequence);
-    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_fail_context(status, "cannot read '%s'", m->path);
-    return status;
+    return spin_fail_reading(open_model(m, values, sequence), m->path);
 }
 
 static void realtime4dgs_close(void *self)

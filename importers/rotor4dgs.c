@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
@@ -386,16 +387,12 @@ static spin_status rotor4dgs_open(const char *path, const struct spin_plugin_val
                                   void **self, struct spin_sequence_info *sequence)
 {
     struct model *m;
-    spin_status status;
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof *m, self));
     m = *self;
     SPIN_TRY(find_checkpoint(path, &m->path));
-    status = open_model(m, values, sequence);
-    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_fail_context(status, "cannot read '%s'", m->path);
-    return status;
+    return spin_fail_reading(open_model(m, values, sequence), m->path);
 }
 
 static void rotor4dgs_close(void *self)

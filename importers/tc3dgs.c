@@ -4,6 +4,7 @@
  * The published code reads the mask in several ways. Training renders with a
  * hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask hides is
  * left out, not shrunk: a scale of 0 has no logarithm. */
+#include "base/err.h"
 #include "importers/lib/d3dgs_run.h"
 #include "base/mem.h"
 #include "importers/lib/finite.h"
@@ -176,10 +177,7 @@ static spin_status tc3dgs_open(const char *path, const struct spin_plugin_values
     SPIN_TRY(spin_alloc(1, sizeof *run, self));
     run = *self;
     status = open_run(path, values, run, sequence);
-    if (status != SPIN_OK && status != SPIN_E_USAGE && !strstr(spin_last_error(), path))
-        return spin_fail_context(status, "cannot read '%s'",
-                                 run->base.path ? run->base.path : path);
-    return status;
+    return spin_fail_reading(status, run->base.path ? run->base.path : path);
 }
 
 static void tc3dgs_close(void *self)

@@ -413,10 +413,3 @@ void spin_hash_describe(struct hash_model *m, const char *method,
     spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
                         "most data sets, at i/n in some");
 }
-
-spin_status spin_hash_blame(spin_status status, const char *path)
-{
-    if (status == SPIN_OK || status == SPIN_E_USAGE || strstr(spin_last_error(), path))
-        return status;
-    return spin_fail_context(status, "cannot read '%s'", path);
-}

@@ -92,7 +92,4 @@ void spin_hash_copy_still(const struct hash_model *m, unsigned columns, struct s
 void spin_hash_describe(struct hash_model *m, const char *method,
                         struct spin_sequence_info *sequence);
 
-/* Put the file's name in front of a failure that does not say it. */
-spin_status spin_hash_blame(spin_status status, const char *path);
-
 #endif

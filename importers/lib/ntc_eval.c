@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "io/json.h"
 #include "io/torch.h"
 #include "math/quat.h"
@@ -256,12 +257,9 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
     SPIN_TRY(spin_torch_open(path, &torch));
     status = ntc_fill(path, &torch, n);
     spin_torch_close(&torch);
-    if (status != SPIN_OK) {
+    if (status != SPIN_OK)
         spin_ntc_free(n);
-        if (!strstr(spin_last_error(), path))
-            status = spin_fail_context(status, "cannot read '%s'", path);
-    }
-    return status;
+    return spin_fail_reading(status, path);
 }
 
 /* ---- Evaluation ------------------------------------------------------------------------------ */

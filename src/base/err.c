@@ -53,6 +53,13 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     return code;
 }
 
+spin_status spin_fail_reading(spin_status status, const char *path)
+{
+    if (status == SPIN_OK || status == SPIN_E_USAGE || strstr(trail, path))
+        return status;
+    return spin_fail_context(status, "cannot read '%s'", path);
+}
+
 const char *spin_last_error(void) { return trail; }
 
 void spin_cancel(void) { atomic_store_explicit(&cancelled, 1, memory_order_relaxed); }

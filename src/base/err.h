@@ -11,4 +11,8 @@ bool spin_cancelled(void);
 /* SPIN_E_CANCELLED with the text "interrupted". */
 spin_status spin_fail_cancelled(void);
 
+/* A failure to read `path` with "cannot read 'path'" in front, unless it says the path already. Success, and
+ * options that are wrong (SPIN_E_USAGE), as they are. */
+spin_status spin_fail_reading(spin_status status, const char *path);
+
 #endif

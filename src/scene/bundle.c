@@ -223,9 +223,7 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     return SPIN_OK;
 out:
     spin_bundle_close(out);
-    if (!strstr(spin_last_error(), path))
-        status = spin_fail_context(status, "cannot read '%s'", path);
-    return status;
+    return spin_fail_reading(status, path);
 }
 
 void spin_bundle_close(struct spin_bundle *bundle)
@@ -291,11 +289,7 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
 static spin_status read_column(struct spin_bundle *b, const struct group *group, unsigned column,
                                int frame, struct spin_array *array)
 {
-    spin_status status = find_column(b, group, column, frame, true, array);
-
-    if (status != SPIN_OK && !strstr(spin_last_error(), b->path))
-        return spin_fail_context(status, "cannot read '%s'", b->path);
-    return status;
+    return spin_fail_reading(find_column(b, group, column, frame, true, array), b->path);
 }
 
 static spin_status read_group(struct spin_bundle *bundle, const struct group *group, int frame,

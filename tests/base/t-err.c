@@ -47,6 +47,16 @@ TAP_MAIN
     is_text(spin_last_error(), "again: name 'a?b?[31m?\xc3\xa9'",
             "the trail may be its own argument");
 
+    spin_fail(SPIN_E_MALFORMED, "no array");
+    ok(spin_fail_reading(SPIN_E_MALFORMED, "a.npz") == SPIN_E_MALFORMED, "reading fails");
+    is_text(spin_last_error(), "cannot read 'a.npz': no array", "the file is named");
+    spin_fail_reading(SPIN_E_MALFORMED, "a.npz");
+    is_text(spin_last_error(), "cannot read 'a.npz': no array", "once");
+    spin_fail(SPIN_E_USAGE, "--cull");
+    spin_fail_reading(SPIN_E_USAGE, "a.npz");
+    is_text(spin_last_error(), "--cull", "but not for a wrong option");
+    ok(spin_fail_reading(SPIN_OK, "b.npz") == SPIN_OK, "success stays success");
+
     memset(large, 'x', sizeof large - 1);
     large[sizeof large - 1] = '\0';
     spin_fail(SPIN_E_IO, "%s", large);
