@@ -18,6 +18,7 @@
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/sort_rows.h"
 #include "io/gzip.h"
+#include "io/json.h"
 
 #define DEFAULT_FPS 30
 #define NEAR_W 0.2 /* where the training cut splats off */
@@ -192,65 +193,84 @@ static spin_status write_block(struct export *x, int which, const struct spin_sp
 
 /* ---- What the page must know ------------------------------------------------------------------------ */
 
-static void write_numbers(FILE *out, const char *name, const int *value, int n)
+static spin_json *list_of(const double *value, int n)
 {
-    fprintf(out, "\"%s\":[", name);
+    spin_json *list = spin_json_array();
+
     for (int i = 0; i < n; i++)
-        fprintf(out, "%s%d", i ? "," : "", value[i]);
-    fprintf(out, "]");
+        spin_json_push_number(list, value[i]);
+    return list;
 }
 
-static void write_vector(FILE *out, const char *name, const double v[3])
+static spin_json *list_of_ints(const int *value, int n)
 {
-    fprintf(out, "\"%s\":[%.9g,%.9g,%.9g],", name, v[0], v[1], v[2]);
-}
+    spin_json *list = spin_json_array();
 
-static void write_version(FILE *out, const struct version *v, int n)
-{
-    fprintf(out,
-            "{\"name\":\"%s\",\"label\":\"%s\",\"degree\":%d,\"sh\":%d,\"antialias\":%s,"
-            "\"splats\":[",
-            v->name, v->label, v->sh_degree, v->n_sh, v->antialias ? "true" : "false");
     for (int i = 0; i < n; i++)
-        fprintf(out, "%s%zu", i ? "," : "", v->n_rows[i]);
-    fprintf(out, "],");
-    write_numbers(out, "key", v->key_of, n);
-    fprintf(out, "}");
+        spin_json_push(list, spin_json_integer_value(value[i]));
+    return list;
 }
 
-/* The method's name comes from the bundle: letters, digits and a few marks only. */
-static void write_source(FILE *out, const char *name)
+static spin_json *version_json(const struct version *v, int n)
 {
-    fprintf(out, "\"source\":\"");
-    for (; name && *name; name++)
-        fputc(isalnum((unsigned char)*name) || strchr(" ._-", *name) ? *name : '_', out);
-    fprintf(out, "\",");
+    spin_json *j = spin_json_object(), *splats = spin_json_array();
+
+    spin_json_set_string(j, "name", v->name);
+    spin_json_set_string(j, "label", v->label);
+    spin_json_set_integer(j, "degree", v->sh_degree);
+    spin_json_set_integer(j, "sh", v->n_sh);
+    spin_json_set_bool(j, "antialias", v->antialias);
+    for (int i = 0; i < n; i++)
+        spin_json_push(splats, spin_json_integer_value((int64_t)v->n_rows[i]));
+    spin_json_set(j, "splats", splats);
+    spin_json_set(j, "key", list_of_ints(v->key_of, n));
+    return j;
+}
+
+/* The method's name comes from the bundle: letters, digits and a few marks only, as they stand in a page. */
+static void set_source(spin_json *j, const char *name)
+{
+    char text[128];
+    size_t n = 0;
+
+    for (; name && *name && n < sizeof text - 1; name++)
+        text[n++] = isalnum((unsigned char)*name) || strchr(" ._-", *name) ? *name : '_';
+    text[n] = '\0';
+    spin_json_set_string(j, "source", text);
 }
 
 static spin_status write_clip(struct export *x)
 {
     static const float black[3] = {0};
-    const float *background = x->job->background ? x->job->background : black;
-    FILE *out = x->out.file;
+    const float *b = x->job->background ? x->job->background : black;
+    spin_json *j = spin_json_object(), *versions = spin_json_array();
+    char *text;
+    spin_status status;
 
-    SPIN_TRY(write_text(x, "<script type=\"application/json\" id=\"clip\">{"));
-    write_source(out, x->job->source);
-    fprintf(out, "\"fps\":%.9g,\"size\":%.9g,\"fovy\":%.9g,\"aspect\":%.9g,", x->fps, x->space.size,
-            x->view.fovy_deg, x->view.aspect);
-    fprintf(out, "\"near\":%.9g,\"background\":[%.9g,%.9g,%.9g],", NEAR_W, (double)background[0],
-            (double)background[1], (double)background[2]);
-    write_vector(out, "centre", x->space.centre);
-    write_vector(out, "eye", x->view.eye);
-    write_vector(out, "target", x->view.target);
-    write_vector(out, "up", x->view.up);
-    write_numbers(out, "numbers", x->number, x->n_written);
-    fprintf(out, ",\"versions\":[");
-    for (int i = 0; i < x->n_versions; i++) {
-        fprintf(out, "%s", i ? "," : "");
-        write_version(out, &x->version[i], x->n_written);
-    }
-    fprintf(out, "]}</script>\n");
-    return SPIN_OK;
+    set_source(j, x->job->source);
+    spin_json_set_number(j, "fps", x->fps);
+    spin_json_set_number(j, "size", x->space.size);
+    spin_json_set_number(j, "fovy", x->view.fovy_deg);
+    spin_json_set_number(j, "aspect", x->view.aspect);
+    spin_json_set_number(j, "near", NEAR_W);
+    spin_json_set(j, "background",
+                  list_of((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
+    spin_json_set(j, "centre", list_of(x->space.centre, 3));
+    spin_json_set(j, "eye", list_of(x->view.eye, 3));
+    spin_json_set(j, "target", list_of(x->view.target, 3));
+    spin_json_set(j, "up", list_of(x->view.up, 3));
+    spin_json_set(j, "numbers", list_of_ints(x->number, x->n_written));
+    for (int i = 0; i < x->n_versions; i++)
+        spin_json_push(versions, version_json(&x->version[i], x->n_written));
+    spin_json_set(j, "versions", versions);
+    text = spin_json_text(j, false);
+    spin_json_free(j);
+    status = text ? write_text(x, "<script type=\"application/json\" id=\"clip\">")
+                  : spin_fail(SPIN_E_MEMORY, "no memory for the page");
+    if (status == SPIN_OK)
+        status = write_text(x, text);
+    free(text);
+    return status == SPIN_OK ? write_text(x, "</script>\n") : status;
 }
 
 static spin_status write_script(struct export *x, const char *how, const char *text)

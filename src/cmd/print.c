@@ -3,8 +3,8 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+
+#include "io/json.h"
 
 const char *spin_print_bytes(double bytes, char text[32])
 {
@@ -33,122 +33,48 @@ const char *spin_print_seconds(double seconds, char text[32])
     return text;
 }
 
-static struct {
-    int depth;
-    bool first; /* nothing stands yet at this depth */
-} json = {0, true};
+/* The document in the making: what is open, outermost first. */
+static spin_json *opened[8];
+static int depth;
 
-static int utf8_length(const unsigned char *c)
+static void put(const char *key, spin_json *value)
 {
-    int n = *c < 0x80 ? 1 : *c >= 0xc2 && *c < 0xe0 ? 2 : *c >= 0xe0 && *c < 0xf0 ? 3 : 4;
-
-    if (*c >= 0x80 && (*c < 0xc2 || *c > 0xf4))
-        return 0;
-    for (int i = 1; i < n; i++)
-        if ((c[i] & 0xc0) != 0x80)
-            return 0;
-    /* over-long forms, surrogates and what lies beyond the last code point */
-    if ((*c == 0xe0 && c[1] < 0xa0) || (*c == 0xed && c[1] > 0x9f) || (*c == 0xf0 && c[1] < 0x90) ||
-        (*c == 0xf4 && c[1] > 0x8f))
-        return 0;
-    return n;
-}
-
-static void put_quoted(const char *text)
-{
-    const unsigned char *c = (const unsigned char *)text;
-
-    putchar('"');
-    while (*c) {
-        int n = utf8_length(c);
-
-        if (n == 0) {
-            fputs("\\ufffd", stdout);
-            c++;
-        } else if (*c < 0x20 || *c == 0x7f) {
-            printf("\\u%04x", (unsigned)*c++);
-        } else {
-            if (*c == '"' || *c == '\\')
-                putchar('\\');
-            fwrite(c, 1, (size_t)n, stdout);
-            c += n;
-        }
-    }
-    putchar('"');
-}
-
-static void put_key(const char *key)
-{
-    if (!json.first)
-        putchar(',');
-    if (json.depth)
-        printf("\n%*s", 2 * json.depth, "");
-    json.first = false;
-    if (key) {
-        put_quoted(key);
-        fputs(": ", stdout);
-    }
+    if (key)
+        spin_json_set(opened[depth - 1], key, value);
+    else
+        spin_json_push(opened[depth - 1], value);
 }
 
 void spin_print_open(const char *key, char bracket)
 {
-    put_key(key);
-    putchar(bracket);
-    json.depth++;
-    json.first = true;
+    spin_json *container = bracket == '{' ? spin_json_object() : spin_json_array();
+
+    if (depth > 0)
+        put(key, container);
+    opened[depth++] = container;
 }
 
 void spin_print_close(char bracket)
 {
-    json.depth--;
-    if (!json.first)
-        printf("\n%*s", 2 * json.depth, "");
-    putchar(bracket);
-    json.first = false;
-    if (json.depth == 0)
-        putchar('\n');
+    (void)bracket;
+    if (--depth > 0)
+        return;
+    spin_json_print(stdout, opened[0]);
+    spin_json_free(opened[0]);
 }
 
 void spin_print_string(const char *key, const char *value)
 {
-    if (!value) {
-        spin_print_null(key);
-        return;
-    }
-    put_key(key);
-    put_quoted(value);
+    put(key, spin_json_text_value(value));
 }
 
-/* The shortest of the two usual precisions that reads back as the same number. */
-void spin_print_number(const char *key, double value)
-{
-    char text[40];
-
-    if (!isfinite(value)) {
-        spin_print_null(key);
-        return;
-    }
-    snprintf(text, sizeof text, "%.15g", value);
-    if (strtod(text, NULL) != value)
-        snprintf(text, sizeof text, "%.17g", value);
-    put_key(key);
-    fputs(text, stdout);
-}
+void spin_print_number(const char *key, double value) { put(key, spin_json_number_value(value)); }
 
 void spin_print_integer(const char *key, long long value)
 {
-    put_key(key);
-    printf("%lld", value);
+    put(key, spin_json_integer_value(value));
 }
 
-void spin_print_bool(const char *key, bool value)
-{
-    put_key(key);
-    fputs(value ? "true" : "false", stdout);
-}
+void spin_print_bool(const char *key, bool value) { put(key, spin_json_bool_value(value)); }
 
-void spin_print_null(const char *key)
-{
-    put_key(key);
-    fputs("null", stdout);
-}
+void spin_print_null(const char *key) { put(key, spin_json_text_value(NULL)); }

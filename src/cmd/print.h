@@ -9,8 +9,8 @@ const char *spin_print_bytes(double bytes, char text[32]);
 /* "2 h 36 min" into text. */
 const char *spin_print_seconds(double seconds, char text[32]);
 
-/* JSON to stdout. key NULL inside arrays and at the top. Numbers round trip; NaN and infinities become
- * null; strings are escaped and bytes that are not UTF-8 replaced. */
+/* One JSON document to stdout, printed when its outermost bracket is closed. key NULL inside arrays and at
+ * the top. Numbers round trip; NaN and infinities become null. At most 8 brackets are open. */
 void spin_print_open(const char *key, char bracket);        /* '{' or '[' */
 void spin_print_close(char bracket);                        /* '}' or ']' */
 void spin_print_string(const char *key, const char *value); /* NULL: null */

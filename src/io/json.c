@@ -109,36 +109,61 @@ void spin_json_push(spin_json *array, spin_json *value)
     (void)json_array_append_new(array, value);
 }
 
-/* File names need not be UTF-8, JSON must be: bytes above 0x7f of a text that is not UTF-8
- * become '?'. */
-static json_t *string_value(const char *text)
+/* Bytes of the character at c, 0 when it is none of UTF-8. */
+static size_t utf8_length(const unsigned char *c)
+{
+    int n = *c < 0x80 ? 1 : *c >= 0xc2 && *c < 0xe0 ? 2 : *c >= 0xe0 && *c < 0xf0 ? 3 : 4;
+
+    if (*c >= 0x80 && (*c < 0xc2 || *c > 0xf4))
+        return 0;
+    for (int i = 1; i < n; i++)
+        if ((c[i] & 0xc0) != 0x80)
+            return 0;
+    /* over-long forms, surrogates and what lies beyond the last code point */
+    if ((*c == 0xe0 && c[1] < 0xa0) || (*c == 0xed && c[1] > 0x9f) || (*c == 0xf0 && c[1] < 0x90) ||
+        (*c == 0xf4 && c[1] > 0x8f))
+        return 0;
+    return (size_t)n;
+}
+
+/* File names need not be UTF-8, JSON must be: a byte that is not becomes U+FFFD. */
+spin_json *spin_json_text_value(const char *text)
 {
     json_t *value = text ? json_string(text) : json_null();
-    char *copy;
+    char *copy, *to;
 
     if (value)
         return value;
-    copy = strdup(text);
+    to = copy = malloc(3 * strlen(text) + 1);
     if (!copy)
         return json_null();
-    for (char *p = copy; *p; p++)
-        if ((unsigned char)*p >= 0x80)
-            *p = '?';
+    while (*text) {
+        size_t n = utf8_length((const unsigned char *)text);
+
+        memcpy(to, n ? text : "\xef\xbf\xbd", n ? n : 3);
+        to += n ? n : 3;
+        text += n ? n : 1;
+    }
+    *to = '\0';
     value = json_string(copy);
     free(copy);
     return value;
 }
 
-static json_t *number_value(double v) { return isfinite(v) ? json_real(v) : json_null(); }
+spin_json *spin_json_number_value(double v) { return isfinite(v) ? json_real(v) : json_null(); }
+
+spin_json *spin_json_integer_value(int64_t v) { return json_integer(v); }
+
+spin_json *spin_json_bool_value(bool v) { return json_boolean(v); }
 
 void spin_json_set_string(spin_json *object, const char *key, const char *value)
 {
-    spin_json_set(object, key, string_value(value));
+    spin_json_set(object, key, spin_json_text_value(value));
 }
 
 void spin_json_set_number(spin_json *object, const char *key, double value)
 {
-    spin_json_set(object, key, number_value(value));
+    spin_json_set(object, key, spin_json_number_value(value));
 }
 
 void spin_json_set_integer(spin_json *object, const char *key, int64_t value)
@@ -158,12 +183,12 @@ void spin_json_set_null(spin_json *object, const char *key)
 
 void spin_json_push_number(spin_json *array, double value)
 {
-    spin_json_push(array, number_value(value));
+    spin_json_push(array, spin_json_number_value(value));
 }
 
 void spin_json_push_string(spin_json *array, const char *value)
 {
-    spin_json_push(array, string_value(value));
+    spin_json_push(array, spin_json_text_value(value));
 }
 
 /* ---- Writing ------------------------------------------------------------------------------- */
@@ -175,22 +200,20 @@ static void write_newline(FILE *out, int depth)
         fputs("  ", out);
 }
 
-/* The fewest digits that read back to the same double, with a mark that it is one. */
+enum style { COMPACT, INDENTED, TALL };
+
+/* The shorter of the two usual precisions that reads back to the same double. */
 static void write_real(FILE *out, double v)
 {
     char text[40];
 
-    for (int digits = 15; digits <= 17; digits++) {
-        snprintf(text, sizeof text, "%.*g", digits, v);
-        if (strtod(text, NULL) == v)
-            break;
-    }
+    snprintf(text, sizeof text, "%.15g", v);
+    if (strtod(text, NULL) != v)
+        snprintf(text, sizeof text, "%.17g", v);
     for (char *p = text; *p; p++)
         if (*p == ',') /* the decimal point of some locales */
             *p = '.';
-    fputs(text, out);
-    if (!strpbrk(text, ".e"))
-        fputs(".0", out);
+    fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* -0 would be read as an integer */
 }
 
 static bool is_container(const json_t *j)
@@ -198,25 +221,27 @@ static bool is_container(const json_t *j)
     return (json_is_array(j) || json_is_object(j)) && json_array_size(j) + json_object_size(j) > 0;
 }
 
-/* Arrays of plain values stay on one line, for numbers are easier to read side by side. */
-static bool is_tall(const json_t *j)
+/* Arrays of plain values stay on one line, for numbers are easier to read side by side; not when TALL. */
+static bool is_tall(const json_t *j, enum style style)
 {
-    if (json_is_object(j))
-        return json_object_size(j) > 0;
+    if (style == COMPACT)
+        return false;
+    if (style == TALL || json_is_object(j))
+        return is_container(j);
     for (size_t i = 0; i < json_array_size(j); i++)
         if (is_container(json_array_get(j, i)))
             return true;
     return false;
 }
 
-static void write_value(FILE *out, const json_t *j, int depth, bool indent);
+static void write_value(FILE *out, const json_t *j, int depth, enum style style);
 
-static void write_members(FILE *out, const json_t *j, int depth, bool indent)
+static void write_members(FILE *out, const json_t *j, int depth, enum style style)
 {
     const char *key;
     json_t *value;
-    bool tall = indent && is_tall(j), first = true;
-    const char *comma = indent && !tall ? ", " : ",";
+    bool tall = is_tall(j, style), first = true;
+    const char *comma = style != COMPACT && !tall ? ", " : ",";
 
     if (json_is_array(j)) {
         for (size_t i = 0; i < json_array_size(j); i++) {
@@ -224,7 +249,7 @@ static void write_members(FILE *out, const json_t *j, int depth, bool indent)
                 fputs(comma, out);
             if (tall)
                 write_newline(out, depth + 1);
-            write_value(out, json_array_get(j, i), depth + 1, indent);
+            write_value(out, json_array_get(j, i), depth + 1, style);
         }
     } else {
         json_object_foreach((json_t *)(uintptr_t)j, key, value)
@@ -235,25 +260,25 @@ static void write_members(FILE *out, const json_t *j, int depth, bool indent)
             if (tall)
                 write_newline(out, depth + 1);
             spin_text_json(out, key);
-            fputs(indent ? ": " : ":", out);
-            write_value(out, value, depth + 1, indent);
+            fputs(style != COMPACT ? ": " : ":", out);
+            write_value(out, value, depth + 1, style);
         }
     }
     if (tall)
         write_newline(out, depth);
 }
 
-static void write_value(FILE *out, const json_t *j, int depth, bool indent)
+static void write_value(FILE *out, const json_t *j, int depth, enum style style)
 {
     switch (json_typeof(j)) {
     case JSON_OBJECT:
         fputc('{', out);
-        write_members(out, j, depth, indent);
+        write_members(out, j, depth, style);
         fputc('}', out);
         break;
     case JSON_ARRAY:
         fputc('[', out);
-        write_members(out, j, depth, indent);
+        write_members(out, j, depth, style);
         fputc(']', out);
         break;
     case JSON_STRING:
@@ -285,10 +310,16 @@ char *spin_json_text(const spin_json *j, bool indent)
 
     if (!out)
         return NULL;
-    write_value(out, j, 0, indent);
+    write_value(out, j, 0, indent ? INDENTED : COMPACT);
     if (fclose(out) != 0) {
         free(text);
         return NULL;
     }
     return text;
+}
+
+void spin_json_print(FILE *to, const spin_json *j)
+{
+    write_value(to, j, 0, TALL);
+    fputc('\n', to);
 }

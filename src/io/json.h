@@ -27,10 +27,14 @@ const char *spin_json_string(const spin_json *j); /* NULL when not a string */
 /* Building. New values are owned by the container they are put into. */
 spin_json *spin_json_object(void);
 spin_json *spin_json_array(void);
+spin_json *spin_json_text_value(const char *v); /* NULL: null; bytes that are not UTF-8: U+FFFD */
+spin_json *spin_json_number_value(double v);    /* not finite: null */
+spin_json *spin_json_integer_value(int64_t v);
+spin_json *spin_json_bool_value(bool v);
 void spin_json_set(spin_json *object, const char *key, spin_json *value); /* takes value */
 void spin_json_push(spin_json *array, spin_json *value);
-void spin_json_set_string(spin_json *object, const char *key, const char *value); /* NULL: null */
-void spin_json_set_number(spin_json *object, const char *key, double value); /* not finite: null */
+void spin_json_set_string(spin_json *object, const char *key, const char *value);
+void spin_json_set_number(spin_json *object, const char *key, double value);
 void spin_json_set_integer(spin_json *object, const char *key, int64_t value);
 void spin_json_set_bool(spin_json *object, const char *key, bool value);
 void spin_json_set_null(spin_json *object, const char *key);
@@ -39,5 +43,7 @@ void spin_json_push_string(spin_json *array, const char *value);
 
 /* The text, allocated; keys in the order they were set; numbers read back to the same double. */
 char *spin_json_text(const spin_json *j, bool indent);
+/* The same to a stream, every value on a line of its own, and the end of a line: what commands print. */
+void spin_json_print(FILE *to, const spin_json *j);
 
 #endif

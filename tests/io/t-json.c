@@ -90,6 +90,8 @@ static void writing(void)
 {
     spin_json *j = spin_json_object(), *a = spin_json_array(), *o = spin_json_object();
     char *text;
+    size_t n;
+    FILE *out;
 
     spin_json_set_string(j, "zeta", "a \"b\"\\\n\x1f\xc3\xa9");
     spin_json_set_number(j, "alpha", 0.1);
@@ -101,7 +103,7 @@ static void writing(void)
     spin_json_set_bool(j, "f", false);
     spin_json_set_null(j, "z");
     spin_json_set_string(j, "none", NULL);
-    spin_json_set_string(j, "bytes", "a\xff/b");
+    spin_json_set_string(j, "bytes", "\xc3\xa9\xff/\xe2\x82");
     spin_json_push_number(a, 1e300);
     spin_json_push_number(a, -0.0);
     spin_json_push_string(a, "x");
@@ -113,9 +115,10 @@ static void writing(void)
     text = spin_json_text(j, false);
     is_text(
         text,
-        "{\"zeta\":\"a \\\"b\\\"\\\\\\n\\u001f\xc3\xa9\",\"alpha\":0.1,\"whole\":3.0,\"nan\":null,"
+        "{\"zeta\":\"a \\\"b\\\"\\\\\\n\\u001f\xc3\xa9\",\"alpha\":0.1,\"whole\":3,\"nan\":null,"
         "\"inf\":null,\"i\":-9223372036854775808,\"t\":true,\"f\":false,\"z\":null,\"none\":null,"
-        "\"bytes\":\"a?/b\",\"a\":[1e+300,-0.0,\"x\",[]],\"o\":{\"e\":{}}}",
+        "\"bytes\":\"\xc3\xa9\xef\xbf\xbd/"
+        "\xef\xbf\xbd\xef\xbf\xbd\",\"a\":[1e+300,-0.0,\"x\",[]],\"o\":{\"e\":{}}}",
         "compact text, keys in the order they were set");
     free(text);
     spin_json_free(j);
@@ -127,6 +130,16 @@ static void writing(void)
             "\"k\": "
             "\"v\"\n  },\n  \"e\": []\n}",
             "indented text, plain arrays on one line");
+    free(text);
+    out = open_memstream(&text, &n);
+    spin_json_print(out, j);
+    fclose(out);
+    is_text(
+        text,
+        "{\n  \"n\": [\n    1,\n    2.5\n  ],\n  \"rows\": [\n    [\n      1,\n      2\n    ],\n"
+        "    [\n      3,\n      4\n    ]\n  ],\n  \"o\": {\n    \"k\": \"v\"\n  },\n  \"e\": "
+        "[]\n}\n",
+        "printed text, every value on a line of its own");
     free(text);
     spin_json_free(j);
     ok(spin_json_text(NULL, false) == NULL, "no text of nothing");
