@@ -4,14 +4,15 @@
  * What the network's heads are used for is not in the checkpoint but in cfg_args beside it, which
  * is therefore read, or replaced by options. */
 #include "spin.h"
+
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/err.h"
-#include "importers/lib/finite.h"
+#include "importers/lib/deform.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
 #include "importers/lib/notes.h"
-#include "math/covariance.h"
 #include "math/quat.h"
 
 enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
@@ -32,7 +33,6 @@ static const struct {
 
 struct model {
     char *path; /* of deformation.pth */
-    size_t n;
     struct spin_splats canonical;
     struct hexplane hex;
     struct hex_head head[N_HEADS]; /* those in use */
@@ -271,24 +271,24 @@ static void check_table(const char *save, size_t n, struct spin_sequence_info *s
     free(path);
 }
 
-static void describe(struct model *model, struct spin_sequence_info *sequence)
+static unsigned moved(const struct model *model)
+{
+    unsigned columns = 0;
+
+    for (int h = 0; h < N_HEADS; h++)
+        columns |= model->used[h] ? heads[h].column : 0;
+    return columns;
+}
+
+static void describe(const struct model *model, struct spin_sequence_info *sequence)
 {
     const struct hexplane *hex = &model->hex;
 
-    sequence->n_frames = 1;
-    sequence->counts = &model->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->sh_degree = model->canonical.sh_degree;
-    sequence->continuous = true;
+    spin_deform_describe(&model->canonical, moved(model), sequence);
     sequence->half_open = true; /* its reader of Panoptic takes t / T */
-    sequence->time_last = 1;
-    for (int h = 0; h < N_HEADS; h++) {
-        if (!model->used[h])
-            sequence->static_columns |= heads[h].column;
-    }
     snprintf(sequence->variant, sizeof sequence->variant,
-             "4DGaussians, %zu Gaussians, %d scales of planes, width %d", model->n, hex->n_scales,
-             hex->width);
+             "4DGaussians, %zu Gaussians, %d scales of planes, width %d", model->canonical.n,
+             hex->n_scales, hex->width);
     spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for "
                         "D-NeRF and HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
 }
@@ -303,7 +303,6 @@ static spin_status open_model(const char *save, const struct cfg_args *cfg,
     SPIN_TRY(spin_path_join(save, "deformation.pth", &model->path));
     SPIN_TRY(spin_path_join(save, "point_cloud.ply", &cloud));
     status = spin_model_folder_read(cloud, &model->canonical, NULL, NULL);
-    model->n = model->canonical.n;
     if (status == SPIN_OK)
         status = open_network(cfg, values, model, sequence);
     if (status == SPIN_OK && model->used[COLOUR] && model->canonical.sh_degree != 3)
@@ -312,7 +311,7 @@ static spin_status open_model(const char *save, const struct cfg_args *cfg,
                            model->canonical.sh_degree);
     free(cloud);
     SPIN_TRY(status);
-    check_table(save, model->n, sequence);
+    check_table(save, model->canonical.n, sequence);
     describe(model, sequence);
     return spin_mlp_team_create(spin_hex_scratch(&model->hex) + 48 * MLP_BLOCK, &model->team);
 }
@@ -355,13 +354,6 @@ static void gaussian_close(void *self)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-struct job {
-    const struct model *model;
-    struct spin_splats *out;
-    unsigned columns;
-    float time;
-};
-
 /* out = canonical mask + residual, rows of `width` from `first` on. */
 static void add(const float *canonical, const float *mask, const float *residual, size_t first,
                 int n, int width, float *out)
@@ -394,7 +386,7 @@ static void turn(const struct model *model, const float *residual, size_t first,
 
 static void evaluate(void *context, size_t first, int n, float *scratch)
 {
-    const struct job *job = context;
+    const struct deform_job *job = context;
     const struct model *model = job->model;
     const struct spin_splats *from = &model->canonical;
     const float *xyz = from->means + 3 * first;
@@ -420,44 +412,14 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     }
 }
 
-static void copy_still(const struct model *model, unsigned columns, struct spin_splats *out)
-{
-    const struct spin_splats *from = &model->canonical;
-    size_t n = model->n, n_sh = 3 * (size_t)((from->sh_degree + 1) * (from->sh_degree + 1));
-
-    if (columns & SPIN_COL_MEANS && !model->used[POSITION])
-        memcpy(out->means, from->means, 3 * n * sizeof *out->means);
-    if (columns & SPIN_COL_LOG_SCALES && !model->used[SCALE])
-        memcpy(out->log_scales, from->log_scales, 3 * n * sizeof *out->log_scales);
-    if (columns & SPIN_COL_LOGIT_OPACITIES && !model->used[OPACITY])
-        memcpy(out->logit_opacities, from->logit_opacities, n * sizeof *out->logit_opacities);
-    if (columns & SPIN_COL_SH && !model->used[COLOUR])
-        memcpy(out->sh, from->sh, n_sh * n * sizeof *out->sh);
-    if (columns & SPIN_COL_QUATS && !model->used[ROTATION]) {
-        memcpy(out->quats, from->quats, 4 * n * sizeof *out->quats);
-        for (size_t i = 0; i < n; i++)
-            spin_quat_normalise(out->quats + 4 * i);
-    }
-}
-
 static spin_status gaussian_frame(void *self, int frame, double time, unsigned columns,
                                   struct spin_splats *out)
 {
     struct model *model = self;
-    struct job job = {model, out, columns, (float)time};
-    bool any = false;
 
     (void)frame;
-    if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->path, time);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    SPIN_TRY(spin_splats_reserve(out, model->n, columns, model->canonical.sh_degree));
-    copy_still(model, columns, out);
-    for (int h = 0; h < N_HEADS; h++)
-        any = any || (model->used[h] && columns & heads[h].column);
-    if (any)
-        spin_mlp_team_run(&model->team, model->n, evaluate, &job);
-    return spin_model_folder_check(model->path, time, columns, out);
+    return spin_deform_frame(model->path, &model->canonical, time, columns, moved(model),
+                             &model->team, evaluate, model, out);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -6,15 +6,17 @@
  * rasteriser does and taken apart again. And the two halves of a save lie in separate folders: they
  * must be of the same iteration. */
 #include "spin.h"
+
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/err.h"
-#include "importers/lib/finite.h"
+#include "importers/lib/deform.h"
+#include "importers/lib/deform_save.h"
 #include "importers/lib/model_folder.h"
-#include "importers/lib/mlp_eval.h"
 #include "importers/lib/notes.h"
-#include "math/covariance.h"
-#include "math/quat.h"
+
+#define MOVED ((unsigned)SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)
 
 enum {
     MAX_LAYERS = 32,
@@ -26,13 +28,13 @@ enum {
 
 struct model {
     char *path; /* of deform.pth */
-    size_t n;
     struct spin_splats canonical;
     struct mlp_linear linear[MAX_LAYERS];
     int n_layers, wide; /* the layer that also takes the input again */
     int n_in, width;
     struct mlp_linear time[2]; /* time network, or none */
     int n_time;                /* inputs of the first layer that depend on time */
+    float *inputs;             /* [n_time] of the frame's time, then scratch */
     int frequencies;           /* of time */
     bool screw;                /* 6dof: screw and pivot instead of warp */
     struct mlp_linear warp, screw_w, screw_v, rotation, scaling;
@@ -60,131 +62,6 @@ static int probe(const struct spin_peek *peek)
     if (memmem(peek->head, peek->n_head, "grid_args", 9)) /* Grid4D and DASH */
         return 0;
     return memmem(peek->head, peek->n_head, "is_6dof", 7) ? 90 : 60;
-}
-
-/* ---- Finding the files ----------------------------------------------------------------------- */
-
-/* The newest save of one side; *out stays NULL when there is none. */
-static spin_status newest(const char *folder, const char *file, char **out)
-{
-    struct model_folder_pick pick = {folder, file, NULL, NULL};
-
-    return spin_model_folder_choose(&pick, NULL, out);
-}
-
-/* Both sides must end with the same save, or the user must say which. */
-static spin_status check_newest(const char *path, const char *clouds, const char *deforms,
-                                const char *found)
-{
-    char *cloud = NULL, *deform = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(newest(clouds, "point_cloud.ply", &cloud));
-    SPIN_TRY_OUT(newest(deforms, "deform.pth", &deform));
-    if (!cloud)
-        status =
-            spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with point_cloud.ply", clouds);
-    else if (!deform)
-        status = spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with deform.pth", deforms);
-    else if (strcmp(cloud, deform) != 0)
-        status = spin_fail(SPIN_E_MALFORMED,
-                           "'%s': the last cloud is %s but the last network is %s; %s%s", path,
-                           cloud, deform,
-                           found ? "say which with --iteration; both have "
-                                 : "the folders are of two runs or half copied",
-                           found ? found : "");
-out:
-    free(cloud);
-    free(deform);
-    return status;
-}
-
-struct save {
-    char *name, *cloud, *network; /* iteration_<N>, and two files */
-};
-
-static void save_free(struct save *save)
-{
-    free(save->name);
-    free(save->cloud);
-    free(save->network);
-}
-
-static spin_status join3(const char *folder, const char *name, const char *file, char **out)
-{
-    char *middle = NULL;
-    spin_status status = spin_path_join(folder, name, &middle);
-
-    if (status == SPIN_OK)
-        status = spin_path_join(middle, file, out);
-    free(middle);
-    return status;
-}
-
-/* The save `wanted` of a model, NULL: the last. */
-static spin_status find_in_model(const char *path, const char *wanted, struct save *out)
-{
-    struct model_folder_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
-    char *clouds = NULL, *deforms = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_path_join(path, "point_cloud", &clouds));
-    SPIN_TRY_OUT(spin_path_join(path, "deform", &deforms));
-    if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms)) {
-        status = spin_fail(SPIN_E_NOT_FOUND, "'%s' has no folder '%s'", path,
-                           spin_path_is_folder(clouds) ? "deform" : "point_cloud");
-        goto out;
-    }
-    pick.folder = clouds;
-    pick.other = deforms;
-    SPIN_TRY_OUT(spin_model_folder_choose(&pick, wanted, &out->name));
-    if (!wanted)
-        SPIN_TRY_OUT(check_newest(path, clouds, deforms, out->name));
-    if (!out->name) {
-        status =
-            spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_%s with both a cloud and a network",
-                      path, wanted ? wanted : "<N>");
-        goto out;
-    }
-    SPIN_TRY_OUT(join3(clouds, out->name, "point_cloud.ply", &out->cloud));
-    SPIN_TRY_OUT(join3(deforms, out->name, "deform.pth", &out->network));
-out:
-    free(clouds);
-    free(deforms);
-    return status;
-}
-
-/* `path` is the model's folder, or MODEL/deform/iteration_<N>/deform.pth, which says the save. */
-static spin_status find_save(const char *path, const char *wanted, char **model, struct save *out)
-{
-    static const char save[] = "iteration_";
-    char *whole = NULL, *folder = NULL, *deforms = NULL;
-    const char *name;
-    spin_status status;
-
-    if (spin_path_is_folder(path)) {
-        SPIN_TRY(spin_strdup(path, model));
-        return find_in_model(*model, wanted, out);
-    }
-    SPIN_TRY_OUT(spin_path_absolute(path, &whole));
-    SPIN_TRY_OUT(spin_path_folder(whole, &folder));
-    SPIN_TRY_OUT(spin_path_folder(folder, &deforms));
-    name = spin_path_name(folder);
-    if (strcmp(spin_path_name(whole), "deform.pth") != 0 ||
-        strncmp(name, save, sizeof save - 1) != 0) {
-        status = spin_fail(SPIN_E_USAGE,
-                           "'%s' is not what is read here: give the model's folder, or its "
-                           "deform/iteration_<N>/deform.pth",
-                           path);
-        goto out;
-    }
-    SPIN_TRY_OUT(spin_path_folder(deforms, model));
-    status = find_in_model(*model, name + sizeof save - 1, out);
-out:
-    free(whole);
-    free(folder);
-    free(deforms);
-    return status;
 }
 
 /* ---- The network ----------------------------------------------------------------------------- */
@@ -364,16 +241,10 @@ static spin_status check_cfg(const char *path, const char *cloud, const struct m
 
 static void describe(struct model *m, const char *name, struct spin_sequence_info *sequence)
 {
-    sequence->n_frames = 1;
-    sequence->counts = &m->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
-    sequence->sh_degree = m->canonical.sh_degree;
-    sequence->continuous = true;
-    sequence->time_last = 1;
+    spin_deform_describe(&m->canonical, MOVED, sequence);
     snprintf(sequence->variant, sizeof sequence->variant,
-             "Deformable 3D Gaussians, %zu Gaussians, %s, %d layers of %d%s%s", m->n, name,
-             m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
+             "Deformable 3D Gaussians, %zu Gaussians, %s, %d layers of %d%s%s", m->canonical.n,
+             name, m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
              m->screw ? ", 6dof" : "");
     spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");
     if (spin_model_folder_iteration(name) >= 0 && spin_model_folder_iteration(name) < WARM_UP)
@@ -386,32 +257,33 @@ static size_t scratch_floats(const struct model *m)
     return ((size_t)m->n_in + 3 * (size_t)m->width + 4) * MLP_BLOCK;
 }
 
-static spin_status open_model(const char *path, const struct save *save, struct model *m,
+static spin_status open_model(const struct deform_save *save, struct model *m,
                               struct spin_sequence_info *sequence)
 {
     SPIN_TRY(spin_strdup(save->network, &m->path));
     SPIN_TRY(spin_model_folder_read(save->cloud, &m->canonical, NULL, NULL));
-    m->n = m->canonical.n;
     SPIN_TRY(open_network(m));
-    SPIN_TRY(check_cfg(path, save->cloud, m, sequence));
+    SPIN_TRY(check_cfg(save->model, save->cloud, m, sequence));
     describe(m, save->name, sequence);
+    SPIN_TRY(
+        spin_alloc((size_t)m->n_time +
+                       (size_t)(1 + 2 * m->frequencies + m->time[0].n_out + m->n_time) * MLP_BLOCK,
+                   sizeof *m->inputs, (void **)&m->inputs));
     return spin_mlp_team_create(scratch_floats(m), &m->team);
 }
 
 static spin_status deformable_open(const char *path, const struct spin_plugin_values *values,
                                    void **self, struct spin_sequence_info *sequence)
 {
-    struct save save = {NULL, NULL, NULL};
-    char *model = NULL;
+    struct deform_save save;
     spin_status status;
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    status = find_save(path, spin_plugin_value(values, "iteration", NULL), &model, &save);
+    status = spin_deform_save_find(path, spin_plugin_value(values, "iteration", NULL), true, &save);
     if (status == SPIN_OK)
-        status = open_model(model, &save, *self, sequence);
-    free(model);
-    save_free(&save);
+        status = open_model(&save, *self, sequence);
+    spin_deform_save_free(&save);
     return status;
 }
 
@@ -432,18 +304,12 @@ static void deformable_close(void *self)
     spin_mlp_free(&m->scaling);
     spin_mlp_team_free(&m->team);
     spin_splats_free(&m->canonical);
+    free(m->inputs);
     free(m->path);
     free(m);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
-
-struct job {
-    const struct model *model;
-    struct spin_splats *out;
-    unsigned columns;
-    const float *time; /* [n_time] inputs, the same for all points */
-};
 
 /* v, then sin(2^k v) and cos(2^k v) for each frequency: one value of `width`, every `step` floats. */
 static void encode(float v, int frequencies, int width, size_t step, float *out)
@@ -458,28 +324,21 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
 }
 
 /* The inputs that depend on time; a block of equal points for the network, of which one is kept. */
-static spin_status encode_time(const struct model *m, float time, float **out)
+static void encode_time(struct model *m, float time)
 {
-    size_t n = (size_t)(1 + 2 * m->frequencies), hidden = (size_t)m->time[0].n_out;
-    size_t kept = (size_t)m->n_time;
-    float *in, *middle, *last;
-    void *block = NULL;
+    float *in = m->inputs + m->n_time, *middle, *last;
 
-    SPIN_TRY(spin_alloc(n + hidden + 2 * kept, MLP_BLOCK * sizeof(float), &block));
-    *out = block; /* [kept], then the scratch */
-    if (hidden == 0) {
-        encode(time, m->frequencies, 1, 1, *out);
-        return SPIN_OK;
+    if (m->time[0].n_in == 0) {
+        encode(time, m->frequencies, 1, 1, m->inputs);
+        return;
     }
-    in = *out + kept * MLP_BLOCK;
-    middle = in + n * MLP_BLOCK;
-    last = middle + hidden * MLP_BLOCK;
+    middle = in + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK;
+    last = middle + (size_t)m->time[0].n_out * MLP_BLOCK;
     encode(time, m->frequencies, 1, MLP_BLOCK, in);
     spin_mlp_linear(&m->time[0], in, middle, true);
     spin_mlp_linear(&m->time[1], middle, last, false);
-    for (size_t i = 0; i < kept; i++)
-        (*out)[i] = last[i * MLP_BLOCK];
-    return SPIN_OK;
+    for (int i = 0; i < m->n_time; i++)
+        m->inputs[i] = last[i * MLP_BLOCK];
 }
 
 /* The last hidden layer. `wide` has the input in front, and room for a layer behind it. */
@@ -526,7 +385,8 @@ static void move_by_screw(const double w_raw[3], const double v_raw[3], const fl
                          (1 - cos(a)) * kv[c] + (a - sin(a)) * kkv[c]);
 }
 
-static void move(const struct job *job, size_t first, int n, const float *hidden, float *head)
+static void move(const struct deform_job *job, size_t first, int n, const float *hidden,
+                 float *head)
 {
     const struct model *m = job->model;
     double w[MLP_BLOCK][3];
@@ -552,8 +412,8 @@ static void move(const struct job *job, size_t first, int n, const float *hidden
     }
 }
 
-/* exp(log scale) + d, and unit quaternion + d, both as stored: one ellipsoid. */
-static void shape(const struct job *job, size_t first, int n, const float *hidden, float *head)
+static void shape(const struct deform_job *job, size_t first, int n, const float *hidden,
+                  float *head)
 {
     const struct model *m = job->model;
     float d_scale[3 * MLP_BLOCK];
@@ -562,26 +422,17 @@ static void shape(const struct job *job, size_t first, int n, const float *hidde
     spin_mlp_linear(&m->rotation, hidden, head, false);
     for (int p = 0; p < n; p++) {
         size_t i = first + (size_t)p;
-        const float *raw = m->canonical.quats + 4 * i;
-        double norm = spin_quat_norm(raw);
-        double scale[3], q[4], cov6[6], log_scale[3] = {NAN, NAN, NAN}, quat[4] = {NAN, 0, 0, 0};
 
-        for (int c = 0; c < 3; c++)
-            scale[c] = exp(m->canonical.log_scales[3 * i + (size_t)c]) + d_scale[c * MLP_BLOCK + p];
-        for (int c = 0; c < 4; c++)
-            q[c] = (norm > 0 ? raw[c] / norm : 0) + head[c * MLP_BLOCK + p];
-        spin_covariance_unnormalised(scale, q, cov6);
-        spin_covariance_split(cov6, log_scale, quat);
-        for (int c = 0; c < 3 && (job->columns & SPIN_COL_LOG_SCALES); c++)
-            job->out->log_scales[3 * i + (size_t)c] = (float)log_scale[c];
-        for (int c = 0; c < 4 && (job->columns & SPIN_COL_QUATS); c++)
-            job->out->quats[4 * i + (size_t)c] = (float)quat[c];
+        spin_deform_shape(m->canonical.log_scales + 3 * i, m->canonical.quats + 4 * i, d_scale + p,
+                          head + p,
+                          job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
+                          job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
     }
 }
 
 static void evaluate(void *context, size_t first, int n, float *scratch)
 {
-    const struct job *job = context;
+    const struct deform_job *job = context;
     const struct model *m = job->model;
     float *a = scratch + (size_t)(m->n_in + m->width) * MLP_BLOCK;
     float *b = a + (size_t)m->width * MLP_BLOCK, *head = b + (size_t)m->width * MLP_BLOCK;
@@ -593,7 +444,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
         for (int c = 0; c < 3; c++)
             encode(xyz[c], POSITION_FREQUENCIES, 3, MLP_BLOCK, scratch + c * MLP_BLOCK + p);
         for (int i = 0; i < m->n_time; i++)
-            scratch[(POSITION_INPUTS + i) * MLP_BLOCK + p] = job->time[i];
+            scratch[(POSITION_INPUTS + i) * MLP_BLOCK + p] = m->inputs[i];
     }
     hidden = hidden_of(m, scratch, a, b);
     if (job->columns & SPIN_COL_MEANS)
@@ -606,27 +457,11 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
                                     struct spin_splats *out)
 {
     struct model *m = self;
-    const struct spin_splats *from = &m->canonical;
-    struct job job = {m, out, columns, NULL};
-    size_t n_sh = 3 * (size_t)((from->sh_degree + 1) * (from->sh_degree + 1));
-    float *inputs = NULL;
 
     (void)frame;
-    if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->path, time);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    SPIN_TRY(spin_splats_reserve(out, m->n, columns, from->sh_degree));
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        memcpy(out->logit_opacities, from->logit_opacities, m->n * sizeof *out->logit_opacities);
-    if (columns & SPIN_COL_SH)
-        memcpy(out->sh, from->sh, n_sh * m->n * sizeof *out->sh);
-    if (columns & (SPIN_COL_MEANS | SPIN_COL_LOG_SCALES | SPIN_COL_QUATS)) {
-        SPIN_TRY(encode_time(m, (float)time, &inputs));
-        job.time = inputs;
-        spin_mlp_team_run(&m->team, m->n, evaluate, &job);
-        free(inputs);
-    }
-    return spin_model_folder_check(m->path, time, columns, out);
+    encode_time(m, (float)time);
+    return spin_deform_frame(m->path, &m->canonical, time, columns, MOVED, &m->team, evaluate, m,
+                             out);
 }
 
 static const struct spin_plugin_option options[] = {

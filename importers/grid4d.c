@@ -2,15 +2,14 @@
  * space, three over two axes and time) and a network that turns, moves and reshapes them.
  *
  * Residuals are added after the activations, so that a quaternion is not of unit
- * length when the method's rasteriser takes it for one: see spin_hash_finish(). */
+ * length when the method's rasteriser takes it for one: see spin_deform_shape(). */
 #include "spin.h"
-#include <stdlib.h>
 
-#include "base/err.h"
-#include "importers/lib/finite.h"
+#include <stdlib.h>
+#include <string.h>
+
 #include "importers/lib/hashgrid_deform.h"
 #include "importers/lib/notes.h"
-#include "math/covariance.h"
 #include "math/quat.h"
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
@@ -31,7 +30,6 @@ struct model {
     struct hash_grid grid[N_GRIDS];
     struct mlp_linear spatial, temporal;
     bool directional;
-    size_t layer; /* floats of the widest layer of a block */
 };
 
 static int probe(const struct spin_peek *peek)
@@ -43,12 +41,12 @@ static int probe(const struct spin_peek *peek)
 
 /* network_args['directional']: the gate is -1..1, not 0..1. */
 static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                          struct model *model, struct spin_sequence_info *sequence)
+                          struct hash_model *base, struct spin_sequence_info *sequence)
 {
+    struct model *model = (struct model *)base;
     const char *given = spin_plugin_value(values, "directional", NULL);
     struct cfg_span s = spin_cfg_item(spin_cfg_get(cfg, "network_args"), "directional");
 
-    SPIN_TRY(spin_hash_settings(cfg, values, &model->base, sequence));
     model->directional = true;
     if (given) {
         if (!spin_cfg_bool((struct cfg_span){given, given + strlen(given)}, &model->directional))
@@ -63,10 +61,11 @@ static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_v
     return SPIN_OK;
 }
 
-static spin_status load_network(struct spin_torch *torch, struct model *model)
+static spin_status load_network(struct spin_torch *torch, struct hash_model *base)
 {
+    struct model *model = (struct model *)base;
     struct hash_pair pair;
-    int n_features[N_GRIDS], n_temporal = 0;
+    int n_features[N_GRIDS], n_temporal = 0, widest;
 
     SPIN_TRY(spin_hash_split(torch->root, "xyt_encoding.embeddings", "xyzt_encoding.embeddings",
                              "DASH, use --from dash", &pair));
@@ -79,52 +78,21 @@ static spin_status load_network(struct spin_torch *torch, struct model *model)
                            &model->spatial));
     SPIN_TRY(spin_mlp_load(torch, pair.network, "", "temporal_mlp.0", n_temporal,
                            model->spatial.n_out, &model->temporal));
-    model->layer = (size_t)model->spatial.n_out;
-    model->layer = model->layer > (size_t)n_temporal ? model->layer : (size_t)n_temporal;
-    model->layer = model->layer > (size_t)n_features[XYZ] ? model->layer : (size_t)n_features[XYZ];
-    model->layer *= MLP_BLOCK;
-    return spin_hash_load_heads(torch, pair.network, model->spatial.n_out, 7, &model->base);
-}
-
-static spin_status open_model(const struct hash_files *files,
-                              const struct spin_plugin_values *values, struct model *model,
-                              struct spin_sequence_info *sequence)
-{
-    struct spin_torch torch;
-    struct cfg_args cfg;
-    spin_status status;
-
-    memset(&torch, 0, sizeof torch);
-    SPIN_TRY(spin_strdup(files->deform, &model->base.path));
-    status = spin_model_folder_cfg(files->model, NULL, &cfg);
-    if (status == SPIN_OK)
-        status = spin_fail_reading(spin_torch_open(files->deform, &torch), files->deform);
-    if (status == SPIN_OK)
-        status = spin_fail_reading(load_network(&torch, model), files->deform);
-    if (status == SPIN_OK)
-        status = settle(&cfg, values, model, sequence);
-    spin_torch_close(&torch);
-    spin_cfg_close(&cfg);
-    SPIN_TRY(status);
-    SPIN_TRY(spin_model_folder_read(files->cloud, &model->base.canonical, NULL, NULL));
-    model->base.n = model->base.canonical.n;
-    spin_hash_describe(&model->base, "Grid4D", sequence);
-    return spin_mlp_team_create(3 * model->layer + 16 * MLP_BLOCK, &model->base.team);
+    widest = model->spatial.n_out > n_temporal ? model->spatial.n_out : n_temporal;
+    widest = widest > n_features[XYZ] ? widest : n_features[XYZ];
+    base->layer = (size_t)widest * MLP_BLOCK;
+    base->n_scratch = 3 * base->layer + 16 * MLP_BLOCK;
+    return spin_hash_load_heads(torch, pair.network, model->spatial.n_out, 7, base);
 }
 
 static spin_status grid4d_open(const char *path, const struct spin_plugin_values *values,
                                void **self, struct spin_sequence_info *sequence)
 {
-    struct hash_files files;
-    spin_status status;
+    static const struct hash_method method = {"Grid4D", NULL, load_network, settle};
 
     *sequence = (struct spin_sequence_info){.sh_degree = -1};
     SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    status = spin_hash_find(path, spin_plugin_value(values, "iteration", NULL), &files);
-    if (status == SPIN_OK)
-        status = open_model(&files, values, *self, sequence);
-    spin_hash_files_free(&files);
-    return status;
+    return spin_hash_open(path, values, &method, *self, sequence);
 }
 
 static void grid4d_close(void *self)
@@ -143,16 +111,9 @@ static void grid4d_close(void *self)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-struct job {
-    const struct model *model;
-    struct spin_splats *out;
-    unsigned columns;
-    float time;
-};
-
 /* The features of a block: space into `space`, the three with time, one behind the other, into
  * `moving`. */
-static void sample(const struct job *job, size_t first, int n, float *space, float *moving)
+static void sample(const struct deform_job *job, size_t first, int n, float *space, float *moving)
 {
     const struct model *model = job->model;
 
@@ -173,10 +134,10 @@ static void sample(const struct job *job, size_t first, int n, float *space, flo
 }
 
 /* relu(temporal) gated by what is at the point's place; then grid_mlp. Returns where it is. */
-static const float *hidden(const struct job *job, size_t first, int n, float *scratch)
+static const float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
 {
     const struct model *model = job->model;
-    float *a = scratch, *b = scratch + model->layer, *gate = scratch + 2 * model->layer;
+    float *a = scratch, *b = a + model->base.layer, *gate = b + model->base.layer;
     int n_hidden = model->base.width * MLP_BLOCK;
 
     sample(job, first, n, a, b);
@@ -189,14 +150,7 @@ static const float *hidden(const struct job *job, size_t first, int n, float *sc
     spin_mlp_linear(&model->temporal, b, a, true);
     for (int i = 0; i < n_hidden; i++)
         a[i] *= gate[i];
-    for (int i = 0; i < model->base.depth; i++) {
-        float *t = a;
-
-        spin_mlp_linear(&model->base.grid_mlp[i], a, b, true);
-        a = b;
-        b = t;
-    }
-    return a;
+    return spin_hash_layers(&model->base, a, b);
 }
 
 /* Turned about the world's origin, then moved. */
@@ -216,10 +170,10 @@ static void move(const struct model *model, const float *warp, size_t first, int
 
 static void evaluate(void *context, size_t first, int n, float *scratch)
 {
-    const struct job *job = context;
+    const struct deform_job *job = context;
     const struct model *model = job->model;
     const struct spin_splats *from = &model->base.canonical;
-    float *out = scratch + 3 * model->layer, *d_scale = out + 8 * MLP_BLOCK;
+    float *out = scratch + 3 * model->base.layer, *d_scale = out + 8 * MLP_BLOCK;
     const float *h = hidden(job, first, n, scratch);
 
     if (job->columns & SPIN_COL_MEANS) {
@@ -233,27 +187,17 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     for (int p = 0; p < n; p++) {
         size_t i = first + (size_t)p;
 
-        spin_hash_finish(from->log_scales + 3 * i, from->quats + 4 * i, d_scale + p, out + p,
-                         job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
-                         job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
+        spin_deform_shape(from->log_scales + 3 * i, from->quats + 4 * i, d_scale + p, out + p,
+                          job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
+                          job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
     }
 }
 
 static spin_status grid4d_frame(void *self, int frame, double time, unsigned columns,
                                 struct spin_splats *out)
 {
-    struct model *model = self;
-    struct job job = {model, out, columns, (float)time};
-
     (void)frame;
-    if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->base.path, time);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    SPIN_TRY(spin_splats_reserve(out, model->base.n, columns, model->base.canonical.sh_degree));
-    spin_hash_copy_still(&model->base, columns, out);
-    if (columns & ~(unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
-        spin_mlp_team_run(&model->base.team, model->base.n, evaluate, &job);
-    return spin_model_folder_check(model->base.path, time, columns, out);
+    return spin_hash_frame(self, time, columns, evaluate, out);
 }
 
 static const struct spin_plugin_option options[] = {

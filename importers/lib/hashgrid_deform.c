@@ -2,11 +2,14 @@
 #include "importers/lib/hashgrid_deform.h"
 
 #include <stdlib.h>
+#include <string.h>
 
-#include "importers/lib/finite.h"
+#include "base/err.h"
+#include "importers/lib/deform_save.h"
 #include "importers/lib/notes.h"
-#include "math/covariance.h"
 #include "math/grid.h"
+
+#define MOVED ((unsigned)SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)
 
 void spin_hash_grid_free(struct hash_grid *grid)
 {
@@ -24,6 +27,7 @@ void spin_hash_model_free(struct hash_model *m)
     spin_mlp_team_free(&m->team);
     spin_splats_free(&m->canonical);
     free(m->extra);
+    free(m->save);
     free(m->path);
 }
 
@@ -51,85 +55,11 @@ int spin_hash_probe(const struct spin_peek *peek, const char *key, const char *o
     return peek->n_head == 0 ? 55 : hash_says(peek, "grid_args") ? 40 : 0;
 }
 
-/* ---- Folders --------------------------------------------------------------------------------- */
-
-/* The model folder of .../deform/iteration_<N>/deform.pth, and iteration_<N>. */
-static spin_status hash_from_file(const char *path, char **model, char **name)
-{
-    char *absolute = NULL, *save = NULL, *deform = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_path_absolute(path, &absolute));
-    SPIN_TRY_OUT(spin_path_folder(absolute, &save));
-    SPIN_TRY_OUT(spin_path_folder(save, &deform));
-    SPIN_TRY_OUT(spin_path_folder(deform, model));
-    SPIN_TRY_OUT(spin_strdup(spin_path_name(save), name));
-    if (strcmp(spin_path_name(path), "deform.pth") != 0 ||
-        strcmp(spin_path_name(deform), "deform") != 0)
-        status =
-            spin_fail(SPIN_E_USAGE, "'%s' is not what is read here: give the model's folder", path);
-out:
-    free(absolute);
-    free(save);
-    free(deform);
-    return status;
-}
-
-void spin_hash_files_free(struct hash_files *f)
-{
-    free(f->model);
-    free(f->name);
-    free(f->cloud);
-    free(f->deform);
-}
-
-static spin_status hash_find_name(struct hash_files *f, const char *wanted)
-{
-    struct model_folder_pick pick = {NULL, "point_cloud.ply", NULL, "deform.pth"};
-    char *clouds = NULL, *deforms = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_path_join(f->model, "point_cloud", &clouds));
-    SPIN_TRY_OUT(spin_path_join(f->model, "deform", &deforms));
-    pick.folder = clouds;
-    pick.other = deforms;
-    if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms))
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "'%s' does not hold the folders point_cloud and deform", f->model);
-    SPIN_TRY_OUT(status);
-    SPIN_TRY_OUT(spin_model_folder_choose(&pick, wanted, &f->name));
-    if (!f->name)
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "'%s' has no iteration_%s with both point_cloud/.../point_cloud.ply and "
-                           "deform/.../deform.pth",
-                           f->model, wanted ? wanted : "<N>");
-out:
-    free(clouds);
-    free(deforms);
-    return status;
-}
-
-spin_status spin_hash_find(const char *path, const char *wanted, struct hash_files *f)
-{
-    char relative[300];
-
-    memset(f, 0, sizeof *f);
-    if (spin_path_is_folder(path)) {
-        SPIN_TRY(spin_strdup(path, &f->model));
-        SPIN_TRY(hash_find_name(f, wanted));
-    } else {
-        SPIN_TRY(hash_from_file(path, &f->model, &f->name));
-    }
-    snprintf(relative, sizeof relative, "point_cloud/%.250s/point_cloud.ply", f->name);
-    SPIN_TRY(spin_path_join(f->model, relative, &f->cloud));
-    snprintf(relative, sizeof relative, "deform/%.250s/deform.pth", f->name);
-    return spin_path_join(f->model, relative, &f->deform);
-}
-
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-spin_status spin_hash_settings(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                               struct hash_model *m, struct spin_sequence_info *sequence)
+static spin_status read_settings(const struct cfg_args *cfg,
+                                 const struct spin_plugin_values *values, struct hash_model *m,
+                                 struct spin_sequence_info *sequence)
 {
     const char *bound = spin_plugin_value(values, "bound", NULL);
     const char *scale = spin_plugin_value(values, "scale-xyz", NULL);
@@ -169,6 +99,56 @@ spin_status spin_hash_settings(const struct cfg_args *cfg, const struct spin_plu
         return spin_fail(SPIN_E_MALFORMED, "'%s': scale_xyz is neither a number nor three of them",
                          cfg->path);
     return SPIN_OK;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status open_save(const struct deform_save *save,
+                             const struct spin_plugin_values *values,
+                             const struct hash_method *method, struct hash_model *m,
+                             struct spin_sequence_info *sequence)
+{
+    struct spin_torch torch;
+    struct cfg_args cfg;
+    spin_status status;
+
+    memset(&torch, 0, sizeof torch);
+    SPIN_TRY(spin_strdup(save->network, &m->path));
+    SPIN_TRY(spin_strdup(save->name, &m->save));
+    status = spin_model_folder_cfg(save->model, NULL, &cfg);
+    if (status == SPIN_OK)
+        status = spin_fail_reading(spin_torch_open(save->network, &torch), save->network);
+    if (status == SPIN_OK)
+        status = spin_fail_reading(method->load(&torch, m), save->network);
+    if (status == SPIN_OK)
+        status = read_settings(&cfg, values, m, sequence);
+    if (status == SPIN_OK && method->settle)
+        status = method->settle(&cfg, values, m, sequence);
+    spin_torch_close(&torch);
+    spin_cfg_close(&cfg);
+    SPIN_TRY(status);
+    SPIN_TRY(spin_model_folder_read(save->cloud, &m->canonical, method->extra,
+                                    method->extra ? &m->extra : NULL));
+    spin_deform_describe(&m->canonical, MOVED, sequence);
+    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians, bound %g, width %d",
+             method->name, m->canonical.n, m->bound, m->width);
+    spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
+                        "most data sets, at i/n in some");
+    return spin_mlp_team_create(m->n_scratch, &m->team);
+}
+
+spin_status spin_hash_open(const char *path, const struct spin_plugin_values *values,
+                           const struct hash_method *method, struct hash_model *m,
+                           struct spin_sequence_info *sequence)
+{
+    struct deform_save save;
+    spin_status status =
+        spin_deform_save_find(path, spin_plugin_value(values, "iteration", NULL), false, &save);
+
+    if (status == SPIN_OK)
+        status = open_save(&save, values, method, m, sequence);
+    spin_deform_save_free(&save);
+    return status;
 }
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
@@ -362,54 +342,20 @@ void spin_hash_coordinates(const struct hash_model *m, const float p[3], float t
     out[3] = ((time * 2 * bound - bound) * 0.9f + bound) / (2 * bound);
 }
 
-void spin_hash_finish(const float log_scale[3], const float quat[4], const float *d_scale,
-                      const float *d_quat, float *out_log_scale, float *out_quat)
+const float *spin_hash_layers(const struct hash_model *m, float *a, float *b)
 {
-    double norm = 0, scale[3], q[4], cov6[6], log_scales[3], unit[4];
+    for (int i = 0; i < m->depth; i++) {
+        float *t = a;
 
-    for (int i = 0; i < 4; i++)
-        norm += (double)quat[i] * quat[i];
-    norm = norm > 0 ? sqrt(norm) : 1;
-    for (int i = 0; i < 4; i++)
-        q[i] = quat[i] / norm + d_quat[i * MLP_BLOCK];
-    for (int i = 0; i < 3; i++)
-        scale[i] = exp(log_scale[i]) + d_scale[i * MLP_BLOCK];
-    spin_covariance_unnormalised(scale, q, cov6);
-    if (!spin_covariance_split(cov6, log_scales, unit)) {
-        for (int i = 0; i < 3; i++)
-            log_scales[i] = NAN;
-        for (int i = 0; i < 4; i++)
-            unit[i] = NAN;
+        spin_mlp_linear(&m->grid_mlp[i], a, b, true);
+        a = b;
+        b = t;
     }
-    for (int i = 0; out_log_scale && i < 3; i++)
-        out_log_scale[i] = (float)log_scales[i];
-    for (int i = 0; out_quat && i < 4; i++)
-        out_quat[i] = (float)unit[i];
+    return a;
 }
 
-void spin_hash_copy_still(const struct hash_model *m, unsigned columns, struct spin_splats *out)
+spin_status spin_hash_frame(struct hash_model *m, double time, unsigned columns, mlp_block_fn fn,
+                            struct spin_splats *out)
 {
-    const struct spin_splats *from = &m->canonical;
-    size_t n_sh = 3 * (size_t)((from->sh_degree + 1) * (from->sh_degree + 1));
-
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        memcpy(out->logit_opacities, from->logit_opacities, m->n * sizeof *out->logit_opacities);
-    if (columns & SPIN_COL_SH)
-        memcpy(out->sh, from->sh, n_sh * m->n * sizeof *out->sh);
-}
-
-void spin_hash_describe(struct hash_model *m, const char *method,
-                        struct spin_sequence_info *sequence)
-{
-    sequence->n_frames = 1;
-    sequence->counts = &m->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
-    sequence->sh_degree = m->canonical.sh_degree;
-    sequence->continuous = true;
-    sequence->time_last = 1;
-    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians, bound %g, width %d",
-             method, m->n, m->bound, m->width);
-    spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
-                        "most data sets, at i/n in some");
+    return spin_deform_frame(m->path, &m->canonical, time, columns, MOVED, &m->team, fn, m, out);
 }

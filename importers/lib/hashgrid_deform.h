@@ -3,7 +3,7 @@
 #ifndef SPIN_IMPORTERS_LIB_HASHGRID_DEFORM_H
 #define SPIN_IMPORTERS_LIB_HASHGRID_DEFORM_H
 
-#include "importers/lib/mlp_eval.h"
+#include "importers/lib/deform.h"
 #include "importers/lib/model_folder.h"
 
 enum { HASH_MAX_LEVELS = 64, HASH_MAX_DEPTH = 16 };
@@ -24,13 +24,15 @@ struct hash_grid {
 /* What both methods have of a model. */
 struct hash_model {
     char *path; /* of deform.pth */
-    size_t n;
+    char *save; /* iteration_<N> */
     struct spin_splats canonical;
     float *extra; /* [n] one more property of the cloud, or NULL */
     double bound, scale_xyz[3];
     struct mlp_linear grid_mlp[HASH_MAX_DEPTH];
     int depth, width;
     struct mlp_linear warp, rotation, scaling;
+    size_t layer;     /* floats of the widest layer of a block */
+    size_t n_scratch; /* floats that a block needs */
     struct mlp_team team;
 };
 
@@ -43,18 +45,26 @@ void spin_hash_model_free(struct hash_model *m);
  * descendants of Deformable-3D-Gaussians. */
 int spin_hash_probe(const struct spin_peek *peek, const char *key, const char *option);
 
-struct hash_files {
-    char *model, *name;   /* folder, iteration_<N> */
-    char *cloud, *deform; /* files */
+/* What is each method's own. */
+struct hash_method {
+    const char *name;  /* "Grid4D" */
+    const char *extra; /* a property of the cloud besides, or NULL */
+    /* The networks, also layer and n_scratch; the struct hash_model begins the importer's. */
+    spin_status (*load)(struct spin_torch *torch, struct hash_model *m);
+    /* Settings besides bound and scale_xyz, or NULL. */
+    spin_status (*settle)(const struct cfg_args *cfg, const struct spin_plugin_values *values,
+                          struct hash_model *m, struct spin_sequence_info *sequence);
 };
 
-void spin_hash_files_free(struct hash_files *f);
+/* Opens the model's folder, or one of its deform.pth; *m is zero before and is to be freed, also after a
+ * failure. bound and scale_xyz, of which the tensors say nothing, come from options or cfg_args. */
+spin_status spin_hash_open(const char *path, const struct spin_plugin_values *values,
+                           const struct hash_method *method, struct hash_model *m,
+                           struct spin_sequence_info *sequence);
 
-spin_status spin_hash_find(const char *path, const char *wanted, struct hash_files *f);
-
-/* bound and scale_xyz, of which the tensors say nothing; options win over cfg_args. */
-spin_status spin_hash_settings(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                               struct hash_model *m, struct spin_sequence_info *sequence);
+/* As an importer's frame(). */
+spin_status spin_hash_frame(struct hash_model *m, double time, unsigned columns, mlp_block_fn fn,
+                            struct spin_splats *out);
 
 /* The encoder `name`, of n_dims inputs. */
 spin_status spin_hash_load_grid(struct spin_torch *torch, const struct spin_value *dict,
@@ -81,15 +91,7 @@ void spin_hash_sample(const struct hash_grid *grid, const float *x, float *out);
  * floats and in this order, as the method. */
 void spin_hash_coordinates(const struct hash_model *m, const float p[3], float time, float out[4]);
 
-/* Scale and quaternion with their residuals, added after the activation and not normalised, as the
- * ellipsoid that the method's rasteriser makes of them. */
-void spin_hash_finish(const float log_scale[3], const float quat[4], const float *d_scale,
-                      const float *d_quat, float *out_log_scale, float *out_quat);
-
-/* What never moves: opacities and colours. */
-void spin_hash_copy_still(const struct hash_model *m, unsigned columns, struct spin_splats *out);
-
-void spin_hash_describe(struct hash_model *m, const char *method,
-                        struct spin_sequence_info *sequence);
+/* grid_mlp over a block in `a`; `b` is as large. Returns which of both the result is in. */
+const float *spin_hash_layers(const struct hash_model *m, float *a, float *b);
 
 #endif

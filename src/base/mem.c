@@ -183,17 +183,6 @@ spin_status spin_arena_take(struct spin_arena *arena, size_t count, size_t size,
     return SPIN_OK;
 }
 
-spin_status spin_arena_strdup(struct spin_arena *arena, const char *text, char **out)
-{
-    size_t n = strlen(text) + 1;
-    void *copy;
-
-    *out = NULL;
-    SPIN_TRY(spin_arena_take(arena, n, 1, &copy));
-    *out = memcpy(copy, text, n);
-    return SPIN_OK;
-}
-
 void spin_arena_free(struct spin_arena *arena)
 {
     while (arena->first) {

@@ -22,7 +22,6 @@ struct spin_arena {
     struct spin_arena_block *first;
 };
 spin_status spin_arena_take(struct spin_arena *arena, size_t count, size_t size, void **out);
-spin_status spin_arena_strdup(struct spin_arena *arena, const char *text, char **out);
 void spin_arena_free(struct spin_arena *arena);
 
 /* A block that only ever grows: for scratch that is reused every step. Zero it to begin. */

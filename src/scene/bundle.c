@@ -427,8 +427,6 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
         member_key(group, column, still, index, key);
         SPIN_TRY(
             spin_npz_write(&w->zip, key, "<f4", n_dims, shape, data ? (const void *)data : ""));
-        if (still)
-            w->still_written |= column;
     }
     return SPIN_OK;
 }
@@ -443,36 +441,6 @@ spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, u
                                       const struct spin_splats *splats)
 {
     return write_group(w, "refined", index, columns, 0, splats);
-}
-
-static spin_status copy_member(struct spin_bundle_writer *w, const struct spin_zip *zip,
-                               const struct spin_zip_member *m)
-{
-    const unsigned char *data = NULL;
-    void *owned = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_zip_read(zip, m, true, m->size, &data, &owned));
-    SPIN_TRY_OUT(spin_zip_member_begin(&w->zip, m->name, m->size));
-    SPIN_TRY_OUT(spin_zip_member_write(&w->zip, data, (size_t)m->size));
-    SPIN_TRY_OUT(spin_zip_member_end(&w->zip));
-out:
-    free(owned);
-    return status;
-}
-
-spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct spin_bundle *from)
-{
-    const struct spin_zip *zip = &from->npz.zip;
-
-    for (size_t i = 0; i < zip->n; i++) {
-        const struct spin_zip_member *m = &zip->member[i];
-
-        if (strncmp(m->name, "source/", 7) == 0 && spin_zip_find(zip, m->name) == m)
-            SPIN_TRY(copy_member(w, zip, m));
-    }
-    w->still_written = from->meta.static_columns;
-    return SPIN_OK;
 }
 
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,

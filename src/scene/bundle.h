@@ -61,7 +61,6 @@ uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsig
 /* Writing. Frames in order, then spin_bundle_writer_finish() writes meta.json and commits. */
 struct spin_bundle_writer {
     struct spin_zip_writer zip;
-    unsigned still_written;
 };
 /* sync: on the disk before it has its name, as struct spin_out has it. */
 spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
@@ -72,8 +71,6 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
 /* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);
-/* Copy every member below "source/" of an open bundle as it is. */
-spin_status spin_bundle_copy_source(struct spin_bundle_writer *w, const struct spin_bundle *from);
 /* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must be
  * set. data_path is stored as given. */
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,

@@ -197,7 +197,7 @@ static inline void test_hash_settings(const char *from, const char *folder)
              "no truncation of the cloud is read");
     unlink(path_in(model, "point_cloud/iteration_7/point_cloud.ply"));
     model_fails(from, model, NULL, model, "both", "a network without its cloud");
-    model_fails(from, new_folder(), NULL, NULL, "point_cloud and deform", "an empty folder");
+    model_fails(from, new_folder(), NULL, NULL, "no folder 'point_cloud'", "an empty folder");
     model_fails(from, path_in(folder, "manifest.json"), NULL, "manifest.json", "model's folder",
                 "a file of another kind");
 }

@@ -144,23 +144,6 @@ static void test_round_trip(void)
     spin_splats_free(&s);
 }
 
-static void test_copy(void)
-{
-    struct spin_bundle_writer w;
-    struct spin_bundle b;
-    const char *path = new_path();
-
-    if (!ok(spin_bundle_open(write_clip(all_columns, 0, NULL, NULL), &b) == SPIN_OK,
-            "opens a source"))
-        return;
-    ok(spin_bundle_writer_open(path, false, false, &w) == SPIN_OK &&
-           spin_bundle_copy_source(&w, &b) == SPIN_OK &&
-           spin_bundle_writer_finish(&w, &b.meta, NULL) == SPIN_OK,
-       "copies the source");
-    spin_bundle_close(&b);
-    compare_clip(path, all_columns, false, "copy");
-}
-
 /* Frame f has f + 1 refined splats of two columns. */
 static const char *write_refined(const char *frames, bool network)
 {
@@ -471,7 +454,6 @@ TAP_MAIN
 {
     spin_log_set_level(-1);
     test_round_trip();
-    test_copy();
     test_refined();
     test_data_path();
     test_extra();
