@@ -14,20 +14,14 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
-#include "base/err.h"
 #include "base/mem.h"
+#include "importers/lib/views_check.h"
 #include "io/file.h"
-#include "io/json.h"
-
-#define MAX_SIZE 65536 /* pixels along a side */
-/* How far a rotation may be from orthonormal: files with six digits pass. */
-#define ROTATION_TOLERANCE 1e-3
 
 /* One of the two files. */
 struct split {
-    const char *folder, *name;
+    const char *folder;
     const spin_json *k, *w2c, *fn, *cam_id; /* cam_id may be NULL */
     int width, height;
     size_t n_rows, n_cameras;
@@ -47,16 +41,22 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The lists ------------------------------------------------------------------------------- */
 
-static spin_status read_size(const spin_json *root, const char *key, int *out)
+static spin_status read_side(const spin_json *root, const char *key, double *out)
 {
-    double value;
-
-    if (!spin_json_number(spin_json_get(root, key), &value))
+    if (!spin_json_number(spin_json_get(root, key), out))
         return spin_fail(SPIN_E_MALFORMED, "no number '%s'", key);
-    if (value != floor(value) || value < 1 || value > MAX_SIZE)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is %g, expected 1 to %d pixels", key, value,
-                         MAX_SIZE);
-    *out = (int)value;
+    return SPIN_OK;
+}
+
+static spin_status read_size(const spin_json *root, struct split *s)
+{
+    double width, height;
+
+    SPIN_TRY(read_side(root, "w", &width));
+    SPIN_TRY(read_side(root, "h", &height));
+    SPIN_TRY(spin_views_check_size(width, height));
+    s->width = (int)width;
+    s->height = (int)height;
     return SPIN_OK;
 }
 
@@ -97,88 +97,31 @@ static const spin_json *at(const spin_json *list, size_t row, size_t camera)
     return spin_json_at(spin_json_at(list, row), camera);
 }
 
-static spin_status read_matrix(const spin_json *m, const char *key, size_t n, double *out)
-{
-    if (spin_json_length(m) != n)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' is not a %zu x %zu matrix", key, n, n);
-    for (size_t i = 0; i < n; i++) {
-        if (spin_json_length(spin_json_at(m, i)) != n)
-            return spin_fail(SPIN_E_MALFORMED, "'%s' is not a %zu x %zu matrix", key, n, n);
-        for (size_t j = 0; j < n; j++) {
-            if (!spin_json_number(at(m, i, j), &out[i * n + j]) || !isfinite(out[i * n + j]))
-                return spin_fail(SPIN_E_MALFORMED, "'%s'[%zu][%zu] is not a number", key, i, j);
-        }
-    }
-    return SPIN_OK;
-}
-
 /* ---- One camera ------------------------------------------------------------------------------ */
 
 static spin_status read_intrinsics(const spin_json *json, struct spin_camera *camera)
 {
     double k[9];
 
-    SPIN_TRY(read_matrix(json, "k", 3, k));
-    if (!(k[0] > 0) || !(k[4] > 0))
-        return spin_fail(SPIN_E_MALFORMED, "'k' has focal lengths %g, %g, expected both above 0",
-                         k[0], k[4]);
+    SPIN_TRY(spin_views_matrix(json, "k", 3, k));
     if (fabs(k[6]) > 1e-6 || fabs(k[7]) > 1e-6 || fabs(k[8] - 1) > 1e-6 || fabs(k[3]) > 1e-6)
         return spin_fail(SPIN_E_MALFORMED, "'k' is not [fx 0 cx; 0 fy cy; 0 0 1]");
     if (fabs(k[1]) > 1e-6 * k[0])
         return spin_fail(SPIN_E_UNSUPPORTED, "'k' has a skew of %g, expected 0", k[1]);
-    if (!(k[2] >= 0 && k[2] <= camera->width && k[5] >= 0 && k[5] <= camera->height))
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "'k' has its principal point at %g, %g, outside the image of %d x %d; is it "
-            "of another resolution",
-            k[2], k[5], camera->width, camera->height);
     camera->fx = k[0];
     camera->fy = k[4];
     camera->cx = k[2];
     camera->cy = k[5];
-    return SPIN_OK;
+    return spin_views_check_intrinsics(camera);
 }
 
 static spin_status read_pose(const spin_json *json, struct spin_camera *camera)
 {
-    double m[16], worst = 0, determinant;
+    double m[16];
 
-    SPIN_TRY(read_matrix(json, "w2c", 4, m));
-    if (fabs(m[12]) > 1e-6 || fabs(m[13]) > 1e-6 || fabs(m[14]) > 1e-6 || fabs(m[15] - 1) > 1e-6)
-        return spin_fail(SPIN_E_MALFORMED, "the last row of 'w2c' is %g %g %g %g, expected 0 0 0 1",
-                         m[12], m[13], m[14], m[15]);
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
-            double dot =
-                m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
-
-            worst = fmax(worst, fabs(dot - (i == j)));
-        }
-    }
-    if (!(worst <= ROTATION_TOLERANCE))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the rotation in 'w2c' is not orthonormal: off by %.2g, allowed %g", worst,
-                         ROTATION_TOLERANCE);
-    determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-                  m[2] * (m[4] * m[9] - m[5] * m[8]);
-    if (determinant < 0)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "the rotation in 'w2c' is a mirror: its determinant is -1");
+    SPIN_TRY(spin_views_matrix(json, "w2c", 4, m));
     memcpy(camera->w2c, m, sizeof camera->w2c);
-    return SPIN_OK;
-}
-
-/* Names stay below ims/. */
-static bool is_safe_name(const char *name)
-{
-    if (name[0] == '\0' || name[0] == '/')
-        return false;
-    for (const char *part = name; part; part = strchr(part, '/')) {
-        part += *part == '/';
-        if (strncmp(part, "..", 2) == 0 && (part[2] == '/' || part[2] == '\0'))
-            return false;
-    }
-    return true;
+    return spin_views_check_pose(m, "'w2c'");
 }
 
 /* cam_id, else the number that the camera's folder is called by, else its place in the list. */
@@ -229,16 +172,14 @@ static spin_status read_view(const struct split *s, size_t row, size_t camera,
     struct spin_view view = {.dataset_frame = (int)row, .time = (double)row, .test = s->test};
     const char *fn = spin_json_string(at(s->fn, row, camera));
     char *ims = NULL;
-    long long number;
     spin_status status;
 
     view.camera.width = s->width;
     view.camera.height = s->height;
-    if (!fn || !is_safe_name(fn))
+    if (!fn || !spin_views_is_safe_name(fn))
         return spin_fail(SPIN_E_MALFORMED, "'fn' is '%s', expected a path below 'ims'",
                          fn ? fn : "");
-    number = spin_path_number(fn);
-    view.number = number <= INT_MAX ? (int)number : -1;
+    view.number = spin_views_number(fn);
     SPIN_TRY(read_intrinsics(at(s->k, row, camera), &view.camera));
     SPIN_TRY(read_pose(at(s->w2c, row, camera), &view.camera));
     SPIN_TRY(read_camera_id(s, row, camera, fn, &view.camera_id));
@@ -255,10 +196,11 @@ out:
 
 /* ---- The two files --------------------------------------------------------------------------- */
 
-static spin_status read_views(struct split *s, const spin_json *root, struct spin_views *out)
+static spin_status read_views(void *split, const spin_json *root, struct spin_views *out)
 {
-    SPIN_TRY(read_size(root, "w", &s->width));
-    SPIN_TRY(read_size(root, "h", &s->height));
+    struct split *s = split;
+
+    SPIN_TRY(read_size(root, s));
     SPIN_TRY(read_list(s, root, "k", &s->k));
     SPIN_TRY(read_list(s, root, "w2c", &s->w2c));
     SPIN_TRY(read_list(s, root, "fn", &s->fn));
@@ -275,65 +217,22 @@ static spin_status read_views(struct split *s, const spin_json *root, struct spi
     return SPIN_OK;
 }
 
-static spin_status read_split(struct split *s, struct spin_views *out)
-{
-    char *path = NULL;
-    spin_json *root = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_path_join(s->folder, s->name, &path));
-    SPIN_TRY_OUT(spin_json_load(path, &root));
-    if (!spin_json_is_object(root))
-        status = spin_fail(SPIN_E_MALFORMED, "not a JSON object");
-    else
-        status = read_views(s, root, out);
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    spin_json_free(root);
-    free(path);
-    return status;
-}
-
-static spin_status check_images(const struct spin_views *views, size_t first)
-{
-    const char *missing = NULL;
-    size_t n = 0;
-
-    for (size_t i = first; i < views->n; i++) {
-        if (access(views->view[i].path, R_OK) == 0)
-            continue;
-        if (n++ == 0)
-            missing = views->view[i].path;
-    }
-    if (n > 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "%zu of %zu images are missing, the first is '%s'", n,
-                         views->n - first, missing);
-    return SPIN_OK;
-}
-
 static spin_status panoptic_views(const char *path, const struct spin_plugin_values *values,
                                   struct spin_views *out)
 {
-    struct split train = {.folder = path, .name = "train_meta.json"};
-    struct split test = {.folder = path, .name = "test_meta.json", .test = true};
+    struct split train = {.folder = path};
+    struct split test = {.folder = path, .test = true};
     size_t first = out->n;
-    char *test_path = NULL;
-    bool has_test;
+    bool found;
 
     (void)values;
-    SPIN_TRY(read_split(&train, out));
-    SPIN_TRY(spin_path_join(path, test.name, &test_path));
-    has_test = spin_path_exists(test_path);
-    free(test_path);
-    if (has_test) {
-        SPIN_TRY(read_split(&test, out));
-        if (test.n_rows != train.n_rows)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s': train_meta.json has %zu frames and test_meta.json %zu", path,
-                             train.n_rows, test.n_rows);
-    }
-    return check_images(out, first);
+    SPIN_TRY(spin_views_read_json(path, "train_meta.json", read_views, &train, out, NULL));
+    SPIN_TRY(spin_views_read_json(path, "test_meta.json", read_views, &test, out, &found));
+    if (found && test.n_rows != train.n_rows)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s': train_meta.json has %zu frames and test_meta.json %zu", path,
+                         train.n_rows, test.n_rows);
+    return spin_views_check_images(out, first);
 }
 
 const struct spin_importer spin_importer_views_panoptic = {

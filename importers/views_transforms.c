@@ -25,7 +25,6 @@
 #include "base/mem.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
-#include "io/json.h"
 
 enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
 
@@ -37,10 +36,10 @@ struct options {
 
 /* One of the two files. */
 struct split {
-    const char *folder, *name;
+    const char *folder;
     const struct options *options;
-    const spin_json *root;
-    int id; /* of its camera when images are not called cam<NN> */
+    const spin_json *root; /* while the file is read */
+    int id;                /* of its camera when images are not called cam<NN> */
     bool test;
 };
 
@@ -153,35 +152,6 @@ static spin_status read_intrinsics(const struct split *s, const spin_json *frame
     return spin_views_check_intrinsics(camera);
 }
 
-/* 4 x 4, or 3 x 4 without its last row. */
-static spin_status read_matrix(const spin_json *m, double out[16])
-{
-    static const double last[4] = {0, 0, 0, 1};
-    size_t n_rows = spin_json_length(m);
-
-    if (n_rows != 3 && n_rows != 4)
-        return spin_fail(SPIN_E_MALFORMED, "'transform_matrix' is not a 4 x 4 matrix");
-    memcpy(out + 12, last, sizeof last);
-    for (size_t i = 0; i < n_rows; i++) {
-        const spin_json *row = spin_json_at(m, i);
-
-        if (spin_json_length(row) != 4)
-            return spin_fail(SPIN_E_MALFORMED, "'transform_matrix' is not a 4 x 4 matrix");
-        for (size_t j = 0; j < 4; j++) {
-            if (!spin_json_number(spin_json_at(row, j), &out[4 * i + j]))
-                return spin_fail(SPIN_E_MALFORMED, "'transform_matrix'[%zu][%zu] is not a number",
-                                 i, j);
-        }
-    }
-    for (int j = 0; j < 4; j++) {
-        if (!(fabs(out[12 + j] - last[j]) <= 1e-6))
-            return spin_fail(SPIN_E_MALFORMED,
-                             "the last row of 'transform_matrix' is %g %g %g %g, expected 0 0 0 1",
-                             out[12], out[13], out[14], out[15]);
-    }
-    return SPIN_OK;
-}
-
 /* OpenGL's c2w to OpenCV's: y and z turn round. */
 static spin_status read_pose(const struct split *s, const spin_json *frame,
                              struct spin_camera *camera)
@@ -191,7 +161,7 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
 
     if (!m)
         return spin_fail(SPIN_E_MALFORMED, "no 'transform_matrix'");
-    SPIN_TRY(read_matrix(m, c2w));
+    SPIN_TRY(spin_views_matrix(m, "transform_matrix", 4, c2w));
     for (int i = 0; i < 3; i++) {
         c2w[4 * i + 1] = -c2w[4 * i + 1];
         c2w[4 * i + 2] = -c2w[4 * i + 2];
@@ -264,11 +234,13 @@ static spin_status fill_view(const struct split *s, const spin_json *frame, size
     return read_pose(s, frame, &view->camera);
 }
 
-static spin_status read_frames(const struct split *s, struct spin_views *out)
+static spin_status read_frames(void *split, const spin_json *root, struct spin_views *out)
 {
-    const spin_json *frames = spin_json_get(s->root, "frames");
+    struct split *s = split;
+    const spin_json *frames = spin_json_get(root, "frames");
     size_t n = spin_json_length(frames);
 
+    s->root = root;
     if (!frames || !spin_json_is_array(frames))
         return spin_fail(SPIN_E_MALFORMED, "no list 'frames'");
     if (n == 0)
@@ -285,28 +257,6 @@ static spin_status read_frames(const struct split *s, struct spin_views *out)
         SPIN_TRY(status);
     }
     return SPIN_OK;
-}
-
-static spin_status read_split(struct split *s, struct spin_views *out)
-{
-    char *path = NULL;
-    spin_json *root = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_path_join(s->folder, s->name, &path));
-    SPIN_TRY_OUT(spin_json_load(path, &root));
-    s->root = root;
-    if (!spin_json_is_object(root))
-        status = spin_fail(SPIN_E_MALFORMED, "not a JSON object");
-    else
-        status = read_frames(s, out);
-    s->root = NULL;
-    if (status != SPIN_OK)
-        status = spin_fail_context(status, "cannot read '%s'", path);
-out:
-    spin_json_free(root);
-    free(path);
-    return status;
 }
 
 /* ---- Rows and times -------------------------------------------------------------------------- */
@@ -389,21 +339,15 @@ static spin_status transforms_views(const char *path, const struct spin_plugin_v
                                     struct spin_views *out)
 {
     struct options o;
-    struct split train = {.folder = path, .name = "transforms_train.json", .options = &o};
+    struct split train = {.folder = path, .options = &o};
     struct split test = {.folder = path, .options = &o, .id = 1, .test = true};
     size_t first = out->n;
-    char *test_path = NULL;
-    bool has_test;
+    bool found;
 
     SPIN_TRY(read_options(values, &o));
-    SPIN_TRY(read_split(&train, out));
-    test.name = o.test_file;
-    SPIN_TRY(spin_path_join(path, test.name, &test_path));
-    has_test = spin_path_exists(test_path);
-    free(test_path);
-    if (has_test)
-        SPIN_TRY(read_split(&test, out));
-    else if (spin_plugin_value(values, "test-file", NULL))
+    SPIN_TRY(spin_views_read_json(path, "transforms_train.json", read_frames, &train, out, NULL));
+    SPIN_TRY(spin_views_read_json(path, o.test_file, read_frames, &test, out, &found));
+    if (!found && spin_plugin_value(values, "test-file", NULL))
         return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
     SPIN_TRY(spin_views_check_images(out, first));
     return set_rows(out, first, o.time);

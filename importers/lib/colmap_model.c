@@ -11,6 +11,7 @@
 #include "base/mem.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
+#include "math/covariance.h"
 
 enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
 
@@ -271,27 +272,16 @@ static const struct colmap_lens *find_lens(const struct colmap_model *m, int id)
 /* Rotation matrix of a quaternion w, x, y, z of any length but 0. */
 static spin_status fill_pose(const double q[4], const double t[3], double m[12])
 {
-    double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    double w, x, y, z;
+    double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
 
     if (!(norm > 1e-12) || !isfinite(norm))
         return spin_fail(SPIN_E_MALFORMED, "its quaternion %g %g %g %g is no rotation", q[0], q[1],
                          q[2], q[3]);
-    w = q[0] / norm;
-    x = q[1] / norm;
-    y = q[2] / norm;
-    z = q[3] / norm;
-    m[0] = 1 - 2 * (y * y + z * z);
-    m[1] = 2 * (x * y - w * z);
-    m[2] = 2 * (x * z + w * y);
-    m[4] = 2 * (x * y + w * z);
-    m[5] = 1 - 2 * (x * x + z * z);
-    m[6] = 2 * (y * z - w * x);
-    m[8] = 2 * (x * z - w * y);
-    m[9] = 2 * (y * z + w * x);
-    m[10] = 1 - 2 * (x * x + y * y);
-    for (int i = 0; i < 3; i++)
+    spin_matrix_of_quat(q, r);
+    for (int i = 0; i < 3; i++) {
+        memcpy(m + 4 * i, r + 3 * i, 3 * sizeof *m);
         m[4 * i + 3] = t[i];
+    }
     return spin_views_check_pose(m, "the pose");
 }
 

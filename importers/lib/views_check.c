@@ -42,6 +42,68 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
     return SPIN_OK;
 }
 
+static spin_status fail_matrix(const char *key, size_t n)
+{
+    return spin_fail(SPIN_E_MALFORMED, "'%s' is not a %zu x %zu matrix", key, n, n);
+}
+
+spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, double *out)
+{
+    static const double last[4] = {0, 0, 0, 1};
+    size_t n_rows = spin_json_length(m);
+
+    if (n == 4)
+        memcpy(out + 12, last, sizeof last);
+    if (n_rows != n && !(n == 4 && n_rows == 3))
+        return fail_matrix(key, n);
+    for (size_t i = 0; i < n_rows; i++) {
+        const spin_json *row = spin_json_at(m, i);
+
+        if (spin_json_length(row) != n)
+            return fail_matrix(key, n);
+        for (size_t j = 0; j < n; j++) {
+            if (!spin_json_number(spin_json_at(row, j), &out[i * n + j]))
+                return spin_fail(SPIN_E_MALFORMED, "'%s'[%zu][%zu] is not a number", key, i, j);
+        }
+    }
+    for (int j = 0; j < 4 && n == 4; j++) {
+        if (!(fabs(out[12 + j] - last[j]) <= 1e-6))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "the last row of '%s' is %g %g %g %g, expected 0 0 0 1", key, out[12],
+                             out[13], out[14], out[15]);
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_views_read_json(const char *folder, const char *name,
+                                 spin_status (*read)(void *context, const spin_json *root,
+                                                     struct spin_views *out),
+                                 void *context, struct spin_views *out, bool *found)
+{
+    char *path = NULL;
+    spin_json *root = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_path_join(folder, name, &path));
+    if (found)
+        *found = spin_path_exists(path);
+    if (found && !*found) {
+        free(path);
+        return SPIN_OK;
+    }
+    SPIN_TRY_OUT(spin_json_load(path, &root));
+    if (spin_json_is_object(root))
+        status = read(context, root, out);
+    else
+        status = spin_fail(SPIN_E_MALFORMED, "not a JSON object");
+    if (status != SPIN_OK)
+        status = spin_fail_context(status, "cannot read '%s'", path);
+out:
+    spin_json_free(root);
+    free(path);
+    return status;
+}
+
 void spin_views_invert(const double c2w[12], double w2c[12])
 {
     for (int i = 0; i < 3; i++) {

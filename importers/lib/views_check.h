@@ -4,9 +4,20 @@
 #define SPIN_IMPORTERS_LIB_VIEWS_CHECK_H
 
 #include "io/image.h"
+#include "io/json.h"
 
 /* The left 3 x 3 of a row-major [3][4] is a rotation, and everything in it is finite. */
 spin_status spin_views_check_pose(const double m[12], const char *what);
+
+/* A matrix [n][n] of `key`. One of [4][4] may lack its last row, which is 0 0 0 1. */
+spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, double *out);
+
+/* Reads folder/name, which must be an object, with `read`; failures name the file. found: it need not be
+ * there, and *found says whether it was; or NULL. */
+spin_status spin_views_read_json(const char *folder, const char *name,
+                                 spin_status (*read)(void *context, const spin_json *root,
+                                                     struct spin_views *out),
+                                 void *context, struct spin_views *out, bool *found);
 
 /* w2c of an OpenCV c2w: rotation transposed, translation -R^T t. */
 void spin_views_invert(const double c2w[12], double w2c[12]);

@@ -52,13 +52,11 @@ SPIN_FN void spin_quat_of_matrix(const double r[9], double quat[4])
         quat[i] = q[i] / (q[0] < 0 ? -norm : norm);
 }
 
-/* R diag(scale)^2 R^T (3DGS, eq. 6). */
-SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], double cov6[6])
+/* R diag(scale)^2 R^T (3DGS, eq. 6), as xx xy xz yy yz zz. */
+SPIN_FN void spin_covariance_of_matrix(const double scale[3], const double r[9], double cov6[6])
 {
-    double r[9];
     int at = 0;
 
-    spin_matrix_of_quat(quat, r);
     for (int i = 0; i < 3; i++) {
         for (int j = i; j < 3; j++) {
             cov6[at] = 0;
@@ -69,25 +67,26 @@ SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], dou
     }
 }
 
+/* Of a quaternion of any length but zero. */
+SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], double cov6[6])
+{
+    double r[9];
+
+    spin_matrix_of_quat(quat, r);
+    spin_covariance_of_matrix(scale, r, cov6);
+}
+
 /* The covariance that the 3DGS rasteriser forms from a quaternion it takes to be of unit length
  * when it is not: its R is then no rotation, and no pair of unit quaternion and same scales gives
- * this ellipsoid. cov6: xx xy xz yy yz zz of (R S) (R S)^T. */
+ * this ellipsoid. */
 SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[4], double cov6[6])
 {
     double w = q[0], x = q[1], y = q[2], z = q[3];
     double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
                    2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
                    2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
-    int at = 0;
 
-    for (int i = 0; i < 3; i++) {
-        for (int j = i; j < 3; j++) {
-            cov6[at] = 0;
-            for (int k = 0; k < 3; k++)
-                cov6[at] += r[3 * i + k] * scale[k] * scale[k] * r[3 * j + k];
-            at++;
-        }
-    }
+    spin_covariance_of_matrix(scale, r, cov6);
 }
 
 /* Turn axes p and q so that a[p][q] becomes 0, and v with them (Golub and Van Loan, 8.5.2). */

@@ -259,10 +259,10 @@ static void test_lies(void)
     refused(&t, "no frames", "empty lists");
     t = good;
     t.w = "8.5";
-    refused(&t, "'w'", "half a pixel");
+    refused(&t, "image size", "half a pixel");
     t = good;
     t.w = "1e300";
-    refused(&t, "'w'", "an absurd size");
+    refused(&t, "image size", "an absurd size");
     t = good;
     t.cam_id = "[[1.5],[1]]";
     refused(&t, "cam_id", "a camera number that is none");
