@@ -1,35 +1,23 @@
 /* Loads the shim and gives its failures our words. */
 #include "io/conv.h"
 
-#include <pthread.h>
 #include <string.h>
 
 #include "base/err.h"
 #include "io/shim.h"
 
-static pthread_once_t once = PTHREAD_ONCE_INIT;
-static const struct spin_conv_shim *shim; /* NULL after a failed start */
-static char failure[512];
-
-static void start(void)
-{
-    static const struct spin_shim where = {.file = "spin-conv.so",
-                                           .override = "SPIN_CONV_SHIM",
-                                           .symbol = SPIN_CONV_SHIM_SYMBOL,
-                                           .abi = SPIN_CONV_SHIM_ABI};
-
-    shim = spin_shim_load(&where, failure, sizeof failure);
-}
+static const struct spin_conv_shim *shim;
 
 spin_status spin_conv_start(void)
 {
-    pthread_once(&once, start);
-    if (shim)
-        return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "LPIPS needs convolutions: the oneDNN shim 'spin-conv.so' is missing or does "
-                     "not load%s%s (Debian: install libdnnl-dev, then make)",
-                     *failure ? ": " : "", failure);
+    static struct spin_shim where = {.file = "spin-conv.so",
+                                     .override = "SPIN_CONV_SHIM",
+                                     .symbol = SPIN_CONV_SHIM_SYMBOL,
+                                     .abi = SPIN_CONV_SHIM_ABI,
+                                     .lacking = "LPIPS needs convolutions: the oneDNN shim",
+                                     .debian = "libdnnl-dev"};
+
+    return spin_shim_need(&where, (const void **)&shim);
 }
 
 spin_status spin_conv_open(const struct spin_conv_shape *shape, const float *weights,

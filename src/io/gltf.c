@@ -5,7 +5,6 @@
 #include <errno.h>
 #include <float.h>
 #include <limits.h>
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,32 +17,21 @@
 #define MAX_BYTES UINT32_MAX /* its lengths have 32 bits */
 #define TOO_FAR (-1)         /* no errno */
 
-static pthread_once_t once = PTHREAD_ONCE_INIT;
-static const struct spin_gltf_shim *shim; /* NULL after a failed start */
-static char failure[512];
-
-static void start(void)
-{
-    static const struct spin_shim where = {.file = "spin-gltf.so",
-                                           .override = "SPIN_GLTF_SHIM",
-                                           .symbol = SPIN_GLTF_SHIM_SYMBOL,
-                                           .abi = SPIN_GLTF_SHIM_ABI};
-
-    shim = spin_shim_load(&where, failure, sizeof failure);
-}
+static const struct spin_gltf_shim *shim;
 
 static spin_status make_json(const char *path, const struct spin_gltf_clip *clip, char **text,
                              size_t *n)
 {
+    static struct spin_shim where = {.file = "spin-gltf.so",
+                                     .override = "SPIN_GLTF_SHIM",
+                                     .symbol = SPIN_GLTF_SHIM_SYMBOL,
+                                     .abi = SPIN_GLTF_SHIM_ABI,
+                                     .lacking = "glTF cannot be written: the tinygltf shim",
+                                     .debian = "libtinygltf-dev"};
     char why[256] = "";
 
     *text = NULL;
-    pthread_once(&once, start);
-    if (!shim)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "glTF cannot be written: the tinygltf shim 'spin-gltf.so' is missing or "
-                         "does not load%s%s (Debian: install libtinygltf-dev, then make)",
-                         *failure ? ": " : "", failure);
+    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->json(clip, text, n, why, sizeof why))
         return spin_fail(SPIN_E_UNSUPPORTED, "cannot write '%s': %s", path, why);
     return SPIN_OK;

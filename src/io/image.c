@@ -4,7 +4,6 @@
  * calls that success, and libpng talks to the terminal. */
 #include "io/image.h"
 
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,31 +15,19 @@
 #include "io/video.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
-static pthread_once_t once = PTHREAD_ONCE_INIT;
-static const struct spin_image_shim *shim; /* NULL after a failed start */
-static char failure[512];
-
-/* ---- Loading --------------------------------------------------------------------------------- */
-
-static void start(void)
-{
-    static const struct spin_shim where = {.file = "spin-image.so",
-                                           .override = "SPIN_IMAGE_SHIM",
-                                           .symbol = SPIN_IMAGE_SHIM_SYMBOL,
-                                           .abi = SPIN_IMAGE_SHIM_ABI};
-
-    shim = spin_shim_load(&where, failure, sizeof failure);
-}
+static const struct spin_image_shim *shim;
 
 spin_status spin_image_start(void)
 {
-    pthread_once(&once, start);
-    if (shim)
-        return SPIN_OK;
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "images cannot be read or written: the OpenImageIO shim 'spin-image.so' is "
-                     "missing or does not load%s%s (Debian: install libopenimageio-dev, then make)",
-                     *failure ? ": " : "", failure);
+    static struct spin_shim where = {.file = "spin-image.so",
+                                     .override = "SPIN_IMAGE_SHIM",
+                                     .symbol = SPIN_IMAGE_SHIM_SYMBOL,
+                                     .abi = SPIN_IMAGE_SHIM_ABI,
+                                     .lacking =
+                                         "images cannot be read or written: the OpenImageIO shim",
+                                     .debian = "libopenimageio-dev"};
+
+    return spin_shim_need(&where, (const void **)&shim);
 }
 
 /* ---- Is it all there ------------------------------------------------------------------------- */

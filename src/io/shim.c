@@ -3,6 +3,7 @@
 
 #include <dlfcn.h>
 #include <limits.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,10 +17,8 @@
 #define MAX_PARENTS 4
 
 struct search {
-    const struct spin_shim *shim;
+    struct spin_shim *shim;
     const void *table;
-    char *why;
-    size_t n_why;
 };
 
 /* Take the object at path; false when there is none, or none that fits: then the reason is kept. */
@@ -32,12 +31,12 @@ static bool load(struct search *s, const char *path)
         return false;
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!object) {
-        snprintf(s->why, s->n_why, "%s", dlerror());
+        snprintf(s->shim->why, sizeof s->shim->why, "%s", dlerror());
         return false;
     }
     table = dlsym(object, s->shim->symbol);
     if (!table || *(const int *)table != s->shim->abi) {
-        snprintf(s->why, s->n_why, "'%.400s' belongs to another version", path);
+        snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' belongs to another version", path);
         dlclose(object);
         return false;
     }
@@ -73,18 +72,36 @@ static bool load_beside_program(struct search *s)
     return false;
 }
 
-const void *spin_shim_load(const struct spin_shim *shim, char *why, size_t n_why)
+static const void *find(struct spin_shim *shim)
 {
-    struct search s = {.shim = shim, .why = why, .n_why = n_why};
+    struct search s = {.shim = shim};
     const char *given = getenv(shim->override);
 
-    why[0] = '\0';
     if (given && *given) {
-        if (!load(&s, given) && !*why)
-            snprintf(why, n_why, "%s names '%.400s', which is not there", shim->override, given);
+        if (!load(&s, given) && !*shim->why)
+            snprintf(shim->why, sizeof shim->why, "%s names '%.400s', which is not there",
+                     shim->override, given);
         return s.table;
     }
     if (!load_beside_program(&s))
         load_below(&s, SPIN_PREFIX, "lib/spin4d");
     return s.table;
+}
+
+spin_status spin_shim_need(struct spin_shim *shim, const void **table)
+{
+    static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+    bool found;
+
+    pthread_mutex_lock(&mutex);
+    if (!shim->tried)
+        *table = find(shim);
+    shim->tried = true;
+    found = *table != NULL;
+    pthread_mutex_unlock(&mutex);
+    if (found)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "%s '%s' is missing or does not load%s%s (Debian: install %s, then make)",
+                     shim->lacking, shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }

@@ -10,10 +10,14 @@ struct spin_shim {
     const char *override; /* environment variable that may name another file */
     const char *symbol;   /* of its table, which begins with an int abi */
     int abi;
+    const char *lacking; /* "images cannot be read: the OpenImageIO shim", for the message */
+    const char *debian;  /* packages that its build needs */
+    bool tried;
+    char why[512]; /* it does not load; "" when there simply is no such file */
 };
 
-/* The table, or NULL with the reason in why ("" when there simply is no such file). Looks beside the
- * program (in lib/ of the build, where `make install` puts it) and below the prefix. */
-const void *spin_shim_load(const struct spin_shim *shim, char *why, size_t n_why);
+/* Loads it once and sets *table; else SPIN_E_UNSUPPORTED. Looks beside the program (in lib/ of the build,
+ * where `make install` puts it) and below the prefix. By any thread. */
+spin_status spin_shim_need(struct spin_shim *shim, const void **table);
 
 #endif

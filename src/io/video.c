@@ -31,10 +31,8 @@ struct video {
     unsigned long used;
 };
 
-static pthread_once_t once = PTHREAD_ONCE_INIT;
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* of all that follows */
 static const struct spin_video_shim *shim;
-static char failure[512];
 static struct video **video; /* [n_videos], each a block of its own: streams point at indices */
 static size_t n_videos;
 static unsigned long clock_now;
@@ -95,29 +93,17 @@ static void close_all(void)
     n_videos = 0;
 }
 
-static void start(void)
-{
-    static const struct spin_shim where = {.file = "spin-video.so",
-                                           .override = "SPIN_VIDEO_SHIM",
-                                           .symbol = SPIN_VIDEO_SHIM_SYMBOL,
-                                           .abi = SPIN_VIDEO_SHIM_ABI};
-
-    shim = spin_shim_load(&where, failure, sizeof failure);
-    if (shim)
-        atexit(close_all);
-}
-
 spin_status spin_video_start(void)
 {
-    pthread_once(&once, start);
-    if (shim)
-        return SPIN_OK;
-    return spin_fail(
-        SPIN_E_UNSUPPORTED,
-        "videos cannot be read: the FFmpeg shim 'spin-video.so' is missing or does not "
-        "load%s%s (Debian: install libavformat-dev, libavcodec-dev and libswscale-dev, "
-        "then make)",
-        *failure ? ": " : "", failure);
+    static struct spin_shim where = {.file = "spin-video.so",
+                                     .override = "SPIN_VIDEO_SHIM",
+                                     .symbol = SPIN_VIDEO_SHIM_SYMBOL,
+                                     .abi = SPIN_VIDEO_SHIM_ABI,
+                                     .lacking = "videos cannot be read: the FFmpeg shim",
+                                     .debian =
+                                         "libavformat-dev, libavcodec-dev and libswscale-dev"};
+
+    return spin_shim_need(&where, (const void **)&shim);
 }
 
 static spin_status fail_video(enum spin_video_result result, const char *file, const char *why)
@@ -137,9 +123,12 @@ static spin_status add_video(const char *file, struct video **out)
     char why[256] = "";
     void *block = video;
     enum spin_video_result result;
+    static bool closes;
     struct spin_map map;
     spin_status status;
 
+    if (!closes)
+        closes = atexit(close_all) == 0;
     SPIN_TRY(spin_map_open(file, &map)); /* says what is wrong with the file itself */
     spin_map_close(&map);
     SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, &block));

@@ -1,7 +1,6 @@
 /* Loads the shim, turns planes into pixels, and gives failures our words. */
 #include "io/video_encode.h"
 
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -18,19 +17,7 @@ struct spin_video_out {
     uint8_t *rgb;
 };
 
-static pthread_once_t once = PTHREAD_ONCE_INIT;
 static const struct spin_video_encode_shim *shim;
-static char failure[512];
-
-static void start(void)
-{
-    static const struct spin_shim where = {.file = "spin-video.so",
-                                           .override = "SPIN_VIDEO_SHIM",
-                                           .symbol = SPIN_VIDEO_ENCODE_SYMBOL,
-                                           .abi = SPIN_VIDEO_ENCODE_ABI};
-
-    shim = spin_shim_load(&where, failure, sizeof failure);
-}
 
 static const char *format_of(const char *path)
 {
@@ -53,6 +40,13 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
                               double fps, int quality, struct spin_video_out **out,
                               const char **codec)
 {
+    static struct spin_shim where = {.file = "spin-video.so",
+                                     .override = "SPIN_VIDEO_SHIM",
+                                     .symbol = SPIN_VIDEO_ENCODE_SYMBOL,
+                                     .abi = SPIN_VIDEO_ENCODE_ABI,
+                                     .lacking = "videos cannot be written: the FFmpeg shim",
+                                     .debian =
+                                         "libavformat-dev, libavcodec-dev and libswscale-dev"};
     const char *format = format_of(path);
     struct spin_video_out *v = NULL;
     char why[256] = "";
@@ -62,13 +56,7 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     if (!format)
         return spin_fail(SPIN_E_USAGE, "video '%s': expected a name that ends in .mp4 or .webm",
                          path);
-    pthread_once(&once, start);
-    if (!shim)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "videos cannot be written: the FFmpeg shim 'spin-video.so' is missing or "
-                         "does not load%s%s (Debian: install libavformat-dev, libavcodec-dev and "
-                         "libswscale-dev, then make)",
-                         *failure ? ": " : "", failure);
+    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
     v->width = width;
     v->height = height;
