@@ -69,32 +69,21 @@ void spin_html_take(const struct spin_html_space *space, const struct spin_gauss
 
 /* ---- Packing --------------------------------------------------------------------------------- */
 
-/* Whether differences to the key are smaller, in sum, than distances to the mean. */
-static bool wide_differs_less(const uint16_t *x, const uint16_t *key, size_t n)
+/* Whether differences to the key, modulo the size of a value, are smaller in sum than distances to the mean.
+ * Values have 16 bits when wide, else 8. */
+static inline bool differs_less(const void *x, const void *key, size_t n, bool wide)
 {
+    const uint16_t *x16 = x, *key16 = key;
+    const uint8_t *x8 = x, *key8 = key;
     uint64_t sum = 0, spread = 0, differences = 0;
 
     for (size_t i = 0; i < n; i++)
-        sum += x[i];
+        sum += wide ? x16[i] : x8[i];
     for (size_t i = 0; i < n; i++) {
-        int64_t mean = (int64_t)(sum / n), d = (int16_t)(uint16_t)(x[i] - key[i]);
+        int mean = (int)(sum / n), value = wide ? x16[i] : x8[i];
+        int d = wide ? (int16_t)(uint16_t)(value - key16[i]) : (int8_t)(uint8_t)(value - key8[i]);
 
-        spread += (uint64_t)llabs(x[i] - mean);
-        differences += (uint64_t)llabs(d);
-    }
-    return 2 * differences < spread;
-}
-
-static bool narrow_differs_less(const uint8_t *x, const uint8_t *key, size_t n)
-{
-    uint64_t sum = 0, spread = 0, differences = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += x[i];
-    for (size_t i = 0; i < n; i++) {
-        int mean = (int)(sum / n), d = (int8_t)(uint8_t)(x[i] - key[i]);
-
-        spread += (uint64_t)abs(x[i] - mean);
+        spread += (uint64_t)abs(value - mean);
         differences += (uint64_t)abs(d);
     }
     return 2 * differences < spread;
@@ -116,7 +105,7 @@ void spin_html_pack(const struct spin_html_frame *f, const struct spin_html_fram
     for (size_t c = 0; c < SPIN_HTML_WIDE; c++, at += 2 * n) {
         const uint16_t *x = f->wide + c * n, *base = key ? key->wide + c * n : NULL;
 
-        flag[c] = base && wide_differs_less(x, base, n);
+        flag[c] = base && differs_less(x, base, n, true);
         for (size_t i = 0; i < n; i++) {
             uint16_t d = (uint16_t)(x[i] - (flag[c] ? base[i] : 0));
 
@@ -128,7 +117,7 @@ void spin_html_pack(const struct spin_html_frame *f, const struct spin_html_fram
     for (size_t c = 0; c < narrows; c++, at += n) {
         const uint8_t *x = f->narrow + c * n, *base = key ? key->narrow + c * n : NULL;
 
-        flag[c] = base && narrow_differs_less(x, base, n);
+        flag[c] = base && differs_less(x, base, n, false);
         for (size_t i = 0; i < n; i++)
             at[i] = (uint8_t)(x[i] - (flag[c] ? base[i] : 0));
     }

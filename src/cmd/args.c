@@ -127,21 +127,26 @@ static int count_items(const char *text)
     return n;
 }
 
-static bool parse_ints(const struct spin_args_row *row, const char *text)
+/* Into the row's struct spin_args_ints or _doubles. */
+static bool parse_list(const struct spin_args_row *row, const char *text)
 {
-    struct spin_args_ints *list = row->into;
+    struct spin_args_ints *ints = row->kind == SPIN_ARG_INTS ? row->into : NULL;
+    struct spin_args_doubles *doubles = ints ? NULL : row->into;
     int n = count_items(text);
 
-    free(list->value);
-    list->n = 0;
-    list->value = calloc((size_t)n, sizeof *list->value);
-    if (!list->value)
+    free(ints ? (void *)ints->value : (void *)doubles->value);
+    if (ints)
+        *ints = (struct spin_args_ints){calloc((size_t)n, sizeof *ints->value), n};
+    else
+        *doubles = (struct spin_args_doubles){calloc((size_t)n, sizeof *doubles->value), n};
+    if (ints ? !ints->value : !doubles->value)
         return false;
-    for (; list->n < n; list->n++) {
+    for (int i = 0; i < n; i++) {
         size_t length = strcspn(text, ",");
-        int *value = &list->value[list->n];
 
-        if (!parse_int(text, length, value) || !within(row, *value))
+        if (ints ? !parse_int(text, length, &ints->value[i]) || !within(row, ints->value[i])
+                 : !parse_double(text, length, &doubles->value[i]) ||
+                       !within(row, doubles->value[i]))
             return false;
         text += length + 1;
     }
@@ -160,17 +165,6 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
         text += length + 1;
     }
     return n;
-}
-
-static bool parse_doubles(const struct spin_args_row *row, const char *text)
-{
-    struct spin_args_doubles *list = row->into;
-    int n = count_items(text);
-
-    free(list->value);
-    list->value = calloc((size_t)n, sizeof *list->value);
-    list->n = list->value ? spin_args_numbers(row, text, list->value, n) : 0;
-    return list->n > 0;
 }
 
 /* A:B or A:B:STEP, half open and not empty. */
@@ -309,9 +303,8 @@ static bool store(const struct spin_args_row *row, const char *text)
     case SPIN_ARG_SWITCH:
         return parse_enum(row, text);
     case SPIN_ARG_INTS:
-        return parse_ints(row, text);
     case SPIN_ARG_DOUBLES:
-        return parse_doubles(row, text);
+        return parse_list(row, text);
     case SPIN_ARG_RANGE:
         return parse_range(text, row->into);
     case SPIN_ARG_COLOUR:

@@ -8,6 +8,7 @@
 #ifndef SPIN_MATH_SCENE_ROTATION_H
 #define SPIN_MATH_SCENE_ROTATION_H
 
+#include "math/quat.h"
 #include "math/sh.h"
 
 enum spin_scene_rotation_kind {
@@ -105,16 +106,9 @@ SPIN_FN void spin_scene_rotation_from(const double *q, struct spin_scene_rotatio
 SPIN_FN void spin_scene_rotation_quat(const struct spin_scene_rotation *t, const float *q,
                                       float *out)
 {
-    const float *b = t->q;
-    float w = b[0] * q[0] - b[1] * q[1] - b[2] * q[2] - b[3] * q[3];
-    float x = b[0] * q[1] + b[1] * q[0] + b[2] * q[3] - b[3] * q[2];
-    float y = b[0] * q[2] - b[1] * q[3] + b[2] * q[0] + b[3] * q[1];
-    float z = b[0] * q[3] + b[1] * q[2] - b[2] * q[1] + b[3] * q[0];
+    const float from[4] = {q[0], q[1], q[2], q[3]};
 
-    out[0] = w;
-    out[1] = x;
-    out[2] = y;
-    out[3] = z;
+    spin_quat_product(t->q, from, out);
 }
 
 /* sh and out [n][3], n of a whole degree, not the same array. */

@@ -25,16 +25,25 @@ struct fault {
     char text[1024];
 };
 
+/* What there is of a kind, by name. */
+struct list {
+    const char *kind;
+    struct {
+        const void *plugin;
+        const char *name, *origin; /* origin NULL: built in */
+    } entry[MAX_PLUGINS];
+    size_t n;
+};
+
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static struct {
+    struct list list[2];                                   /* importers, exporters */
     const struct spin_importer *importer[MAX_PLUGINS + 1]; /* NULL-terminated */
     const struct spin_exporter *exporter[MAX_PLUGINS + 1];
-    const char *importer_origin[MAX_PLUGINS], *exporter_origin[MAX_PLUGINS]; /* NULL: built in */
-    size_t n_importers, n_exporters;
     struct fault *fault; /* [n_faults] */
     size_t n_faults, n_faults_lost;
     bool warned;
-} all;
+} all = {.list = {{.kind = "importer"}, {.kind = "exporter"}}};
 
 static const char *search_path(void)
 {
@@ -112,63 +121,47 @@ static const char *exporter_lacks(const struct spin_exporter *exporter)
     return NULL;
 }
 
-static void keep_clash(const char *path, const char *kind, const char *name, const char *origin)
-{
-    keep_fault(name, "plug-in '%s': an %s called '%s' is there already: %s", path, kind, name,
-               origin ? origin : "built in");
-}
-
 /* True when it is kept, and path with it. */
-static bool add_importer(const struct spin_importer *importer, const char *path, const char *stem)
+static bool add(struct list *list, const void *plugin, const char *name, const char *lack,
+                const char *path, const char *stem)
 {
-    const char *lack = importer_lacks(importer);
-
     if (lack) {
         keep_fault(is_name(stem) ? stem : "", "plug-in '%s': %s", path, lack);
         return false;
     }
-    for (size_t i = 0; i < all.n_importers; i++) {
-        if (all.importer[i] == importer) /* its object is named twice */
+    for (size_t i = 0; i < list->n; i++) {
+        if (list->entry[i].plugin == plugin) /* its object is named twice */
             return false;
-        if (strcmp(all.importer[i]->name, importer->name) == 0) {
-            keep_clash(path, "importer", importer->name, all.importer_origin[i]);
+        if (strcmp(list->entry[i].name, name) == 0) {
+            keep_fault(name, "plug-in '%s': an %s called '%s' is there already: %s", path,
+                       list->kind, name,
+                       list->entry[i].origin ? list->entry[i].origin : "built in");
             return false;
         }
     }
-    if (all.n_importers == MAX_PLUGINS) {
-        keep_fault(importer->name, "plug-in '%s': there are %d importers already", path,
-                   MAX_PLUGINS);
+    if (list->n == MAX_PLUGINS) {
+        keep_fault(name, "plug-in '%s': there are %d %ss already", path, MAX_PLUGINS, list->kind);
         return false;
     }
-    all.importer_origin[all.n_importers] = path;
-    all.importer[all.n_importers++] = importer;
+    list->entry[list->n].plugin = plugin;
+    list->entry[list->n].name = name;
+    list->entry[list->n++].origin = path;
     return true;
 }
 
-/* True when it is kept, and path with it. */
-static bool add_exporter(const struct spin_exporter *exporter, const char *path, const char *stem)
+static bool add_importer(const struct spin_importer *i, const char *path, const char *stem)
 {
-    const char *lack = exporter_lacks(exporter);
+    if (!add(&all.list[0], i, i->name, importer_lacks(i), path, stem))
+        return false;
+    all.importer[all.list[0].n - 1] = i;
+    return true;
+}
 
-    if (lack) {
-        keep_fault(is_name(stem) ? stem : "", "plug-in '%s': %s", path, lack);
+static bool add_exporter(const struct spin_exporter *e, const char *path, const char *stem)
+{
+    if (!add(&all.list[1], e, e->name, exporter_lacks(e), path, stem))
         return false;
-    }
-    for (size_t i = 0; i < all.n_exporters; i++) {
-        if (all.exporter[i] == exporter)
-            return false;
-        if (strcmp(all.exporter[i]->name, exporter->name) == 0) {
-            keep_clash(path, "exporter", exporter->name, all.exporter_origin[i]);
-            return false;
-        }
-    }
-    if (all.n_exporters == MAX_PLUGINS) {
-        keep_fault(exporter->name, "plug-in '%s': there are %d exporters already", path,
-                   MAX_PLUGINS);
-        return false;
-    }
-    all.exporter_origin[all.n_exporters] = path;
-    all.exporter[all.n_exporters++] = exporter;
+    all.exporter[all.list[1].n - 1] = e;
     return true;
 }
 
@@ -269,10 +262,10 @@ static void load_folder(const char *folder)
 
 static void add_built_in(void)
 {
-    for (; spin_importers[all.n_importers]; all.n_importers++)
-        all.importer[all.n_importers] = spin_importers[all.n_importers];
-    for (; spin_exporters[all.n_exporters]; all.n_exporters++)
-        all.exporter[all.n_exporters] = spin_exporters[all.n_exporters];
+    for (size_t i = 0; spin_importers[i]; i++)
+        add_importer(spin_importers[i], NULL, NULL);
+    for (size_t i = 0; spin_exporters[i]; i++)
+        add_exporter(spin_exporters[i], NULL, NULL);
 }
 
 /* Empty pieces of the path are no folder: least of all the one we happen to be in. */
@@ -293,13 +286,11 @@ static void load_all(void)
 
 static bool is_known(const char *name)
 {
-    for (size_t i = 0; i < all.n_importers; i++) {
-        if (strcmp(all.importer[i]->name, name) == 0)
-            return true;
-    }
-    for (size_t i = 0; i < all.n_exporters; i++) {
-        if (strcmp(all.exporter[i]->name, name) == 0)
-            return true;
+    for (int k = 0; k < 2; k++) {
+        for (size_t i = 0; i < all.list[k].n; i++) {
+            if (strcmp(all.list[k].entry[i].name, name) == 0)
+                return true;
+        }
     }
     return false;
 }
@@ -331,24 +322,22 @@ void spin_plugins_load(const char *chosen)
 const struct spin_importer *const *spin_importer_list(void)
 {
     spin_plugins_load(NULL);
-    return all.n_importers ? all.importer : spin_importers;
+    return all.list[0].n ? all.importer : spin_importers;
 }
 
 const struct spin_exporter *const *spin_exporter_list(void)
 {
     spin_plugins_load(NULL);
-    return all.n_exporters ? all.exporter : spin_exporters;
+    return all.list[1].n ? all.exporter : spin_exporters;
 }
 
 const char *spin_plugin_origin(const void *plugin)
 {
-    for (size_t i = 0; i < all.n_importers; i++) {
-        if (all.importer[i] == plugin)
-            return all.importer_origin[i];
-    }
-    for (size_t i = 0; i < all.n_exporters; i++) {
-        if (all.exporter[i] == plugin)
-            return all.exporter_origin[i];
+    for (int k = 0; k < 2; k++) {
+        for (size_t i = 0; i < all.list[k].n; i++) {
+            if (all.list[k].entry[i].plugin == plugin)
+                return all.list[k].entry[i].origin;
+        }
     }
     return NULL;
 }

@@ -92,6 +92,21 @@ static void project_task(void *context, int task, int worker)
         project_range(job, job->sh_degree, first, last);
 }
 
+/* What forward and backward of view k have in common. */
+static struct job job_of(const struct spin_view_batch *views, int k,
+                         const struct spin_frame_batch *frames, const float *attr, int sh_degree)
+{
+    const struct spin_view_of_batch *view = &views->view[k];
+    const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
+
+    return (struct job){.cam = &view->camera,
+                        .projection = lens_of(&view->camera),
+                        .n = view->n,
+                        .pos_w = frame->means,
+                        .attr = attr + frame->first * SPIN_ATTR,
+                        .sh_degree = sh_degree};
+}
+
 void SPIN_CPU(project)(struct spin_device *d, const struct spin_view_batch *views,
                        const struct spin_frame_batch *frames, const float *attr, int sh_degree,
                        struct spin_splat2d *splat2d)
@@ -99,16 +114,9 @@ void SPIN_CPU(project)(struct spin_device *d, const struct spin_view_batch *view
     double start = spin_now_s();
 
     for (int k = 0; k < views->n_views; k++) {
-        const struct spin_view_of_batch *view = &views->view[k];
-        const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
-        struct job job = {.cam = &view->camera,
-                          .projection = lens_of(&view->camera),
-                          .n = view->n,
-                          .pos_w = frame->means,
-                          .attr = attr + frame->first * SPIN_ATTR,
-                          .sh_degree = sh_degree,
-                          .splat2d = splat2d + view->first};
+        struct job job = job_of(views, k, frames, attr, sh_degree);
 
+        job.splat2d = splat2d + views->view[k].first;
         spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), project_task, &job);
     }
     spin_cpu_spent(d, SPIN_OP_PROJECT, start);
@@ -180,17 +188,12 @@ void SPIN_CPU(project_back)(struct spin_device *d, const struct spin_view_batch 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
         const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
-        struct job job = {.cam = &view->camera,
-                          .projection = lens_of(&view->camera),
-                          .n = view->n,
-                          .pos_w = frame->means,
-                          .attr = attr + frame->first * SPIN_ATTR,
-                          .sh_degree = sh_degree,
-                          .splat2d_in = splat2d + view->first,
-                          .d_splat2d = d_splat2d + view->first,
-                          .d_attr = d_attr + frame->first * SPIN_ATTR,
-                          .d_pos_w = frame->d_means};
+        struct job job = job_of(views, k, frames, attr, sh_degree);
 
+        job.splat2d_in = splat2d + view->first;
+        job.d_splat2d = d_splat2d + view->first;
+        job.d_attr = d_attr + frame->first * SPIN_ATTR;
+        job.d_pos_w = frame->d_means;
         spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), project_back_task,
                       &job);
     }
