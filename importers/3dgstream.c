@@ -90,14 +90,7 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
             return SPIN_OK;
         }
     }
-    if (clip->n_steps == clip->capacity) {
-        void *block = clip->step;
-        size_t capacity = clip->capacity ? 2 * clip->capacity : 64;
-
-        SPIN_TRY(spin_grow(capacity, sizeof *clip->step, &block));
-        clip->step = block;
-        clip->capacity = capacity;
-    }
+    SPIN_TRY(spin_room(clip->n_steps, &clip->capacity, sizeof *clip->step, (void **)&clip->step));
     *out = &clip->step[clip->n_steps++];
     **out = (struct step){.number = number};
     return SPIN_OK;

@@ -106,11 +106,9 @@ static spin_status load(struct model *m, const struct spin_value *v, const char 
 {
     int64_t shape[2] = {(int64_t)m->n, width};
     struct spin_array t;
-    void *block = NULL;
 
     SPIN_TRY(bind(m, v, what, 2, shape, &t));
-    SPIN_TRY(spin_alloc(m->n, (size_t)width * sizeof **out, &block));
-    *out = block;
+    SPIN_TRY(spin_alloc(m->n, (size_t)width * sizeof **out, (void **)out));
     spin_array_to_f32(&t, 0, t.count, *out);
     return SPIN_OK;
 }
@@ -131,7 +129,6 @@ static spin_status bind_sh(struct model *m)
     const struct realtime4dgs_parts *p = &m->parts;
     int64_t dc[3] = {(int64_t)m->n, p->swapped ? 3 : 1, p->swapped ? 1 : 3};
     int64_t rest[3] = {(int64_t)m->n, p->swapped ? 3 : -1, p->swapped ? -1 : 3};
-    void *block = NULL;
 
     SPIN_TRY(bind(m, p->dc, "features_dc", 3, dc, &m->dc));
     SPIN_TRY(bind(m, p->rest, "features_rest", 3, rest, &m->rest));
@@ -143,8 +140,7 @@ static spin_status bind_sh(struct model *m)
         return spin_fail(SPIN_E_MALFORMED, "features_rest has %llu rows of SH, expected at most 47",
                          (unsigned long long)m->rest.shape[1]);
     m->rows = 1 + (int)m->rest.shape[1];
-    SPIN_TRY(spin_alloc(48, 3 * sizeof *m->sh, &block));
-    m->sh = block;
+    SPIN_TRY(spin_alloc(48, 3 * sizeof *m->sh, (void **)&m->sh));
     return SPIN_OK;
 }
 

@@ -103,14 +103,7 @@ static int camera_number(const char *name)
 static spin_status add_image(struct set *set, const char *folder, const char *name, int camera,
                              int number)
 {
-    if (set->n == set->capacity) {
-        void *block = set->image;
-        size_t capacity = set->capacity ? 2 * set->capacity : 256;
-
-        SPIN_TRY(spin_grow(capacity, sizeof *set->image, &block));
-        set->image = block;
-        set->capacity = capacity;
-    }
+    SPIN_TRY(spin_room(set->n, &set->capacity, sizeof *set->image, (void **)&set->image));
     set->image[set->n] = (struct frame_image){.camera = camera, .number = number};
     SPIN_TRY(spin_path_join(folder, name, &set->image[set->n].path));
     set->n++;
@@ -206,10 +199,8 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
 
 static spin_status add_video(struct set *set, int camera)
 {
-    void *block = set->video;
 
-    SPIN_TRY(spin_grow(set->n_video + 1, sizeof *set->video, &block));
-    set->video = block;
+    SPIN_TRY(spin_grow(set->n_video + 1, sizeof *set->video, (void **)&set->video));
     set->video[set->n_video++] = camera;
     return SPIN_OK;
 }

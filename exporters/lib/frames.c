@@ -108,12 +108,7 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
 
 spin_status spin_frames_add(struct spin_frames *x, const struct spin_frame_info *info, size_t n)
 {
-    if (x->n_entries == x->room) {
-        size_t room = x->room ? 2 * x->room : 64;
-
-        SPIN_TRY(spin_grow(room, sizeof *x->entry, (void **)&x->entry));
-        x->room = room;
-    }
+    SPIN_TRY(spin_room(x->n_entries, &x->room, sizeof *x->entry, (void **)&x->entry));
     x->entry[x->n_entries++] = (struct spin_frames_entry){info->number, info->time, n};
     return SPIN_OK;
 }

@@ -108,13 +108,11 @@ static spin_status next_line(struct bytes *b, char **line, bool *found)
 {
     const unsigned char *newline = memchr(b->at, '\n', (size_t)(b->end - b->at));
     size_t n = (size_t)((newline ? newline : b->end) - b->at);
-    void *block = *line;
 
     *found = b->at < b->end;
     if (!*found)
         return SPIN_OK;
-    SPIN_TRY(spin_grow(n + 1, 1, &block));
-    *line = block;
+    SPIN_TRY(spin_grow(n + 1, 1, (void **)line));
     memcpy(*line, b->at, n);
     (*line)[n] = '\0';
     if (n > 0 && (*line)[n - 1] == '\r')
@@ -199,10 +197,8 @@ static spin_status fill_lens(struct colmap_model *m, int id, int kind, double wi
 
 static spin_status reserve_lens(struct colmap_model *m)
 {
-    void *block = m->lens;
 
-    SPIN_TRY(spin_grow(m->n_lenses + 1, sizeof *m->lens, &block));
-    m->lens = block;
+    SPIN_TRY(spin_grow(m->n_lenses + 1, sizeof *m->lens, (void **)&m->lens));
     memset(&m->lens[m->n_lenses], 0, sizeof *m->lens);
     return SPIN_OK;
 }
@@ -297,14 +293,7 @@ static spin_status add_image(struct colmap_model *m, struct colmap_image *image,
                          name);
     image->camera = lens->camera;
     SPIN_TRY(fill_pose(image->q, image->t, image->camera.w2c));
-    if (m->n_images == m->capacity) {
-        void *block = m->image;
-        size_t capacity = m->capacity ? 2 * m->capacity : 64;
-
-        SPIN_TRY(spin_grow(capacity, sizeof *m->image, &block));
-        m->image = block;
-        m->capacity = capacity;
-    }
+    SPIN_TRY(spin_room(m->n_images, &m->capacity, sizeof *m->image, (void **)&m->image));
     image->place = m->n_images;
     SPIN_TRY(spin_strdup(name, &image->name));
     m->image[m->n_images++] = *image;

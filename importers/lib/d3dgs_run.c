@@ -138,10 +138,8 @@ spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run)
 
 spin_status spin_d3dgs_describe(struct d3dgs_run *run, struct spin_sequence_info *sequence)
 {
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc((size_t)run->n_frames, sizeof *run->counts, &block));
-    run->counts = block;
+    SPIN_TRY(spin_alloc((size_t)run->n_frames, sizeof *run->counts, (void **)&run->counts));
     for (uint64_t t = 0; t < run->n_frames; t++)
         run->counts[t] = (size_t)run->n;
     sequence->n_frames = (int)run->n_frames;

@@ -12,14 +12,9 @@ enum { INNER = -1, END = -2 };
 
 static spin_status new_node(struct huffman *tree, uint32_t *out)
 {
-    if (tree->n == tree->capacity) {
-        size_t larger = tree->capacity ? 2 * tree->capacity : 256;
-
-        if (larger > UINT32_MAX / 2)
-            return spin_fail(SPIN_E_MALFORMED, "a Huffman table is too large");
-        SPIN_TRY(spin_grow(larger, sizeof *tree->node, (void **)&tree->node));
-        tree->capacity = larger;
-    }
+    if (tree->n > UINT32_MAX / 2)
+        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is too large");
+    SPIN_TRY(spin_room(tree->n, &tree->capacity, sizeof *tree->node, (void **)&tree->node));
     *out = (uint32_t)tree->n;
     tree->node[tree->n++] = (struct huffman_node){{0, 0}, INNER};
     return SPIN_OK;

@@ -144,16 +144,14 @@ int spin_compare_times(const void *a, const void *b)
  * spread initial times beyond the clip: `spread` is how much wider than it. */
 static spin_status guess_times(const double *time, size_t n, double spread, struct clip_times *out)
 {
-    void *block = NULL;
     double *sorted, low, high, half, step;
 
-    SPIN_TRY(spin_alloc(n, sizeof *sorted, &block));
-    sorted = block;
+    SPIN_TRY(spin_alloc(n, sizeof *sorted, (void **)&sorted));
     memcpy(sorted, time, n * sizeof *sorted);
     qsort(sorted, n, sizeof *sorted, spin_compare_times);
     low = sorted[(size_t)(0.01 * (double)(n - 1))];
     high = sorted[(size_t)(0.99 * (double)(n - 1) + 0.5)];
-    free(block);
+    free(sorted);
     half = 0.5 * (high - low) / (spread > 1 ? 0.98 * spread : 1);
     step = half > 0 ? pow(10, floor(log10(2 * half))) / 2 : 0;
     out->first = 0.5 * (low + high) - half;

@@ -72,6 +72,17 @@ spin_status spin_grow(size_t count, size_t size, void **inout)
     return SPIN_OK;
 }
 
+spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout)
+{
+    size_t larger = *capacity ? 2 * *capacity : 64;
+
+    if (n < *capacity)
+        return SPIN_OK;
+    SPIN_TRY(spin_grow(larger, size, inout));
+    *capacity = larger;
+    return SPIN_OK;
+}
+
 spin_status spin_strdup(const char *text, char **out)
 {
     *out = strdup(text);

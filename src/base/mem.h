@@ -11,6 +11,8 @@ bool spin_mul_size(size_t a, size_t b, size_t *out);
  * spin_alloc and untouched on failure of spin_grow. */
 spin_status spin_alloc(size_t count, size_t size, void **out);  /* zeroed */
 spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
+/* Room for one more behind n items of an array of *capacity, which doubles when it must. */
+spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
 /* Big zeroed blocks: 2 MiB-aligned, huge pages where the system gives them. Any size. */

@@ -109,7 +109,6 @@ out:
 static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const uint8_t **out)
 {
     struct spin_median *one;
-    void *block = m->median;
 
     for (size_t i = 0; i < m->n_medians; i++) {
         if (m->median[i].camera_id == camera_id) {
@@ -117,8 +116,7 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
             return SPIN_OK;
         }
     }
-    SPIN_TRY(spin_grow(m->n_medians + 1, sizeof *m->median, &block));
-    m->median = block;
+    SPIN_TRY(spin_grow(m->n_medians + 1, sizeof *m->median, (void **)&m->median));
     one = &m->median[m->n_medians];
     one->camera_id = camera_id;
     SPIN_TRY(make_median(m, camera_id, &one->rgb));
@@ -230,7 +228,6 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
 {
     bool masks = all_have_masks(views, pairs, n_pairs);
     bool medians = some_have_medians(views, pairs, n_pairs);
-    void *block = NULL;
 
     memset(m, 0, sizeof *m);
     m->views = views;
@@ -247,11 +244,8 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
     if (from == SPIN_DYNAMIC_OFF)
         return SPIN_OK;
     m->room = largest(views);
-    SPIN_TRY(spin_alloc(m->room, 3 * sizeof(float), &block));
-    m->image = block;
-    block = NULL;
-    SPIN_TRY(spin_alloc(m->room, 2, &block));
-    m->mask = block;
+    SPIN_TRY(spin_alloc(m->room, 3 * sizeof(float), (void **)&m->image));
+    SPIN_TRY(spin_alloc(m->room, 2, (void **)&m->mask));
     return SPIN_OK;
 }
 
@@ -270,10 +264,8 @@ void spin_dynamic_mask_close(struct spin_dynamic_mask *m)
 
 spin_status spin_dynamic_mask_keep(struct spin_dynamic_mask *m)
 {
-    void *block = NULL;
 
-    SPIN_TRY(spin_alloc(m->views->n, sizeof *m->kept, &block));
-    m->kept = block;
+    SPIN_TRY(spin_alloc(m->views->n, sizeof *m->kept, (void **)&m->kept));
     return SPIN_OK;
 }
 
@@ -286,11 +278,8 @@ void spin_dynamic_mask_bits(const struct spin_dynamic_mask *m, size_t n, uint8_t
 
 static spin_status keep(struct spin_dynamic_mask *m, size_t view, size_t plane)
 {
-    void *block = NULL;
-
-    SPIN_TRY(spin_alloc(plane / 8 + 1, 1, &block));
-    m->kept[view] = block;
-    spin_dynamic_mask_bits(m, plane, block);
+    SPIN_TRY(spin_alloc(plane / 8 + 1, 1, (void **)&m->kept[view]));
+    spin_dynamic_mask_bits(m, plane, m->kept[view]);
     return SPIN_OK;
 }
 

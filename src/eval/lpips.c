@@ -187,12 +187,10 @@ static spin_status read_file(const char *path, struct spin_lpips *l,
 spin_status spin_lpips_open(const char *backbone, const char *lin, int n_threads,
                             struct spin_lpips **out)
 {
-    void *block = NULL;
     spin_status status;
 
     SPIN_TRY(spin_conv_start());
-    SPIN_TRY(spin_alloc(1, sizeof **out, &block));
-    *out = block;
+    SPIN_TRY(spin_alloc(1, sizeof **out, (void **)out));
     (*out)->n_threads = n_threads;
     SPIN_TRY_OUT(read_file(backbone, *out, read_backbone));
     SPIN_TRY_OUT(read_file(lin, *out, read_lin));

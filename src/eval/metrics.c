@@ -15,19 +15,17 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
 {
     size_t w = (size_t)width, h = (size_t)height, gap = 4;
     size_t whole = w * (size_t)n + gap * (size_t)(n - 1);
-    void *block = NULL;
     float *sheet;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(3 * whole * h, sizeof(float), &block));
-    sheet = block;
+    SPIN_TRY(spin_alloc(3 * whole * h, sizeof(float), (void **)&sheet));
     for (size_t i = 0; i < 3 * whole * h; i++)
         sheet[i] = 1.0f;
     for (size_t k = 0; k < (size_t)n; k++)
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(sheet + row * whole + k * (w + gap), picture[k] + row * w, w * sizeof(float));
     status = spin_image_save(path, (int)whole, height, sheet, false);
-    free(block);
+    free(sheet);
     return status;
 }
 
@@ -35,13 +33,11 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
 static spin_status draw_source(struct spin_metrics *m, const struct spin_pair *pair, float **out)
 {
     const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
-    void *block = NULL;
 
     *out = NULL;
     if (!m->source)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(3 * (size_t)c->width * (size_t)c->height, sizeof(float), &block));
-    *out = block;
+    SPIN_TRY(spin_alloc(3 * (size_t)c->width * (size_t)c->height, sizeof(float), (void **)out));
     SPIN_TRY(spin_frame_renderer_show(m->source, m->clip->frame[pair->frame]));
     return spin_frame_renderer_draw(m->source, c, m->background, *out);
 }
@@ -253,7 +249,6 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     struct spin_quality_sum sum = {0};
     struct spin_progress progress;
     spin_status status;
-    void *block = NULL;
     size_t pixels = largest_picture(m);
     struct pictures p;
 
@@ -261,8 +256,7 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     m->seconds_decode = m->seconds_draw = 0;
     m->n_decoded = 0;
     spin_progress_begin(&progress, m->what, "views", 0, (long long)m->n_pairs);
-    SPIN_TRY_OUT(spin_alloc(pixels, 6 * sizeof(float) + 4, &block));
-    p.image = block;
+    SPIN_TRY_OUT(spin_alloc(pixels, 6 * sizeof(float) + 4, (void **)&p.image));
     p.truth = p.image + 3 * pixels;
     p.rgb8 = (uint8_t *)(p.truth + 3 * pixels);
     p.mask = p.rgb8 + 3 * pixels;
@@ -283,6 +277,6 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     status = SPIN_OK;
 out:
     spin_progress_end(&progress);
-    free(block);
+    free(p.image);
     return status;
 }

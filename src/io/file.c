@@ -354,14 +354,8 @@ static spin_status read_names(DIR *dir, const char *path, char ***names, size_t 
     struct dirent *entry;
 
     for (;;) {
-        if (*n + 1 >= capacity) {
-            void *block = *names;
-
-            capacity = capacity ? 2 * capacity : 64;
-            SPIN_TRY(spin_grow(capacity, sizeof **names, &block));
-            *names = block;
-            (*names)[*n] = NULL;
-        }
+        SPIN_TRY(spin_room(*n + 1, &capacity, sizeof **names, (void **)names));
+        (*names)[*n] = NULL;
         errno = 0;
         entry = readdir(dir);
         if (!entry)

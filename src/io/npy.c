@@ -455,7 +455,6 @@ static spin_status describe_member(const char *name, const char *descr, int n_di
     struct text t = {.what = name};
     struct spin_array a = {0};
     size_t n_member = strlen(name) + 5;
-    void *block = NULL;
 
     if (n_dims < 0 || n_dims > SPIN_NPY_MAX_DIMS)
         return spin_fail(SPIN_E_USAGE, "cannot write array '%s': %d dimensions", name, n_dims);
@@ -465,8 +464,7 @@ static spin_status describe_member(const char *name, const char *descr, int n_di
         a.shape[i] = shape[i];
     SPIN_TRY(check_size(name, &a, SIZE_MAX - 256));
     SPIN_TRY(header_bytes(name, descr, n_dims, shape, head, n_head));
-    SPIN_TRY(spin_alloc(n_member, 1, &block));
-    *member = block;
+    SPIN_TRY(spin_alloc(n_member, 1, (void **)member));
     snprintf(*member, n_member, "%s.npy", name);
     *n_bytes = a.n_bytes;
     return SPIN_OK;

@@ -228,12 +228,10 @@ static spin_status check_storage(const struct spin_torch_file *f, const struct s
 static spin_status find_storages(struct spin_torch_file *f, const struct spin_pickle *pickle)
 {
     struct finder *list;
-    void *block = NULL;
     size_t n = 0, at = 0;
     spin_status status = SPIN_OK;
 
-    SPIN_TRY(spin_alloc(f->zip.n, sizeof *list, &block));
-    list = block;
+    SPIN_TRY(spin_alloc(f->zip.n, sizeof *list, (void **)&list));
     for (size_t i = 0; i < f->zip.n; i++) {
         const char *rest = below_top(f, f->zip.member[i].name);
 
@@ -248,7 +246,7 @@ static spin_status find_storages(struct spin_torch_file *f, const struct spin_pi
             f->bound[i].member = list[at].member;
         status = check_storage(f, &pickle->storage[i], f->bound[i].member);
     }
-    free(block);
+    free(list);
     return status;
 }
 
@@ -256,7 +254,7 @@ static spin_status open_zip(struct spin_torch_file *f, struct spin_pickle *pickl
 {
     const struct spin_zip_member *member;
     const unsigned char *data;
-    void *owned = NULL, *block;
+    void *owned = NULL;
     bool big_endian;
     spin_status status;
 
@@ -268,8 +266,7 @@ static spin_status open_zip(struct spin_torch_file *f, struct spin_pickle *pickl
     free(owned);
     SPIN_TRY(status);
     pickle->big_endian = big_endian;
-    SPIN_TRY(spin_alloc(pickle->n_storages, sizeof *f->bound, &block));
-    f->bound = block;
+    SPIN_TRY(spin_alloc(pickle->n_storages, sizeof *f->bound, (void **)&f->bound));
     return find_storages(f, pickle);
 }
 

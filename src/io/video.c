@@ -121,7 +121,6 @@ static spin_status add_video(const char *file, struct video **out)
 {
     struct video *new = NULL;
     char why[256] = "";
-    void *block = video;
     enum spin_video_result result;
     static bool closes;
     struct spin_map map;
@@ -131,8 +130,7 @@ static spin_status add_video(const char *file, struct video **out)
         closes = atexit(close_all) == 0;
     SPIN_TRY(spin_map_open(file, &map)); /* says what is wrong with the file itself */
     spin_map_close(&map);
-    SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, &block));
-    video = block;
+    SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, (void **)&video));
     SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
     new->at = -1;
     (void)stat(file, &new->was);

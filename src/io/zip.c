@@ -211,12 +211,10 @@ static int by_offset(const void *a, const void *b)
 /* No byte may belong to two members. */
 static spin_status check_overlap(const char *path, const struct spin_zip *zip)
 {
-    void *block;
     const struct spin_zip_member **order;
     spin_status status = SPIN_OK;
 
-    SPIN_TRY(spin_alloc(zip->n, sizeof *order, &block));
-    order = block;
+    SPIN_TRY(spin_alloc(zip->n, sizeof *order, (void **)&order));
     for (size_t i = 0; i < zip->n; i++)
         order[i] = &zip->member[i];
     qsort(order, zip->n, sizeof *order, by_offset);
@@ -228,7 +226,7 @@ static spin_status check_overlap(const char *path, const struct spin_zip *zip)
             status = spin_fail(SPIN_E_MALFORMED, "cannot read '%s': members '%s' and '%s' overlap",
                                path, m->name, order[i]->name);
     }
-    free(block);
+    free((void *)order);
     return status;
 }
 
@@ -237,14 +235,12 @@ static spin_status read_directory(const char *path, const struct directory *dir,
 {
     const unsigned char *p = out->map.data + dir->offset;
     uint64_t left = dir->size, taken = 0;
-    void *block = NULL;
     char *name;
 
-    SPIN_TRY(spin_alloc((size_t)dir->n, sizeof *out->member, &block));
-    out->member = block;
+    SPIN_TRY(spin_alloc((size_t)dir->n, sizeof *out->member, (void **)&out->member));
     /* Names are shorter than their entries, which leaves room for their NULs. */
-    SPIN_TRY(spin_alloc((size_t)dir->size + 1, 1, &block));
-    name = out->names = block;
+    SPIN_TRY(spin_alloc((size_t)dir->size + 1, 1, (void **)&out->names));
+    name = out->names;
     for (uint64_t i = 0; i < dir->n; i++) {
         SPIN_TRY(read_entry(path, dir, p, left, name, &out->member[i], &taken));
         name += strlen(name) + 1;

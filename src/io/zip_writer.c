@@ -57,14 +57,7 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
 {
     struct spin_zip_written *entry;
 
-    if (w->n == w->capacity) {
-        size_t capacity = w->capacity ? 2 * w->capacity : 32;
-        void *block = w->written;
-
-        SPIN_TRY(spin_grow(capacity, sizeof *w->written, &block));
-        w->written = block;
-        w->capacity = capacity;
-    }
+    SPIN_TRY(spin_room(w->n, &w->capacity, sizeof *w->written, (void **)&w->written));
     entry = &w->written[w->n];
     memset(entry, 0, sizeof *entry);
     SPIN_TRY(spin_strdup(name, &entry->name));

@@ -245,15 +245,13 @@ static spin_status need(struct spin_frame_renderer *p, size_t n)
 {
     struct spin_device *d = p->device;
     size_t capacity = n + n / 8 + 64;
-    void *block = NULL;
 
     if (n <= p->capacity)
         return SPIN_OK;
     release_frame(p);
     p->capacity = capacity;
     SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
-    SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), &block));
-    p->staging = block;
+    SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
     if (p->from == SPIN_FROM_NETWORK)
         return spin_field_eval_open(&p->field_eval, d, &p->field, capacity, false);
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);

@@ -10,7 +10,6 @@
 spin_status spin_image_store_open(struct spin_image_store *s, struct spin_device *device, size_t n,
                                   size_t max_pixels, enum spin_image_format format, bool masks)
 {
-    void *block = NULL;
     spin_status status = SPIN_OK;
 
     memset(s, 0, sizeof *s);
@@ -18,8 +17,7 @@ spin_status spin_image_store_open(struct spin_image_store *s, struct spin_device
     s->n = n;
     s->image_bytes = 3 * max_pixels * (format == SPIN_IMAGE_F32 ? sizeof(float) : 1);
     s->mask_bytes = masks ? (max_pixels + 7) / 8 : 0;
-    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *s->key + sizeof *s->used, &block));
-    s->key = block;
+    SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *s->key + sizeof *s->used, (void **)&s->key));
     s->used = (int64_t *)(s->key + n);
     memset(s->key, 0xff, n * sizeof *s->key);
     SPIN_TRY_OUT(device->op->reserve(device, n * s->image_bytes, (void SPIN_DEV **)&s->pixels));

@@ -144,12 +144,10 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
                             .frame_renderer = &e->frame_renderer,
                             .after = e->report};
     struct spin_metrics m = *after;
-    void *block = NULL;
     spin_status status = SPIN_OK;
 
     if (e->has_source) {
-        SPIN_TRY(spin_alloc(e->n_pairs, sizeof *before.view, &block));
-        before.view = block;
+        SPIN_TRY(spin_alloc(e->n_pairs, sizeof *before.view, (void **)&before.view));
         m.frame_renderer = &e->source;
         m.source = NULL;
         m.images = NULL;
@@ -178,14 +176,12 @@ static spin_status run_eval(struct eval *e)
                              .background = o->background,
                              .images = o->images,
                              .what = "evaluating"};
-    void *block = NULL;
 
     SPIN_TRY(check_report(o));
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
-    SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, &block));
-    report->view = block;
+    SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, (void **)&report->view));
     if (o->images)
         SPIN_TRY(spin_claim_folder(o->images));
     m.source = e->has_source ? &e->source : NULL;

@@ -23,12 +23,10 @@ struct spin_scene {
 
 spin_status spin_scene_open(const char *path, struct spin_scene **out)
 {
-    void *block = NULL;
     struct spin_scene *scene;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(1, sizeof *scene, &block));
-    scene = block;
+    SPIN_TRY(spin_alloc(1, sizeof *scene, (void **)&scene));
     status = spin_bundle_open(path, &scene->bundle);
     if (status != SPIN_OK) {
         free(scene);
@@ -282,7 +280,6 @@ static spin_status run_export(struct export *x)
                                   .data_from = o->data_from,
                                   .pair = o->pair,
                                   .range = o->range};
-    void *block = NULL;
 
     SPIN_TRY(find_exporter(o->to, &x->exporter));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
@@ -295,8 +292,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_frame_renderer_open(&x->frame_renderer, &x->device, &x->clip.bundle, x->from));
     if (x->exporter->needs_renderer || o->check) {
-        SPIN_TRY(spin_alloc(1, sizeof *x->renderer, &block));
-        x->renderer = block;
+        SPIN_TRY(spin_alloc(1, sizeof *x->renderer, (void **)&x->renderer));
         SPIN_TRY(spin_frame_renderer_open(&x->renderer->frame_renderer, &x->device, NULL,
                                           SPIN_FROM_SOURCE));
     }

@@ -132,7 +132,6 @@ static spin_status check_refined(struct spin_bundle *b)
     const spin_json *refined = spin_json_get(b->json, "refined"), *list;
     struct group group;
     struct spin_array array;
-    void *block = NULL;
 
     if (!refined)
         return SPIN_OK;
@@ -143,8 +142,7 @@ static spin_status check_refined(struct spin_bundle *b)
     list = spin_json_get(refined, "frames");
     if (!list || spin_json_length(list) != (size_t)b->meta.n_frames)
         return spin_meta_fail("frames", "a list as long as the clip's");
-    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->refined.n, &block));
-    b->refined.n = block;
+    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->refined.n, (void **)&b->refined.n));
     group = group_of(b, SPIN_FROM_REFINED);
     for (int f = 0; f < b->meta.n_frames; f++) {
         int64_t n;

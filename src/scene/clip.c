@@ -12,11 +12,9 @@
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
                               int n, int **index, int *n_index)
 {
-    void *block = NULL;
     int *list, count = 0;
 
-    SPIN_TRY(spin_alloc((size_t)n + 1, sizeof(int), &block));
-    list = block;
+    SPIN_TRY(spin_alloc((size_t)n + 1, sizeof(int), (void **)&list));
     for (int i = 0; i < n; i++) {
         int number = info[i].number, step = range->step > 0 ? range->step : 1;
 
@@ -46,12 +44,10 @@ static int by_time(const void *a, const void *b)
 
 spin_status spin_times_check(const struct spin_frame_info *info, const int *index, int n)
 {
-    void *block = NULL;
     struct spin_frame_info *sorted;
     spin_status status = SPIN_OK;
 
-    SPIN_TRY(spin_alloc((size_t)n, sizeof *sorted, &block));
-    sorted = block;
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *sorted, (void **)&sorted));
     for (int i = 0; i < n && status == SPIN_OK; i++) {
         sorted[i] = info[index ? index[i] : i];
         if (!isfinite(sorted[i].time))
@@ -66,7 +62,7 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
                                "frames %d and %d are both at time %g, expected another time for "
                                "every frame",
                                sorted[i - 1].number, sorted[i].number, sorted[i].time);
-    free(block);
+    free(sorted);
     return status;
 }
 
@@ -109,21 +105,19 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
 static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;
-    void *block = NULL;
+    int *row_of = NULL;
     spin_status status;
 
-    SPIN_TRY(spin_alloc((size_t)clip->n_frames, sizeof(int), &block));
-    clip->dataset_frame = block;
+    SPIN_TRY(spin_alloc((size_t)clip->n_frames, sizeof(int), (void **)&clip->dataset_frame));
     for (int i = 0; i < clip->n_frames; i++)
         clip->dataset_frame[i] = -1;
     if (!clip->has_views)
         return SPIN_OK;
-    block = NULL;
-    SPIN_TRY(spin_alloc((size_t)meta->n_frames, sizeof(int), &block));
-    status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : "auto", block);
+    SPIN_TRY(spin_alloc((size_t)meta->n_frames, sizeof *row_of, (void **)&row_of));
+    status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : "auto", row_of);
     for (int i = 0; status == SPIN_OK && i < clip->n_frames; i++)
-        clip->dataset_frame[i] = ((int *)block)[clip->frame[i]];
-    free(block);
+        clip->dataset_frame[i] = row_of[clip->frame[i]];
+    free(row_of);
     return status;
 }
 
@@ -164,6 +158,7 @@ spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
 {
     size_t count = 0, capacity = 0;
     struct spin_pair *list = NULL;
+    spin_status status;
 
     for (int f = 0; f < clip->n_frames; f++)
         for (size_t v = 0; v < clip->views.n; v++) {
@@ -172,17 +167,10 @@ spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
             if (view->dataset_frame != clip->dataset_frame[f] ||
                 (split != SPIN_SPLIT_ALL && view->test != (split == SPIN_SPLIT_TEST)))
                 continue;
-            if (count == capacity) {
-                void *block = list;
-                spin_status status;
-
-                capacity = capacity ? 2 * capacity : 256;
-                status = spin_grow(capacity, sizeof *list, &block);
-                if (status != SPIN_OK) {
-                    free(list);
-                    return status;
-                }
-                list = block;
+            status = spin_room(count, &capacity, sizeof *list, (void **)&list);
+            if (status != SPIN_OK) {
+                free(list);
+                return status;
             }
             list[count].frame = f;
             list[count++].view = v;

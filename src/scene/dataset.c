@@ -455,12 +455,10 @@ spin_status spin_view_check_image(const struct spin_view *view)
 
 spin_status spin_views_check_cameras(const struct spin_views *views)
 {
-    void *block = NULL;
     spin_status status = SPIN_OK;
     int *seen, n = 0;
 
-    SPIN_TRY(spin_alloc(views->n + 1, sizeof *seen, &block));
-    seen = block;
+    SPIN_TRY(spin_alloc(views->n + 1, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < views->n && status == SPIN_OK; i++) {
         if (contains(seen, n, views->view[i].camera_id))
             continue;
@@ -470,7 +468,7 @@ spin_status spin_views_check_cameras(const struct spin_views *views)
         if (status == SPIN_E_NOT_FOUND || status == SPIN_E_UNSUPPORTED)
             status = SPIN_OK;
     }
-    free(block);
+    free(seen);
     return status;
 }
 

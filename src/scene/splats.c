@@ -64,12 +64,7 @@ spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
     char *path = NULL, *mask = NULL;
     spin_status status;
 
-    if (views->n == views->capacity) {
-        size_t capacity = views->capacity ? 2 * views->capacity : 64;
-
-        SPIN_TRY(spin_grow(capacity, sizeof *views->view, (void **)&views->view));
-        views->capacity = capacity;
-    }
+    SPIN_TRY(spin_room(views->n, &views->capacity, sizeof *views->view, (void **)&views->view));
     if (v->path)
         SPIN_TRY_OUT(spin_strdup(v->path, &path));
     if (v->mask)

@@ -32,6 +32,23 @@ static void sizes(void)
     free(p);
     ok(spin_alloc(1000, 3, &p) == SPIN_OK && all_zero(p, 3000), "alloc is zeroed");
     free(p);
+    {
+        size_t capacity = 0, n = 0;
+        int *list = NULL, good = 1;
+
+        for (; n < 1000; n++) {
+            good = good && spin_room(n, &capacity, sizeof *list, (void **)&list) == SPIN_OK;
+            list[n] = (int)n;
+        }
+        for (size_t i = 0; i < n; i++)
+            good = good && list[i] == (int)i;
+        ok(good && capacity == 1024, "an array doubles when it must");
+        capacity = SIZE_MAX / 2;
+        ok(spin_room(capacity, &capacity, sizeof *list, (void **)&list) == SPIN_E_MEMORY &&
+               capacity == SIZE_MAX / 2 && list[7] == 7,
+           "what cannot grow stays as it was");
+        free(list);
+    }
     ok(spin_strdup("ball", &text) == SPIN_OK && strcmp(text, "ball") == 0, "copies text");
     free(text);
 }
