@@ -13,6 +13,7 @@
 #include "exporters/lib/frames.h"
 #include "exporters/lib/sort_rows.h"
 #include "base/mem.h"
+#include "base/option.h"
 #include "formats/compressed_ply.h"
 #include "math/morton.h"
 
@@ -293,12 +294,11 @@ out:
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {
-    const char *order = spin_plugin_value(job->values, "order", "morton");
     struct export *x = self;
+    int order;
 
-    if (strcmp(order, "morton") != 0 && strcmp(order, "source") != 0)
-        return spin_fail(SPIN_E_USAGE, "--order '%s': expected morton or source", order);
-    x->by_source = strcmp(order, "source") == 0;
+    SPIN_TRY(spin_option_word(job->values, "order", "morton|source", &order));
+    x->by_source = order == 1;
     return SPIN_OK;
 }
 

@@ -20,6 +20,7 @@
 
 #include "exporters/lib/frames.h"
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "formats/glb.h"
 
@@ -321,34 +322,21 @@ static bool ends_in_glb(const char *path)
     return n > 4 && strcmp(path + n - 4, ".glb") == 0;
 }
 
-static spin_status parse_fps(const char *text, double bundle, double *out)
-{
-    char *end;
-
-    *out = bundle > 0 ? bundle : DEFAULT_FPS;
-    if (!text)
-        return SPIN_OK;
-    *out = strtod(text, &end);
-    if (end == text || *end || !(*out > 0 && *out <= 1e6))
-        return spin_fail(SPIN_E_USAGE, "--fps '%s': expected a number above 0", text);
-    return SPIN_OK;
-}
-
 static spin_status begin(void *self, const struct spin_export_job *job)
 {
     static const double half_about_z[4] = {0, 0, 0, 1};
     const struct spin_plugin_values *v = job->values;
-    const char *axes = spin_plugin_value(v, "axes", "gltf");
     struct export *x = self;
+    int axes;
 
-    if (strcmp(axes, "gltf") != 0 && strcmp(axes, "source") != 0)
-        return spin_fail(SPIN_E_USAGE, "--axes '%s': expected gltf or source", axes);
-    x->frames.axes = strcmp(axes, "gltf") == 0 ? half_about_z : NULL;
+    SPIN_TRY(spin_option_word(v, "axes", "gltf|source", &axes));
+    x->frames.axes = axes == 0 ? half_about_z : NULL;
     x->fallback = spin_plugin_value(v, "no-fallback", NULL) == NULL;
     x->visibility = spin_plugin_value(v, "visibility", NULL) != NULL;
     if (x->visibility && !x->single)
         return spin_fail(SPIN_E_USAGE, "--visibility is for a clip in one file, OUT.glb");
-    return parse_fps(spin_plugin_value(v, "fps", NULL), job->fps, &x->frames.fps);
+    x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
+    return spin_option_number(v, "fps", 0.001, 1e6, &x->frames.fps);
 }
 
 /* With the options read. */

@@ -11,6 +11,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "base/text.h"
 #include "exporters/html/page.h"
@@ -302,37 +303,18 @@ static void finish(struct export *x)
     free(x);
 }
 
-static spin_status parse_count(const char *key, const char *text, long least, long *out)
-{
-    char *end;
-
-    *out = strtol(text, &end, 10);
-    if (end == text || *end || *out < least || *out > 1000000000)
-        return spin_fail(SPIN_E_USAGE, "--%s '%s': expected a whole number from %ld", key, text,
-                         least);
-    return SPIN_OK;
-}
-
 static spin_status parse_options(struct export *x)
 {
     const struct spin_plugin_values *v = x->job->values;
-    const char *fps = spin_plugin_value(v, "fps", NULL);
-    long n = 0;
-    char *end;
+    int n = 0;
 
     SPIN_TRY(spin_splat_filter_begin(&x->rows, x->job, NULL));
-    if (spin_plugin_value(v, "max-splats", NULL))
-        SPIN_TRY(parse_count("max-splats", spin_plugin_value(v, "max-splats", NULL), 1, &n));
+    SPIN_TRY(spin_option_count(v, "max-splats", 1, 1000000000, &n));
     x->max_splats = (size_t)n;
-    SPIN_TRY(parse_count("every", spin_plugin_value(v, "every", "1"), 1, &n));
-    x->every = (int)n;
+    x->every = 1;
+    SPIN_TRY(spin_option_count(v, "every", 1, 1000000000, &x->every));
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
-    if (fps) {
-        x->fps = strtod(fps, &end);
-        if (end == fps || *end || !(x->fps > 0 && x->fps <= 1000))
-            return spin_fail(SPIN_E_USAGE, "--fps '%s': expected a number above 0, at most 1000",
-                             fps);
-    }
+    SPIN_TRY(spin_option_number(v, "fps", 0.001, 1000, &x->fps));
     x->fps /= x->every;
     return SPIN_OK;
 }
@@ -359,11 +341,10 @@ static spin_status add_version(struct export *x, const char *name, const char *l
 static spin_status add_versions(struct export *x)
 {
     const struct spin_export_job *job = x->job;
-    const char *only = spin_plugin_value(job->values, "only", NULL);
-    bool before = only && strcmp(only, "before") == 0;
+    bool only = spin_plugin_value(job->values, "only", NULL) != NULL;
+    int before;
 
-    if (only && !before && strcmp(only, "after") != 0)
-        return spin_fail(SPIN_E_USAGE, "--only '%s': expected after or before", only);
+    SPIN_TRY(spin_option_word(job->values, "only", "after|before", &before));
     if (!job->source_frame)
         return add_version(x, "clip", "As it is", job->sh_degree, job->antialias);
     if (!before)

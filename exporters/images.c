@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/option.h"
 #include "exporters/lib/camera_path.h"
 #include "io/output_folder.h"
 
@@ -30,19 +31,6 @@ struct export
     int n_unseen; /* frames without any view */
     struct spin_camera_path drawing;
 };
-
-static spin_status parse_which(const char *text, enum which *out)
-{
-    static const char *const names[] = {[TEST] = "test", [TRAIN] = "train", [ALL] = "all"};
-
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        if (strcmp(text, names[i]) == 0) {
-            *out = (enum which)i;
-            return SPIN_OK;
-        }
-    }
-    return spin_fail(SPIN_E_USAGE, "--views '%s': expected test, train or all", text);
-}
 
 static bool is_chosen(const struct export *x, const struct spin_view *view)
 {
@@ -96,6 +84,7 @@ static void finish(struct export *x)
 static spin_status images_begin(const struct spin_export_job *job, void **self)
 {
     struct export *x = NULL;
+    int which;
     spin_status status;
 
     if (!job->views)
@@ -106,7 +95,8 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY_OUT(spin_camera_path_begin(
         &x->drawing, job,
         spin_plugin_value(job->values, "compare", NULL) ? "truth,after" : "after"));
-    SPIN_TRY_OUT(parse_which(spin_plugin_value(job->values, "views", "test"), &x->which));
+    SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
+    x->which = (enum which)which;
     if (x->drawing.path == SPIN_PATH_CAMERA && !any_chosen(x)) {
         status = spin_fail(SPIN_E_NOT_FOUND, "the data set has no %s views; try --views all",
                            x->which == TEST ? "test" : "train");

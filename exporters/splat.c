@@ -1,11 +1,11 @@
 /* One .splat per frame (formats/splat.h), in the axes of the training. The order is the source's;
  * --order size puts the largest and least transparent first, so that a part of the file shows the scene. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "exporters/lib/frames.h"
 #include "exporters/lib/sort_rows.h"
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "formats/splat.h"
 
@@ -118,12 +118,11 @@ static spin_status splat_read(void *self, const struct spin_map *map, int frame,
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {
-    const char *order = spin_plugin_value(job->values, "order", "source");
     struct export *x = self;
+    int order;
 
-    if (strcmp(order, "source") != 0 && strcmp(order, "size") != 0)
-        return spin_fail(SPIN_E_USAGE, "--order '%s': expected source or size", order);
-    x->by_size = strcmp(order, "size") == 0;
+    SPIN_TRY(spin_option_word(job->values, "order", "source|size", &order));
+    x->by_size = order == 1;
     return SPIN_OK;
 }
 

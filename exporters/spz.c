@@ -11,6 +11,7 @@
 
 #include "exporters/lib/frames.h"
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "formats/spz.h"
 #include "io/gzip.h"
@@ -205,20 +206,17 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 {
     static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
-    const char *axes = spin_plugin_value(v, "axes", "source");
-    const char *level = spin_plugin_value(v, "level", "1");
     struct export *x = self;
+    int axes, level = 1;
 
-    if (strcmp(axes, "source") != 0 && strcmp(axes, "rub") != 0)
-        return spin_fail(SPIN_E_USAGE, "--axes '%s': expected source or rub", axes);
-    if (level[0] < '1' || level[0] > '9' || level[1])
-        return spin_fail(SPIN_E_USAGE, "--level '%s': expected 1 to 9", level);
-    if (strcmp(axes, "rub") == 0 && spin_plugin_value(v, "up", NULL))
+    SPIN_TRY(spin_option_word(v, "axes", "source|rub", &axes));
+    SPIN_TRY(spin_option_count(v, "level", 1, 9, &level));
+    if (axes == 1 && spin_plugin_value(v, "up", NULL))
         return spin_fail(SPIN_E_USAGE, "--axes rub takes y down for granted: give it or --up");
-    x->frames.axes = strcmp(axes, "rub") == 0 ? half_about_x : NULL;
+    x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     SPIN_TRY(spin_alloc((size_t)BATCH * SPIN_ROWS_BLOCK, MAX_WIDTH, (void **)&x->bytes));
-    return spin_gzip_create(level[0] - '0', job->n_threads, &x->gzip);
+    return spin_gzip_create(level, job->n_threads, &x->gzip);
 }
 
 static void end(void *self)

@@ -5,6 +5,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video_encode.h"
@@ -28,18 +29,6 @@ struct export
     const struct spin_view *first; /* whose camera_id the video keeps */
 };
 
-static spin_status parse_number(const char *key, const char *text, double low, double high,
-                                double *out)
-{
-    char *end;
-
-    *out = strtod(text, &end);
-    if (end == text || *end || !(*out >= low && *out <= high))
-        return spin_fail(SPIN_E_USAGE, "--%s '%s': expected a number from %g to %g", key, text, low,
-                         high);
-    return SPIN_OK;
-}
-
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
 {
     const struct spin_export_job *job = x->drawing.job;
@@ -56,7 +45,7 @@ static spin_status choose_camera(struct export *x)
     const struct spin_export_job *job = x->drawing.job;
     const char *text = spin_plugin_value(job->values, "camera", NULL);
     int row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
-    double id;
+    int id = 0;
 
     if (!job->views || job->views->n == 0)
         return spin_fail(SPIN_E_USAGE, "a video needs the cameras of a data set; give --data DIR");
@@ -65,9 +54,9 @@ static spin_status choose_camera(struct export *x)
         x->first = &job->views->view[0];
     if (!text)
         return SPIN_OK;
-    SPIN_TRY(parse_number("camera", text, 0, 1e9, &id));
-    x->first = view_of(x, 0, (int)id);
-    if (!x->first || id != (int)id)
+    SPIN_TRY(spin_option_count(job->values, "camera", 0, 1000000000, &id));
+    x->first = view_of(x, 0, id);
+    if (!x->first)
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %s for the first frame",
                          text);
     return SPIN_OK;
@@ -77,14 +66,12 @@ static spin_status open_video(struct export *x)
 {
     const struct spin_export_job *job = x->drawing.job;
     const struct spin_camera *camera = &x->first->camera;
-    const char *text = spin_plugin_value(job->values, "fps", NULL), *codec = "";
-    double fps = job->fps > 0 ? job->fps : DEFAULT_FPS, quality;
+    const char *codec = "";
+    double fps = job->fps > 0 ? job->fps : DEFAULT_FPS, quality = 18;
     int width = camera->width * x->drawing.n_panels;
 
-    if (text)
-        SPIN_TRY(parse_number("fps", text, 0.01, 1000, &fps));
-    SPIN_TRY(
-        parse_number("quality", spin_plugin_value(job->values, "quality", "18"), 0, 51, &quality));
+    SPIN_TRY(spin_option_number(job->values, "fps", 0.01, 1000, &fps));
+    SPIN_TRY(spin_option_number(job->values, "quality", 0, 51, &quality));
     SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera->height, fps,
                                (int)quality, &x->video, &codec));
     spin_log(0, "video: %d frames of %dx%d, %.4g a second, %s", job->n_frames * x->drawing.repeat,

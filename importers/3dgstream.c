@@ -18,6 +18,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "base/option.h"
 #include "importers/lib/finite.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/notes.h"
@@ -371,16 +372,13 @@ static int first_without(const struct clip *clip, bool network)
 
 static spin_status choose_way(struct clip *clip, const struct spin_plugin_values *values)
 {
-    const char *way = spin_plugin_value(values, "way", "auto");
-    int no_cloud = first_without(clip, false), no_network = first_without(clip, true);
+    enum { AUTO, CLOUDS, NETWORKS };
+    int way, no_cloud = first_without(clip, false), no_network = first_without(clip, true);
 
-    if (strcmp(way, "auto") != 0 && strcmp(way, "clouds") != 0 && strcmp(way, "networks") != 0)
-        return spin_fail(SPIN_E_USAGE, "option 'way' is '%s', expected auto, clouds or networks",
-                         way);
+    SPIN_TRY(spin_option_word(values, "way", "auto|clouds|networks", &way));
     if (clip->step[0].number == 0 && !clip->step[0].cloud)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame 0 has no cloud", clip->folder);
-    clip->evaluate = strcmp(way, "networks") == 0 ||
-                     (strcmp(way, "auto") == 0 && no_cloud >= 0 && no_network < 0);
+    clip->evaluate = way == NETWORKS || (way == AUTO && no_cloud >= 0 && no_network < 0);
     if (!clip->evaluate && no_cloud >= 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no moved cloud%s", clip->folder,
                          no_cloud, no_network >= 0 ? ", and not every frame has a network" : "");

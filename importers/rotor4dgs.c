@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/option.h"
 #include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
@@ -313,18 +314,14 @@ out:
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static spin_status read_cull(struct model *m, const char *rule)
+static spin_status read_cull(struct model *m, const struct spin_plugin_values *values)
 {
-    if (strcmp(rule, "opacity") == 0) {
-        m->least_weight = FAR_WEIGHT;
-        m->least_opacity = LEAST_OPACITY;
-    } else if (strcmp(rule, "time") == 0) {
-        m->least_weight = BELL_WEIGHT;
-    } else if (strcmp(rule, "none") == 0) {
-        m->least_weight = FAR_WEIGHT;
-    } else {
-        return spin_fail(SPIN_E_USAGE, "--cull is '%s', expected opacity, time or none", rule);
-    }
+    enum { OPACITY, WEIGHT, NONE };
+    int rule;
+
+    SPIN_TRY(spin_option_word(values, "cull", "opacity|time|none", &rule));
+    m->least_weight = rule == WEIGHT ? BELL_WEIGHT : FAR_WEIGHT;
+    m->least_opacity = rule == OPACITY ? LEAST_OPACITY : 0;
     return SPIN_OK;
 }
 
@@ -356,7 +353,7 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
     float *c[N_COLUMNS] = {NULL};
     spin_status status = SPIN_OK;
 
-    SPIN_TRY(read_cull(m, spin_plugin_value(values, "cull", "opacity")));
+    SPIN_TRY(read_cull(m, values));
     SPIN_TRY(spin_torch_open(m->path, &m->torch));
     m->torch_open = true;
     root = m->torch.root;

@@ -5,6 +5,7 @@
  * hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask hides is
  * left out, not shrunk: a scale of 0 has no logarithm. */
 #include "base/err.h"
+#include "base/option.h"
 #include "importers/lib/d3dgs_run.h"
 #include "base/mem.h"
 #include "importers/lib/finite.h"
@@ -123,21 +124,12 @@ static const struct spin_plugin_option options[] = {
 
 static spin_status read_options(const struct spin_plugin_values *values, struct run *run)
 {
-    const char *mode = spin_plugin_value(values, "tc-mask", "frame");
-    const char *text = spin_plugin_value(values, "tc-threshold", "0.1");
-    char *end = NULL;
+    int mode;
 
-    for (run->mode = FRAME; run->mode < N_MODES; run->mode++)
-        if (strcmp(modes[run->mode].name, mode) == 0)
-            break;
-    if (run->mode == N_MODES)
-        return spin_fail(SPIN_E_USAGE, "--tc-mask is '%s', expected frame, avg, any, all or none",
-                         mode);
-    run->threshold = strtod(text, &end);
-    if (end == text || *end || !(run->threshold >= 0 && run->threshold <= 1))
-        return spin_fail(SPIN_E_USAGE, "--tc-threshold is '%s', expected a number from 0 to 1",
-                         text);
-    return SPIN_OK;
+    SPIN_TRY(spin_option_word(values, "tc-mask", "frame|avg|any|all|none", &mode));
+    run->mode = mode;
+    run->threshold = 0.1;
+    return spin_option_number(values, "tc-threshold", 0, 1, &run->threshold);
 }
 
 static spin_status open_run(const char *path, const struct spin_plugin_values *values,

@@ -15,10 +15,12 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/option.h"
 #include "importers/lib/colmap_model.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
@@ -191,24 +193,18 @@ static spin_status read_one(const char *path, struct colmap_model *m, const stru
 
 static spin_status read_options(const struct spin_plugin_values *values, struct options *o)
 {
-    const char *time = spin_plugin_value(values, "time", "file");
-    const char *principal = spin_plugin_value(values, "principal", "file");
+    int rule;
 
     o->images = spin_plugin_value(values, "images", "images");
     if (!spin_views_is_safe_name(o->images))
         return spin_fail(SPIN_E_USAGE, "option 'images' is '%s', expected a folder's name",
                          o->images);
-    o->by_name = strcmp(time, "name") == 0;
-    if (!o->by_name && strcmp(time, "file") != 0)
-        return spin_fail(SPIN_E_USAGE, "option 'time' is '%s', expected file or name", time);
-    o->centre = strcmp(principal, "centre") == 0;
-    if (!o->centre && strcmp(principal, "file") != 0)
-        return spin_fail(SPIN_E_USAGE, "option 'principal' is '%s', expected file or centre",
-                         principal);
-    SPIN_TRY(spin_views_option_count(values, "hold", "-1", &o->hold));
-    if (o->hold < -1)
-        return spin_fail(SPIN_E_USAGE, "option 'hold' is %d, expected 0 or more", o->hold);
-    return SPIN_OK;
+    SPIN_TRY(spin_option_word(values, "time", "file|name", &rule));
+    o->by_name = rule == 1;
+    SPIN_TRY(spin_option_word(values, "principal", "file|centre", &rule));
+    o->centre = rule == 1;
+    o->hold = -1;
+    return spin_option_count(values, "hold", 0, INT_MAX, &o->hold);
 }
 
 static spin_status colmap_views(const char *path, const struct spin_plugin_values *values,

@@ -13,6 +13,7 @@
 #include "spin.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,6 +21,7 @@
 #include <strings.h>
 
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "importers/lib/views_check.h"
 #include "io/npy.h"
@@ -445,7 +447,7 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
 {
     int test = 0;
 
-    SPIN_TRY(spin_views_option_count(values, "test", "0", &test));
+    SPIN_TRY(spin_option_count(values, "test", -1, INT_MAX, &test));
     if (test >= (int)set->n_cameras)
         return spin_fail(SPIN_E_USAGE, "option 'test' is %d, but there are %zu cameras", test,
                          set->n_cameras);

@@ -22,6 +22,7 @@
 #include <unistd.h>
 
 #include "base/log.h"
+#include "base/option.h"
 #include "base/mem.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
@@ -312,26 +313,17 @@ static spin_status set_rows(struct spin_views *views, size_t first, enum time_ru
 
 static spin_status read_options(const struct spin_plugin_values *values, struct options *out)
 {
-    const char *time = spin_plugin_value(values, "time", "file");
-    const char *pose = spin_plugin_value(values, "pose", "right");
+    int time, pose;
 
     out->test_file = spin_plugin_value(values, "test-file", "transforms_test.json");
     out->ending = spin_plugin_value(values, "ending", ".png");
     if (!spin_views_is_safe_name(out->test_file))
         return spin_fail(SPIN_E_USAGE, "option 'test-file' is '%s', expected a name in the folder",
                          out->test_file);
-    if (strcmp(time, "file") == 0)
-        out->time = TIME_FILE;
-    else if (strcmp(time, "max") == 0)
-        out->time = TIME_MAX;
-    else if (strcmp(time, "unit") == 0)
-        out->time = TIME_UNIT;
-    else
-        return spin_fail(SPIN_E_USAGE, "option 'time' is '%s', expected file, max or unit", time);
-    out->old_pose = strcmp(pose, "4dgaussians") == 0;
-    if (!out->old_pose && strcmp(pose, "right") != 0)
-        return spin_fail(SPIN_E_USAGE, "option 'pose' is '%s', expected right or 4dgaussians",
-                         pose);
+    SPIN_TRY(spin_option_word(values, "time", "file|max|unit", &time));
+    out->time = (enum time_rule)time;
+    SPIN_TRY(spin_option_word(values, "pose", "right|4dgaussians", &pose));
+    out->old_pose = pose == 1;
     return SPIN_OK;
 }
 

@@ -4,6 +4,7 @@
 
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/splat_filter.h"
+#include "base/option.h"
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
@@ -43,22 +44,14 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job,
                                    const char *panels)
 {
-    static const char *const paths[] = {"camera", "orbit", "spiral"};
-    const char *path = spin_plugin_value(job->values, "path", "camera");
-    const char *repeat = spin_plugin_value(job->values, "repeat", "1");
-    int word = word_of(path, strlen(path), paths, 3);
-    char *end;
-    long n = strtol(repeat, &end, 10);
+    int path;
 
     d->job = job;
     d->source_frame = -1;
-    if (word < 0)
-        return spin_fail(SPIN_E_USAGE, "--path '%s': expected camera, orbit or spiral", path);
-    d->path = (enum spin_camera_path_path)word;
-    if (end == repeat || *end || n < 1 || n > 10000)
-        return spin_fail(SPIN_E_USAGE, "--repeat '%s': expected a whole number from 1 to 10000",
-                         repeat);
-    d->repeat = (int)n;
+    SPIN_TRY(spin_option_word(job->values, "path", "camera|orbit|spiral", &path));
+    d->path = (enum spin_camera_path_path)path;
+    d->repeat = 1;
+    SPIN_TRY(spin_option_count(job->values, "repeat", 1, 10000, &d->repeat));
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/option.h"
 #include "io/file.h"
 #include "math/approx.h"
 
@@ -316,17 +317,6 @@ static spin_status parse_min_opacity(const char *text, float *out)
     return SPIN_OK;
 }
 
-static spin_status parse_max_scale(const char *text, double *out)
-{
-    char *end;
-
-    *out = strtod(text, &end);
-    if (end == text || *end || !(*out >= 0 && *out <= 1e30))
-        return spin_fail(SPIN_E_USAGE, "--max-scale '%s': expected a number of diagonals, or 0",
-                         text);
-    return SPIN_OK;
-}
-
 /* The shortest turn that brings the axis to y; for -y, half a turn about z, as glTF has it. */
 static spin_status parse_up(const char *text, double q[4])
 {
@@ -395,7 +385,8 @@ spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
     SPIN_TRY(spin_splat_filter_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree,
                                         &rows->sh_degree));
     SPIN_TRY(parse_min_opacity(spin_plugin_value(v, "min-opacity", "0"), &rows->min_logit));
-    SPIN_TRY(parse_max_scale(spin_plugin_value(v, "max-scale", "1"), &rows->max_scale));
+    rows->max_scale = 1;
+    SPIN_TRY(spin_option_number(v, "max-scale", 0, 1e30, &rows->max_scale));
     SPIN_TRY(parse_turn(rows, v, axes));
     return spin_pool_create(job->n_threads, &rows->pool);
 }

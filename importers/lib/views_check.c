@@ -208,18 +208,6 @@ bool spin_views_is_number(const char *text, double *out)
     return end != text && *end == '\0' && isfinite(*out);
 }
 
-spin_status spin_views_option_count(const struct spin_plugin_values *values, const char *key,
-                                    const char *fallback, int *out)
-{
-    const char *text = spin_plugin_value(values, key, fallback);
-    double value;
-
-    if (!spin_views_is_number(text, &value) || value != floor(value) || fabs(value) > INT_MAX)
-        return spin_fail(SPIN_E_USAGE, "option '%s' is '%s', expected a whole number", key, text);
-    *out = (int)value;
-    return SPIN_OK;
-}
-
 static int views_by_int(const void *a, const void *b)
 {
     int x = *(const int *)a, y = *(const int *)b;

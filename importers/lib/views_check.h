@@ -40,9 +40,6 @@ int spin_views_number(const char *path);
 /* A word of an option as a number. */
 bool spin_views_is_number(const char *text, double *out);
 
-spin_status spin_views_option_count(const struct spin_plugin_values *values, const char *key,
-                                    const char *fallback, int *out);
-
 /* Sorts, drops what comes twice and returns how many are left. */
 size_t spin_views_unique(int *list, size_t n);
 

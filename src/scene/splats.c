@@ -1,4 +1,4 @@
-/* The plain data of spin.h, parts 2 to 4: columns that grow, lists of views, options by name. */
+/* The plain data of spin.h, parts 2 to 4: columns that grow, lists of views. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -89,19 +89,4 @@ void spin_views_free(struct spin_views *views)
     }
     free(views->view);
     *views = (struct spin_views){0};
-}
-
-const char *spin_plugin_value(const struct spin_plugin_values *v, const char *key,
-                              const char *fallback)
-{
-    const char *found = fallback;
-
-    if (!v || !v->pairs)
-        return fallback;
-    /* Given twice, the last one counts, as everywhere on a command line. */
-    for (const char *const *pair = v->pairs; pair[0]; pair += 2) {
-        if (strcmp(pair[0], key) == 0)
-            found = pair[1] ? pair[1] : "";
-    }
-    return found;
 }
