@@ -95,6 +95,18 @@ struct spin_args_common {
         SPIN_ARG("version", 0, NULL, "name and version", SPIN_ARG_FLAG, &(c).version, 0, 0),       \
         SPIN_ARG_END
 
+/* Rows of commands that look at the data set of a bundle, into their options `o`. */
+#define SPIN_ARG_DATA_ROWS(o)                                                                      \
+    SPIN_ARG("data", 0, "DIR", "the multi-view video (the one named in the bundle)",               \
+             SPIN_ARG_STRING, &(o).data, 0, 0),                                                    \
+        SPIN_ARG("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_ARG_STRING,      \
+                 &(o).data_from, 0, 0),                                                            \
+        SPIN_ARG("pair", 0, "auto|number|order", "how frames find their images (auto)",            \
+                 SPIN_ARG_CHOICE, &(o).pair, 0, 0)
+#define SPIN_ARG_MACHINE_ROWS(o)                                                                   \
+    SPIN_ARG_HEADING("Machine"), SPIN_ARG("device", 0, "auto|cpu|cuda", "what computes (auto)",    \
+                                          SPIN_ARG_CHOICE, &(o).device, 0, 0)
+
 /* For parse(): the place of text in "a|b|c", or -1; how many numbers there are, with commas between and each
  * in min..max, or 0 when one is wrong or they are more than room. */
 int spin_args_choice(const char *text, const char *choices);

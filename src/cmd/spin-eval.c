@@ -43,15 +43,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("log", 0, "FILE", "for the report: what spin-retrain --log wrote", SPIN_ARG_STRING,
              &options.log, 0, 0),
     SPIN_ARG_HEADING("Data set"),
-    SPIN_ARG("data", 0, "DIR", "the multi-view video (the one named in the bundle)",
-             SPIN_ARG_STRING, &options.data, 0, 0),
-    SPIN_ARG("data-from", 0, "NAME", "kind of that data set (detected)", SPIN_ARG_STRING,
-             &options.data_from, 0, 0),
-    SPIN_ARG("pair", 0, "auto|number|order", "how frames find their images (auto)", SPIN_ARG_CHOICE,
-             &options.pair, 0, 0),
-    SPIN_ARG_HEADING("Machine"),
-    SPIN_ARG("device", 0, "auto|cpu|cuda", "what computes (auto)", SPIN_ARG_CHOICE, &options.device,
-             0, 0),
+    SPIN_ARG_DATA_ROWS(options),
+    SPIN_ARG_MACHINE_ROWS(options),
     SPIN_ARG_COMMON_ROWS(common),
 };
 
