@@ -20,7 +20,7 @@
 enum kind { POINTS, COLOURED, GAUSSIANS, COMPRESSED };
 
 struct clip {
-    struct spin_ply_sequence files;
+    struct spin_file_sequence files;
     int *numbers;   /* [n_frames] */
     size_t *counts; /* [n_frames] */
     enum kind kind;
@@ -252,7 +252,7 @@ static spin_status ply_open(const char *path, const struct spin_plugin_values *v
     SPIN_TRY(spin_ply_sequence_find(path, &clip->files));
     if (clip->files.n_frames > INT_MAX)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds too many files", path);
-    SPIN_TRY(spin_ply_sequence_sort(&clip->files, sequence));
+    SPIN_TRY(spin_file_sequence_sort(&clip->files, sequence));
     for (size_t i = 0; i < clip->files.n_frames; i++)
         SPIN_TRY(open_frame(clip, i, sequence));
     return describe(clip, sequence);
@@ -264,7 +264,7 @@ static void ply_close(void *self)
 
     if (!clip)
         return;
-    spin_ply_sequence_free(&clip->files);
+    spin_file_sequence_free(&clip->files);
     for (size_t i = 0; i < clip->n_names; i++)
         free(clip->names[i]);
     free(clip->names);

@@ -1,0 +1,153 @@
+#include "importers/lib/file_sequence.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/mem.h"
+#include "io/file.h"
+#include "importers/lib/notes.h"
+
+bool spin_file_has_suffix(const char *name, const char *suffix)
+{
+    size_t n = strlen(name), n_suffix = strlen(suffix);
+
+    return n >= n_suffix && strcasecmp(name + n - n_suffix, suffix) == 0;
+}
+
+/* "input.ply" is the point cloud that training began with. */
+static bool is_frame_name(const char *name, const char *suffix)
+{
+    return name[0] != '.' && spin_file_has_suffix(name, suffix) && strcmp(name, "input.ply") != 0;
+}
+
+int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix)
+{
+    int n = 0;
+
+    for (size_t i = 0; peek->names && peek->names[i]; i++)
+        n += is_frame_name(peek->names[i], suffix);
+    return n;
+}
+
+spin_status spin_file_sequence_add(struct spin_file_sequence *seq, char *path, long long number)
+{
+    spin_status status = SPIN_OK;
+
+    if (number > INT_MAX)
+        status =
+            spin_fail(SPIN_E_UNSUPPORTED, "'%s': frame number %lld is too large", path, number);
+    if (status == SPIN_OK && seq->n_frames == seq->capacity) {
+        size_t capacity = seq->capacity ? 2 * seq->capacity : 64;
+        void *block = seq->frame;
+
+        status = spin_grow(capacity, sizeof *seq->frame, &block);
+        if (status == SPIN_OK) {
+            seq->frame = block;
+            seq->capacity = capacity;
+        }
+    }
+    if (status != SPIN_OK) {
+        free(path);
+        return status;
+    }
+    seq->frame[seq->n_frames++] = (struct spin_file_frame){.path = path, .number = (int)number};
+    return SPIN_OK;
+}
+
+static spin_status add_all(const char *folder, char **names, const char *suffix,
+                           struct spin_file_sequence *seq)
+{
+    for (size_t i = 0; names[i]; i++) {
+        char *path = NULL;
+
+        if (!is_frame_name(names[i], suffix))
+            continue;
+        SPIN_TRY(spin_path_join(folder, names[i], &path));
+        SPIN_TRY(spin_file_sequence_add(seq, path, spin_path_number(names[i])));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_file_sequence_list(const char *folder, const char *suffix,
+                                    struct spin_file_sequence *seq)
+{
+    char **names = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_folder_list(folder, &names, &n));
+    status = add_all(folder, names, suffix, seq);
+    spin_folder_list_free(names);
+    return status;
+}
+
+spin_status spin_file_sequence_find(const char *path, const char *suffix,
+                                    struct spin_file_sequence *seq)
+{
+    char *copy = NULL;
+
+    if (!spin_path_is_folder(path)) {
+        SPIN_TRY(spin_strdup(path, &copy));
+        return spin_file_sequence_add(seq, copy, spin_path_number(path));
+    }
+    SPIN_TRY(spin_file_sequence_list(path, suffix, seq));
+    if (seq->n_frames == 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no %s files", path, suffix);
+    return SPIN_OK;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    const struct spin_file_frame *x = a, *y = b;
+
+    if (x->number != y->number)
+        return x->number < y->number ? -1 : 1;
+    return strcmp(x->path, y->path);
+}
+
+spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
+                                    struct spin_sequence_info *sequence)
+{
+    const struct spin_file_frame *f;
+    size_t n_numbered = 0;
+    long long missing;
+
+    qsort(seq->frame, seq->n_frames, sizeof *seq->frame, by_number);
+    f = seq->frame;
+    for (size_t i = 0; i < seq->n_frames; i++)
+        n_numbered += f[i].number >= 0;
+    if (n_numbered == 0) {
+        if (seq->n_frames > 1)
+            spin_note(sequence, "file names have no numbers: frames are in the order of the names");
+        return SPIN_OK;
+    }
+    if (n_numbered < seq->n_frames)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s' has no frame number in its name, but '%s' has: a folder must hold "
+                         "the frames of one clip only",
+                         f[0].path, spin_path_name(f[seq->n_frames - 1].path));
+    for (size_t i = 1; i < seq->n_frames; i++) {
+        if (f[i].number == f[i - 1].number)
+            return spin_fail(SPIN_E_MALFORMED, "'%s' and '%s' are both frame %d", f[i - 1].path,
+                             f[i].path, f[i].number);
+    }
+    missing = (long long)f[seq->n_frames - 1].number - f[0].number + 1 - (long long)seq->n_frames;
+    for (size_t i = 1; missing > 0 && i < seq->n_frames; i++) {
+        if (f[i].number > f[i - 1].number + 1) {
+            spin_note(sequence, "frame numbers have gaps: %lld missing, the first is %d", missing,
+                      f[i - 1].number + 1);
+            break;
+        }
+    }
+    return SPIN_OK;
+}
+
+void spin_file_sequence_free(struct spin_file_sequence *seq)
+{
+    for (size_t i = 0; i < seq->n_frames; i++)
+        free(seq->frame[i].path);
+    free(seq->frame);
+    *seq = (struct spin_file_sequence){0};
+}

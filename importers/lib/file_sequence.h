@@ -1,0 +1,38 @@
+/* The files of a clip that has one for each frame, in one folder; or a single file. There is no standard
+ * for these: frames go by the last number in the name. */
+#ifndef SPIN_IMPORTERS_LIB_FILE_SEQUENCE_H
+#define SPIN_IMPORTERS_LIB_FILE_SEQUENCE_H
+
+#include "spin.h"
+
+struct spin_file_frame {
+    char *path;
+    int number; /* -1: none */
+    size_t n;   /* splats; the caller's */
+};
+
+/* Zero it to begin. */
+struct spin_file_sequence {
+    struct spin_file_frame *frame;
+    size_t n_frames, capacity;
+};
+
+/* Whether the name ends so, in capitals or not. */
+bool spin_file_has_suffix(const char *name, const char *suffix);
+/* How many of the folder's names do, hidden ones left out. */
+int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix);
+/* Takes path. */
+spin_status spin_file_sequence_add(struct spin_file_sequence *seq, char *path, long long number);
+/* The files of a folder whose names end so, in any order; none is no error. */
+spin_status spin_file_sequence_list(const char *folder, const char *suffix,
+                                    struct spin_file_sequence *seq);
+/* Those, of which there must be one; or the file `path`, whatever its name. */
+spin_status spin_file_sequence_find(const char *path, const char *suffix,
+                                    struct spin_file_sequence *seq);
+/* Numeric order; "frame_10" comes after "frame_9". Without any numbers the order of the names. Notes
+ * missing numbers. */
+spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
+                                    struct spin_sequence_info *sequence);
+void spin_file_sequence_free(struct spin_file_sequence *seq);
+
+#endif
