@@ -213,10 +213,11 @@ static bool gltf_complete(void *self, const struct spin_frame_info *info,
                           const struct spin_map *map, size_t *n)
 {
     const struct export *x = self;
+    const unsigned char *bytes;
     uint64_t n_json, n_bytes;
     char number[64];
 
-    if (spin_glb_chunks(map->data, map->size, &n_json, &n_bytes) != SPIN_OK)
+    if (spin_glb_chunks(map->data, map->size, &n_json, &bytes, &n_bytes) != SPIN_OK)
         return false;
     snprintf(number, sizeof number, "\"name\":\"frame_%d\"", info->number);
     *n = (size_t)(n_bytes / x->layout.row);
@@ -227,13 +228,14 @@ static bool gltf_complete(void *self, const struct spin_frame_info *info,
 static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
                              struct spin_splats *out)
 {
-    struct spin_gs_glb glb = {0};
-    spin_status status = spin_gs_glb_open(map->data, map->size, &glb);
+    struct spin_glb_file glb = {0};
+    spin_status status = spin_glb_open(map->data, map->size, &glb);
 
     (void)self;
     if (status == SPIN_OK)
-        status = spin_gs_glb_read(&glb, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
-    spin_gs_glb_close(&glb);
+        status =
+            spin_gs_glb_read_node(&glb, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+    spin_glb_close(&glb);
     return status;
 }
 

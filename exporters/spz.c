@@ -189,7 +189,7 @@ static bool spz_complete(void *self, const struct spin_frame_info *info, const s
     if (spin_spz_peek(map->data, map->size, &header) != SPIN_OK)
         return false;
     *n = header.n;
-    return header.sh_degree == x->frames.rows.sh_degree;
+    return header.version == 3 && header.sh_degree == x->frames.rows.sh_degree;
 }
 
 static spin_status spz_read(void *self, const struct spin_map *map, int frame,

@@ -7,6 +7,7 @@ extern const struct spin_importer spin_importer_d3dgs;
 extern const struct spin_importer spin_importer_dash;
 extern const struct spin_importer spin_importer_deformable3dgs;
 extern const struct spin_importer spin_importer_ed3dgs;
+extern const struct spin_importer spin_importer_gltf;
 extern const struct spin_importer spin_importer_grid4d;
 extern const struct spin_importer spin_importer_modecgs;
 extern const struct spin_importer spin_importer_omg4;
@@ -14,6 +15,8 @@ extern const struct spin_importer spin_importer_ply;
 extern const struct spin_importer spin_importer_realtime4dgs;
 extern const struct spin_importer spin_importer_rotor4dgs;
 extern const struct spin_importer spin_importer_spacetimegs;
+extern const struct spin_importer spin_importer_splat;
+extern const struct spin_importer spin_importer_spz;
 extern const struct spin_importer spin_importer_tc3dgs;
 extern const struct spin_importer spin_importer_views_colmap;
 extern const struct spin_importer spin_importer_views_dynerf;
@@ -27,6 +30,7 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_dash,
     &spin_importer_deformable3dgs,
     &spin_importer_ed3dgs,
+    &spin_importer_gltf,
     &spin_importer_grid4d,
     &spin_importer_modecgs,
     &spin_importer_omg4,
@@ -34,6 +38,8 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_realtime4dgs,
     &spin_importer_rotor4dgs,
     &spin_importer_spacetimegs,
+    &spin_importer_splat,
+    &spin_importer_spz,
     &spin_importer_tc3dgs,
     &spin_importer_views_colmap,
     &spin_importer_views_dynerf,

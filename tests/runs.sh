@@ -7,7 +7,7 @@ importers_of_runs() { # BIN_DIR
         sed -n 's/.*"name": "\([^"]*\)".*"tracks": true.*/\1/p'
 }
 
-run_of() { # IMPORTER: one of its runs, inside the large fixtures
+run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of the repository
     case $1 in
     4dgaussian) echo 4dgaussian/coarse_and_fine/model ;;
     3dgstream) echo 3dgstream ;;
@@ -15,6 +15,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures
     dash) echo dash/default_like/model ;;
     deformable3dgs) echo deformable3dgs/real_small/model ;;
     ed3dgs) echo ed3dgs/annealed_early/model ;;
+    gltf) echo splats/glb ;;
     grid4d) echo grid4d/dnerf_like/model ;;
     modecgs) echo modecgs/default_like/model ;;
     omg4) echo omg4/comp_xz ;;
@@ -22,6 +23,8 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures
     realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
     rotor4dgs) echo rotor4dgs/old_names ;;
     spacetimegs) echo spacetimegs/full_techni/model ;;
+    splat) echo splats/splat ;;
+    spz) echo splats/spz4 ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac
 }

@@ -1,5 +1,9 @@
 #include "formats/gaussian.h"
 
+#include <string.h>
+
+#include "math/scene_rotation.h"
+
 float spin_opacity_logit(float opacity)
 {
     double p = opacity < 1e-13f ? 1e-13 : (double)opacity;
@@ -54,6 +58,51 @@ void spin_little_endian(void *words, size_t n)
     (void)words;
     (void)n;
 #endif
+}
+
+/* Coefficients of one row, turned, and zeros above them. */
+static void place_sh(const float *from, int n_from, const struct spin_scene_rotation *turn,
+                     float *out, int n_out)
+{
+    if (turn->kind == SPIN_TURN_NONE)
+        memcpy(out, from, 3 * (size_t)n_from * sizeof *out);
+    else
+        spin_scene_rotation_sh(turn, n_from, from, out);
+    for (int k = 3 * n_from; k < 3 * n_out; k++)
+        out[k] = 0;
+}
+
+void spin_splats_place(const struct spin_splats *from, unsigned columns,
+                       const struct spin_placement *p, size_t first, struct spin_splats *out)
+{
+    int n_from = spin_sh_count(from->sh_degree), n_out = spin_sh_count(out->sh_degree);
+    float log_scale = p->scale == 1 ? 0 : (float)log(p->scale);
+    struct spin_scene_rotation turn;
+
+    spin_scene_rotation_from(p->q, &turn);
+    for (size_t i = 0, to = first; i < from->n; i++, to++) {
+        if (columns & SPIN_COL_MEANS) {
+            const float *x = from->means + 3 * i;
+            spin_vec3 v = spin_scene_rotation_place(&turn, spin_v3(x[0], x[1], x[2]));
+            const float turned[3] = {v.x, v.y, v.z};
+
+            for (size_t c = 0; c < 3; c++)
+                out->means[3 * to + c] = (float)(p->scale * turned[c] + p->shift[c]);
+        }
+        for (size_t c = 0; c < 3 && (columns & SPIN_COL_LOG_SCALES); c++)
+            out->log_scales[3 * to + c] = from->log_scales[3 * i + c] + log_scale;
+        if (columns & SPIN_COL_QUATS) {
+            if (turn.kind == SPIN_TURN_NONE)
+                memcpy(out->quats + 4 * to, from->quats + 4 * i, 4 * sizeof *out->quats);
+            else
+                spin_scene_rotation_quat(&turn, from->quats + 4 * i, out->quats + 4 * to);
+        }
+        if (columns & SPIN_COL_LOGIT_OPACITIES)
+            out->logit_opacities[to] = from->logit_opacities[i];
+        if (columns & SPIN_COL_SH)
+            place_sh(from->sh + 3 * (size_t)n_from * i, n_from, &turn,
+                     out->sh + 3 * (size_t)n_out * to, n_out);
+    }
 }
 
 spin_status spin_check_finite(const char *what, const float *values, size_t n, size_t width)

@@ -55,6 +55,18 @@ static inline uint32_t spin_u32_at(const unsigned char *at)
     return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
+/* Where splats are put in a scene: turned, then scaled, then moved. */
+struct spin_placement {
+    double q[4]; /* w x y z, unit */
+    double scale, shift[3];
+};
+
+/* All rows of `from`, so placed, to rows `first` and on of columns that are reserved, with at least their SH
+ * degree; coefficients above it become 0. Half turns alone lose no bit. */
+void spin_splats_place(const struct spin_splats *from, unsigned columns,
+                       const struct spin_placement *placement, size_t first,
+                       struct spin_splats *out);
+
 /* SPIN_E_MALFORMED with the first row that holds NaN or infinity among values [n][width]; `what` names
  * them. The message does not name the file. */
 spin_status spin_check_finite(const char *what, const float *values, size_t n, size_t width);

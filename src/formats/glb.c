@@ -7,7 +7,9 @@
 
 #define EXTENSION SPIN_GS_GLB_EXTENSION
 enum { POSITION, ROTATION, SCALE, OPACITY, SH };
-enum { HEADER = 12, CHUNK_HEADER = 8, POINTS = 0, TRIANGLES = 4 };
+enum { POINTS = 0, TRIANGLES = 4 };
+#define LINEAR "lin_rec709_display"
+#define OPACITY_SLACK 1e-3f /* of opacities that were rounded */
 
 static const char *const names[SH] = {"POSITION", EXTENSION ":ROTATION", EXTENSION ":SCALE",
                                       EXTENSION ":OPACITY"};
@@ -104,207 +106,187 @@ void spin_gs_glb_order(const struct spin_gs_glb_layout *l, unsigned char *const 
 #endif
 }
 
-/* ---- The container --------------------------------------------------------------------------- */
+/* ---- Reading --------------------------------------------------------------------------------- */
 
-spin_status spin_glb_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
-                            uint64_t *n_chunk)
+#define INTEGERS (SPIN_GLB_I8 | SPIN_GLB_U8 | SPIN_GLB_I16 | SPIN_GLB_U16)
+#define NORMALISED(types) ((types) << SPIN_GLB_NORMALISED)
+
+/* What each attribute may be made of: POSITION by KHR_mesh_quantization, the others by the extension. */
+static const unsigned allowed[SH + 1] = {
+    SPIN_GLB_F32 | INTEGERS | NORMALISED(INTEGERS),
+    SPIN_GLB_F32 | NORMALISED(SPIN_GLB_I8 | SPIN_GLB_I16),
+    SPIN_GLB_F32 | SPIN_GLB_U8 | SPIN_GLB_U16 | NORMALISED(SPIN_GLB_U8 | SPIN_GLB_U16),
+    SPIN_GLB_F32 | NORMALISED(SPIN_GLB_U8 | SPIN_GLB_U16),
+    SPIN_GLB_F32,
+};
+
+bool spin_gs_glb_is_splats(const spin_json *primitive)
 {
-    const size_t json_at = HEADER + CHUNK_HEADER;
-    uint64_t at;
+    return spin_json_get(spin_json_get(primitive, "extensions"), EXTENSION) != NULL;
+}
 
-    *n_chunk = 0;
-    if (size < json_at || memcmp(file, "glTF", 4) != 0 || spin_u32_at(file + 4) != 2 ||
-        spin_u32_at(file + 8) != size || memcmp(file + 16, "JSON", 4) != 0)
-        return spin_fail(SPIN_E_MALFORMED, "not a GLB of its length");
-    *n_json = spin_u32_at(file + 12);
-    at = json_at + *n_json;
-    if (at > size)
-        return spin_fail(SPIN_E_MALFORMED, "the JSON ends behind the file");
-    if (at == size)
-        return SPIN_OK;
-    if (at + CHUNK_HEADER > size || memcmp(file + at + 4, "BIN", 4) != 0 ||
-        at + CHUNK_HEADER + spin_u32_at(file + at) != size)
-        return spin_fail(SPIN_E_MALFORMED, "no binary chunk to the end of the file");
-    *n_chunk = spin_u32_at(file + at);
+/* A value that the extension may give: `known`, which is also what its absence means. */
+static spin_status check_value(const spin_json *extension, const char *key, const char *known,
+                               const char *also)
+{
+    const char *value = spin_json_string(spin_json_get(extension, key));
+
+    if (value && strcmp(value, known) != 0 && (!also || strcmp(value, also) != 0))
+        return spin_fail(SPIN_E_UNSUPPORTED, EXTENSION " with the %s '%.40s', expected '%s'", key,
+                         value, known);
     return SPIN_OK;
 }
 
-spin_status spin_gs_glb_open(const unsigned char *file, size_t size, struct spin_gs_glb *out)
+/* The SPZ that stands for all attributes of the primitive. */
+static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
+                               struct spin_gs_glb_points *out)
 {
-    uint64_t n_json;
+    const spin_json *packed =
+        spin_json_get(spin_json_get(extension, "extensions"), EXTENSION "_compression_spz_2");
+    uint64_t n_bytes;
 
-    SPIN_TRY(spin_glb_chunks(file, size, &n_json, &out->n_bytes));
-    out->bytes = file + size - out->n_bytes;
-    return spin_json_parse("JSON", (const char *)file + HEADER + CHUNK_HEADER, (size_t)n_json,
-                           &out->json);
+    if (!packed)
+        return SPIN_OK;
+    SPIN_TRY(spin_glb_view(glb,
+                           spin_glb_item(glb, "bufferViews", spin_json_get(packed, "bufferView")),
+                           &out->packed, &n_bytes));
+    out->n_packed = (size_t)n_bytes;
+    SPIN_TRY(spin_spz_peek(out->packed, out->n_packed, &out->spz));
+    if (out->spz.n != out->n)
+        return spin_fail(SPIN_E_MALFORMED, "%zu splats and SPZ of %zu", out->n, out->spz.n);
+    out->sh_degree = out->spz.sh_degree < 3 ? out->spz.sh_degree : 3;
+    return SPIN_OK;
 }
 
-void spin_gs_glb_close(struct spin_gs_glb *glb)
+spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
+                             struct spin_gs_glb_points *out)
 {
-    spin_json_free(glb->json);
-    *glb = (struct spin_gs_glb){0};
-}
-
-size_t spin_gs_glb_n_nodes(const struct spin_gs_glb *glb)
-{
-    return spin_json_length(spin_json_get(glb->json, "nodes"));
-}
-
-/* ---- Reading --------------------------------------------------------------------------------- */
-
-/* A node's mesh. */
-struct points {
-    const struct spin_gs_glb *glb;
-    const spin_json *attributes; /* NULL: no splats */
-    size_t n;                    /* splats */
-    int sh_degree;
-};
-
-/* An attribute: n times `width` floats, `stride` bytes apart. */
-struct floats {
-    const unsigned char *at;
-    size_t width, stride;
-};
-
-static const spin_json *item(const struct spin_gs_glb *glb, const char *list,
-                             const spin_json *index)
-{
-    int64_t i = -1;
-
-    if (!spin_json_integer(index, &i) || i < 0)
-        return NULL;
-    return spin_json_at(spin_json_get(glb->json, list), (size_t)i);
-}
-
-static int64_t integer_of(const spin_json *object, const char *key, int64_t fallback)
-{
-    int64_t value = fallback;
-
-    spin_json_integer(spin_json_get(object, key), &value);
-    return value;
-}
-
-static spin_status find_points(const struct spin_gs_glb *glb, size_t node, struct points *out)
-{
-    const spin_json *object = spin_json_at(spin_json_get(glb->json, "nodes"), node);
-    const spin_json *mesh = item(glb, "meshes", spin_json_get(object, "mesh"));
-    const spin_json *primitive = spin_json_at(spin_json_get(mesh, "primitives"), 0), *place;
-    int64_t n;
+    const spin_json *extension = spin_json_get(spin_json_get(primitive, "extensions"), EXTENSION);
+    const spin_json *attributes = spin_json_get(primitive, "attributes");
+    const spin_json *place =
+        spin_glb_item(glb, "accessors", spin_json_get(attributes, names[POSITION]));
+    const char *colours = spin_json_string(spin_json_get(extension, "colorSpace"));
+    int64_t n = spin_glb_integer(place, "count", -1);
     char name[64];
 
-    *out = (struct points){.glb = glb};
-    if (!object)
-        return spin_fail(SPIN_E_MALFORMED, "no node %zu", node);
-    if (!spin_json_get(object, "mesh"))
-        return SPIN_OK;
-    out->attributes = spin_json_get(primitive, "attributes");
-    place = item(glb, "accessors", spin_json_get(out->attributes, names[POSITION]));
-    if (!place || integer_of(primitive, "mode", TRIANGLES) != POINTS ||
-        !spin_json_get(spin_json_get(primitive, "extensions"), EXTENSION))
-        return spin_fail(SPIN_E_MALFORMED, "node %zu shows no points with " EXTENSION, node);
-    n = integer_of(place, "count", 0);
-    if (n < 0 || (uint64_t)n > glb->n_bytes / 12) /* of POSITION alone */
-        return spin_fail(SPIN_E_MALFORMED, "node %zu: %lld splats in %llu bytes", node,
-                         (long long)n, (unsigned long long)glb->n_bytes);
+    *out = (struct spin_gs_glb_points){.glb = glb, .attributes = attributes};
+    if (!extension || spin_glb_integer(primitive, "mode", TRIANGLES) != POINTS)
+        return spin_fail(SPIN_E_MALFORMED, "it shows no points with " EXTENSION);
+    SPIN_TRY(check_value(extension, "kernel", "ellipse", NULL));
+    SPIN_TRY(check_value(extension, "projection", "perspective", NULL));
+    SPIN_TRY(check_value(extension, "colorSpace", "srgb_rec709_display", LINEAR));
+    out->linear = colours && strcmp(colours, LINEAR) == 0;
+    if (n < 0 || n > UINT32_MAX)
+        return spin_fail(SPIN_E_MALFORMED, "it has no attribute 'POSITION' with a count");
     out->n = (size_t)n;
+    SPIN_TRY(find_packed(glb, extension, out));
+    if (out->packed)
+        return SPIN_OK;
+    if (out->n > glb->n_bytes / 3) /* of POSITION alone */
+        return spin_fail(SPIN_E_MALFORMED, "%zu splats in %llu bytes", out->n,
+                         (unsigned long long)glb->n_bytes);
     for (; out->sh_degree < 3; out->sh_degree++) {
         name_sh(out->sh_degree + 1, 0, name);
-        if (!spin_json_get(out->attributes, name))
+        if (!spin_json_get(attributes, name))
             break;
     }
     return SPIN_OK;
 }
 
-/* Accessor, view and bytes of an attribute of `width` floats; all of it lies in the binary chunk. */
-static spin_status find_floats(const struct points *p, const char *name, size_t width,
-                               struct floats *out)
+static spin_status find_attribute(const struct spin_gs_glb_points *p, const char *name, int kind,
+                                  size_t width, struct spin_glb_numbers *out)
 {
-    static const char *const types[] = {"", "SCALAR", "", "VEC3", "VEC4"};
-    const spin_json *a = item(p->glb, "accessors", spin_json_get(p->attributes, name));
-    const spin_json *view = item(p->glb, "bufferViews", spin_json_get(a, "bufferView"));
-    const char *type = spin_json_string(spin_json_get(a, "type"));
-    int64_t at = integer_of(view, "byteOffset", 0), length = integer_of(view, "byteLength", -1);
-    int64_t offset = integer_of(a, "byteOffset", 0), bytes = (int64_t)width * 4;
-    int64_t stride = integer_of(view, "byteStride", bytes), n = (int64_t)p->n;
+    const spin_json *accessor =
+        spin_glb_item(p->glb, "accessors", spin_json_get(p->attributes, name));
+    spin_status status = spin_glb_find(p->glb, accessor, width, allowed[kind], out);
 
-    if (!view || !type || strcmp(type, types[width]) != 0 ||
-        integer_of(a, "componentType", 0) != SPIN_GLTF_F32 || integer_of(a, "count", -1) != n ||
-        integer_of(view, "buffer", 0) != 0 || spin_json_get(a, "sparse"))
-        return spin_fail(SPIN_E_MALFORMED, "attribute '%s' is missing or of another kind", name);
-    if (at < 0 || length < 0 || offset < 0 || stride < bytes || stride > 252 ||
-        (uint64_t)at > p->glb->n_bytes || (uint64_t)length > p->glb->n_bytes - (uint64_t)at ||
-        offset > length ||
-        (n > 0 && (length - offset < bytes || (length - offset - bytes) / stride < n - 1)))
-        return spin_fail(SPIN_E_MALFORMED, "attribute '%s' ends behind the file", name);
-    *out = (struct floats){p->glb->bytes + at + offset, width, (size_t)stride};
-    return SPIN_OK;
+    if (status == SPIN_OK && out->n != p->n)
+        status = spin_fail(SPIN_E_MALFORMED, "%zu rows, 'POSITION' has %zu", out->n, p->n);
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "attribute '%s'", name);
 }
 
-static void copy_row(const struct floats *f, size_t i, float *out)
-{
-    memcpy(out, f->at + i * f->stride, f->width * sizeof *out);
-    spin_little_endian(out, f->width);
-}
-
-static spin_status read_sh(const struct points *p, struct spin_splats *out)
+static spin_status read_sh(const struct spin_gs_glb_points *p, struct spin_splats *out)
 {
     size_t n_sh = (size_t)spin_sh_count(p->sh_degree), k = 0;
 
     for (int degree = 0; degree <= p->sh_degree; degree++) {
         for (int m = 0; m < 2 * degree + 1; m++, k++) {
-            struct floats from;
+            struct spin_glb_numbers from;
             char name[64];
 
             name_sh(degree, m, name);
-            SPIN_TRY(find_floats(p, name, 3, &from));
+            SPIN_TRY(find_attribute(p, name, SH, 3, &from));
             for (size_t i = 0; i < p->n; i++)
-                copy_row(&from, i, out->sh + 3 * (n_sh * i + k));
+                spin_glb_row(&from, i, out->sh + 3 * (n_sh * i + k));
         }
     }
     return SPIN_OK;
 }
 
-static spin_status read_rows(const struct points *p, unsigned columns, struct spin_splats *out)
+static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned columns,
+                             struct spin_splats *out)
 {
-    struct floats place, rotation, scale, opacity;
+    struct spin_glb_numbers place, rotation, scale, opacity;
 
-    SPIN_TRY(find_floats(p, names[POSITION], 3, &place));
-    SPIN_TRY(find_floats(p, names[ROTATION], 4, &rotation));
-    SPIN_TRY(find_floats(p, names[SCALE], 3, &scale));
-    SPIN_TRY(find_floats(p, names[OPACITY], 1, &opacity));
+    SPIN_TRY(find_attribute(p, names[POSITION], POSITION, 3, &place));
+    SPIN_TRY(find_attribute(p, names[ROTATION], ROTATION, 4, &rotation));
+    SPIN_TRY(find_attribute(p, names[SCALE], SCALE, 3, &scale));
+    SPIN_TRY(find_attribute(p, names[OPACITY], OPACITY, 1, &opacity));
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_MEANS); i++)
-        copy_row(&place, i, out->means + 3 * i);
+        spin_glb_row(&place, i, out->means + 3 * i);
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_QUATS); i++) {
         float q[4];
 
-        copy_row(&rotation, i, q);
+        spin_glb_row(&rotation, i, q);
         for (size_t k = 0; k < 4; k++)
             out->quats[4 * i + (k + 1) % 4] = q[k];
     }
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_LOG_SCALES); i++) {
         float *to = out->log_scales + 3 * i;
 
-        copy_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) /* NaN stays, to be found */
+        spin_glb_row(&scale, i, to);
+        for (int c = 0; c < 3; c++) { /* NaN stays, to be found */
+            if (to[c] < 0)
+                return spin_fail(SPIN_E_MALFORMED, "'SCALE' is %g in row %zu, expected 0 or more",
+                                 (double)to[c], i);
             to[c] = logf(to[c] < 1e-38f ? 1e-38f : to[c]);
+        }
     }
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_LOGIT_OPACITIES); i++) {
-        copy_row(&opacity, i, out->logit_opacities + i);
-        out->logit_opacities[i] = spin_opacity_logit(out->logit_opacities[i]);
+        float value;
+
+        spin_glb_row(&opacity, i, &value);
+        if (value < -OPACITY_SLACK || value > 1 + OPACITY_SLACK)
+            return spin_fail(SPIN_E_MALFORMED, "'OPACITY' is %g in row %zu, expected 0 to 1",
+                             (double)value, i);
+        out->logit_opacities[i] = spin_opacity_logit(value);
     }
     return columns & SPIN_COL_SH ? read_sh(p, out) : SPIN_OK;
 }
 
-spin_status spin_gs_glb_read(const struct spin_gs_glb *glb, size_t node, unsigned columns,
+spin_status spin_gs_glb_read(const struct spin_gs_glb_points *p, unsigned columns,
                              struct spin_splats *out)
 {
     static const char *const what[5] = {"POSITION", "ROTATION", "SCALE", "OPACITY", "SH_DEGREE_*"};
-    struct points p;
 
-    SPIN_TRY(find_points(glb, node, &p));
-    SPIN_TRY(spin_splats_reserve(out, p.n, columns, p.sh_degree));
-    if (!p.attributes)
-        return SPIN_OK;
-    SPIN_TRY(read_rows(&p, columns, out));
-    return spin_check_columns(what, columns, 0, p.n, out);
+    if (p->packed)
+        return spin_spz_read(p->packed, p->n_packed, columns, out);
+    SPIN_TRY(spin_splats_reserve(out, p->n, columns, p->sh_degree));
+    SPIN_TRY(read_rows(p, columns, out));
+    return spin_check_columns(what, columns, 0, p->n, out);
+}
+
+spin_status spin_gs_glb_read_node(const struct spin_glb_file *glb, size_t node, unsigned columns,
+                                  struct spin_splats *out)
+{
+    const spin_json *object = spin_json_at(spin_json_get(glb->json, "nodes"), node);
+    const spin_json *mesh = spin_glb_item(glb, "meshes", spin_json_get(object, "mesh"));
+    struct spin_gs_glb_points points;
+
+    if (!object)
+        return spin_fail(SPIN_E_MALFORMED, "no node %zu", node);
+    if (!spin_json_get(object, "mesh"))
+        return spin_splats_reserve(out, 0, columns, 0);
+    SPIN_TRY(spin_gs_glb_find(glb, spin_json_at(spin_json_get(mesh, "primitives"), 0), &points));
+    return spin_gs_glb_read(&points, columns, out);
 }

@@ -1,5 +1,5 @@
 /* Splats in the binary container of glTF 2.0, by KHR_gaussian_splatting (Khronos, release candidate of
- * 2026): a frame is a node with a mesh of points, whose attributes are
+ * 2026): a mesh of points, whose attributes are
  *
  *     POSITION                                    3 floats
  *     KHR_gaussian_splatting:ROTATION             4 floats, x y z w, of unit length
@@ -9,13 +9,15 @@
  *     COLOR_0                                     4 numbers of 16 bits, linear light and opacity, for
  *                                                 viewers that do not know the extension and draw points
  *
- * Each attribute lies in one piece. io/gltf.h writes the container. */
+ * Written are floats, each attribute in one piece; io/gltf.h writes the container. Read are also the integers
+ * that the extension and KHR_mesh_quantization allow, and an SPZ in place of the attributes
+ * (KHR_gaussian_splatting_compression_spz_2, a draft). */
 #ifndef SPIN_FORMATS_GLB_H
 #define SPIN_FORMATS_GLB_H
 
-#include "formats/gaussian.h"
+#include "formats/glb_accessor.h"
+#include "formats/spz.h"
 #include "io/gltf.h"
-#include "io/json.h"
 #include "math/sh.h"
 
 #define SPIN_GS_GLB_EXTENSION "KHR_gaussian_splatting"
@@ -49,25 +51,29 @@ void spin_gs_glb_order(const struct spin_gs_glb_layout *layout, unsigned char *c
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* A file in memory, which is borrowed until the end. */
-struct spin_gs_glb {
-    spin_json *json;
-    const unsigned char *bytes; /* of the binary chunk */
-    uint64_t n_bytes;
+/* Splats of one mesh primitive. */
+struct spin_gs_glb_points {
+    const struct spin_glb_file *glb; /* borrowed */
+    const spin_json *attributes;
+    size_t n;
+    int sh_degree;
+    bool linear; /* colours are of linear light */
+    /* In place of the attributes: an SPZ, of which axes are those of a SPZ. NULL: there is none. */
+    const unsigned char *packed;
+    size_t n_packed;
+    struct spin_spz_header spz;
 };
 
-/* The lengths of a GLB and of its chunks; nothing is parsed. n_chunk: bytes of the binary chunk. Errors do
- * not name the file, here and below. */
-spin_status spin_glb_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
-                            uint64_t *n_chunk);
-/* Free also after a failure. Zero it before. */
-spin_status spin_gs_glb_open(const unsigned char *file, size_t size, struct spin_gs_glb *out);
-void spin_gs_glb_close(struct spin_gs_glb *glb);
-size_t spin_gs_glb_n_nodes(const struct spin_gs_glb *glb);
-/* The splats of a node, none where it has no mesh. Their SH degree is that of the file. Attributes must be
- * floats, as other component types of the extension are not read. All that comes out is finite; rotations
- * keep their length. */
-spin_status spin_gs_glb_read(const struct spin_gs_glb *glb, size_t node, unsigned columns,
+/* Whether a mesh primitive holds splats. */
+bool spin_gs_glb_is_splats(const spin_json *primitive);
+spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
+                             struct spin_gs_glb_points *out);
+/* As the mesh has them, and in the SH degree of the file. All that comes out is finite; rotations keep
+ * their length. */
+spin_status spin_gs_glb_read(const struct spin_gs_glb_points *points, unsigned columns,
                              struct spin_splats *out);
+/* The first primitive of a node's mesh, nothing where it has none. */
+spin_status spin_gs_glb_read_node(const struct spin_glb_file *glb, size_t node, unsigned columns,
+                                  struct spin_splats *out);
 
 #endif

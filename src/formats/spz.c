@@ -5,18 +5,30 @@
 
 #include "base/mem.h"
 #include "io/gzip.h"
+#include "io/zstd.h"
 #include "math/portable.h"
 #include "math/quat.h"
 #include "math/sh.h"
 
 #define MAGIC 0x5053474eu /* "NGSP" */
-#define VERSION 3
+#define VERSION 3         /* that is written */
+#define OLDEST 2
+#define IN_STREAMS 4  /* the version whose streams are compressed one by one */
 #define ANTIALIASED 1 /* of the header's flags */
+#define EXTENDED 2    /* likewise */
+#define MAX_SH_DEGREE 4
+#define AXES_RECORD 0xadbe0003u /* type of the extension's record that names the axes */
+#define MAX_AXES 16
+#define LEFT_DOWN_BACK 1
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
 #define MAX_PLACE 8388606 /* steps */
-/* Deflate makes at most 1032 bytes of one. */
-#define MAX_RATIO 1032
+/* Scenes unpack to two or three times the file, to ten where SH are filled up with zeros. What is more than
+ * 32 times, beyond some megabytes, is a bomb: deflate can make 1032 bytes out of one, zstd far more. */
+#define RATIO 32
+#define RATIO_SLACK (8u << 20)
+#define MAX_EXTENSIONS (1u << 20)
+enum { HEADER_4 = 32, TOC_ENTRY = 16 };
 
 /* x y z w in our w x y z */
 static const int xyzw[4] = {1, 2, 3, 0};
@@ -126,40 +138,190 @@ void spin_spz_code_sh(const float *restrict sh, int n_sh, int sh_degree,
     }
 }
 
-/* ---- Reading --------------------------------------------------------------------------------- */
+/* ---- The header ------------------------------------------------------------------------------ */
 
-spin_status spin_spz_parse_header(const unsigned char *bytes, size_t n_bytes,
-                                  struct spin_spz_header *out)
+static uint64_t u64_at(const unsigned char *at)
 {
-    uint32_t version;
+    return spin_u32_at(at) | (uint64_t)spin_u32_at(at + 4) << 32;
+}
 
-    if (n_bytes < SPIN_SPZ_HEADER || spin_u32_at(bytes) != MAGIC)
-        return spin_fail(SPIN_E_MALFORMED, "no header of SPZ");
-    version = spin_u32_at(bytes + 4);
-    if (version != VERSION)
-        return spin_fail(SPIN_E_UNSUPPORTED, "SPZ of version %u, expected version %d", version,
-                         VERSION);
-    if (bytes[12] > 3)
-        return spin_fail(SPIN_E_UNSUPPORTED, "SPZ with SH degree %d, expected 0 to 3", bytes[12]);
-    *out = (struct spin_spz_header){.n = spin_u32_at(bytes + 8),
+/* Bytes of a stream of the file. */
+static uint64_t stream_bytes(const struct spin_spz_header *h, int stream)
+{
+    bool three = stream == SPIN_SPZ_ROTATION && h->version == OLDEST;
+
+    return (uint64_t)h->n * (three ? 3 : spin_spz_width(stream, h->sh_degree));
+}
+
+static uint64_t all_bytes(const struct spin_spz_header *h)
+{
+    uint64_t sum = 0;
+
+    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
+        sum += stream_bytes(h, stream);
+    return sum;
+}
+
+/* The first 16 bytes, of which all versions have the same. */
+static spin_status parse_header(const unsigned char *bytes, struct spin_spz_header *out)
+{
+    *out = (struct spin_spz_header){.version = (int)spin_u32_at(bytes + 4),
+                                    .n = spin_u32_at(bytes + 8),
                                     .sh_degree = bytes[12],
                                     .fraction = bytes[13],
                                     .antialias = bytes[14] & ANTIALIASED};
+    if (out->version < OLDEST || out->version > IN_STREAMS)
+        return spin_fail(SPIN_E_UNSUPPORTED, "SPZ of version %u, expected %d to %d",
+                         spin_u32_at(bytes + 4), OLDEST, IN_STREAMS);
+    if (out->sh_degree > MAX_SH_DEGREE)
+        return spin_fail(SPIN_E_UNSUPPORTED, "SPZ with SH degree %d, expected 0 to %d",
+                         out->sh_degree, MAX_SH_DEGREE);
     return SPIN_OK;
+}
+
+/* Before memory is reserved for them. */
+static spin_status check_count(const struct spin_spz_header *h, size_t size)
+{
+    if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes", h->n, size);
+    return SPIN_OK;
+}
+
+/* Records of a type, a length and so many bytes; those that are not known are passed over. */
+static spin_status read_extensions(const unsigned char *at, size_t n, struct spin_spz_header *out)
+{
+    while (n > 0) {
+        uint32_t length = n >= 8 ? spin_u32_at(at + 4) : 0;
+
+        if (n < 8 || length > n - 8)
+            return spin_fail(SPIN_E_MALFORMED, "SPZ with extensions that are cut short");
+        if (spin_u32_at(at) == AXES_RECORD) {
+            if (length != 4 || spin_u32_at(at + 8) > MAX_AXES)
+                return spin_fail(SPIN_E_UNSUPPORTED, "SPZ with axes of an unknown kind");
+            out->axes = (int)spin_u32_at(at + 8);
+        }
+        at += 8 + length;
+        n -= 8 + length;
+    }
+    return SPIN_OK;
+}
+
+/* Version 4: the table of contents stands for each stream that is not empty, in their order, and the last
+ * one ends the file. */
+static spin_status check_streams(const unsigned char *file, size_t size, struct spin_spz_header *h)
+{
+    uint32_t toc = spin_u32_at(file + 16);
+    uint64_t at = (uint64_t)toc + (uint64_t)file[15] * TOC_ENTRY;
+    int entry = 0;
+
+    if (toc < HEADER_4 || at > size)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ whose table of contents ends behind the file");
+    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
+        uint64_t bytes = stream_bytes(h, stream);
+        const unsigned char *e = file + toc + TOC_ENTRY * entry;
+
+        if (bytes == 0)
+            continue;
+        if (entry++ >= file[15] || u64_at(e + 8) != bytes)
+            return spin_fail(SPIN_E_MALFORMED, "SPZ whose stream %d is not of %zu splats", stream,
+                             h->n);
+        if (u64_at(e) > size - at)
+            return spin_fail(SPIN_E_MALFORMED, "SPZ whose stream %d ends behind the file", stream);
+        at += u64_at(e);
+    }
+    if (entry != file[15] || at != size)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ with more than its streams");
+    SPIN_TRY(check_count(h, size));
+    return file[14] & EXTENDED ? read_extensions(file + HEADER_4, toc - HEADER_4, h) : SPIN_OK;
+}
+
+/* Bytes of the extensions in the gzip of version 2 or 3, by what its end says of its length, which is
+ * counted modulo 2^32. */
+static uint32_t extension_bytes(const void *file, size_t size, const struct spin_spz_header *h)
+{
+    return spin_gzip_length(file, size) - (uint32_t)(SPIN_SPZ_HEADER + all_bytes(h));
+}
+
+/* All that versions 2 and 3 pack. */
+static spin_status inflate_all(const void *file, size_t size, const struct spin_spz_header *h,
+                               unsigned char **out, size_t *n_out)
+{
+    size_t n_bytes = SPIN_SPZ_HEADER + (size_t)all_bytes(h) + extension_bytes(file, size, h);
+
+    SPIN_TRY(spin_alloc(n_bytes + 1, 1, (void **)out));
+    SPIN_TRY(spin_gzip_read(file, size, *out, n_bytes + 1, n_out));
+    if (*n_out != n_bytes)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes, but %zu bytes", h->n,
+                         n_bytes, *n_out);
+    return SPIN_OK;
+}
+
+static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_header *out)
+{
+    unsigned char header[SPIN_SPZ_HEADER], *all = NULL;
+    size_t n = 0, n_streams;
+    uint32_t n_extensions;
+    spin_status status;
+
+    SPIN_TRY(spin_gzip_read(file, size, header, sizeof header, &n));
+    if (n < sizeof header || spin_u32_at(header) != MAGIC)
+        return spin_fail(SPIN_E_MALFORMED, "no header of SPZ");
+    SPIN_TRY(parse_header(header, out));
+    if (out->version == IN_STREAMS)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ of version %d in a gzip", IN_STREAMS);
+    SPIN_TRY(check_count(out, size));
+    n_streams = (size_t)all_bytes(out);
+    n_extensions = extension_bytes(file, size, out);
+    if (n_extensions > (header[14] & EXTENDED ? MAX_EXTENSIONS : 0))
+        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes, but %u bytes", out->n,
+                         SPIN_SPZ_HEADER + n_streams, spin_gzip_length(file, size));
+    if (n_extensions == 0)
+        return SPIN_OK;
+    status = inflate_all(file, size, out, &all, &n);
+    if (status == SPIN_OK)
+        status = read_extensions(all + n - n_extensions, n_extensions, out);
+    free(all);
+    return status;
 }
 
 spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header *out)
 {
-    unsigned char header[SPIN_SPZ_HEADER];
-    size_t n = 0;
-
-    SPIN_TRY(spin_gzip_read(file, size, header, sizeof header, &n));
-    SPIN_TRY(spin_spz_parse_header(header, n, out));
-    if (spin_gzip_length(file, size) != (uint32_t)spin_spz_bytes(out->n, out->sh_degree))
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats of %zu bytes each, but %u bytes",
-                         out->n, 20 + spin_n_rest(out->sh_degree), spin_gzip_length(file, size));
-    return SPIN_OK;
+    if (size < 4 || spin_u32_at(file) != MAGIC)
+        return peek_gzip(file, size, out);
+    if (size < HEADER_4)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ that ends in its header");
+    SPIN_TRY(parse_header(file, out));
+    if (out->version != IN_STREAMS)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ of version %d that is not compressed",
+                         out->version);
+    return check_streams(file, size, out);
 }
+
+spin_status spin_spz_axes(int axes, double q[4])
+{
+    static const char *const names[MAX_AXES + 1] = {
+        "unspecified", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF",
+        "LFD",         "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"};
+    /* Half a turn about x, y, z, or none; the others are mirrored or lie on their backs. */
+    static const struct {
+        int axes, about;
+    } turns[] = {{SPIN_SPZ_RIGHT_DOWN_FORWARD, 0},
+                 {SPIN_SPZ_RIGHT_UP_BACK, 1},
+                 {LEFT_DOWN_BACK, 2},
+                 {SPIN_SPZ_LEFT_UP_FORWARD, 3}};
+
+    for (size_t i = 0; i < sizeof turns / sizeof *turns; i++) {
+        if (turns[i].axes != axes)
+            continue;
+        for (int k = 0; k < 4; k++)
+            q[k] = k == turns[i].about;
+        return SPIN_OK;
+    }
+    return spin_fail(SPIN_E_UNSUPPORTED, "SPZ in the axes %s, expected RDF, RUB, LUF or LDB",
+                     names[axes]);
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 /* 24 bits, signed, in steps of 2^-fraction. */
 static float place_of(const unsigned char *at, int fraction)
@@ -188,52 +350,90 @@ static void rotation_of(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* The streams of header->n rows, as Niantic's library reads them. */
-static void read_streams(const struct spin_spz_header *header, const unsigned char *at,
+/* Version 2: x y z, and w is not negative. */
+static void rotation_of_three(const unsigned char *at, float q[4])
+{
+    float rest = 1;
+
+    for (int k = 0; k < 3; k++) {
+        q[1 + k] = (float)at[k] / 127.5f - 1;
+        rest -= q[1 + k] * q[1 + k];
+    }
+    q[0] = sqrtf(spin_maxf(rest, 0));
+    spin_quat_normalise(q);
+}
+
+/* The streams one after the other, as Niantic's library reads them. */
+static void read_streams(const struct spin_spz_header *h, const unsigned char *place,
                          unsigned columns, struct spin_splats *out)
 {
-    size_t n = header->n, n_rest = spin_n_rest(header->sh_degree);
-    const unsigned char *alpha = at + 9 * n, *colour = alpha + n, *scale = colour + 3 * n;
-    const unsigned char *rotation = scale + 3 * n, *sh = rotation + 4 * n;
+    size_t n = h->n, n_rest = spin_n_rest(h->sh_degree), n_kept = spin_n_rest(out->sh_degree);
+    const unsigned char *alpha = place + 9 * n, *colour = alpha + n, *scale = colour + 3 * n;
+    const unsigned char *rotation = scale + 3 * n;
+    const unsigned char *sh = rotation + stream_bytes(h, SPIN_SPZ_ROTATION);
 
     for (size_t i = 0; i < 3 * n && (columns & SPIN_COL_MEANS); i++)
-        out->means[i] = place_of(at + 3 * i, header->fraction);
+        out->means[i] = place_of(place + 3 * i, h->fraction);
     for (size_t i = 0; i < n && (columns & SPIN_COL_LOGIT_OPACITIES); i++)
         out->logit_opacities[i] = spin_byte_logit(alpha[i]);
     for (size_t i = 0; i < 3 * n && (columns & SPIN_COL_LOG_SCALES); i++)
         out->log_scales[i] = (float)scale[i] / 16 - 10;
-    for (size_t i = 0; i < n && (columns & SPIN_COL_QUATS); i++)
-        rotation_of(rotation + 4 * i, out->quats + 4 * i);
+    for (size_t i = 0; i < n && (columns & SPIN_COL_QUATS); i++) {
+        if (h->version == OLDEST)
+            rotation_of_three(rotation + 3 * i, out->quats + 4 * i);
+        else
+            rotation_of(rotation + 4 * i, out->quats + 4 * i);
+    }
     for (size_t i = 0; i < n && (columns & SPIN_COL_SH); i++) {
-        float *to = out->sh + (3 + n_rest) * i;
+        float *to = out->sh + (3 + n_kept) * i;
 
         for (size_t c = 0; c < 3; c++)
             to[c] = ((float)colour[3 * i + c] - 127.5f) / COLOUR_SCALE;
-        for (size_t k = 0; k < n_rest; k++)
+        for (size_t k = 0; k < n_kept; k++)
             to[3 + k] = ((float)sh[n_rest * i + k] - 128) / 128;
     }
+}
+
+/* The streams of version 4, one after the other. */
+static spin_status inflate_streams(const unsigned char *file, const struct spin_spz_header *h,
+                                   unsigned char **out)
+{
+    const unsigned char *entry = file + spin_u32_at(file + 16), *at = entry + file[15] * TOC_ENTRY;
+    unsigned char *to;
+
+    SPIN_TRY(spin_alloc((size_t)all_bytes(h) + 1, 1, (void **)out));
+    to = *out;
+    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
+        size_t n_bytes = (size_t)stream_bytes(h, stream);
+        spin_status status;
+
+        if (n_bytes == 0)
+            continue;
+        status = spin_zstd_read(at, (size_t)u64_at(entry), to, n_bytes);
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "SPZ stream %d", stream);
+        to += n_bytes;
+        at += u64_at(entry);
+        entry += TOC_ENTRY;
+    }
+    return SPIN_OK;
 }
 
 spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struct spin_splats *out)
 {
     struct spin_spz_header header;
-    unsigned char *bytes = NULL;
-    size_t n = 0, n_bytes;
+    unsigned char *bytes = NULL, *streams;
+    size_t n = 0;
     spin_status status;
 
     SPIN_TRY(spin_spz_peek(file, size, &header));
-    n_bytes = (size_t)spin_spz_bytes(header.n, header.sh_degree);
-    if (n_bytes / MAX_RATIO > size)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %zu bytes", header.n, size);
-    SPIN_TRY(spin_alloc(n_bytes + 1, 1, (void **)&bytes));
-    SPIN_TRY_OUT(spin_gzip_read(file, size, bytes, n_bytes + 1, &n));
-    if (n != n_bytes)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED,
-                               "SPZ with %zu splats of %zu bytes each, but %zu bytes", header.n,
-                               20 + spin_n_rest(header.sh_degree), n));
-    SPIN_TRY_OUT(spin_splats_reserve(out, header.n, columns, header.sh_degree));
+    SPIN_TRY_OUT(header.version == IN_STREAMS ? inflate_streams(file, &header, &bytes)
+                                              : inflate_all(file, size, &header, &bytes, &n));
+    streams = bytes + (header.version == IN_STREAMS ? 0 : SPIN_SPZ_HEADER);
+    SPIN_TRY_OUT(
+        spin_splats_reserve(out, header.n, columns, header.sh_degree < 3 ? header.sh_degree : 3));
     out->antialias = header.antialias;
-    read_streams(&header, bytes + SPIN_SPZ_HEADER, columns, out);
+    read_streams(&header, streams, columns, out);
 out:
     free(bytes);
     return status;

@@ -1,16 +1,23 @@
-/* Niantic's SPZ, version 3, the one most widely read. A gzip of a header of 16 bytes and one stream after
- * the other:
+/* Niantic's SPZ. Read are versions 2 to 4; written is version 3, the one most widely read. Versions 2 and 3
+ * are a gzip of a header of 16 bytes and one stream after the other:
  *
  *     places     9 bytes  per axis 24 bits, signed, in steps of 2^-fractional_bits
  *     alphas     1        opacity * 255
  *     colours    3        dc * 0.15 * 255 + 127.5
  *     scales     3        (log scale + 10) * 16
  *     rotations  4        2 bits: the largest of x y z w; of the other three a sign and 9 bits each
- *     sh         0, 9, 24 or 45  coefficient by coefficient, r g b within: x * 128 + 128, to the
+ *                3        version 2: x y z of the quaternion with w >= 0, each q * 127.5 + 127.5
+ *     sh         0, 9, 24, 45 or 72  coefficient by coefficient, r g b within: x * 128 + 128, to the
  *                         nearest multiple of 8 (degree 1) or 16
  *
  * The header: the magic NGSP, version and number of splats as words, then bytes: SH degree, fractional
- * bits, flags (1: trained antialiased), 0. */
+ * bits, flags (1: trained antialiased, 2: extensions), 0. Extensions are records (type, length, bytes), in
+ * versions 2 and 3 behind the streams.
+ *
+ * Version 4 is not packed as a whole. The last byte of those 16 is the number of streams that are not
+ * empty, the word behind it says where the table of contents lies, 12 bytes of zero end the header.
+ * Extensions follow, then the table (for each stream two numbers of 64 bits: its bytes here, and unpacked),
+ * then the streams, each compressed by zstd. */
 #ifndef SPIN_FORMATS_SPZ_H
 #define SPIN_FORMATS_SPZ_H
 
@@ -31,9 +38,15 @@ enum {
 
 struct spin_spz_header {
     size_t n;
-    int sh_degree, fraction; /* 0..3; fractional bits of places */
+    int sh_degree, fraction; /* 0..3, of version 4 up to 4; fractional bits of places */
     bool antialias;
+    int version; /* 2 to 4; not looked at when one is written */
+    int axes;    /* as SPZ_ADOBE_coordinate_system counts them, 1 to 16; 0: the file does not say */
 };
+
+/* Of spin_spz_header.axes: Niantic's library takes the first where a file does not say; a PLY has the second,
+ * glTF the third. */
+enum { SPIN_SPZ_RIGHT_UP_BACK = 4, SPIN_SPZ_RIGHT_DOWN_FORWARD = 6, SPIN_SPZ_LEFT_UP_FORWARD = 7 };
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
@@ -58,13 +71,14 @@ void spin_spz_code_sh(const float *sh, int n_sh, int sh_degree, unsigned char *o
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* The first bytes of what the gzip holds. Errors do not name the file, here and below. */
-spin_status spin_spz_parse_header(const unsigned char *bytes, size_t n_bytes,
-                                  struct spin_spz_header *out);
-/* The header of a file in memory, and whether its length is that of its splats. */
+/* The header of a file in memory, and whether its lengths are those of its splats. A file that would unpack
+ * to more than 32 times itself and 8 MiB is refused. Errors do not name the file, here and below. */
 spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header *out);
-/* A whole file in memory, in the axes that it holds. All that comes out is finite, rotations are of unit
- * length. */
+/* The rotation w x y z that turns these axes to right, down, forward. Only those that take half a turn at
+ * most are known. */
+spin_status spin_spz_axes(int axes, double q[4]);
+/* A whole file in memory, in the axes that it holds; SH of degree 4 are cut to 3. All that comes out is
+ * finite, rotations are of unit length. */
 spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struct spin_splats *out);
 
 #endif

@@ -1,8 +1,19 @@
 #!/bin/sh
 # K: import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs retrain
-# A run of every importer in the list goes out as PLY; some that are defined at any time are retrained too.
+# K: spz splat gltf
+# A run of every importer in the list goes out as PLY; some that are defined at any time and three of splat
+# files are retrained too.
 . tests/cli/lib.sh
 . tests/runs.sh
+
+# Where a run lies: in the large fixtures, or in those of the repository.
+place_of() { # PATH
+    if [ -d "$fixtures/$1" ]; then
+        echo "$fixtures/$1"
+    else
+        echo "fixtures/$1"
+    fi
+}
 
 # The file is as long as its header says, and its rows are floats that are numbers.
 ply_is_whole() { # FILE SPLATS NAME
@@ -34,13 +45,14 @@ ok "$([ -s "$work/names" ]; echo $?)" "there are importers"
 while read -r name; do
     path=$(run_of "$name")
     ok "$([ -n "$path" ]; echo $?)" "$name: this test has a run of it"
-    if [ -z "$path" ] || [ ! -d "$fixtures/$path" ]; then
+    in=$(place_of "$path")
+    if [ -z "$path" ] || [ ! -d "$in" ]; then
         skip "$name" "no fixture '$path'"
         continue
     fi
-    run "$bin/spin-import" "$fixtures/$path" -o "$work/$name.spin" --json
+    run "$bin/spin-import" "$in" -o "$work/$name.spin" --json
     if [ "$code" = 2 ]; then # it is defined at any time
-        run "$bin/spin-import" "$fixtures/$path" -o "$work/$name.spin" --json --frames 3
+        run "$bin/spin-import" "$in" -o "$work/$name.spin" --json --frames 3
     fi
     is "$code $(member from)" "0 $name" "$name: comes in, by detection"
     if ! grep -q '"logit_opacities"' "$work/out"; then
@@ -57,7 +69,7 @@ done <"$work/names"
 # The clip as its own method has it, rendered, is what the network is trained on. Any picture stands for
 # the data set until then.
 retrained() { # IMPORTER RADIUS LAST_TIME
-    in=$fixtures/$(run_of "$1")
+    in=$(place_of "$(run_of "$1")")
     data=$work/$1-data
     if [ ! -d "$in" ]; then
         skip "$1: retrained" "no fixture '$in'"
@@ -93,4 +105,7 @@ retrained realtime4dgs 7 1
 retrained 4dgaussian 4 1
 retrained ed3dgs 8 1
 retrained spacetimegs 30 0.95
+retrained spz 7 2
+retrained splat 7 2
+retrained gltf 7 2
 done_testing

@@ -1,42 +1,15 @@
 /* K: gltf formats export */
-#include "formats/glb.h"
-#include "tests/formats/splats.h"
+#include "tests/formats/glb_files.h"
 
 static spin_status read_glb(const unsigned char *bytes, size_t n_bytes, struct spin_splats *out)
 {
-    struct spin_gs_glb glb = {0};
-    spin_status status = spin_gs_glb_open(bytes, n_bytes, &glb);
+    struct spin_glb_file glb = {0};
+    spin_status status = spin_glb_open(bytes, n_bytes, &glb);
 
     if (status == SPIN_OK)
-        status = spin_gs_glb_read(&glb, 0, ALL, out);
-    spin_gs_glb_close(&glb);
+        status = spin_gs_glb_read_node(&glb, 0, ALL, out);
+    spin_glb_close(&glb);
     return status;
-}
-
-static void put_u32(unsigned char *at, size_t value)
-{
-    for (int b = 0; b < 4; b++)
-        at[b] = (unsigned char)(value >> (8 * b));
-}
-
-/* A GLB of this text and these bytes. */
-static unsigned char *make_glb(const char *json, const unsigned char *bytes, size_t n, size_t *size)
-{
-    size_t n_json = (strlen(json) + 3) / 4 * 4;
-    unsigned char *file = malloc(28 + n_json + n);
-
-    *size = 28 + n_json + n;
-    memcpy(file, "glTF", 4);
-    put_u32(file + 4, 2);
-    put_u32(file + 8, *size);
-    put_u32(file + 12, n_json);
-    memcpy(file + 16, "JSON", 4);
-    memset(file + 20, ' ', n_json);
-    memcpy(file + 20, json, strlen(json));
-    put_u32(file + 20 + n_json, n);
-    memcpy(file + 24 + n_json, "BIN", 4);
-    memcpy(file + 28 + n_json, bytes, n);
-    return file;
 }
 
 /* The document of n rows of a layout; `more` goes into the view of the places, `place` into their
@@ -141,7 +114,8 @@ static void test_documents(void)
         {"", ",\"count\":-1", SPIN_E_MALFORMED, "a negative number of splats"},
         {"", ",\"count\":3", SPIN_E_MALFORMED, "attributes of different lengths"},
         {"", ",\"sparse\":{}", SPIN_E_MALFORMED, "a sparse accessor"},
-        {"", ",\"componentType\":5123", SPIN_E_MALFORMED, "numbers that are not floats"},
+        {"", ",\"componentType\":5125", SPIN_E_MALFORMED, "numbers of a type that is not allowed"},
+        {"", ",\"type\":\"VEC4\"", SPIN_E_MALFORMED, "four numbers in place of three"},
     };
     struct spin_gs_glb_layout layout;
     struct spin_gaussian row[4];

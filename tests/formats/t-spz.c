@@ -1,32 +1,18 @@
 /* K: spz formats export */
 #include "formats/spz.h"
 #include "io/gzip.h"
-#include "tests/formats/splats.h"
+#include "tests/formats/spz_files.h"
 
 static spin_status read_spz(const unsigned char *bytes, size_t n_bytes, struct spin_splats *out)
 {
     return spin_spz_read(bytes, n_bytes, ALL, out);
 }
 
-/* A gzip of these bytes. */
-static unsigned char *pack(const unsigned char *bytes, size_t n, size_t *n_packed)
-{
-    char *packed = NULL;
-    struct spin_out out = {.path = "memory", .file = open_memstream(&packed, n_packed)};
-    struct spin_gzip *gzip = NULL;
-
-    if (spin_gzip_create(1, 1, &gzip) != SPIN_OK || spin_gzip_begin(gzip, &out) != SPIN_OK ||
-        spin_gzip_write(gzip, bytes, n) != SPIN_OK || spin_gzip_end(gzip) != SPIN_OK)
-        exit(1);
-    spin_gzip_free(gzip);
-    fclose(out.file);
-    return (unsigned char *)packed;
-}
-
 /* What is packed, of n rows. */
 static unsigned char *make_streams(size_t n, int degree, struct spin_gaussian *row, size_t *n_bytes)
 {
-    const struct spin_spz_header header = {n, degree, SPIN_SPZ_FRACTION, true};
+    const struct spin_spz_header header = {
+        .n = n, .sh_degree = degree, .fraction = SPIN_SPZ_FRACTION, .antialias = true};
     unsigned char *bytes, *at;
     uint32_t seed = 9;
     float shown[45], sh[48];
@@ -106,10 +92,13 @@ static void test_headers(void)
         spin_status status;
         const char *what;
     } cases[] = {{0, 0, SPIN_E_MALFORMED, "no magic"},
-                 {4, 2, SPIN_E_UNSUPPORTED, "another version"},
+                 {4, 1, SPIN_E_UNSUPPORTED, "version 1"},
+                 {4, 5, SPIN_E_UNSUPPORTED, "version 5"},
+                 {4, 4, SPIN_E_MALFORMED, "version 4 in a gzip"},
+                 {4, 2, SPIN_E_MALFORMED, "another version, whose rotations are shorter"},
                  {8, 4, SPIN_E_MALFORMED, "a splat more than there are"},
                  {11, 255, SPIN_E_MALFORMED, "billions of splats"},
-                 {12, 4, SPIN_E_UNSUPPORTED, "SH of degree 4"},
+                 {12, 5, SPIN_E_UNSUPPORTED, "SH of degree 5"},
                  {12, 2, SPIN_E_MALFORMED, "another degree"}};
     struct spin_gaussian row[3];
     struct spin_splats s = {0};
@@ -144,10 +133,240 @@ static void test_headers(void)
     spin_splats_free(&s);
 }
 
+/* ---- Versions 2 and 4 -------------------------------------------------------------------------- */
+
+/* The header of n rows and what lies behind it, every byte of it drawn. */
+static unsigned char *make_raw(int version, size_t n, int degree, size_t *n_bytes)
+{
+    const struct spin_spz_header header = {
+        .n = n, .sh_degree = degree, .fraction = SPIN_SPZ_FRACTION};
+    size_t width = 16 + (version == 2 ? 3 : 4) + spin_n_rest(degree);
+    unsigned char *bytes;
+    uint32_t seed = 2;
+
+    *n_bytes = SPIN_SPZ_HEADER + n * width;
+    bytes = malloc(*n_bytes);
+    spin_spz_code_header(&header, bytes);
+    bytes[4] = (unsigned char)version;
+    for (size_t i = SPIN_SPZ_HEADER; i < *n_bytes; i++)
+        bytes[i] = (unsigned char)draw(&seed, 0, 255.99f);
+    return bytes;
+}
+
+/* Rotations of version 2 by the words of the format: x y z of a unit quaternion whose w is not negative. */
+static void test_version_2(void)
+{
+    static const unsigned char rotation[4][3] = {
+        {128, 127, 128}, {255, 128, 127}, {0, 255, 255}, {191, 64, 191}};
+    struct spin_splats s = {0};
+    size_t n_bytes, n_packed;
+    unsigned char *bytes = make_raw(2, 4, 1, &n_bytes), *packed;
+
+    memcpy(bytes + SPIN_SPZ_HEADER + 16 * 4, rotation, sizeof rotation);
+    packed = pack(bytes, n_bytes, &n_packed);
+    ok(read_spz(packed, n_packed, &s) == SPIN_OK && s.n == 4 && s.sh_degree == 1,
+       "version 2 is read");
+    for (size_t i = 0; i < s.n; i++) {
+        double q[4] = {0}, square = 0, norm = 0, dot = 0;
+
+        for (int k = 0; k < 3; k++) {
+            q[1 + k] = rotation[i][k] / 127.5 - 1;
+            square += q[1 + k] * q[1 + k];
+        }
+        q[0] = sqrt(fmax(1 - square, 0));
+        for (size_t k = 0; k < 4; k++) {
+            norm += q[k] * q[k];
+            dot += q[k] * s.quats[4 * i + k];
+        }
+        near(dot / sqrt(norm), 1, 1e-6, "its rotation");
+        ok(s.quats[4 * i] >= 0, "and w is not negative");
+    }
+    ok(s.sh[15] == ((float)bytes[n_bytes - 27] - 128) / 128,
+       "SH lie behind three bytes a rotation");
+    check_hostile(read_spz, packed, n_packed, 0);
+    free(packed);
+    free(bytes);
+    spin_splats_free(&s);
+}
+
+static void test_version_4(int degree)
+{
+    struct spin_splats s = {0}, as_3 = {0};
+    size_t n_bytes, n_packed, size;
+    unsigned char *bytes = make_raw(3, 21, degree, &n_bytes),
+                  *packed = pack(bytes, n_bytes, &n_packed);
+    unsigned char *file = make_spz_4(bytes, NULL, 0, &size);
+    size_t n_sh = 21 * (3 + spin_n_rest(degree < 3 ? degree : 3));
+
+    if (degree <= 3)
+        ok(read_spz(packed, n_packed, &as_3) == SPIN_OK, "degree %d in version 3", degree);
+    if (!ok(read_spz(file, size, &s) == SPIN_OK && s.n == 21 &&
+                s.sh_degree == (degree < 3 ? degree : 3),
+            "degree %d in version 4", degree))
+        printf("#   %s\n", spin_last_error());
+    if (degree <= 3)
+        ok(!memcmp(s.means, as_3.means, 12 * s.n) && !memcmp(s.quats, as_3.quats, 16 * s.n) &&
+               !memcmp(s.log_scales, as_3.log_scales, 12 * s.n) &&
+               !memcmp(s.logit_opacities, as_3.logit_opacities, 4 * s.n) &&
+               !memcmp(s.sh, as_3.sh, n_sh * sizeof *s.sh),
+           "is what version 3 holds");
+    else /* row 1, coefficient 15 of red: behind 72 bytes of row 0 */
+        ok(s.sh[48 + 45] == ((float)bytes[n_bytes - 21 * 72 + 72 + 42] - 128) / 128,
+           "is cut behind the coefficients of degree 3");
+    check_hostile(read_spz, file, size, 0);
+    free(file);
+    free(packed);
+    free(bytes);
+    spin_splats_free(&s);
+    spin_splats_free(&as_3);
+}
+
+/* Tables of contents and streams that lie. */
+static void test_streams(void)
+{
+    static const struct {
+        size_t at;
+        unsigned char value;
+        const char *word, *what;
+    } cases[] = {
+        {4, 3, "not compressed", "version 3 without a gzip"},
+        {8, 20, "is not of 20 splats", "a splat less than there are"},
+        {11, 1, "splats", "16 million splats"},
+        {15, 5, "stream 5", "a stream less"},
+        {15, 7, "behind the file", "a stream more"},
+        {16, 31, "table of contents", "a table inside the header"},
+        {18, 1, "table of contents", "a table behind the file"},
+        {32, 1, "streams", "a shorter stream"},
+        {39, 255, "behind the file", "a stream that ends behind the file"},
+        {40, 7, "is not of", "a stream of other bytes"},
+        {47, 255, "is not of", "a stream of very many bytes"},
+        {32 + 96, 0, "stream 0: damaged zstd", "no zstd"},
+    };
+    struct spin_splats s = {0};
+    size_t n_bytes, size;
+    unsigned char *bytes = make_raw(3, 21, 1, &n_bytes);
+    unsigned char *file = make_spz_4(bytes, NULL, 0, &size);
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        unsigned char before = file[cases[i].at];
+        bool good;
+
+        file[cases[i].at] = cases[i].value;
+        good = read_spz(file, size, &s) == SPIN_E_MALFORMED &&
+               strstr(spin_last_error(), cases[i].word);
+        if (!ok(good, "%s", cases[i].what))
+            printf("#   %s\n", spin_last_error());
+        file[cases[i].at] = before;
+    }
+    free(file);
+    /* A whole file, whose streams are one repeated byte each. */
+    free(bytes);
+    bytes = make_raw(3, 2000000, 0, &n_bytes);
+    file = make_spz_4_of_runs(bytes, &size);
+    ok(size < 5000 && read_spz(file, size, &s) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "2000000 splats in"),
+       "a bomb of 40 MB in %zu bytes", size);
+    free(file);
+    bytes[8] = bytes[9] = bytes[10] = 0;
+    bytes[8] = 200;
+    file = make_spz_4_of_runs(bytes, &size);
+    ok(read_spz(file, size, &s) == SPIN_OK && s.n == 200, "a small one is a file");
+    free(file);
+    bytes[8] = 0;
+    file = make_spz_4(bytes, NULL, 0, &size);
+    ok(size == 32 && read_spz(file, size, &s) == SPIN_OK && s.n == 0, "no splats, no streams");
+    free(file);
+    free(bytes);
+    spin_splats_free(&s);
+}
+
+/* Records of extensions: axes, those that nobody knows, those that lie. */
+static void test_extensions(void)
+{
+    static const unsigned char records[] = {2, 0, 0xbe, 0xad, 3, 0, 0, 0, 1, 2, 3, /* a camera's */
+                                            3, 0, 0xbe, 0xad, 4, 0, 0, 0, 7, 0, 0, 0};
+    struct spin_spz_header header;
+    struct spin_splats s = {0};
+    unsigned char spoiled[sizeof records], *file, *packed, *longer;
+    size_t n_bytes, size, n_packed;
+    unsigned char *bytes = make_raw(3, 5, 0, &n_bytes);
+    double q[4];
+
+    bytes[14] |= 2;
+    file = make_spz_4(bytes, records, sizeof records, &size);
+    ok(spin_spz_peek(file, size, &header) == SPIN_OK && header.axes == SPIN_SPZ_LEFT_UP_FORWARD &&
+           read_spz(file, size, &s) == SPIN_OK,
+       "version 4 says its axes");
+    check_hostile(read_spz, file, size, 0);
+    free(file);
+    longer = malloc(n_bytes + sizeof records);
+    memcpy(longer, bytes, n_bytes);
+    memcpy(longer + n_bytes, records, sizeof records);
+    packed = pack(longer, n_bytes + sizeof records, &n_packed);
+    ok(spin_spz_peek(packed, n_packed, &header) == SPIN_OK &&
+           header.axes == SPIN_SPZ_LEFT_UP_FORWARD && read_spz(packed, n_packed, &s) == SPIN_OK &&
+           s.n == 5,
+       "so does version 3, behind the streams");
+    check_hostile(read_spz, packed, n_packed, 0);
+    free(packed);
+    longer[14] &= (unsigned char)~2;
+    packed = pack(longer, n_bytes + sizeof records, &n_packed);
+    ok(read_spz(packed, n_packed, &s) == SPIN_E_MALFORMED, "bytes too many without the flag");
+    free(packed);
+    free(longer);
+    for (int i = 0; i < 3; i++) {
+        static const struct {
+            size_t at;
+            unsigned char value;
+            spin_status status;
+        } cases[] = {
+            {4, 200, SPIN_E_MALFORMED}, {19, 17, SPIN_E_UNSUPPORTED}, {15, 3, SPIN_E_UNSUPPORTED}};
+
+        memcpy(spoiled, records, sizeof records);
+        spoiled[cases[i].at] = cases[i].value;
+        file = make_spz_4(bytes, spoiled, sizeof spoiled - (i == 2), &size);
+        ok(spin_spz_peek(file, size, &header) == cases[i].status, "records that lie, %d", i);
+        free(file);
+    }
+    ok(spin_spz_axes(SPIN_SPZ_RIGHT_DOWN_FORWARD, q) == SPIN_OK && q[0] == 1 &&
+           spin_spz_axes(SPIN_SPZ_RIGHT_UP_BACK, q) == SPIN_OK && q[1] == 1 &&
+           spin_spz_axes(1, q) == SPIN_OK && q[2] == 1 &&
+           spin_spz_axes(SPIN_SPZ_LEFT_UP_FORWARD, q) == SPIN_OK && q[3] == 1,
+       "half turns to right, down, forward");
+    ok(spin_spz_axes(8, q) == SPIN_E_UNSUPPORTED && strstr(spin_last_error(), "RUF") &&
+           spin_spz_axes(16, q) == SPIN_E_UNSUPPORTED && strstr(spin_last_error(), "RBU"),
+       "axes that are mirrored or lie on their backs, by name");
+    free(bytes);
+    spin_splats_free(&s);
+}
+
+/* A gzip that unpacks to more than 32 times itself. */
+static void test_bomb(void)
+{
+    const struct spin_spz_header header = {.n = 1000000, .fraction = SPIN_SPZ_FRACTION};
+    size_t n = (size_t)spin_spz_bytes(header.n, 0), n_packed;
+    unsigned char *bytes = calloc(n, 1), *packed;
+    struct spin_splats s = {0};
+
+    spin_spz_code_header(&header, bytes);
+    packed = pack(bytes, n, &n_packed);
+    ok(n_packed < 100000 && read_spz(packed, n_packed, &s) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "1000000 splats in") && !s.means,
+       "a bomb of 20 MB in %zu bytes", n_packed);
+    free(packed);
+    free(bytes);
+}
+
 TAP_MAIN
 {
     for (int degree = 0; degree <= 3; degree++)
         test_round_trip(degree);
     test_places();
     test_headers();
+    test_version_2();
+    for (int degree = 0; degree <= 4; degree++)
+        test_version_4(degree);
+    test_streams();
+    test_extensions();
+    test_bomb();
 }

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "formats/compressed_ply.h"
-#include "formats/glb.h"
+#include "formats/glb_scene.h"
 #include "formats/splat.h"
 #include "formats/spz.h"
 
@@ -53,12 +53,12 @@ static spin_status read_splat(const uint8_t *data, size_t size, struct spin_spla
 
 static spin_status read_glb(const uint8_t *data, size_t size, struct spin_splats *out)
 {
-    struct spin_gs_glb glb = {0};
-    spin_status status = spin_gs_glb_open(data, size, &glb);
+    struct spin_gs_glb_scene scene = {0};
+    spin_status status = spin_gs_glb_scene_open(data, size, &scene);
 
-    for (size_t i = 0; status == SPIN_OK && i < spin_gs_glb_n_nodes(&glb); i++)
-        status = spin_gs_glb_read(&glb, i, ALL, out);
-    spin_gs_glb_close(&glb);
+    for (size_t f = 0; status == SPIN_OK && f < scene.n_frames; f++)
+        status = spin_gs_glb_scene_read(&scene, f, ALL, out);
+    spin_gs_glb_scene_close(&scene);
     return status;
 }
 

@@ -1,6 +1,6 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs ed3dgs grid4d dash 4dgaussian modecgs 3dgstream realtime4dgs
- * K: rotor4dgs spacetimegs omg4 ply panoptic colmap dynerf transforms */
+ * K: rotor4dgs spacetimegs omg4 ply spz splat gltf panoptic colmap dynerf transforms */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -42,6 +42,16 @@ static const struct known runs[] = {
     {"ply/gsplat_sh2", "ply"},
     {"ply/brush_sh1", "ply"},
     {"ply/supersplat_compressed", "ply"},
+    {"splats/spz2", "spz"},
+    {"splats/spz2/frame_00000.spz", "spz"},
+    {"splats/spz3", "spz"},
+    {"splats/spz4", "spz"},
+    {"splats/spz4/frame_00001.spz", "spz"},
+    {"splats/splat", "splat"},
+    {"splats/splat/frame_00001.splat", "splat"},
+    {"splats/glb", "gltf"},
+    {"splats/glb/frame_00001.glb", "gltf"},
+    {"splats", NULL},
     {"datasets/panoptic_mini", NULL},
     {"datasets/colmap_mini", NULL},
     {"datasets/dynerf_mini", NULL},

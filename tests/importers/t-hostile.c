@@ -270,6 +270,10 @@ static const struct run_files {
     {"3dgstream", {"frame*.ply"}}, /* not the networks: the moved clouds are there */
     {"3dgstream/fvv", {"*.pth", "*.ply"}},
     {"ply/inria_sh1", {"*.ply"}},
+    {"splats/spz2", {"*.spz"}},
+    {"splats/spz3", {"*.spz"}},
+    {"splats/spz4", {"*.spz"}},
+    {"splats/glb", {"*.glb"}},
 };
 enum { N_RUNS = sizeof runs / sizeof runs[0], MAX_FILES = 64 };
 

@@ -1,0 +1,48 @@
+#include "io/zstd.h"
+
+#include <dlfcn.h>
+#include <pthread.h>
+#include <stdlib.h>
+
+#include "base/err.h"
+
+#define LIBRARY "libzstd.so.1"
+
+/* Of the library's stable interface, in its words. */
+static size_t (*decompress)(void *dst, size_t dst_capacity, const void *src, size_t src_size);
+static unsigned (*is_error)(size_t code);
+static const char *(*error_name)(size_t code);
+
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static char failure[256]; /* why there is no library */
+
+static void start(void)
+{
+    const char *name = getenv("SPIN_ZSTD");
+    void *library = dlopen(name ? name : LIBRARY, RTLD_NOW | RTLD_LOCAL);
+
+    if (!library) {
+        snprintf(failure, sizeof failure, "%s", dlerror());
+        return;
+    }
+    *(void **)&decompress = dlsym(library, "ZSTD_decompress");
+    *(void **)&is_error = dlsym(library, "ZSTD_isError");
+    *(void **)&error_name = dlsym(library, "ZSTD_getErrorName");
+    if (!decompress || !is_error || !error_name)
+        snprintf(failure, sizeof failure, "it lacks functions");
+}
+
+spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out)
+{
+    size_t n;
+
+    pthread_once(&once, start);
+    if (*failure)
+        return spin_fail(SPIN_E_UNSUPPORTED, "zstd needs the library '" LIBRARY "': %s", failure);
+    n = decompress(out, n_out, data, size);
+    if (is_error(n))
+        return spin_fail(SPIN_E_MALFORMED, "damaged zstd data: %s", error_name(n));
+    if (n != n_out)
+        return spin_fail(SPIN_E_MALFORMED, "zstd data of %zu bytes, expected %zu", n, n_out);
+    return SPIN_OK;
+}

@@ -1,0 +1,321 @@
+/* SPZ, .splat and GLB as sources: what other programs write, what ours writes, and files that lie.
+ * K: spz splat gltf glb import */
+#include "tests/importers/expected_clouds.h"
+
+#include "formats/splat.h"
+#include "scene/bundle.h"
+
+#define ALL (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
+
+/* ---- What others write ------------------------------------------------------------------------- */
+
+static void test_fixture(const char *name, const char *importer)
+{
+    const char *fixture = check_fixture(path_in("splats", name)), *folder, *first;
+    const struct spin_importer *found = NULL;
+    spin_json *manifest;
+    struct run run;
+
+    if (!fixture) {
+        skip(name, "no such fixture");
+        return;
+    }
+    folder = path_in(fixture, ".");
+    manifest = load_manifest(folder);
+    first = path_in(folder, spin_json_string(spin_json_at(spin_json_get(manifest, "files"), 0)));
+    ok(spin_importer_find(folder, NULL, false, &found) == SPIN_OK && !strcmp(found->name, importer),
+       "%s: the folder is recognised", name);
+    ok(spin_importer_find(first, NULL, false, &found) == SPIN_OK && !strcmp(found->name, importer),
+       "%s: so is a file", name);
+    compare_run(NULL, folder, path_in(folder, "expected.npz"), manifest, 0, name);
+    ok(run_open(importer, folder, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
+           run.sequence.numbers && run.sequence.numbers[2] == 2 && !run.sequence.continuous,
+       "%s: three numbered frames", name);
+    run_close(&run);
+    ok(run_open(importer, first, &run) == SPIN_OK && run.sequence.n_frames == 1 &&
+           run.sequence.numbers && run.sequence.numbers[0] == 0,
+       "%s: a file is one frame with its number", name);
+    run_close(&run);
+    /* .splat has no header: whole rows are a file. */
+    ok(read_truncations(importer, first) == (strcmp(importer, "splat") == 0 ? 39 : 0),
+       "%s: no truncation of a file can be read but whole rows", name);
+    spin_json_free(manifest);
+}
+
+/* ---- What we write ----------------------------------------------------------------------------- */
+
+static const char *work;
+
+/* The frames of `path` against those of the bundle `in`, which has the same order. */
+static void compare_with(struct spin_bundle *in, const char *path, const char *const *options,
+                         const double bound[5], const char *name)
+{
+    static const char *const what[5] = {"places", "rotations", "log scales", "opacities", "SH"};
+    struct spin_plugin_values values = {options};
+    struct spin_splats is = {0}, back = {0};
+    struct run run = {0};
+    double worst[5] = {0};
+    int n_frames = 0;
+
+    if (spin_importer_find(path, NULL, false, &run.importer) != SPIN_OK ||
+        run.importer->open(path, &values, &run.self, &run.sequence) != SPIN_OK)
+        printf("#   %s\n", spin_last_error());
+    else
+        n_frames = run.sequence.n_frames;
+    ok(n_frames == in->meta.n_frames, "%s: as many frames", name);
+    for (int f = 0; f < n_frames; f++) {
+        size_t n_sh;
+
+        if (!ok(run.importer->frame(run.self, f, 0, ALL, &back) == SPIN_OK &&
+                    spin_bundle_frame(in, f, ALL, &is) == SPIN_OK && is.n == back.n &&
+                    run.sequence.numbers[f] == in->meta.frame[f].number,
+                "%s: frame %d and its number", name, f))
+            break;
+        n_sh = 3 * (size_t)((back.sh_degree + 1) * (back.sh_degree + 1));
+        for (size_t i = 0; i < is.n; i++) {
+            double same = 0, other = 0; /* q and -q are one rotation */
+
+            for (size_t c = 0; c < 3; c++) {
+                worst[0] =
+                    fmax(worst[0], fabs((double)is.means[3 * i + c] - back.means[3 * i + c]));
+                worst[2] = fmax(
+                    worst[2], fabs((double)is.log_scales[3 * i + c] - back.log_scales[3 * i + c]));
+            }
+            for (size_t k = 0; k < 4; k++) {
+                same += pow((double)is.quats[4 * i + k] - back.quats[4 * i + k], 2);
+                other += pow((double)is.quats[4 * i + k] + back.quats[4 * i + k], 2);
+            }
+            worst[1] = fmax(worst[1], 4 * asin(sqrt(fmin(same, other)) / 2) * 180 / M_PI);
+            worst[3] = fmax(
+                worst[3], fabs(sigmoid(is.logit_opacities[i]) - sigmoid(back.logit_opacities[i])));
+            for (size_t k = 0; k < n_sh; k++)
+                worst[4] = fmax(
+                    worst[4],
+                    fabs((double)
+                             is.sh[3 * (size_t)((is.sh_degree + 1) * (is.sh_degree + 1)) * i + k] -
+                         back.sh[n_sh * i + k]));
+        }
+    }
+    for (int k = 0; k < 5 && n_frames > 0; k++)
+        ok(worst[k] <= bound[k], "%s: %s within %g: %g", name, what[k], bound[k], worst[k]);
+    if (run.self)
+        run_close(&run);
+    spin_splats_free(&is);
+    spin_splats_free(&back);
+}
+
+/* Places, rotations (degrees), log scales, opacities, SH: half a step of each format (for rotations of all that
+ * is rounded together), and the roundings of floats that are read and written. */
+#define BYTE (0.5 / 255 * 1.001)
+#define SPZ_BOUNDS                                                                                 \
+    {                                                                                              \
+        0.5 / 4096 * 1.001, 0.24, 0.5 / 16 * 1.001, BYTE, 4.0 / 128 * 1.001                        \
+    }
+#define GLTF_BOUNDS                                                                                \
+    {                                                                                              \
+        0, 1e-4, 1e-6, 1e-6, 0                                                                     \
+    }
+static const struct written {
+    const char *to, *output;
+    const char *out_options[3], *in_options[3];
+    double bound[5];
+} written[] = {
+    {"spz", "spz", {0}, {0}, SPZ_BOUNDS},
+    {"spz", "spz-rub", {"axes", "rub"}, {"axes", "rub"}, SPZ_BOUNDS},
+    {"splat", "splat", {0}, {0}, {0, 1.0, 1e-6, BYTE, BYTE / 0.282}},
+    {"gltf", "gltf", {0}, {0}, GLTF_BOUNDS},
+    {"gltf", "gltf-source", {"axes", "source"}, {"axes", "source"}, GLTF_BOUNDS},
+    {"gltf", "clip.glb", {0}, {0}, GLTF_BOUNDS},
+    {"gltf", "visible.glb", {"visibility", ""}, {0}, GLTF_BOUNDS},
+    /* a chunk is as wide as the clip: 8, and 4 of log scales */
+    {"compressed-ply",
+     "packed",
+     {"order", "source"},
+     {0},
+     {8.0 / 2046, 0.28, 4.0 / 2046, BYTE, 1.001 / 64}},
+    {"ply", "ply", {0}, {0}, {0, 1e-4, 0, 1e-6, 0}},
+};
+
+/* A clip whose values lie inside what all the formats hold, by way of the library. */
+static const char *write_clip(void)
+{
+    const char *path = path_in(work, "in.spin");
+    struct spin_bundle_meta meta = {
+        .columns = ALL, .numbered = true, .n_source_frames = 3, .sh_degree = 1};
+    struct spin_bundle_writer w;
+    struct spin_splats s = {0};
+    uint32_t seed = 3;
+
+    if (spin_bundle_meta_reserve(&meta, 3) != SPIN_OK ||
+        spin_bundle_writer_open(path, false, false, &w) != SPIN_OK)
+        exit(1);
+    for (int f = 0; f < 3; f++) {
+        size_t n = 300 - 10 * (size_t)f;
+
+        if (spin_splats_reserve(&s, n, ALL, 1) != SPIN_OK)
+            exit(1);
+        for (size_t i = 0; i < n * 23; i++) {
+            float *to = i < 3 * n    ? s.means + i
+                        : i < 7 * n  ? s.quats + i - 3 * n
+                        : i < 10 * n ? s.log_scales + i - 7 * n
+                        : i < 11 * n ? s.logit_opacities + i - 10 * n
+                                     : s.sh + i - 11 * n;
+            float low = i < 3 * n ? -4 : i < 7 * n ? -1 : i < 10 * n ? -6 : i < 11 * n ? -3 : -0.9f;
+            float high = i < 3 * n ? 4 : i < 7 * n ? 1 : i < 10 * n ? -2 : i < 11 * n ? 3 : 0.9f;
+
+            seed = seed * 1664525u + 1013904223u;
+            *to = low + (high - low) * (float)(seed >> 8) / 16777216.0f;
+        }
+        for (size_t i = 0; i < n; i++) {
+            double norm = 0;
+
+            for (size_t k = 0; k < 4; k++)
+                norm += (double)s.quats[4 * i + k] * s.quats[4 * i + k];
+            for (size_t k = 0; k < 4; k++)
+                s.quats[4 * i + k] = (float)(s.quats[4 * i + k] / sqrt(norm));
+        }
+        meta.frame[f] = (struct spin_frame_info){.number = 5 + 2 * f, .time = 0.1 * f, .n = n};
+        meta.source_index[f] = f;
+        if (spin_bundle_write_frame(&w, f, ALL, 0, &s) != SPIN_OK)
+            exit(1);
+    }
+    if (spin_bundle_writer_finish(&w, &meta, NULL) != SPIN_OK)
+        exit(1);
+    spin_bundle_meta_free(&meta);
+    spin_splats_free(&s);
+    return path;
+}
+
+static void test_written(void)
+{
+    const char *clip = write_clip();
+    struct spin_bundle in;
+
+    if (spin_bundle_open(clip, &in) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < sizeof written / sizeof *written; i++) {
+        const struct written *w = &written[i];
+        const char *output = path_in(work, w->output);
+        struct spin_export_options o = {.input = clip,
+                                        .output = output,
+                                        .to = w->to,
+                                        .device = "cpu",
+                                        .plugin_pairs = w->out_options};
+        struct spin_export_report r;
+
+        if (!ok(spin_export(&o, &r) == SPIN_OK, "%s: is written", w->output)) {
+            printf("#   %s\n", spin_last_error());
+            continue;
+        }
+        compare_with(&in, output, w->in_options, w->bound, w->output);
+    }
+    spin_bundle_close(&in);
+}
+
+static void write_frames(const char *output, const char *to, int first, int last,
+                         const char *const *options)
+{
+    struct spin_export_options o = {.input = path_in(work, "in.spin"),
+                                    .output = output,
+                                    .to = to,
+                                    .device = "cpu",
+                                    .range = {true, first, last, 1},
+                                    .plugin_pairs = options};
+    struct spin_export_report r;
+
+    if (spin_export(&o, &r) != SPIN_OK)
+        exit(1);
+}
+
+static void move(const char *from, const char *to)
+{
+    if (rename(from, to) != 0)
+        exit(1);
+}
+
+/* A clip in one file keeps the times of the bundle; among the frames of another it is refused. */
+static void test_clip(void)
+{
+    const char *clip = path_in(work, "clip.glb");
+    struct run run;
+
+    ok(run_open(NULL, clip, &run) == SPIN_OK && run.sequence.times &&
+           fabs(run.sequence.times[2] - 0.2) < 1e-12 &&
+           run.sequence.time_last == run.sequence.times[2],
+       "a clip in one file keeps its times");
+    run_close(&run);
+    move(clip, path_in(work, "gltf/frame_00100.glb"));
+    fails("gltf", path_in(work, "gltf"), "by itself", "a clip among the frames of another");
+}
+
+/* Frames of different SH degrees; gaps between numbers. */
+static void test_degrees(void)
+{
+    static const char *const sh_0[] = {"sh", "0", NULL};
+    const char *folder = path_in(work, "mixed"), *other = path_in(work, "others");
+    struct spin_splats s = {0};
+    struct run run;
+    double rest = 0;
+
+    write_frames(folder, "spz", 5, 6, NULL);
+    write_frames(other, "spz", 7, 8, sh_0);
+    move(path_in(other, "frame_00007.spz"), path_in(folder, "frame_00007.spz"));
+    if (!ok(run_open("spz", folder, &run) == SPIN_OK && run.sequence.sh_degree == 1 &&
+                strstr(run.sequence.notes, "padded") && strstr(run.sequence.notes, "gaps") &&
+                run.importer->frame(run.self, 1, 0, ALL, &s) == SPIN_OK && s.sh_degree == 1,
+            "frames of different SH degrees: the larger one"))
+        printf("#   %s\n", spin_last_error());
+    for (size_t i = 0; i < s.n; i++)
+        for (size_t k = 3; k < 12; k++)
+            rest += fabs((double)s.sh[12 * i + k]);
+    ok(s.n == 290 && rest == 0, "what a frame lacks is 0");
+    run_close(&run);
+    spin_splats_free(&s);
+}
+
+/* ---- Files made here --------------------------------------------------------------------------- */
+
+static const char *write_file(const char *folder, const char *name, const void *bytes, size_t n)
+{
+    const char *path = path_in(folder, name);
+    FILE *file = fopen(path, "wb");
+
+    if (!file || fwrite(bytes, 1, n, file) != n || fclose(file) != 0)
+        exit(1);
+    return path;
+}
+
+static void test_refused(void)
+{
+    const char *folder = new_folder();
+    unsigned char row[2 * SPIN_SPLAT_ROW] = {0};
+    const float bad = NAN;
+
+    fails("spz", write_file(folder, "a.spz", "", 0), "a.spz", "an empty SPZ");
+    fails("spz", write_file(folder, "b.spz", "NGSP", 4), "b.spz", "an SPZ of its magic");
+    fails("splat", write_file(folder, "a.splat", "", 0), "0 splats", "an empty .splat");
+    fails("splat", write_file(folder, "b.splat", row, 33), "rows of 32", ".splat with half a row");
+    memcpy(row + SPIN_SPLAT_ROW + 4, &bad, sizeof bad);
+    fails("splat", write_file(folder, "c.splat", row, sizeof row), "row 1",
+          "NaN in a .splat, with its row");
+    ok(strstr(spin_last_error(), "c.splat") != NULL, "and its file");
+    fails("gltf", write_file(folder, "a.glb", "glTF", 4), "a.glb", "a GLB of its magic");
+    fails("gltf", new_folder(), "no .glb files", "a folder without files");
+    fails(NULL, write_file(folder, "lfs.spz", "version https://git-lfs.github.com/spec/v1\n", 43),
+          "LFS", "a pointer to an SPZ");
+}
+
+TAP_MAIN
+{
+    spin_log_set_level(-1);
+    work = new_folder();
+    test_fixture("spz2", "spz");
+    test_fixture("spz3", "spz");
+    test_fixture("spz4", "spz");
+    test_fixture("splat", "splat");
+    test_fixture("glb", "gltf");
+    test_written();
+    test_clip();
+    test_degrees();
+    test_refused();
+}
