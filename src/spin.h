@@ -443,6 +443,15 @@ struct spin_import_share {
 #define SPIN_IMPORT_MAX_CAMERAS 16
 #define SPIN_IMPORT_MAX_SHARES 256
 
+/* What a continuous method was sampled by. */
+enum spin_sampling {
+    SPIN_SAMPLED_STORED, /* nothing: it is not continuous */
+    SPIN_SAMPLED_ENDS,   /* a description: both ends of its time */
+    SPIN_SAMPLED_EVENLY, /* n_frames */
+    SPIN_SAMPLED_TIMES,  /* times */
+    SPIN_SAMPLED_DATA    /* the data set's frames */
+};
+
 struct spin_import_report {
     char from[32], upstream[160];
     char recognised[160]; /* how the importer was chosen */
@@ -451,6 +460,7 @@ struct spin_import_report {
     int frames;
     int frames_read; /* for bounds and ranges */
     bool continuous; /* the method is defined from range_first to range_last */
+    enum spin_sampling sampling;
     double range_first, range_last;
     unsigned static_columns;
     struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
@@ -634,6 +644,42 @@ void spin_eval_report_free(struct spin_eval_report *report);
  * in some views only is the mean over these. valid is false when there is no such view. */
 struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
                                    const int *camera);
+
+/* Splats in a bundle: those of its source, refined ones, or the network's. */
+struct spin_bundle_splats {
+    bool there;
+    size_t n_min, n_max; /* of a frame */
+    double n_mean;
+    unsigned columns, static_columns; /* of the network: those it gives */
+    int sh_degree;                    /* -1: none */
+    bool antialias;
+    int iterations; /* that made them; of refined ones, of each frame */
+    struct spin_quality before,
+        test;      /* on held-out views, PSNR and SSIM only, where they were measured */
+    char *options; /* JSON: the settings that made them; NULL: none are there */
+};
+
+/* What a bundle holds and how it was made. */
+struct spin_bundle_report {
+    char generator[64], from[32], upstream[160], variant[128];
+    char *data; /* its data set, absolute; NULL: none */
+    char data_from[128];
+    bool data_there;           /* where the bundle says it is */
+    int frames, source_frames; /* of the bundle; of the whole clip that it was imported from */
+    bool numbered;             /* frame numbers are the source's */
+    int number_first, number_last;
+    double time_first, time_last;
+    struct spin_bundle_splats source, refined, network;
+    int levels, features, hidden; /* of the network */
+    long long rows;               /* of its table */
+    char device[32];              /* that trained it */
+    struct spin_bundle_bytes bytes;
+};
+
+/* SPIN_E_NOT_RECOGNISED when the file is no bundle. Nothing of the arrays but their headers is read. Free also
+ * after a failure. */
+spin_status spin_bundle_describe(const char *path, struct spin_bundle_report *report);
+void spin_bundle_report_free(struct spin_bundle_report *report);
 
 struct spin_export_options {
     const char *input, *output, *to;

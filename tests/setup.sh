@@ -100,7 +100,7 @@ jansson libjansson-dev jansson.h JANSSON_VERSION
 OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
 tinygltf libtinygltf-dev tiny_gltf.h found
 LIST
-    zstd=$(ldconfig -p 2>/dev/null | sed -n 's/^[[:space:]]*\(libzstd\.so\.1\) .*/\1/p' | head -n 1)
+    zstd=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null | sed -n 's/^[[:space:]]*\(libzstd\.so\.1\) .*/\1/p' | head -n 1)
     printf '%-12s %s\n' zstd: "${zstd:-libzstd.so.1 not found; only needed to read SPZ of version 4}"
     ffmpeg=$(printf '#include <libavutil/avutil.h>\n#include <libavformat/avformat.h>\n%s\n' \
         '#include <libswscale/swscale.h>' | $CC -E -P -x c - >/dev/null 2>&1 && echo found)

@@ -88,35 +88,6 @@ static spin_status open_lpips(struct eval *e)
     return SPIN_OK;
 }
 
-/* ---- Storage ------------------------------------------------------------------------------------ */
-
-static bool begins(const char *text, const char *with)
-{
-    return strncmp(text, with, strlen(with)) == 0;
-}
-
-static void weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out)
-{
-    const struct spin_zip *zip = &bundle->npz.zip;
-
-    out->file = zip->map.size;
-    for (size_t i = 0; i < zip->n; i++) {
-        const struct spin_zip_member *member = &zip->member[i];
-
-        if (begins(member->name, "source/"))
-            out->source += member->packed_size;
-        else if (begins(member->name, "refined/"))
-            out->refined += member->packed_size;
-        else if (begins(member->name, "network/means/") ||
-                 begins(member->name, "network/residual/"))
-            out->positions += member->packed_size;
-        else if (begins(member->name, "network/table"))
-            out->table += member->packed_size;
-        else if (begins(member->name, "network/"))
-            out->heads += member->packed_size;
-    }
-}
-
 /* ---- The report --------------------------------------------------------------------------------- */
 
 /* A page that cannot be written, or a log that is not there, is said before the work. */
@@ -196,7 +167,7 @@ static spin_status run_eval(struct eval *e)
     report->dynamic = e->dynamic.from;
     report->seconds_decode = m.seconds_decode / m.n_decoded;
     report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
-    weigh(&e->clip.bundle, &report->storage);
+    spin_bundle_weigh(&e->clip.bundle, &report->storage);
     return o->report ? write_report(e, &m) : SPIN_OK;
 }
 

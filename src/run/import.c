@@ -11,6 +11,7 @@
 #include "run/camera_check.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"
+#include "run/data_hint.h"
 #include "run/camera_overlay.h"
 #include "run/frame_queue.h"
 #include "io/claim.h"
@@ -123,6 +124,10 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     struct spin_frame_info *all;
 
     *n = o->n_times > 0 ? o->n_times : o->n_frames > 0 ? o->n_frames : im->views.n_dataset_frames;
+    im->report->sampling = o->n_times > 0    ? SPIN_SAMPLED_TIMES
+                           : o->n_frames > 0 ? SPIN_SAMPLED_EVENLY
+                           : *n > 0          ? SPIN_SAMPLED_DATA
+                                             : SPIN_SAMPLED_ENDS;
     if (*n <= 0 && o->output)
         return spin_fail(SPIN_E_USAGE,
                          "'%s' is defined at any time: say where to sample it with "
@@ -535,6 +540,17 @@ static void say_why(struct import *im)
     }
 }
 
+/* A last note, where there is room. */
+static void hint_at_data(struct import *im)
+{
+    size_t used = strlen(im->report->notes);
+    char hint[600];
+
+    spin_data_hint(im->o->input, hint, sizeof hint);
+    if (used + strlen(hint) < sizeof im->report->notes)
+        memcpy(im->report->notes + used, hint, strlen(hint) + 1);
+}
+
 static void fill_report(struct import *im)
 {
     struct spin_import_report *report = im->report;
@@ -545,6 +561,8 @@ static void fill_report(struct import *im)
              im->importer->upstream ? im->importer->upstream : "");
     memcpy(report->variant, im->sequence.variant, sizeof report->variant);
     memcpy(report->notes, im->sequence.notes, sizeof report->notes);
+    if (!im->o->data)
+        hint_at_data(im);
     report->frames = meta->n_frames;
     report->continuous = im->sequence.continuous;
     report->range_first = im->sequence.time_first;

@@ -35,9 +35,13 @@ struct spin_bundle {
     struct spin_bundle_refined refined;
     bool told_not_finite; /* a warning said how many splats cannot be drawn */
 };
+/* Whether a file is a zip with a meta.json, as bundles are and what importers read is not. */
+bool spin_bundle_looks_like(const char *path);
 /* Every member's header is checked against meta.json before this returns. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
+/* What each part of it takes. */
+void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out);
 /* The data set's folder, made absolute against the bundle's place; NULL when there is none. Allocated. */
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);
 /* The source's columns of one frame. */

@@ -10,9 +10,14 @@
 #include "io/file.h"
 #include "io/torch.h"
 #include "io/zip.h"
+#include "scene/bundle.h"
 
 /* Two probes this close are a tie: the numbers are guesses. */
 #define TIE 10
+/* A guess that nobody asked for is only made of what an importer is this sure of. */
+#define SURE 60
+/* Folders below one that is not known, in which a run is looked for. */
+#define MAX_BELOW 256
 
 enum { PEEK_HEAD = 4096, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
 
@@ -185,8 +190,6 @@ static bool may_tell(const struct spin_peek *peek)
                                         "<html"};
     const unsigned char *head = peek->head;
 
-    if (peek->is_folder)
-        return false;
     for (size_t i = 0; i < sizeof heads / sizeof *heads; i++) {
         if (peek->n_head >= strlen(heads[i]) && memcmp(head, heads[i], strlen(heads[i])) == 0)
             return true;
@@ -196,10 +199,97 @@ static bool may_tell(const struct spin_peek *peek)
     return peek->n_head == 0 || (peek->n_head >= 2 && head[0] == 0x80 && head[1] <= 5);
 }
 
-static spin_status fail_unknown(const struct spin_peek *peek)
+/* The two importers that are surest of an input. */
+struct choice {
+    const struct spin_importer *best, *second;
+    int score, second_score;
+};
+
+static struct choice choose(const struct spin_peek *peek, bool want_views)
+{
+    struct choice c = {0};
+
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
+        int score;
+
+        if (!is_candidate(*i, want_views) || !(*i)->probe)
+            continue;
+        score = (*i)->probe(peek);
+        if (score > c.score) {
+            c.second = c.best;
+            c.second_score = c.score;
+            c.best = *i;
+            c.score = score;
+        } else if (score > c.second_score) {
+            c.second = *i;
+            c.second_score = score;
+        }
+    }
+    return c;
+}
+
+const struct spin_importer *spin_importer_guess(const char *path, bool want_views)
+{
+    struct spin_peek peek;
+    struct choice c;
+
+    if (spin_peek_open(path, &peek) != SPIN_OK)
+        return NULL;
+    c = choose(&peek, want_views);
+    spin_peek_free(&peek);
+    return c.score >= SURE && c.score - c.second_score >= TIE ? c.best : NULL;
+}
+
+/* A folder that no importer knows may have what is meant one level down. */
+static spin_status fail_folder(const struct spin_peek *peek, bool want_views)
+{
+    const struct spin_importer *first = NULL;
+    char *below = NULL;
+    int n = 0, n_looked_at = 0;
+    spin_status status;
+
+    for (size_t i = 0; peek->names[i] && n_looked_at < MAX_BELOW; i++) {
+        const struct spin_importer *found = NULL;
+        char *path = NULL;
+
+        SPIN_TRY_OUT(spin_path_join(peek->path, peek->names[i], &path));
+        if (spin_path_is_folder(path)) {
+            found = spin_importer_guess(path, want_views);
+            n_looked_at++;
+        }
+        n += found != NULL;
+        if (n == 1 && found) {
+            first = found;
+            below = path;
+            path = NULL;
+        }
+        free(path);
+    }
+    if (n == 0)
+        status = spin_fail(SPIN_E_NOT_RECOGNISED,
+                           "cannot recognise '%s': no importer knows it (see spin-import --list)",
+                           peek->path);
+    else
+        status = spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
+                           n > 1        ? "it holds several, such as"
+                           : want_views ? "the data set is in"
+                                        : "the run is in",
+                           below, first->name);
+out:
+    free(below);
+    return status;
+}
+
+static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 {
     struct spin_torch torch;
 
+    if (peek->is_folder)
+        return fail_folder(peek, want_views);
+    if (spin_bundle_looks_like(peek->path))
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "'%s' is a bundle already: see --info, spin-retrain, spin-export",
+                         peek->path);
     if (!may_tell(peek))
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "cannot recognise '%s': no importer knows it (see spin-import --list)",
@@ -215,34 +305,16 @@ static spin_status fail_unknown(const struct spin_peek *peek)
 static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
                                  const struct spin_importer **out)
 {
-    const struct spin_importer *best = NULL, *second = NULL;
-    int best_score = 0, second_score = 0;
+    struct choice c = choose(peek, want_views);
 
-    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++) {
-        const struct spin_importer *importer = *i;
-        int score;
-
-        if (!is_candidate(importer, want_views) || !importer->probe)
-            continue;
-        score = importer->probe(peek);
-        if (score > best_score) {
-            second = best;
-            second_score = best_score;
-            best = importer;
-            best_score = score;
-        } else if (score > second_score) {
-            second = importer;
-            second_score = score;
-        }
-    }
-    if (!best)
-        return fail_unknown(peek);
-    if (second && best_score - second_score < TIE)
+    if (!c.best)
+        return fail_unknown(peek, want_views);
+    if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
-                         peek->path, best->name, second->name,
+                         peek->path, c.best->name, c.second->name,
                          want_views ? "--data-from" : "--from");
-    *out = best;
+    *out = c.best;
     return SPIN_OK;
 }
 

@@ -1,0 +1,80 @@
+#include "run/data_hint.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "io/file.h"
+#include "scene/probe.h"
+
+#define MAX_BESIDE 64 /* entries of the folder around the input */
+
+struct found {
+    const struct spin_importer *importer; /* of the first */
+    char *path;
+    int n;
+};
+
+/* Takes path. */
+static void look_at(struct found *found, char *path)
+{
+    const struct spin_importer *importer =
+        path && spin_path_is_folder(path) ? spin_importer_guess(path, true) : NULL;
+
+    found->n += importer != NULL;
+    if (found->n != 1 || !importer) {
+        free(path);
+        return;
+    }
+    found->importer = importer;
+    found->path = path;
+}
+
+static void look_beside(struct found *found, const char *input, const char *folder)
+{
+    char **names = NULL, *path;
+    size_t n = 0;
+
+    if (spin_folder_list(folder, &names, &n) != SPIN_OK)
+        return;
+    for (size_t i = 0; i < n && i < MAX_BESIDE; i++) {
+        if (strcmp(names[i], spin_path_name(input)) == 0 ||
+            spin_path_join(folder, names[i], &path) != SPIN_OK)
+            continue;
+        if (spin_importer_guess(path, false)) /* another run, with the data set of its own */
+            free(path);
+        else
+            look_at(found, path);
+    }
+    spin_folder_list_free(names);
+}
+
+void spin_data_hint(const char *input, char *text, size_t n_text)
+{
+    struct found found = {0};
+    char *absolute = NULL, *folder = NULL, *copy = NULL;
+
+    text[0] = '\0';
+    if (spin_path_absolute(input, &absolute) == SPIN_OK &&
+        spin_path_folder(absolute, &folder) == SPIN_OK) {
+        if (spin_strdup(absolute, &copy) == SPIN_OK)
+            look_at(&found, copy);
+        copy = NULL;
+        if (found.n == 0 && spin_strdup(folder, &copy) == SPIN_OK)
+            look_at(&found, copy);
+        if (found.n == 0)
+            look_beside(&found, absolute, folder);
+    }
+    if (found.n == 1)
+        snprintf(text, n_text,
+                 "a data set (%s) lies beside the run: --data '%s', if it was trained on that\n",
+                 found.importer->name, found.path);
+    else if (found.n > 1)
+        snprintf(
+            text, n_text,
+            "%d data sets lie beside the run, one in '%s': --data says which it was trained on\n",
+            found.n, found.path);
+    free(found.path);
+    free(folder);
+    free(absolute);
+}

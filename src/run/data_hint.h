@@ -1,0 +1,11 @@
+/* Data sets that lie beside a run. */
+#ifndef SPIN_RUN_DATA_HINT_H
+#define SPIN_RUN_DATA_HINT_H
+
+#include "spin.h"
+
+/* One line, "\n" at its end, about a data set in the input's own folder, in the one around it or beside it; ""
+ * when there is none. What the input was trained on nobody can know from that. */
+void spin_data_hint(const char *input, char *text, size_t n_text);
+
+#endif

@@ -1,0 +1,43 @@
+/* What can be said of a bundle by the names of its members. */
+#include <string.h>
+
+#include "scene/bundle.h"
+
+bool spin_bundle_looks_like(const char *path)
+{
+    struct spin_zip zip;
+    bool found;
+
+    if (spin_zip_open(path, &zip) != SPIN_OK)
+        return false;
+    found = spin_zip_find(&zip, "meta.json") != NULL;
+    spin_zip_close(&zip);
+    return found;
+}
+
+static bool begins(const char *text, const char *with)
+{
+    return strncmp(text, with, strlen(with)) == 0;
+}
+
+void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out)
+{
+    const struct spin_zip *zip = &bundle->npz.zip;
+
+    out->file = zip->map.size;
+    for (size_t i = 0; i < zip->n; i++) {
+        const struct spin_zip_member *member = &zip->member[i];
+
+        if (begins(member->name, "source/"))
+            out->source += member->packed_size;
+        else if (begins(member->name, "refined/"))
+            out->refined += member->packed_size;
+        else if (begins(member->name, "network/means/") ||
+                 begins(member->name, "network/residual/"))
+            out->positions += member->packed_size;
+        else if (begins(member->name, "network/table"))
+            out->table += member->packed_size;
+        else if (begins(member->name, "network/"))
+            out->heads += member->packed_size;
+    }
+}

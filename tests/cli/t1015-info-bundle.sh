@@ -1,0 +1,142 @@
+#!/bin/sh
+# K: info bundle d3dgs realtime4dgs
+# What --info says of a bundle and of a method that is defined at any time; runs one folder down; data sets
+# beside a run.
+. tests/cli/lib.sh
+
+# ---- A bundle as it was imported -------------------------------------------------------------------
+
+run "$bin/spin-import" -q "$clip" --data "$clip" --range 1:5 -o "$work/in.spin"
+is "$code" 0 "a bundle of four frames"
+run "$bin/spin-import" --info "$work/in.spin"
+is "$code" 0 "is described"
+out_has "^bundle  *$work/in.spin, by spin4d" "that it is one, and who wrote it"
+out_has "^from  *d3dgs, Dynamic 3D Gaussians" "where it came from"
+out_has "^upstream  *JonathonLuiten" "whose files those were"
+out_has "^data  *$PWD/$clip, panoptic$" "its data set"
+out_has "^frames  *4 of the source's 6, numbers 1 to 4 (counted), times 1 to 4$" "its frames"
+out_has "^splats  *2940 a frame$" "its splats"
+out_has "^attributes  *means quats log_scales logit_opacities sh (SH degree 0)$" "its attributes"
+out_has "^static  *log_scales logit_opacities$" "what does not change"
+out_has "^size  *[0-9.]* KiB, source [0-9.]* KiB$" "its sizes"
+grep -qE '^(refined|network) ' "$work/out"
+is $? 1 "and nothing that it has not"
+run "$bin/spin-import" --info --json "$work/in.spin"
+is_json "as JSON"
+is "$(member from) $(member frames) $(member source_frames)" "d3dgs 4 6" "frames as JSON"
+is "$(member sh_degree) $(member data_there)" "0 true" "SH degree and data set as JSON"
+is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),.*/\1/')" "$(wc -c <"$work/in.spin")" \
+    "the size of the file as JSON"
+tr -d ' \n' <"$work/out" | grep -q '"splats":{"min":2940,"mean":2940,"max":2940}.*"times":\[1,4\]\|"times":\[1,4\].*"splats":{"min":2940,"mean":2940,"max":2940}'
+ok $? "splats and times as JSON"
+run "$bin/spin-import" --info --json "$work/in.spin" --positions-only
+is "$code" 0 "options of an import change nothing"
+
+mv "$work/in.spin" "$work/moved.spin"
+mkdir "$work/deep"
+run "$bin/spin-import" -q "$clip" -o "$work/alone.spin"
+run "$bin/spin-import" --info --json "$work/alone.spin"
+is "$(member data)" null "a bundle without a data set"
+cp -r "$clip" "$work/deep/data"
+run "$bin/spin-import" -q "$clip" --data "$work/deep/data" -o "$work/deep/b.spin"
+rm -r "$work/deep/data"
+run "$bin/spin-import" --info "$work/deep/b.spin"
+out_has "^data .*data, panoptic: it is not there$" "a data set that is gone"
+
+# ---- A bundle that was retrained ----------------------------------------------------------------------
+
+run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/net.spin" --device cpu --iterations 12 --refine 3 \
+    --scale 0.25 --hash-log2 14 --levels 8 --hidden 32 --sh-degree 2 --residual points --force
+is "$code" 0 "is retrained"
+run "$bin/spin-import" --info "$work/net.spin"
+is "$code" 0 "what was retrained is described"
+out_has "^refined .*, 3 iterations each$" "refined frames"
+out_has "^network .*, 12 iterations on cpu; 8 levels of 4 features, [0-9]* rows, hidden width 32$" "the network"
+out_has "attributes: means quats log_scales logit_opacities sh (SH degree 2)$" "what it gives"
+out_has "held-out views before: [0-9.]* dB, SSIM 0[.0-9]*$" "how good the source was"
+out_has "held-out views after: [0-9.]* dB, SSIM 0[.0-9]*$" "how good it is"
+out_has "hash_log2: 14" "its settings"
+out_has "^size .*source .*refined .*network's positions .*table .*heads " "the sizes of all its parts"
+run "$bin/spin-import" --info --json "$work/net.spin"
+is_json "as JSON"
+network=$(tr -d ' \n' <"$work/out" | sed 's/.*"network"://')
+case $network in
+*'"iterations":12,'*'"options":{'*'"hash_log2":14,'*'"levels":8,"features":4,"hidden":32,'*'"device":"cpu"'*) : ;;
+*) false ;;
+esac
+ok $? "the network as JSON"
+is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),"source":\([0-9]*\),"refined":\([0-9]*\),"positions":\([0-9]*\),"table":\([0-9]*\),"heads":\([0-9]*\)}.*/\2+\3+\4+\5+\6 \1/' |
+    awk '{ n = split($1, part, "+"); for (i = 1; i <= n; i++) sum += part[i]; print (sum > 0.97 * $2 && sum < $2) }')" \
+    1 "the parts are nearly all of the file"
+
+run "$bin/spin-import" "$work/net.spin" -o "$work/again.spin"
+fails 1 spin-import "a bundle as input"
+err_has "is a bundle already" "is told so"
+nothing_at "$work/again" "and nothing is written"
+head -c 3000 "$work/net.spin" >"$work/cut.spin"
+run "$bin/spin-import" --info "$work/cut.spin"
+fails 1 spin-import "a bundle that is cut short"
+err_has "cut.spin" "it is named"
+
+# ---- Runs that are one folder down, data sets beside them ---------------------------------------------
+
+mkdir -p "$work/one/models/ball" "$work/one/notes"
+cp "$clip/params.npz" "$work/one/models/ball"
+run "$bin/spin-import" --info "$work/one/models"
+fails 1 spin-import "a folder around a run"
+err_has "the run is in '$work/one/models/ball' (d3dgs)$" "says where it is"
+mkdir "$work/one/models/other"
+cp "$clip/params.npz" "$work/one/models/other"
+run "$bin/spin-import" --info "$work/one/models"
+err_has "it holds several, such as '$work/one/models/ball'" "a folder around two"
+run "$bin/spin-import" --info "$work/one"
+fails 1 spin-import "two folders down"
+err_has "no importer knows it" "is not looked for"
+run "$bin/spin-import" --info --json --data "$work/one" "$clip"
+fails 1 spin-import "a folder that is no data set"
+
+run "$bin/spin-import" --info "$clip"
+out_has "^note .*a data set (panoptic) lies beside the run: --data '$PWD/$clip'" "a run in its data set"
+run "$bin/spin-import" --info "$clip/params.npz"
+out_has "^note .*a data set (panoptic)" "a file in its data set"
+run "$bin/spin-import" --info "$clip" --data "$clip"
+grep -q "lies beside" "$work/out"
+is $? 1 "no word of it with --data"
+run "$bin/spin-import" --info "$work/one/models/ball"
+grep -q "lie" "$work/out"
+is $? 1 "nor where there is none"
+mkdir "$work/one/models/video"
+cp -r "$clip/ims" "$clip"/*_meta.json "$work/one/models/video"
+run "$bin/spin-import" "$work/one/models/ball" -o "$work/hint.spin"
+is "$code" 0 "imports beside one"
+out_has "^note .*lies beside the run: --data '$work/one/models/video'" "and says so"
+cp -r "$work/one/models/video" "$work/one/models/video2"
+run "$bin/spin-import" --info "$work/one/models/ball"
+out_has "^note .*2 data sets lie beside the run" "two of them"
+
+# ---- Methods that are defined at any time --------------------------------------------------------------
+
+in=$fixtures/realtime4dgs/rot4d_noshfs
+if [ ! -d "$in" ]; then
+    skip "any time" "no fixtures at $in"
+    done_testing
+fi
+run "$bin/spin-import" --info "$in"
+out_has "^time  *any from [-0-9.]* to [-0-9.]*, looked at on both ends" "its range, and how it was looked at"
+out_has "^read  *at [-0-9.]* and [-0-9.]*$" "when"
+grep -q "^frames\|2 frames" "$work/out"
+is $? 1 "it is not said to have frames"
+run "$bin/spin-import" --info --json "$in"
+is "$(member continuous) $(member sampled)" "true ends" "as JSON"
+run "$bin/spin-import" --info "$in" --frames 3
+out_has "^time .*, sampled evenly$" "evenly"
+out_has "^frames  *3," "three frames"
+run "$bin/spin-import" --info --json "$in" --frames 3
+is "$(member sampled) $(member frames)" "evenly 3" "as JSON"
+run "$bin/spin-import" --info --json "$in" --times 0.5,0.25
+is "$(member sampled) $(member frames)" "times 2" "at times that were asked for"
+run "$bin/spin-import" --info --json "$in" --data "$clip"
+is "$(member sampled) $(member frames)" "data 6" "at those of a data set"
+run "$bin/spin-import" --json "$in" --frames 2 -o "$work/any.spin"
+is "$(member sampled)" evenly "an import says it too"
+done_testing
