@@ -483,6 +483,10 @@ struct spin_import_report {
 /* Import a foreign run to a bundle, or only describe it. */
 spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report);
 
+/* What a bundle holds and how it was made, as lines or as JSON, malloc'ed. Of its arrays only the headers are
+ * read. SPIN_E_NOT_RECOGNISED when the file is no bundle. */
+spin_status spin_bundle_describe(const char *path, bool json, char **text);
+
 /* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. */
 enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT };
 /* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
@@ -644,42 +648,6 @@ void spin_eval_report_free(struct spin_eval_report *report);
  * in some views only is the mean over these. valid is false when there is no such view. */
 struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
                                    const int *camera);
-
-/* Splats in a bundle: those of its source, refined ones, or the network's. */
-struct spin_bundle_splats {
-    bool there;
-    size_t n_min, n_max; /* of a frame */
-    double n_mean;
-    unsigned columns, static_columns; /* of the network: those it gives */
-    int sh_degree;                    /* -1: none */
-    bool antialias;
-    int iterations; /* that made them; of refined ones, of each frame */
-    struct spin_quality before,
-        test;      /* on held-out views, PSNR and SSIM only, where they were measured */
-    char *options; /* JSON: the settings that made them; NULL: none are there */
-};
-
-/* What a bundle holds and how it was made. */
-struct spin_bundle_report {
-    char generator[64], from[32], upstream[160], variant[128];
-    char *data; /* its data set, absolute; NULL: none */
-    char data_from[128];
-    bool data_there;           /* where the bundle says it is */
-    int frames, source_frames; /* of the bundle; of the whole clip that it was imported from */
-    bool numbered;             /* frame numbers are the source's */
-    int number_first, number_last;
-    double time_first, time_last;
-    struct spin_bundle_splats source, refined, network;
-    int levels, features, hidden; /* of the network */
-    long long rows;               /* of its table */
-    char device[32];              /* that trained it */
-    struct spin_bundle_bytes bytes;
-};
-
-/* SPIN_E_NOT_RECOGNISED when the file is no bundle. Nothing of the arrays but their headers is read. Free also
- * after a failure. */
-spin_status spin_bundle_describe(const char *path, struct spin_bundle_report *report);
-void spin_bundle_report_free(struct spin_bundle_report *report);
 
 struct spin_export_options {
     const char *input, *output, *to;

@@ -78,12 +78,3 @@ void spin_print_integer(const char *key, long long value)
 void spin_print_bool(const char *key, bool value) { put(key, spin_json_bool_value(value)); }
 
 void spin_print_null(const char *key) { put(key, spin_json_text_value(NULL)); }
-
-void spin_print_json(const char *key, const char *text)
-{
-    spin_json *value = NULL;
-
-    if (spin_json_parse(key, text, strlen(text), &value) != SPIN_OK)
-        value = spin_json_text_value(NULL);
-    put(key, value);
-}

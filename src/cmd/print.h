@@ -18,6 +18,5 @@ void spin_print_number(const char *key, double value);
 void spin_print_integer(const char *key, long long value);
 void spin_print_bool(const char *key, bool value);
 void spin_print_null(const char *key);
-void spin_print_json(const char *key, const char *text); /* a value that is JSON already */
 
 #endif

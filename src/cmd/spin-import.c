@@ -2,6 +2,7 @@
 #include "cmd/args.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "cmd/print.h"
@@ -377,210 +378,6 @@ static void report_text(const struct spin_import_report *r)
         printf("written     %s\n", options.output);
 }
 
-/* ---- A bundle ---------------------------------------------------------------------------------- */
-
-static void print_range(const char *key, double first, double last)
-{
-    spin_print_open(key, '[');
-    spin_print_number(NULL, first);
-    spin_print_number(NULL, last);
-    spin_print_close(']');
-}
-
-static void print_quality(const char *key, const struct spin_quality *q)
-{
-    if (!q->valid) {
-        spin_print_null(key);
-        return;
-    }
-    spin_print_open(key, '{');
-    spin_print_number("psnr", q->psnr);
-    spin_print_number("ssim", q->ssim);
-    spin_print_close('}');
-}
-
-/* The members that the source and each stage have. */
-static void print_splats(const struct spin_bundle_splats *s)
-{
-    spin_print_open("splats", '{');
-    spin_print_integer("min", (long long)s->n_min);
-    spin_print_number("mean", s->n_mean);
-    spin_print_integer("max", (long long)s->n_max);
-    spin_print_close('}');
-    if (s->sh_degree < 0)
-        spin_print_null("sh_degree");
-    else
-        spin_print_integer("sh_degree", s->sh_degree);
-    spin_print_bool("antialias", s->antialias);
-    print_columns("attributes", s->columns);
-}
-
-/* The members of a stage that had settings; the object stays open. */
-static void open_stage(const char *key, const struct spin_bundle_splats *s)
-{
-    spin_print_open(key, '{');
-    print_splats(s);
-    spin_print_integer("iterations", s->iterations);
-    print_quality("before", &s->before);
-    print_quality("test", &s->test);
-    if (s->options)
-        spin_print_json("options", s->options);
-}
-
-static void print_bytes(const struct spin_bundle_bytes *b)
-{
-    spin_print_open("bytes", '{');
-    spin_print_integer("file", (long long)b->file);
-    spin_print_integer("source", (long long)b->source);
-    spin_print_integer("refined", (long long)b->refined);
-    spin_print_integer("positions", (long long)b->positions);
-    spin_print_integer("table", (long long)b->table);
-    spin_print_integer("heads", (long long)b->heads);
-    spin_print_close('}');
-}
-
-static void bundle_json(const struct spin_bundle_report *r)
-{
-    spin_print_open(NULL, '{');
-    spin_print_string("bundle", options.input);
-    spin_print_string("generator", r->generator);
-    spin_print_string("from", r->from);
-    spin_print_string("variant", r->variant);
-    spin_print_string("upstream", r->upstream);
-    spin_print_string("data", r->data);
-    spin_print_string("data_from", r->data ? r->data_from : NULL);
-    spin_print_bool("data_there", r->data_there);
-    spin_print_integer("frames", r->frames);
-    spin_print_integer("source_frames", r->source_frames);
-    spin_print_bool("numbered", r->numbered);
-    print_range("numbers", r->number_first, r->number_last);
-    print_range("times", r->time_first, r->time_last);
-    print_splats(&r->source);
-    print_columns("static", r->source.static_columns);
-    if (r->refined.there) {
-        open_stage("refined", &r->refined);
-        spin_print_close('}');
-    }
-    if (r->network.there) {
-        open_stage("network", &r->network);
-        spin_print_integer("levels", r->levels);
-        spin_print_integer("features", r->features);
-        spin_print_integer("hidden", r->hidden);
-        spin_print_integer("rows", r->rows);
-        spin_print_string("device", r->device);
-        spin_print_close('}');
-    }
-    print_bytes(&r->bytes);
-    spin_print_close('}');
-}
-
-static void text_quality(const char *what, const struct spin_quality *q)
-{
-    if (q->valid)
-        printf("            held-out views %s: %.2f dB, SSIM %.4f\n", what, q->psnr, q->ssim);
-}
-
-/* JSON without quotes and outer braces, broken behind commas. */
-static void text_settings(const char *json)
-{
-    size_t n = json ? strlen(json) : 0, column = 0;
-
-    if (n < 3)
-        return;
-    printf("            settings: ");
-    for (size_t i = 1; i + 1 < n; i++) {
-        if (json[i] == '"')
-            continue;
-        putchar(json[i]);
-        if (json[i] == ':')
-            putchar(' ');
-        if (++column > 80 && json[i] == ',') {
-            printf("\n            ");
-            column = 0;
-        } else if (json[i] == ',') {
-            putchar(' ');
-        }
-    }
-    putchar('\n');
-}
-
-static void text_stage(const struct spin_bundle_splats *s)
-{
-    text_columns("\n            attributes:", s->columns, s->sh_degree);
-    putchar('\n');
-    text_quality("before", &s->before);
-    text_quality("after", &s->test);
-    text_settings(s->options);
-}
-
-static void text_bytes(const struct spin_bundle_bytes *b)
-{
-    const struct {
-        const char *name;
-        uint64_t bytes;
-    } parts[] = {{"source", b->source},
-                 {"refined", b->refined},
-                 {"network's positions", b->positions},
-                 {"table", b->table},
-                 {"heads", b->heads}};
-    char size[32];
-
-    printf("size        %s", spin_print_bytes((double)b->file, size));
-    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
-        if (parts[i].bytes > 0)
-            printf(", %s %s", parts[i].name, spin_print_bytes((double)parts[i].bytes, size));
-    putchar('\n');
-}
-
-static void bundle_text(const struct spin_bundle_report *r)
-{
-    printf("bundle      %s, by %s\n", options.input, r->generator);
-    printf("from        %s%s%s\n", r->from, *r->variant ? ", " : "", r->variant);
-    printf("upstream    %s\n", r->upstream);
-    if (r->data)
-        printf("data        %s, %s%s\n", r->data, r->data_from,
-               r->data_there ? "" : ": it is not there");
-    printf("frames      %d of the source's %d, numbers %d to %d%s, times %.10g to %.10g\n",
-           r->frames, r->source_frames, r->number_first, r->number_last,
-           r->numbered ? "" : " (counted)", r->time_first, r->time_last);
-    printf("splats      ");
-    text_splats(r->source.n_min, r->source.n_mean, r->source.n_max);
-    text_columns("\nattributes ", r->source.columns, r->source.sh_degree);
-    if (r->source.static_columns)
-        text_columns("\nstatic     ", r->source.static_columns, -1);
-    putchar('\n');
-    if (r->refined.there) {
-        printf("refined     ");
-        text_splats(r->refined.n_min, r->refined.n_mean, r->refined.n_max);
-        printf(", %d iterations each", r->refined.iterations);
-        text_stage(&r->refined);
-    }
-    if (r->network.there) {
-        printf("network     ");
-        text_splats(r->network.n_min, r->network.n_mean, r->network.n_max);
-        printf(", %d iterations on %s; %d levels of %d features, %lld rows, hidden width %d",
-               r->network.iterations, r->device, r->levels, r->features, r->rows, r->hidden);
-        text_stage(&r->network);
-    }
-    text_bytes(&r->bytes);
-}
-
-/* Describes the input when it is a bundle. */
-static spin_status describe_bundle(void)
-{
-    struct spin_bundle_report report;
-    spin_status status = spin_bundle_describe(options.input, &report);
-
-    if (status == SPIN_OK && common.json)
-        bundle_json(&report);
-    else if (status == SPIN_OK)
-        bundle_text(&report);
-    spin_bundle_report_free(&report);
-    return status;
-}
-
-/* ---- The command ------------------------------------------------------------------------------- */
-
 /* A data set's options follow its name: "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
@@ -644,11 +441,15 @@ int main(int argc, char **argv)
     options.n_times = times.n;
     options.force = common.force;
     options.plugin_pairs = words.plugin_pairs;
+    char *description = NULL;
     spin_status status = SPIN_E_NOT_RECOGNISED;
     if (wants_info && !options.from && !options.check_cameras)
-        status = describe_bundle();
-    if (status == SPIN_OK)
+        status = spin_bundle_describe(options.input, common.json, &description);
+    if (status == SPIN_OK) {
+        fputs(description, stdout);
+        free(description);
         return spin_args_finish(&command, SPIN_EXIT_OK);
+    }
     if (status == SPIN_E_NOT_RECOGNISED)
         status = spin_import(&options, &report);
     if (status != SPIN_OK)

@@ -18,7 +18,7 @@ out_has "^frames  *4 of the source's 6, numbers 1 to 4 (counted), times 1 to 4$"
 out_has "^splats  *2940 a frame$" "its splats"
 out_has "^attributes  *means quats log_scales logit_opacities sh (SH degree 0)$" "its attributes"
 out_has "^static  *log_scales logit_opacities$" "what does not change"
-out_has "^size  *[0-9.]* KiB, source [0-9.]* KiB$" "its sizes"
+out_has "^size  *[0-9.]* kB, source [0-9.]* kB$" "its sizes"
 grep -qE '^(refined|network) ' "$work/out"
 is $? 1 "and nothing that it has not"
 run "$bin/spin-import" --info --json "$work/in.spin"
@@ -27,7 +27,7 @@ is "$(member from) $(member frames) $(member source_frames)" "d3dgs 4 6" "frames
 is "$(member sh_degree) $(member data_there)" "0 true" "SH degree and data set as JSON"
 is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),.*/\1/')" "$(wc -c <"$work/in.spin")" \
     "the size of the file as JSON"
-tr -d ' \n' <"$work/out" | grep -q '"splats":{"min":2940,"mean":2940,"max":2940}.*"times":\[1,4\]\|"times":\[1,4\].*"splats":{"min":2940,"mean":2940,"max":2940}'
+tr -d ' \n' <"$work/out" | grep -q '"times":\[1.0,4.0\],"splats":{"min":2940,"mean":2940.0,"max":2940}'
 ok $? "splats and times as JSON"
 run "$bin/spin-import" --info --json "$work/in.spin" --positions-only
 is "$code" 0 "options of an import change nothing"
@@ -61,7 +61,7 @@ run "$bin/spin-import" --info --json "$work/net.spin"
 is_json "as JSON"
 network=$(tr -d ' \n' <"$work/out" | sed 's/.*"network"://')
 case $network in
-*'"iterations":12,'*'"options":{'*'"hash_log2":14,'*'"levels":8,"features":4,"hidden":32,'*'"device":"cpu"'*) : ;;
+*'"levels":8,"features":4,"hidden":32,'*'"device":"cpu"'*'"options":{"iterations":12,'*'"hash_log2":14,'*) : ;;
 *) false ;;
 esac
 ok $? "the network as JSON"

@@ -3,9 +3,8 @@
 #include "tests/importers/expected_clouds.h"
 
 #include "formats/splat.h"
+#include "tests/formats/spz_files.h"
 #include "scene/bundle.h"
-
-#define ALL (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 
 /* ---- What others write ------------------------------------------------------------------------- */
 
@@ -262,6 +261,7 @@ static void test_degrees(void)
     move(path_in(other, "frame_00007.spz"), path_in(folder, "frame_00007.spz"));
     if (!ok(run_open("spz", folder, &run) == SPIN_OK && run.sequence.sh_degree == 1 &&
                 strstr(run.sequence.notes, "padded") && strstr(run.sequence.notes, "gaps") &&
+                run.importer->frame(run.self, 0, 0, ALL, &s) == SPIN_OK && s.sh[3] != 0 &&
                 run.importer->frame(run.self, 1, 0, ALL, &s) == SPIN_OK && s.sh_degree == 1,
             "frames of different SH degrees: the larger one"))
         printf("#   %s\n", spin_last_error());
@@ -271,6 +271,53 @@ static void test_degrees(void)
     ok(s.n == 290 && rest == 0, "what a frame lacks is 0");
     run_close(&run);
     spin_splats_free(&s);
+}
+
+/* An SPZ that says it holds right, up, back is turned without being told. */
+static void test_axes(void)
+{
+    static const unsigned char record[] = {3, 0, 0xbe, 0xad, 4, 0, 0, 0, SPIN_SPZ_RIGHT_UP_BACK,
+                                           0, 0, 0};
+    const char *folder = path_in(work, "said"), *rub = path_in(work, "spz-rub/frame_00005.spz");
+    static unsigned char bytes[65536];
+    struct spin_splats is = {0}, said = {0};
+    struct spin_map map;
+    struct run run;
+    unsigned char *file;
+    size_t n = 0, size;
+    FILE *out;
+
+    spin_folder_make(folder);
+    if (spin_map_open(rub, &map) != SPIN_OK ||
+        spin_gzip_read(map.data, map.size, bytes, sizeof bytes, &n) != SPIN_OK)
+        exit(1);
+    bytes[14] |= 2;
+    file = make_spz_4(bytes, record, sizeof record, &size);
+    out = fopen(path_in(folder, "a.spz"), "wb");
+    if (!out || fwrite(file, 1, size, out) != size || fclose(out) != 0)
+        exit(1);
+    ok(run_open("spz", path_in(work, "spz"), &run) == SPIN_OK &&
+           strstr(run.sequence.notes, "does not say its axes") &&
+           run.importer->frame(run.self, 0, 0, ALL, &is) == SPIN_OK,
+       "a file that does not say its axes: a note");
+    run_close(&run);
+    ok(run_open("spz", folder, &run) == SPIN_OK && !strstr(run.sequence.notes, "axes") &&
+           run.importer->frame(run.self, 0, 0, ALL, &said) == SPIN_OK && said.n == is.n,
+       "one that does: none");
+    run_close(&run);
+    if (said.n == is.n) {
+        double worst = 0;
+
+        for (size_t i = 0; i < 3 * is.n; i++)
+            worst = fmax(worst, fabs((double)is.means[i] - said.means[i]));
+        for (size_t i = 0; i < 12 * is.n; i++)
+            worst = fmax(worst, fabs((double)is.sh[i] - said.sh[i]) - 1.0 / 16);
+        ok(worst <= 1.0 / 4096, "places and SH are turned back: %g", worst);
+    }
+    spin_map_close(&map);
+    spin_splats_free(&is);
+    spin_splats_free(&said);
+    free(file);
 }
 
 /* ---- Files made here --------------------------------------------------------------------------- */
@@ -317,5 +364,6 @@ TAP_MAIN
     test_written();
     test_clip();
     test_degrees();
+    test_axes();
     test_refused();
 }
