@@ -466,6 +466,17 @@ static void test_clips(void)
              sampler_of(time_accessor, visible_accessor[0], "STEP"),
              sampler_of(time_accessor, visible_accessor[1], "STEP"),
              sampler_of(time_accessor, visible_accessor[2], "STEP"));
+    { /* without extras: keys' times, no numbers */
+        char text[9000];
+
+        snprintf(text, sizeof text, "%s", scale_clip());
+        for (char *at; (at = strstr(text, "extras"));)
+            memcpy(at, "ignore", 6);
+        ok(open_scene(plain(), text, &scene) == SPIN_OK && scene.n_frames == 3 &&
+               scene.frame[0].time == 0 && scene.frame[1].time == 0.5 && scene.frame[2].time == 1 &&
+               scene.frame[0].number == -1,
+           "frames begin at their keys");
+    }
     /* Here the nodes' own scales count: the third must have one. */
     {
         char text[9000], *at;
