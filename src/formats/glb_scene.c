@@ -285,7 +285,7 @@ static void read_extras(const spin_json *extras, struct spin_gs_glb_frame *frame
 {
     int64_t number = spin_glb_integer(extras, "frame", -1);
 
-    spin_json_number(spin_json_get(extras, "time"), &frame->time);
+    spin_json_number(spin_json_get(extras, "time"), &frame->extras_time);
     if (number >= 0 && number <= INT32_MAX)
         frame->number = (int)number;
 }
@@ -297,7 +297,8 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     const spin_json *nodes = spin_json_get(s->file.json, "nodes");
     size_t at = s->n_frames ? frame[-1].first + frame[-1].n_shown : 0, n_plain = 0;
 
-    *frame = (struct spin_gs_glb_frame){.first = at, .number = -1, .time = time};
+    *frame =
+        (struct spin_gs_glb_frame){.first = at, .number = -1, .time = time, .extras_time = NAN};
     if (s->n_pieces * (uint64_t)(s->n_frames + 1) > MAX_CELLS)
         return spin_fail(SPIN_E_UNSUPPORTED, "%zu meshes in more than %zu frames", s->n_pieces,
                          s->n_frames);
@@ -326,6 +327,7 @@ static spin_status find_frames(struct build *b)
 {
     struct spin_gs_glb_scene *s = b->scene;
     const unsigned char *before = NULL;
+    bool all = true;
 
     SPIN_TRY(spin_alloc(b->n_times + 1, sizeof *s->frame, (void **)&s->frame));
     if (b->n_keys == 0)
@@ -338,6 +340,10 @@ static spin_status find_frames(struct build *b)
         SPIN_TRY(add_frame(b, on, (double)b->time[t]));
         before = on;
     }
+    for (size_t f = 0; f < s->n_frames; f++)
+        all = all && !isnan(s->frame[f].extras_time);
+    for (size_t f = 0; f < s->n_frames && all; f++)
+        s->frame[f].time = s->frame[f].extras_time;
     return SPIN_OK;
 }
 

@@ -17,7 +17,8 @@ struct spin_gs_glb_frame {
     size_t n;              /* splats */
     size_t first, n_shown; /* in shown */
     int number;            /* what extras of the frame's node say, else -1 */
-    double time;           /* likewise, else when it begins, in seconds */
+    double time; /* when it begins, in seconds; what extras say where those of all frames do */
+    double extras_time; /* private: NaN: none */
 };
 
 struct spin_gs_glb_scene {

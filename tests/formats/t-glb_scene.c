@@ -476,6 +476,11 @@ static void test_clips(void)
                scene.frame[0].time == 0 && scene.frame[1].time == 0.5 && scene.frame[2].time == 1 &&
                scene.frame[0].number == -1,
            "frames begin at their keys");
+        snprintf(text, sizeof text, "%s", scale_clip());
+        memcpy(strstr(text, "\"time\":0.75"), "\"tome\":0.75", 11);
+        ok(open_scene(plain(), text, &scene) == SPIN_OK && scene.n_frames == 3 &&
+               scene.frame[0].time == 0 && scene.frame[1].time == 0.5 && scene.frame[1].number == 5,
+           "and so they do where the time of one is not known otherwise");
     }
     /* Here the nodes' own scales count: the third must have one. */
     {
