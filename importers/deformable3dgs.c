@@ -1,5 +1,6 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network of position and time that adds to their finished attributes.
+ * network of position and time that adds to their finished attributes. MotionGS (Zhu et al., NeurIPS 2024)
+ * trains this model with other losses and saves it in the same files.
  *
  * Two traps. The sums are taken after activation, and the sum of quaternions goes to the rasteriser as
  * it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the
@@ -37,6 +38,7 @@ struct model {
     float *inputs;             /* [n_time] of the frame's time, then scratch */
     int frequencies;           /* of time */
     bool screw;                /* 6dof: screw and pivot instead of warp */
+    bool motiongs;             /* by its cfg_args */
     struct mlp_linear warp, screw_w, screw_v, rotation, scaling;
     struct mlp_team team;
 };
@@ -213,8 +215,39 @@ static spin_status open_network(struct model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
+/* MotionGS differs by its options, and by its times: those of the data set, which may be seconds. */
+static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m,
+                                 struct spin_sequence_info *sequence)
+{
+    struct cfg_span format = spin_cfg_get(cfg, "scene_format");
+    bool moved = false;
+
+    m->motiongs =
+        spin_cfg_get(cfg, "use_depth_and_flow").at || spin_cfg_get(cfg, "optimize_pose").at;
+    SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
+    if (moved)
+        spin_note(sequence,
+                  "optimize_pose=True: training moved the cameras and did not save them, so what "
+                  "the data set's cameras see is off by as much");
+    if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
+        sequence->time_last = 10;
+        sequence->half_open = true; /* 300 frames at i/30 */
+        spin_note(sequence,
+                  "scene_format='plenopticVideo': times are seconds, 0 to 10, and are not stored");
+    } else if (m->motiongs && (spin_cfg_is(format, "''") || spin_cfg_is(format, "'blender'"))) {
+        spin_note(
+            sequence,
+            "scene_format=%.*s: times are those of the data set's transforms_train.json, which "
+            "may be seconds; without that file they run from 0 to 1, frame i of n at i/(n-1)",
+            (int)(format.end - format.at), format.at);
+    } else {
+        spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");
+    }
+    return SPIN_OK;
+}
+
 /* The tensors say what the network is; a cfg_args that says otherwise is of another run. */
-static spin_status check_cfg(const char *path, const char *cloud, const struct model *m,
+static spin_status check_cfg(const char *path, const char *cloud, struct model *m,
                              struct spin_sequence_info *sequence)
 {
     const struct {
@@ -235,18 +268,19 @@ static spin_status check_cfg(const char *path, const char *cloud, const struct m
         spin_note(sequence, "cfg_args says %s=%s, the network is otherwise and counts", said[i].key,
                   value ? "True" : "False");
     }
+    if (status == SPIN_OK)
+        status = read_motiongs(&cfg, m, sequence);
     spin_cfg_close(&cfg);
     return status;
 }
 
 static void describe(struct model *m, const char *name, struct spin_sequence_info *sequence)
 {
-    spin_deform_describe(&m->canonical, MOVED, sequence);
     snprintf(sequence->variant, sizeof sequence->variant,
-             "Deformable 3D Gaussians, %zu Gaussians, %s, %d layers of %d%s%s", m->canonical.n,
-             name, m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
+             "%s, %zu Gaussians, %s, %d layers of %d%s%s",
+             m->motiongs ? "MotionGS" : "Deformable 3D Gaussians", m->canonical.n, name,
+             m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
              m->screw ? ", 6dof" : "");
-    spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");
     if (spin_model_folder_iteration(name) >= 0 && spin_model_folder_iteration(name) < WARM_UP)
         spin_note(sequence, "before iteration %d training does not use the network yet", WARM_UP);
 }
@@ -263,6 +297,7 @@ static spin_status open_model(const struct deform_save *save, struct model *m,
     SPIN_TRY(spin_strdup(save->network, &m->path));
     SPIN_TRY(spin_model_folder_read(save->cloud, &m->canonical, NULL, NULL));
     SPIN_TRY(open_network(m));
+    spin_deform_describe(&m->canonical, MOVED, sequence);
     SPIN_TRY(check_cfg(save->model, save->cloud, m, sequence));
     describe(m, save->name, sequence);
     SPIN_TRY(
@@ -472,8 +507,8 @@ static const struct spin_plugin_option options[] = {
 const struct spin_importer spin_importer_deformable3dgs = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "deformable3dgs",
-    .summary = "Deformable 3D Gaussians: the model's folder, with point_cloud and deform",
-    .upstream = "ingra14m/Deformable-3D-Gaussians ac42372",
+    .summary = "Deformable 3D Gaussians, MotionGS: the model's folder, with point_cloud and deform",
+    .upstream = "ingra14m/Deformable-3D-Gaussians ac42372, RuijieZhu94/MotionGS 8eab187",
     .options = options,
     .probe = probe,
     .open = deformable_open,

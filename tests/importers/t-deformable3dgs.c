@@ -1,6 +1,6 @@
-/* deformable3dgs: every fixture at all its times, saves that do not belong together, and networks that
- * lie.
- * K: deformable3dgs import threads */
+/* deformable3dgs: every fixture at all its times, of MotionGS as well, saves that do not belong together, and
+ * networks that lie.
+ * K: deformable3dgs motiongs import threads */
 #include "math/covariance.h"
 #include "tests/importers/models.h"
 
@@ -66,7 +66,8 @@ static const char *only_entry(const char *folder)
     return entry;
 }
 
-static void test_fixture(const char *folder, const char *name)
+/* `method` begins what is recognised, and times run from 0 to `last`. */
+static void test_fixture(const char *folder, const char *name, const char *method, double last)
 {
     const char *model = path_in(folder, "model");
     const char *network = path_in(only_entry(path_in(model, "deform")), "deform.pth");
@@ -88,9 +89,11 @@ static void test_fixture(const char *folder, const char *name)
         printf("#   %s\n", spin_last_error());
         return;
     }
-    ok(run.sequence.continuous && run.sequence.time_first == 0 && run.sequence.time_last == 1 &&
+    ok(run.sequence.continuous && run.sequence.time_first == 0 && run.sequence.time_last == last &&
            run.sequence.static_columns == (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH),
-       "%s: any time in 0..1, opacities and colours are still", name);
+       "%s: any time in 0..%g, opacities and colours are still", name, last);
+    ok(strncmp(run.sequence.variant, method, strlen(method)) == 0, "%s: is said to be of %s: %s",
+       name, method, run.sequence.variant);
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
         exit(1);
     times = check_load(&npz, "times", &info);
@@ -201,6 +204,48 @@ static void test_saves(const char *folder)
     run_close(&run);
 }
 
+/* MotionGS is told by its cfg_args alone. */
+static void test_motiongs(const char *folder)
+{
+    static const struct {
+        const char *cfg;
+        double last;
+        const char *said, *not_said;
+    } cases[] = {
+        {"is_6dof=False, use_depth_and_flow=True, optimize_pose=False, "
+         "scene_format='plenopticVideo'",
+         10, "times are seconds", "cameras"},
+        {"use_depth_and_flow=False, optimize_pose=True, scene_format='nerfies'", 1,
+         "moved the cameras", "may be seconds"},
+        {"use_depth_and_flow=True, scene_format=''", 1, "scene_format='': times are those of",
+         "cameras"},
+        {"optimize_pose=False, scene_format='blender'", 1,
+         "scene_format='blender': times are those of", "cameras"},
+    };
+    const char *odd = "Namespace(use_depth_and_flow=True, optimize_pose=7x, sh_degree=3)";
+    struct run run;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char cfg[200];
+        bool good;
+
+        snprintf(cfg, sizeof cfg, "Namespace(sh_degree=3, %s)", cases[i].cfg);
+        good = model_open("deformable3dgs", make_model(folder, NULL, 9000, 9000, cfg), NULL,
+                          &run) == SPIN_OK;
+        ok(good && strncmp(run.sequence.variant, "MotionGS,", 9) == 0 &&
+               run.sequence.time_last == cases[i].last &&
+               run.sequence.half_open == (cases[i].last != 1) &&
+               strstr(run.sequence.notes, cases[i].said) &&
+               !strstr(run.sequence.notes, cases[i].not_said),
+           "MotionGS with %s", cases[i].cfg);
+        if (!good)
+            printf("#   %s\n", spin_last_error());
+        run_close(&run);
+    }
+    model_fails("deformable3dgs", make_model(folder, NULL, 9000, 9000, odd), NULL, "cfg_args",
+                "'optimize_pose' is '7x'", "an option of MotionGS that is no bool");
+}
+
 /* The network of `folder` with one change, which `word` must be said about. */
 static void refuse(const char *folder, struct pth *pth, const char *word, const char *what)
 {
@@ -291,20 +336,36 @@ static void test_cuts(const char *folder)
              "point_cloud.ply", "no cut of point_cloud.ply can be read");
 }
 
+/* The same files, made by MotionGS's own code. */
+static void test_motiongs_fixtures(void)
+{
+    const char **names = check_cases("motiongs", "expected.npz");
+    const char *root = check_fixture("motiongs");
+
+    if (!root)
+        skip("motiongs fixtures", "there are none here");
+    for (size_t i = 0; root && names[i]; i++)
+        test_fixture(path_in(root, names[i]), names[i], "MotionGS,",
+                     strncmp(names[i], "dynerf", 6) == 0 ? 10 : 1);
+    free(names);
+}
+
 TAP_MAIN
 {
     const char **names = check_cases("deformable3dgs", "expected.npz");
     const char *root = check_fixture("deformable3dgs");
 
     spin_log_set_level(-2);
+    test_motiongs_fixtures();
     if (!root) {
         skip("deformable3dgs fixtures", "there are none here");
         return;
     }
     for (size_t i = 0; names[i]; i++)
-        test_fixture(path_in(root, names[i]), names[i]);
+        test_fixture(path_in(root, names[i]), names[i], "Deformable 3D Gaussians,", 1);
     free(names);
     test_saves(path_in(root, "real_small"));
+    test_motiongs(path_in(root, "real_small"));
     test_networks(path_in(root, "real_small"));
     if (has(root, "sixdof_small"))
         test_no_screw(path_in(root, "sixdof_small"));

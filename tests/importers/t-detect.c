@@ -19,6 +19,7 @@ static const struct known runs[] = {
     {"ed3dgs/*/model", "ed3dgs"},
     {"ed3dgs/annealed_early/model/point_cloud/*", "ed3dgs"},
     {"ed3dgs/annealed_early/model/point_cloud/iteration_5400/deformation.pth", "ed3dgs"},
+    {"motiongs/*/model", "deformable3dgs"},
     {"grid4d/*/model", "grid4d"},
     {"dash/*/model", "dash"},
     {"4dgaussian/*/model", "4dgaussian"},
