@@ -8,6 +8,7 @@ extern const struct spin_importer spin_importer_dash;
 extern const struct spin_importer spin_importer_deformable3dgs;
 extern const struct spin_importer spin_importer_ed3dgs;
 extern const struct spin_importer spin_importer_gltf;
+extern const struct spin_importer spin_importer_ex4dgs;
 extern const struct spin_importer spin_importer_grid4d;
 extern const struct spin_importer spin_importer_modecgs;
 extern const struct spin_importer spin_importer_omg4;
@@ -31,6 +32,7 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_deformable3dgs,
     &spin_importer_ed3dgs,
     &spin_importer_gltf,
+    &spin_importer_ex4dgs,
     &spin_importer_grid4d,
     &spin_importer_modecgs,
     &spin_importer_omg4,

@@ -49,8 +49,11 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
 {
     const char *method = NULL, *name = "t", *use = "";
 
-    if (spin_ply_has_prefix(e, "trbf_") || spin_ply_has_prefix(e, "motion_") ||
-        spin_ply_has_prefix(e, "omega_")) {
+    if (spin_ply_has_prefix(e, "xyz_disp_") || spin_ply_has_prefix(e, "motion_xyz_")) {
+        method = "Ex4DGS";
+        name = spin_ply_has_prefix(e, "xyz_disp_") ? "xyz_disp_*" : "motion_xyz_*";
+    } else if (spin_ply_has_prefix(e, "trbf_") || spin_ply_has_prefix(e, "motion_") ||
+               spin_ply_has_prefix(e, "omega_")) {
         method = "SpacetimeGaussians";
         use = "; use --from spacetimegs";
         name = spin_ply_has_prefix(e, "trbf_")     ? "trbf_*"

@@ -205,8 +205,8 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 struct spin_peek {
     const char *path;
     bool is_folder;
-    const unsigned char *head; /* first bytes of a file, or of the first of cfg_args, deformation.pth and
-                                  point_cloud.ply that a folder has; at most 4096 */
+    const unsigned char *head; /* first bytes, at most 16384, of a file, or of the first of cfg_args, chkpnt*,
+                                  deformation.pth and point_cloud.ply that a folder has */
     size_t n_head;
     const char *tail_names;   /* zip archives, and params.npz of a folder: member names, one per
                                  line; else "" */
@@ -225,7 +225,8 @@ struct spin_sequence_info {
     bool antialias;          /* its splats were trained to be drawn antialiased */
     bool continuous;         /* any time may be asked for, in [time_first, time_last] */
     double time_first, time_last;
-    bool half_open;    /* frame i of n of a data set without times is at i/n of it, not i/(n-1) */
+    bool half_open;     /* frame i of n of a data set without times is at i/n of it, not i/(n-1) */
+    bool counts_frames; /* time t is frame t: frame i of a data set is at i, whatever its times */
     char variant[128]; /* what was recognised, for --info */
     char notes[1024];  /* what was guessed or will be lost, lines; "" */
 };

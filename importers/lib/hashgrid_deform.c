@@ -52,7 +52,7 @@ int spin_hash_probe(const struct spin_peek *peek, const char *key, const char *o
         return 0;
     if (hash_says(peek, option))
         return 90;
-    return peek->n_head == 0 ? 55 : hash_says(peek, "grid_args") ? 40 : 0;
+    return !hash_says(peek, "Namespace(") ? 55 : hash_says(peek, "grid_args") ? 40 : 0;
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */

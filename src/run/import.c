@@ -94,6 +94,24 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
     return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
 }
 
+/* For methods whose times are frame numbers. */
+static void count_rows(struct import *im, struct spin_frame_info *all, int n)
+{
+    struct spin_sequence_info *t = &im->sequence;
+    size_t used = strlen(t->notes);
+    bool counted = true;
+
+    for (int i = 0; i < n; i++) {
+        counted = counted && all[i].time == i;
+        all[i].time = i;
+    }
+    if (!counted)
+        snprintf(t->notes + used, sizeof t->notes - used,
+                 "the data set's frames are at the method's times 0 to %d, not at their own "
+                 "(--frame-times data)\n",
+                 n - 1);
+}
+
 /* Times of the data set's frames by the rule asked for. Methods do not say at which times their frames
  * were, and their readers of one and the same data set differ: i/(n-1) with most, i/n with some. */
 static void rule_rows(struct import *im, struct spin_frame_info *all, int n)
@@ -105,6 +123,10 @@ static void rule_rows(struct import *im, struct spin_frame_info *all, int n)
     double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
     size_t used = strlen(t->notes);
 
+    if (automatic && t->counts_frames) {
+        count_rows(im, all, n);
+        return;
+    }
     if (strcmp(rule, "data") == 0 || (automatic && !rows_are_counted(t, all, n)))
         return;
     for (int i = 0; i < n; i++)

@@ -19,7 +19,7 @@
 /* Folders below one that is not known, in which a run is looked for. */
 #define MAX_BELOW 256
 
-enum { PEEK_HEAD = 4096, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
+enum { PEEK_HEAD = 16384, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
 
 /* ---- Peek ---------------------------------------------------------------------------------- */
 
@@ -64,19 +64,23 @@ static spin_status peek_members(const char *path, char **out)
 }
 
 /* Some files tell the runs of related methods apart: params.npz by its members (Dynamic 3D Gaussians and
- * its descendants), cfg_args by its text (what grew out of 3DGS). In the folder of one save there is no
- * cfg_args: the keys of the network tell, or else the header of the cloud. */
+ * its descendants), cfg_args by its text (what grew out of 3DGS). Without cfg_args a checkpoint tells by the
+ * names in its optimiser; in the folder of one save the keys of the network, or else the header of the
+ * cloud. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
     /* In the order of the alphabet, as names are: the first that is there gives the head. */
-    static const char *const heads[] = {"cfg_args", "deformation.pth", "point_cloud.ply"};
+    static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth",
+                                        "point_cloud.ply"};
+    enum { CHECKPOINT = 1 }; /* how its name begins */
     bool head = false;
     char *path = NULL;
     spin_status status = SPIN_OK;
 
     for (size_t i = 0; i < sizeof heads / sizeof *heads; i++)
-        head = head || (!out->head && strcmp(name, heads[i]) == 0);
+        head = head || (!out->head && strncmp(name, heads[i], strlen(heads[i])) == 0 &&
+                        (i == CHECKPOINT || strlen(name) == strlen(heads[i])));
     if (strcmp(name, "params.npz") != 0 && !head)
         return SPIN_OK;
     SPIN_TRY(spin_path_join(folder, name, &path));

@@ -207,21 +207,16 @@ static inline void compare_quats(const struct expected *e, const char *key, uint
     free(want);
 }
 
-/* Cut a copy of the file at up to 2000 lengths, longest first; reading must fail or succeed, not
- * crash. Returns how many of them could still be read. */
-static inline int read_truncations(const char *from, const char *path)
+/* Cut the file `copy`, which the run at `path` holds, at up to 2000 lengths, longest first; reading must
+ * fail or succeed, not crash. Returns how many of them could still be read. */
+static inline int read_cuts(const char *from, const char *path, const char *copy)
 {
-    const char *copy = path_in(new_folder(), spin_path_name(path));
     struct spin_map map;
     size_t size, step;
     int n_good = 0, n = 0;
-    FILE *file;
 
-    if (spin_map_open(path, &map) != SPIN_OK || !(file = fopen(copy, "wb")) ||
-        fwrite(map.data, 1, map.size, file) != map.size || fclose(file) != 0) {
-        ok(0, "copies '%s'", path);
+    if (spin_map_open(copy, &map) != SPIN_OK)
         return -1;
-    }
     size = map.size;
     spin_map_close(&map);
     step = size > 2000 ? size / 1000 : 1;
@@ -230,9 +225,25 @@ static inline int read_truncations(const char *from, const char *path)
         size -= n < 500 || size < 500 || size < step ? 1 : step;
         if (truncate(copy, (off_t)size) != 0)
             break;
-        n_good += read_all(from, copy) == SPIN_OK;
+        n_good += read_all(from, path) == SPIN_OK;
     }
     return n_good;
+}
+
+/* The same of a copy of a file that is the whole run. */
+static inline int read_truncations(const char *from, const char *path)
+{
+    const char *copy = path_in(new_folder(), spin_path_name(path));
+    struct spin_map map;
+    FILE *file;
+
+    if (spin_map_open(path, &map) != SPIN_OK || !(file = fopen(copy, "wb")) ||
+        fwrite(map.data, 1, map.size, file) != map.size || fclose(file) != 0) {
+        ok(0, "copies '%s'", path);
+        return -1;
+    }
+    spin_map_close(&map);
+    return read_cuts(from, copy, copy);
 }
 
 #endif

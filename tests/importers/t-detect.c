@@ -1,6 +1,6 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
- * K: detect import d3dgs tc3dgs deformable3dgs ed3dgs grid4d dash 4dgaussian modecgs 3dgstream realtime4dgs
- * K: rotor4dgs spacetimegs omg4 ply spz splat gltf panoptic colmap dynerf transforms */
+ * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d dash 4dgaussian modecgs
+ * K: 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat gltf panoptic colmap dynerf transforms */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -20,6 +20,11 @@ static const struct known runs[] = {
     {"ed3dgs/annealed_early/model/point_cloud/*", "ed3dgs"},
     {"ed3dgs/annealed_early/model/point_cloud/iteration_5400/deformation.pth", "ed3dgs"},
     {"motiongs/*/model", "deformable3dgs"},
+    {"ex4dgs/*/model", "ex4dgs"},
+    {"ex4dgs/full_run/model/chkpnt40000.pth", "ex4dgs"},
+    {"ex4dgs/full_run/model/point_cloud/iteration_40000", "ex4dgs"},
+    {"ex4dgs/full_run/model/point_cloud/iteration_40000/point_cloud.ply", "ex4dgs"},
+    {"ex4dgs/full_run/model/point_cloud/iteration_40000/dynamic_point_cloud.ply", "ex4dgs"},
     {"grid4d/*/model", "grid4d"},
     {"dash/*/model", "dash"},
     {"4dgaussian/*/model", "4dgaussian"},

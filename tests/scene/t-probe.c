@@ -32,14 +32,14 @@ static void peeks(void)
 {
     struct spin_peek peek;
     struct spin_zip_writer w;
-    char large[5001];
+    char large[20001];
 
-    memset(large, 'z', 5000);
-    large[5000] = '\0';
+    memset(large, 'z', 20000);
+    large[20000] = '\0';
     put_file(in_root("large"), large);
-    ok(spin_peek_open(in_root("large"), &peek) == SPIN_OK && peek.n_head == 4096 &&
-           !peek.is_folder && peek.head[4095] == 'z',
-       "peeks at the first 4096 bytes");
+    ok(spin_peek_open(in_root("large"), &peek) == SPIN_OK && peek.n_head == 16384 &&
+           !peek.is_folder && peek.head[16383] == 'z',
+       "peeks at the first 16384 bytes");
     is_text(peek.tail_names, "", "which has no members");
     is_text(peek.path, in_root("large"), "keeps the path");
     spin_peek_free(&peek);
@@ -59,6 +59,7 @@ static void peeks(void)
     spin_peek_free(&peek);
 
     mkdir(in_root("folder"), 0777);
+    mkdir(in_root("saves"), 0777);
     put_file(in_root("folder/a"), "a");
     put_file(in_root("folder/B"), "b");
     ok(spin_peek_open(in_root("folder"), &peek) == SPIN_OK && peek.is_folder &&
@@ -75,6 +76,15 @@ static void peeks(void)
            "the head of a folder is that of its %s", spin_path_name(heads[i]));
         spin_peek_free(&peek);
     }
+    put_file(in_root("saves/chkpnt7.pth"), "seven");
+    put_file(in_root("saves/chkpnt8.pth"), "eight");
+    ok(spin_peek_open(in_root("saves"), &peek) == SPIN_OK && peek.n_head == 5 &&
+           !memcmp(peek.head, "seven", 5),
+       "sees how the first checkpoint in it begins");
+    spin_peek_free(&peek);
+    put_file(in_root("saves/cfg_args"), "Namespace()");
+    ok(spin_peek_open(in_root("saves"), &peek) == SPIN_OK && peek.n_head == 11, "or its cfg_args");
+    spin_peek_free(&peek);
     ok(spin_peek_open(in_root("none"), &peek) == SPIN_E_NOT_FOUND,
        "what is not there is not found");
     ok(strstr(spin_last_error(), "no such file or folder") != NULL, "in these words");

@@ -1,0 +1,127 @@
+/* Checkpoints of 3DGS and what grew out of it. */
+#include "importers/lib/chkpnt.h"
+
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/file.h"
+
+long long spin_chkpnt_iteration(const char *name)
+{
+    char *end;
+    long long n;
+
+    if (strcmp(name, "chkpnt_best.pth") == 0)
+        return INT64_MAX;
+    if (strncmp(name, "chkpnt", 6) != 0 || !isdigit((unsigned char)name[6]))
+        return -1;
+    n = strtoll(name + 6, &end, 10);
+    return strcmp(end, ".pth") == 0 ? n : -1;
+}
+
+spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **out, bool *best)
+{
+    char **names = NULL;
+    const char *chosen = NULL;
+    long long largest = -1, asked = -1;
+    size_t n = 0;
+    spin_status status = SPIN_OK;
+
+    *best = false;
+    if (wanted)
+        asked = strcmp(wanted, "best") == 0 ? INT64_MAX : strtoll(wanted, NULL, 10);
+    SPIN_TRY(spin_folder_list(folder, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        long long number = spin_chkpnt_iteration(names[i]);
+        bool is_best = number == INT64_MAX;
+
+        *best = *best || is_best;
+        if (number < 0 || (wanted && number != asked))
+            continue;
+        if (!chosen || (!is_best && number > largest)) {
+            chosen = names[i];
+            largest = is_best ? -1 : number;
+        }
+    }
+    if (chosen) {
+        *best = *best && spin_chkpnt_iteration(chosen) != INT64_MAX;
+        status = spin_strdup(chosen, out);
+    }
+    spin_folder_list_free(names);
+    return status;
+}
+
+bool spin_chkpnt_says(const struct spin_peek *peek, const char *word)
+{
+    return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
+}
+
+const char *spin_chkpnt_kind(const struct spin_value *v)
+{
+    static const char *const names[] = {"None",   "a bool",   "an int",   "a float",
+                                        "a text", "bytes",    "a list",   "a tuple",
+                                        "a dict", "a tensor", "an object"};
+
+    return v ? names[v->kind] : "nothing";
+}
+
+/* Who saves a model of so many items. */
+static const char *maker_of(size_t n)
+{
+    static const struct {
+        size_t n;
+        const char *name;
+    } makers[] = {
+        {12, "plain 3DGS (--from realtime4dgs reads it)"},
+        {14, "4DGaussians (give the model's folder)"},
+        {18, "PVG, which is not read"},
+        {19, "Realtime-4DGS (--from realtime4dgs)"},
+        {28, "Hybrid 3D-4DGS (--from hybrid4dgs)"},
+        {40, "Ex4DGS (--from ex4dgs)"},
+    };
+
+    for (size_t i = 0; i < sizeof makers / sizeof *makers; i++) {
+        if (makers[i].n == n)
+            return makers[i].name;
+    }
+    return "a method that is not known";
+}
+
+spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
+                              const struct spin_value **model, double *iteration)
+{
+    const struct spin_value *m = spin_value_at(root, 0), *number = spin_value_at(root, 1);
+
+    *model = NULL;
+    if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 || !m ||
+        m->kind != SPIN_VALUE_TUPLE || !number || number->kind != SPIN_VALUE_INT)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the checkpoint holds %s with %s and %s, expected a tuple with a tuple "
+                         "and an int",
+                         spin_chkpnt_kind(root), spin_chkpnt_kind(m), spin_chkpnt_kind(number));
+    if (m->n != n_items)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "the model has %zu items and %s has %zu: it is one of %s", m->n, method,
+                         n_items, maker_of(m->n));
+    *model = m;
+    *iteration = number->number;
+    return SPIN_OK;
+}
+
+spin_status spin_chkpnt_bind(struct spin_torch *torch, const struct spin_value *v, const char *what,
+                             int n_dims, const int64_t *shape, struct spin_array *out)
+{
+    SPIN_TRY(spin_torch_tensor_of(torch, v, what, n_dims, shape, out));
+    if (out->kind != 'f' && out->kind != 'B')
+        return spin_fail(SPIN_E_MALFORMED, "%s does not hold floating-point numbers", what);
+    if (out->count > out->storage_count)
+        return spin_fail(SPIN_E_MALFORMED, "%s has %llu elements, its storage %llu", what,
+                         (unsigned long long)out->count, (unsigned long long)out->storage_count);
+    return SPIN_OK;
+}
+
+bool spin_chkpnt_is_empty(const struct spin_value *v)
+{
+    return v && v->kind == SPIN_VALUE_TENSOR && v->tensor.count == 0;
+}

@@ -1,0 +1,36 @@
+/* chkpnt<N>.pth, which 3DGS and what grew out of it save to go on from: (model, iteration), where the model
+ * is a tuple of tensors, numbers and the optimiser. Its length tells the methods apart. */
+#ifndef SPIN_IMPORTERS_LIB_CHKPNT_H
+#define SPIN_IMPORTERS_LIB_CHKPNT_H
+
+#include "io/torch.h"
+
+/* N of chkpnt<N>.pth, INT64_MAX of chkpnt_best.pth, else -1. */
+long long spin_chkpnt_iteration(const char *name);
+
+/* Name of the checkpoint to read in a folder: that of iteration `wanted`, a number or "best"; NULL: of the
+ * largest number, or the best where none has a number. *out stays NULL when there is none; allocated.
+ * *best: there is a best one that was not chosen. */
+spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **out, bool *best);
+
+/* Whether the start of a checkpoint, of which a probe sees this much, has a word in it: the optimiser's
+ * groups are named there. */
+bool spin_chkpnt_says(const struct spin_peek *peek, const char *word);
+
+/* "a tensor", "an int", ...; "nothing" for NULL. */
+const char *spin_chkpnt_kind(const struct spin_value *v);
+
+/* The tuple of n_items that the root of a checkpoint holds with an int. A tuple of another length is
+ * refused with the name of the method that saves such; *model is NULL then. `method` is ours. */
+spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
+                              const struct spin_value **model, double *iteration);
+
+/* A tensor [shape...] of floating-point numbers; -1: any size. Refuses rows that repeat one another by a
+ * stride of 0, which would let a small file ask for any amount of memory. */
+spin_status spin_chkpnt_bind(struct spin_torch *torch, const struct spin_value *v, const char *what,
+                             int n_dims, const int64_t *shape, struct spin_array *out);
+
+/* A tensor without elements, of any shape: what is not there yet is saved so. */
+bool spin_chkpnt_is_empty(const struct spin_value *v);
+
+#endif
