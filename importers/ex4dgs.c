@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/ex4dgs_part.h"
 #include "importers/lib/gaussian4d.h"
@@ -316,9 +317,7 @@ static spin_status read_chkpnt(struct model *m)
     SPIN_TRY(spin_torch_open(m->path, &torch));
     status = take_model(&torch, m);
     spin_torch_close(&torch);
-    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_fail_context(status, "cannot read '%s'", m->path);
-    return status;
+    return spin_fail_reading(status, m->path);
 }
 
 static spin_status read_parts(struct model *m, struct spin_sequence_info *sequence)

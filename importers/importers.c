@@ -10,6 +10,7 @@ extern const struct spin_importer spin_importer_ed3dgs;
 extern const struct spin_importer spin_importer_gltf;
 extern const struct spin_importer spin_importer_ex4dgs;
 extern const struct spin_importer spin_importer_grid4d;
+extern const struct spin_importer spin_importer_hybrid4dgs;
 extern const struct spin_importer spin_importer_modecgs;
 extern const struct spin_importer spin_importer_omg4;
 extern const struct spin_importer spin_importer_ply;
@@ -34,6 +35,7 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_gltf,
     &spin_importer_ex4dgs,
     &spin_importer_grid4d,
+    &spin_importer_hybrid4dgs,
     &spin_importer_modecgs,
     &spin_importer_omg4,
     &spin_importer_ply,

@@ -11,6 +11,7 @@
 
 #include "base/err.h"
 #include "base/option.h"
+#include "importers/lib/chkpnt.h"
 #include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
@@ -105,8 +106,7 @@ static spin_status find_prefix(struct model *m)
                                 : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
-/* The tensor prefix + key with that shape, of floating-point numbers that are all there (a stride
- * of 0 would let a small file ask for any amount of memory). */
+/* The tensor prefix + key with that shape, of floating-point numbers. */
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
                         struct spin_array *out)
 {
@@ -117,13 +117,7 @@ static spin_status bind(struct model *m, const char *key, int n_dims, const int6
     v = spin_value_get(m->tensors, name);
     if (!v)
         return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
-    SPIN_TRY(spin_torch_tensor_of(&m->torch, v, name, n_dims, shape, out));
-    if (out->kind != 'f' && out->kind != 'B')
-        return spin_fail(SPIN_E_MALFORMED, "'%s' does not hold floating-point numbers", name);
-    if (out->count > out->storage_count)
-        return spin_fail(SPIN_E_MALFORMED, "'%s' has %llu elements, its storage %llu", name,
-                         (unsigned long long)out->count, (unsigned long long)out->storage_count);
-    return SPIN_OK;
+    return spin_chkpnt_bind(&m->torch, v, name, n_dims, shape, out);
 }
 
 static spin_status load(struct model *m, const char *key, int width, float **out)

@@ -16,7 +16,9 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     deformable3dgs) echo deformable3dgs/real_small/model ;;
     ed3dgs) echo ed3dgs/annealed_early/model ;;
     gltf) echo splats/glb ;;
+    ex4dgs) echo ex4dgs/small/model ;;
     grid4d) echo grid4d/dnerf_like/model ;;
+    hybrid4dgs) echo hybrid4dgs/small/model ;;
     modecgs) echo modecgs/default_like/model ;;
     omg4) echo omg4/comp_xz ;;
     ply) echo ply/inria_sh3 ;;

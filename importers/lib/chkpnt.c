@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "importers/lib/notes.h"
 #include "io/file.h"
 
 long long spin_chkpnt_iteration(const char *name)
@@ -52,6 +53,25 @@ spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **ou
     return status;
 }
 
+spin_status spin_chkpnt_find(const char *path, char **out, struct spin_sequence_info *sequence)
+{
+    char *name = NULL;
+    bool best;
+    spin_status status;
+
+    if (!spin_path_is_folder(path))
+        return spin_strdup(path, out);
+    SPIN_TRY(spin_chkpnt_choose(path, NULL, &name, &best));
+    if (!name)
+        return SPIN_OK;
+    if (best)
+        spin_note(sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
+                  name);
+    status = spin_path_join(path, name, out);
+    free(name);
+    return status;
+}
+
 bool spin_chkpnt_says(const struct spin_peek *peek, const char *word)
 {
     return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
@@ -66,8 +86,7 @@ const char *spin_chkpnt_kind(const struct spin_value *v)
     return v ? names[v->kind] : "nothing";
 }
 
-/* Who saves a model of so many items. */
-static const char *maker_of(size_t n)
+const char *spin_chkpnt_maker(size_t n)
 {
     static const struct {
         size_t n;
@@ -103,7 +122,7 @@ spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, con
     if (m->n != n_items)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "the model has %zu items and %s has %zu: it is one of %s", m->n, method,
-                         n_items, maker_of(m->n));
+                         n_items, spin_chkpnt_maker(m->n));
     *model = m;
     *iteration = number->number;
     return SPIN_OK;

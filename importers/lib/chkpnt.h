@@ -12,6 +12,9 @@ long long spin_chkpnt_iteration(const char *name);
  * largest number, or the best where none has a number. *out stays NULL when there is none; allocated.
  * *best: there is a best one that was not chosen. */
 spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **out, bool *best);
+/* The checkpoint at `path`: the file itself, or that of a folder, when a note says if there is a best one
+ * besides. *out stays NULL when a folder has none; allocated. */
+spin_status spin_chkpnt_find(const char *path, char **out, struct spin_sequence_info *sequence);
 
 /* Whether the start of a checkpoint, of which a probe sees this much, has a word in it: the optimiser's
  * groups are named there. */
@@ -19,6 +22,9 @@ bool spin_chkpnt_says(const struct spin_peek *peek, const char *word);
 
 /* "a tensor", "an int", ...; "nothing" for NULL. */
 const char *spin_chkpnt_kind(const struct spin_value *v);
+
+/* Who saves a model of so many items. */
+const char *spin_chkpnt_maker(size_t n_items);
 
 /* The tuple of n_items that the root of a checkpoint holds with an int. A tuple of another length is
  * refused with the name of the method that saves such; *model is NULL then. `method` is ours. */

@@ -1,16 +1,10 @@
 /* Finding the parts of a checkpoint of Realtime-4DGS. */
 #include "importers/lib/realtime4dgs_parts.h"
 
+#include <stdio.h>
 #include <string.h>
 
-const char *spin_realtime4dgs_kind(const struct spin_value *v)
-{
-    static const char *const names[] = {"None",   "a bool",   "an int",   "a float",
-                                        "a text", "bytes",    "a list",   "a tuple",
-                                        "a dict", "a tensor", "an object"};
-
-    return v ? names[v->kind] : "nothing";
-}
+#include "importers/lib/chkpnt.h"
 
 static bool is_kind(const struct spin_value *v, enum spin_value_kind kind)
 {
@@ -28,25 +22,10 @@ static void take_common(const struct spin_value *m, struct realtime4dgs_parts *p
     p->opacity = spin_value_at(m, 6);
 }
 
-static spin_status take_tuple(const struct spin_value *m, struct realtime4dgs_parts *p)
+void spin_realtime4dgs_items(const struct spin_value *m, struct realtime4dgs_parts *p)
 {
     take_common(m, p);
-    p->masked = m->n == 20 || m->n == 13;
-    p->moving = m->n >= 19;
-    if (m->n == 18)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "a model of 18 items is one of PVG, whose Gaussians "
-                         "vibrate; only Realtime-4DGS (19 or 12 items) is read");
-    if (m->n == 12 || m->n == 13) {
-        p->optimizer = spin_value_at(m, 10);
-        return SPIN_OK;
-    }
-    if (m->n != 19 && m->n != 20)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "the model has %zu items, the first are %s, %s and %s; Realtime-4DGS "
-                         "has 19 (or 12)",
-                         m->n, spin_realtime4dgs_kind(p->active), spin_realtime4dgs_kind(p->xyz),
-                         spin_realtime4dgs_kind(p->dc));
+    p->moving = true;
     p->optimizer = spin_value_at(m, 11);
     p->t = spin_value_at(m, 13);
     p->scaling_t = spin_value_at(m, 14);
@@ -54,6 +33,22 @@ static spin_status take_tuple(const struct spin_value *m, struct realtime4dgs_pa
     p->rot_4d = spin_value_at(m, 16);
     p->env_map = spin_value_at(m, 17);
     p->active_t = spin_value_at(m, 18);
+}
+
+static spin_status take_tuple(const struct spin_value *m, struct realtime4dgs_parts *p)
+{
+    p->masked = m->n == 20 || m->n == 13;
+    if (m->n == 12 || m->n == 13) {
+        take_common(m, p);
+        p->optimizer = spin_value_at(m, 10);
+        return SPIN_OK;
+    }
+    if (m->n != 19 && m->n != 20)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of "
+                         "%s",
+                         m->n, spin_chkpnt_maker(m->n));
+    spin_realtime4dgs_items(m, p);
     return SPIN_OK;
 }
 
@@ -79,19 +74,28 @@ static void take_attributes(const struct spin_value *m, struct realtime4dgs_part
     p->moving = dim == 4;
 }
 
-/* What training takes as loaded_pth: features with their last two axes swapped, no degrees. */
-static void take_loaded(const struct spin_value *m, struct realtime4dgs_parts *p)
+static const struct spin_value *get_prefixed(const struct spin_value *dict, const char *prefix,
+                                             const char *key)
 {
-    p->xyz = spin_value_get(m, "xyz");
-    p->dc = spin_value_get(m, "features_dc");
-    p->rest = spin_value_get(m, "features_rest");
-    p->scaling = spin_value_get(m, "scaling");
-    p->rotation = spin_value_get(m, "rotation");
-    p->opacity = spin_value_get(m, "opacity");
-    p->t = spin_value_get(m, "t");
-    p->scaling_t = spin_value_get(m, "scaling_t");
-    p->rotation_r = spin_value_get(m, "rotation_r");
-    p->swapped = p->moving = true;
+    char name[64];
+
+    snprintf(name, sizeof name, "%s%s", prefix, key);
+    return spin_value_get(dict, name);
+}
+
+void spin_realtime4dgs_loaded(const struct spin_value *dict, const char *prefix,
+                              struct realtime4dgs_parts *p)
+{
+    p->xyz = get_prefixed(dict, prefix, "xyz");
+    p->dc = get_prefixed(dict, prefix, "features_dc");
+    p->rest = get_prefixed(dict, prefix, "features_rest");
+    p->scaling = get_prefixed(dict, prefix, "scaling");
+    p->rotation = get_prefixed(dict, prefix, "rotation");
+    p->opacity = get_prefixed(dict, prefix, "opacity");
+    p->t = get_prefixed(dict, prefix, "t");
+    p->scaling_t = get_prefixed(dict, prefix, "scaling_t");
+    p->rotation_r = get_prefixed(dict, prefix, "rotation_r");
+    p->swapped = true;
 }
 
 spin_status spin_realtime4dgs_parts(const struct spin_value *root, struct realtime4dgs_parts *p)
@@ -101,12 +105,16 @@ spin_status spin_realtime4dgs_parts(const struct spin_value *root, struct realti
     p->iteration = -1;
     if (is_kind(root, SPIN_VALUE_DICT) && spin_value_get(root, "xyz") &&
         spin_value_get(root, "scaling_t")) {
-        take_loaded(root, p);
+        if (spin_value_get(root, "static_xyz"))
+            return spin_fail(SPIN_E_UNSUPPORTED, "a dict with static_xyz is one of %s",
+                             spin_chkpnt_maker(28));
+        spin_realtime4dgs_loaded(root, "", p);
+        p->moving = true;
         return SPIN_OK;
     }
     if (!is_kind(root, SPIN_VALUE_TUPLE) || root->n != 2)
         return spin_fail(SPIN_E_MALFORMED, "the checkpoint holds %s, expected (model, iteration)",
-                         spin_realtime4dgs_kind(root));
+                         spin_chkpnt_kind(root));
     spin_value_number(spin_value_at(root, 1), &p->iteration);
     if (is_kind(m, SPIN_VALUE_DICT) && spin_value_get(m, "_xyz")) {
         take_attributes(m, p);
@@ -115,7 +123,7 @@ spin_status spin_realtime4dgs_parts(const struct spin_value *root, struct realti
     if (!is_kind(m, SPIN_VALUE_TUPLE) || !is_kind(spin_value_at(root, 1), SPIN_VALUE_INT))
         return spin_fail(SPIN_E_MALFORMED,
                          "the checkpoint holds %s and %s, expected a tuple and an int",
-                         spin_realtime4dgs_kind(m), spin_realtime4dgs_kind(spin_value_at(root, 1)));
+                         spin_chkpnt_kind(m), spin_chkpnt_kind(spin_value_at(root, 1)));
     return take_tuple(m, p);
 }
 

@@ -6,6 +6,7 @@
 
 /* NULL: not there. */
 struct realtime4dgs_parts {
+    const char *who; /* stands before their names in messages; NULL: nothing */
     const struct spin_value *active, *xyz, *dc, *rest, *scaling, *rotation, *opacity;
     const struct spin_value *t, *scaling_t, *rotation_r, *rot_4d, *env_map, *active_t, *optimizer;
     bool swapped;     /* SH are [N][3][K] */
@@ -18,7 +19,12 @@ struct realtime4dgs_parts {
 spin_status spin_realtime4dgs_parts(const struct spin_value *root, struct realtime4dgs_parts *p);
 /* Once OMG4's networks exist they draw, and SH and opacities in its checkpoints are leftovers. */
 bool spin_realtime4dgs_is_stale(const struct realtime4dgs_parts *p);
-/* "a tensor", "an int", ...; "nothing" for NULL. */
-const char *spin_realtime4dgs_kind(const struct spin_value *v);
+
+/* For forks that save more: the items of a 4-D model's tuple, from the 1st to the 19th. */
+void spin_realtime4dgs_items(const struct spin_value *model, struct realtime4dgs_parts *p);
+/* And the dict that training takes as loaded_pth, whose keys begin with `prefix`: features have their last
+ * two axes swapped, and there are no degrees. */
+void spin_realtime4dgs_loaded(const struct spin_value *dict, const char *prefix,
+                              struct realtime4dgs_parts *p);
 
 #endif

@@ -133,6 +133,18 @@ out:
 
 /* ---- Times ----------------------------------------------------------------------------------- */
 
+spin_status spin_run_config_ratio(const struct run_config *s, double *out)
+{
+    const char *next;
+
+    *out = 1;
+    spin_cfg_number(spin_yaml_find(s, "frame_ratio", &next), out);
+    SPIN_TRY(spin_cfg_read_number(&s->cfg, "frame_ratio", out));
+    if (!(*out > 0) || !isfinite(*out))
+        return spin_fail(SPIN_E_MALFORMED, "frame_ratio is %g", *out);
+    return SPIN_OK;
+}
+
 int spin_compare_times(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs retrain
+# K: import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs retrain
 # K: spz splat gltf
 # A run of every importer in the list goes out as PLY; some that are defined at any time and three of splat
 # files are retrained too.
@@ -108,4 +108,6 @@ retrained spacetimegs 30 0.95
 retrained spz 7 2
 retrained splat 7 2
 retrained gltf 7 2
+retrained hybrid4dgs 7 9
+retrained ex4dgs 7 2
 done_testing

@@ -1,6 +1,7 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
- * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d dash 4dgaussian modecgs
- * K: 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat gltf panoptic colmap dynerf transforms */
+ * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash 4dgaussian
+ * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat gltf panoptic colmap dynerf
+ * K: transforms */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -26,6 +27,9 @@ static const struct known runs[] = {
     {"ex4dgs/full_run/model/point_cloud/iteration_40000/point_cloud.ply", "ex4dgs"},
     {"ex4dgs/full_run/model/point_cloud/iteration_40000/dynamic_point_cloud.ply", "ex4dgs"},
     {"grid4d/*/model", "grid4d"},
+    {"hybrid4dgs/*/model", "hybrid4dgs"},
+    {"hybrid4dgs/sht/model/chkpnt6000.pth", "hybrid4dgs"},
+    {"hybrid4dgs/early_no_static/model/chkpnt_best.pth", "hybrid4dgs"},
     {"dash/*/model", "dash"},
     {"4dgaussian/*/model", "4dgaussian"},
     {"4dgaussian/coarse_and_fine/model/point_cloud/*", "4dgaussian"},
