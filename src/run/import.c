@@ -14,6 +14,7 @@
 #include "run/data_hint.h"
 #include "run/camera_overlay.h"
 #include "run/frame_queue.h"
+#include "run/frame_times.h"
 #include "io/claim.h"
 #include "scene/probe.h"
 
@@ -82,61 +83,6 @@ out:
 
 /* ---- Which frames ------------------------------------------------------------------------------ */
 
-/* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
- * continuous method. */
-static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
-                             int n)
-{
-    for (int i = 0; i < n; i++) {
-        if (all[i].time != i)
-            return false;
-    }
-    return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
-}
-
-/* For methods whose times are frame numbers. */
-static void count_rows(struct import *im, struct spin_frame_info *all, int n)
-{
-    struct spin_sequence_info *t = &im->sequence;
-    size_t used = strlen(t->notes);
-    bool counted = true;
-
-    for (int i = 0; i < n; i++) {
-        counted = counted && all[i].time == i;
-        all[i].time = i;
-    }
-    if (!counted)
-        snprintf(t->notes + used, sizeof t->notes - used,
-                 "the data set's frames are at the method's times 0 to %d, not at their own "
-                 "(--frame-times data)\n",
-                 n - 1);
-}
-
-/* Times of the data set's frames by the rule asked for. Methods do not say at which times their frames
- * were, and their readers of one and the same data set differ: i/(n-1) with most, i/n with some. */
-static void rule_rows(struct import *im, struct spin_frame_info *all, int n)
-{
-    const char *rule = im->o->frame_times ? im->o->frame_times : "auto";
-    struct spin_sequence_info *t = &im->sequence;
-    bool automatic = strcmp(rule, "auto") == 0;
-    bool half_open = automatic ? t->half_open : strcmp(rule, "count") == 0;
-    double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
-    size_t used = strlen(t->notes);
-
-    if (automatic && t->counts_frames) {
-        count_rows(im, all, n);
-        return;
-    }
-    if (strcmp(rule, "data") == 0 || (automatic && !rows_are_counted(t, all, n)))
-        return;
-    for (int i = 0; i < n; i++)
-        all[i].time = t->time_first + span * i / steps;
-    snprintf(t->notes + used, sizeof t->notes - used,
-             "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
-             automatic ? "the data set only counts its frames: " : "the data set's frames: ",
-             all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
-}
-
 /* Where a continuous method is sampled: at the times asked for, evenly, or as the data set is. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
@@ -173,7 +119,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
         all[view->dataset_frame].time = view->time;
     }
     if (rows)
-        rule_rows(im, all, *n);
+        spin_frame_times(o->frame_times, im->views.numbered, &im->sequence, all, *n);
     im->meta.numbered = rows && im->views.numbered;
     return SPIN_OK;
 }

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: 4dgaussian deformable3dgs ed3dgs spacetimegs datasets
+# K: 4dgaussian deformable3dgs motiongs ex4dgs ed3dgs spacetimegs datasets
 # At which times a continuous method is sampled when a data set only counts its frames.
 . tests/cli/lib.sh
 
@@ -51,6 +51,33 @@ for one in spacetimegs/full_techni/model:0.95 ed3dgs/annealed_early/model:0.9966
     run "$bin/spin-import" "$path" --frames 5 -o "$work/${one%%/*}-5.spin" --json
     times_are "0,${one#*:}[0-9]*" "and so with --frames"
 done
+# Ex4DGS counts frames: times are those of the data set's file names, from the first on.
+run_in=fixtures/ex4dgs/small/model
+run "$bin/spin-import" "$run_in" --data "$clip" -o "$work/ex.spin" --json
+is "$code" 0 "ex4dgs with a data set of frames 8 to 13"
+times_are "0,5" "samples at 0 to 5"
+mini=fixtures/datasets/blender_mini
+run "$bin/spin-import" "$run_in" --data "$mini" -o "$work/ex2.spin" --json
+times_are "0,6" "so it does where the data set's seven times are 0 to 1"
+out_has "not at their own (--frame-times data)" "and a note says so"
+out_has "are 0 to 6 and the method's 0 to 29" "and that these are not all 30 frames"
+run "$bin/spin-import" "$run_in" --data "$mini" --frame-times data -o "$work/ex3.spin" --json
+times_are "0,1" "data: its own times, if asked for"
+run "$bin/spin-import" "$run_in" --data "$mini" --frame-times unit -o "$work/ex4.spin" --json
+times_are "0,29" "unit: over the whole clip"
+
+# Seconds are told from the unit interval by no more than a doubt.
+motion=$work/motiongs
+mkdir "$motion"
+cp -R fixtures/deformable3dgs/real_small/model/. "$motion"
+echo "Namespace(is_6dof=False, use_depth_and_flow=True, scene_format='plenopticVideo')" >"$motion/cfg_args"
+run "$bin/spin-import" "$motion" --data fixtures/datasets/dynerf_mini -o "$work/motion.spin" --json
+is "$code" 0 "MotionGS in seconds, a data set of times below 1"
+out_has "do both count in one unit" "is doubted"
+run "$bin/spin-import" "$motion" --data fixtures/datasets/dynerf_mini --data-from dynerf:time=0.6 \
+    -o "$work/motion2.spin" --json
+grep -q "do both count" "$work/out"
+is $? 1 "and is not where the data set's times are the method's"
 
 run "$bin/spin-import" "$model" --frames 3 --frame-times unit -o "$work/none.spin"
 fails 2 spin-import "--frame-times without a data set"

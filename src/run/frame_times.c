@@ -1,0 +1,94 @@
+/* At which times of a method a data set's frames are. */
+#include "run/frame_times.h"
+
+#include <stdarg.h>
+#include <string.h>
+
+/* One line, or none where there is no room for it. */
+static void add_note(struct spin_sequence_info *t, const char *fmt, ...)
+{
+    size_t used = strlen(t->notes), room = sizeof t->notes - used;
+    va_list args;
+    int n;
+
+    va_start(args, fmt);
+    n = vsnprintf(t->notes + used, room, fmt, args);
+    va_end(args);
+    if (n < 0 || (size_t)n >= room)
+        t->notes[used] = '\0';
+}
+
+/* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
+ * continuous method. */
+static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
+                             int n)
+{
+    for (int i = 0; i < n; i++) {
+        if (all[i].time != i)
+            return false;
+    }
+    return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
+}
+
+/* For methods whose times are frame numbers, counted from the first. */
+static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_frame_info *all,
+                       int n)
+{
+    bool counted = true;
+
+    for (int i = 0; i < n; i++) {
+        double time = numbered ? all[i].number - all[0].number : i;
+
+        counted = counted && all[i].time == time;
+        all[i].time = time;
+    }
+    if (!counted)
+        add_note(t,
+                 "the data set's frames are at the method's times 0 to %g, not at their own "
+                 "(--frame-times data)\n",
+                 all[n - 1].time);
+}
+
+/* A data set whose times cover little of the method's range, or reach far beyond it, may count them in
+ * another unit. */
+static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
+{
+    double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
+
+    for (int i = 1; i < n; i++) {
+        first = all[i].time < first ? all[i].time : first;
+        last = all[i].time > last ? all[i].time : last;
+    }
+    if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
+                  first < t->time_first - 0.5 * span))
+        add_note(
+            t,
+            "the data set's times are %g to %g and the method's %g to %g: do both count in one "
+            "unit? (--frame-times)\n",
+            first, last, t->time_first, t->time_last);
+}
+
+void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info *t,
+                      struct spin_frame_info *all, int n)
+{
+    bool automatic = !rule || strcmp(rule, "auto") == 0;
+    bool half_open = automatic ? t->half_open : strcmp(rule, "count") == 0;
+    double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
+
+    if (automatic && t->counts_frames) {
+        count_rows(t, numbered, all, n);
+        compare_ranges(t, all, n);
+        return;
+    }
+    if (!automatic && strcmp(rule, "data") == 0)
+        return;
+    if (automatic && !rows_are_counted(t, all, n)) {
+        compare_ranges(t, all, n);
+        return;
+    }
+    for (int i = 0; i < n; i++)
+        all[i].time = t->time_first + span * i / steps;
+    add_note(t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
+             automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+             all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
+}
