@@ -292,6 +292,8 @@ static void test_options(const char *fixture)
     model = make_run(fixture, 5, CFG ", duration=60)");
     fails_at(model, 59, "needs the key frames 12 to 15, and there are",
              "a time for which key frames are missing");
+    fails_at(make_run(fixture, 5, CFG ", duration=60, interp_type='linear')"), 59,
+             "needs the key frames 12 to 13", "lines need fewer, and begin one interval later");
     ok(run_open(FROM, model, &run) == SPIN_OK && same_at(&run, &run, 10), "others can be had");
     run_close(&run);
 }
