@@ -50,11 +50,12 @@ bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback)
 /* [a, b], or two lines "- a" and "- b". */
 static bool yaml_pair(const struct run_config *s, const char *key, double out[2])
 {
-    const char *next = NULL, *end = (const char *)s->yaml.data + s->yaml.size;
+    const char *next = NULL, *end;
     struct cfg_span value = spin_yaml_find(s, key, &next), line;
 
     if (!value.at)
         return false;
+    end = (const char *)s->yaml.data + s->yaml.size;
     if (value.at < value.end)
         return *value.at == '[' && spin_cfg_numbers(value, 2, out);
     for (int i = 0; i < 2; i++) {

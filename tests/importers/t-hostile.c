@@ -460,6 +460,7 @@ TAP_MAIN
         cut_short(&runs[i], run);
     }
     finds("torch", of_torch);
+    finds("chkpnt", of_torch);
     finds("zip", of_npz);
     finds("npy", of_npz);
     finds("xz", of_xz);
