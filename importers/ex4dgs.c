@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/ex4dgs_part.h"
 #include "importers/lib/gaussian4d.h"
@@ -134,37 +135,31 @@ struct told {
 };
 
 static spin_status read_number(const struct spin_plugin_values *values, const char *option,
-                               const struct cfg_args *cfg, const char *key, double *out)
+                               double least, const struct cfg_args *cfg, const char *key,
+                               double *out)
 {
-    const char *text = option ? spin_plugin_value(values, option, NULL) : NULL;
-    char *end = NULL;
-
-    if (!text)
-        return spin_cfg_read_number(cfg, key, out);
-    *out = strtod(text, &end);
-    if (end == text || *end != '\0' || !isfinite(*out))
-        return spin_fail(SPIN_E_USAGE, "--%s is '%s', expected a number", option, text);
-    return SPIN_OK;
+    if (spin_plugin_value(values, option, NULL))
+        return spin_option_number(values, option, least, MOST_FRAMES, out);
+    return spin_cfg_read_number(cfg, key, out);
 }
 
-static spin_status read_kind(const char *asked, const struct cfg_args *cfg, int *out)
+static spin_status read_kind(const struct spin_plugin_values *values, const struct cfg_args *cfg,
+                             int *out)
 {
     struct cfg_span span = spin_cfg_get(cfg, "interp_type");
 
-    if (asked)
-        span = (struct cfg_span){asked, asked + strlen(asked)};
-    else if (span.at && span.end - span.at >= 2)
+    if (spin_plugin_value(values, "interp", NULL))
+        return spin_option_word(values, "interp", "linear|cube|pchip", out);
+    if (!span.at)
+        return SPIN_OK;
+    if (span.end - span.at >= 2)
         span = (struct cfg_span){span.at + 1, span.end - 1}; /* without quotes */
-    for (int i = 0; span.at && i < 3; i++) {
+    for (int i = 0; i < 3; i++) {
         if (spin_cfg_is(span, kind_names[i])) {
             *out = i;
             return SPIN_OK;
         }
     }
-    if (!span.at)
-        return SPIN_OK;
-    if (asked)
-        return spin_fail(SPIN_E_USAGE, "--interp is '%s', expected linear, cube or pchip", asked);
     return spin_fail(SPIN_E_UNSUPPORTED,
                      "'%s': interp_type is '%.*s', expected linear, cube or pchip", cfg->path,
                      (int)(span.end - span.at), span.at);
@@ -179,12 +174,12 @@ static spin_status read_told(const struct spin_plugin_values *values, const stru
     if (turn.at && !spin_cfg_is(turn, "'slerp'"))
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': rot_interp_type is %.*s, expected 'slerp'",
                          cfg->path, (int)(turn.end - turn.at), turn.at);
-    SPIN_TRY(read_number(values, "interval", cfg, "time_interval", &told->interval));
-    SPIN_TRY(read_number(values, "time-pad", cfg, "time_pad", &told->pad));
-    SPIN_TRY(read_number(values, "duration", cfg, "duration", &told->frames));
-    SPIN_TRY(read_number(values, NULL, cfg, "var_pad", &told->var_pad));
-    SPIN_TRY(read_number(values, NULL, cfg, "start_timestamp", &told->first));
-    return read_kind(spin_plugin_value(values, "interp", NULL), cfg, &told->kind);
+    SPIN_TRY(read_number(values, "interval", 1, cfg, "time_interval", &told->interval));
+    SPIN_TRY(read_number(values, "time-pad", 0, cfg, "time_pad", &told->pad));
+    SPIN_TRY(read_number(values, "duration", 1, cfg, "duration", &told->frames));
+    SPIN_TRY(spin_cfg_read_number(cfg, "var_pad", &told->var_pad));
+    SPIN_TRY(spin_cfg_read_number(cfg, "start_timestamp", &told->first));
+    return read_kind(values, cfg, &told->kind);
 }
 
 /* What must be known and is not. A checkpoint lacks the kind of interpolation only. */

@@ -278,8 +278,8 @@ static void test_options(const char *fixture)
        "so is either PLY, which stands for both");
     run_close(&named);
     run_close(&run);
-    fails_with(FROM, bare, curve, "--interp is 'spline'", "a curve that is none");
-    fails_with(FROM, bare, word, "--interval is '5x'", "an interval that is no number");
+    fails_with(FROM, bare, curve, "option 'interp' is 'spline'", "a curve that is none");
+    fails_with(FROM, bare, word, "option 'interval' is '5x'", "an interval that is no number");
     fails_with(FROM, model, other, "iteration_7", "a save that is not there");
     fails_with(FROM, bare, NULL, "no cfg_args beside it says interp_type", "no cfg_args");
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++)
