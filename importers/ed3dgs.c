@@ -416,6 +416,7 @@ static void describe(const struct settings *s, struct model *m, struct spin_sequ
     bool moves = m->stage[COARSE].used || m->stage[FINE].used;
 
     sequence->n_frames = 1;
+    sequence->identity = true;
     sequence->counts = &m->n;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     sequence->sh_degree = m->canonical.sh_degree;

@@ -383,6 +383,7 @@ static size_t count_scratch(const struct model *model)
 static void describe(struct model *model, struct spin_sequence_info *sequence)
 {
     sequence->n_frames = 1;
+    sequence->identity = model->cameras.n == 0;
     sequence->counts = model->cameras.n > 0 ? NULL : &model->most;
     sequence->columns = SPIN_COL_MEANS;
     sequence->continuous = true;

@@ -400,6 +400,7 @@ static void describe(struct model *m, const struct cfg_args *cfg,
     char from[64] = "";
 
     sequence->n_frames = 1;
+    sequence->identity = true;
     sequence->counts = &m->n;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     sequence->static_columns = SPIN_COL_LOG_SCALES | (m->colours.hidden.n_in > 0 ? 0 : SPIN_COL_SH);

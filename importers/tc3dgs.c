@@ -152,6 +152,7 @@ static spin_status open_run(const char *path, const struct spin_plugin_values *v
     SPIN_TRY(count(run));
     if (run->mode == FRAME && !run->still_mask) /* rows differ from frame to frame */
         sequence->static_columns = 0;
+    sequence->identity = run->mode != FRAME || run->still_mask;
     snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %llu Gaussians",
              (unsigned long long)run->base.n);
     snprintf(sequence->notes, sizeof sequence->notes, "%s (--tc-mask %s, --tc-threshold %g)\n",

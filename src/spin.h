@@ -183,7 +183,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 7; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 3
+#define SPIN_PLUGIN_ABI 4
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
@@ -205,8 +205,9 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 struct spin_peek {
     const char *path;
     bool is_folder;
-    const unsigned char *head; /* first bytes, at most 16384, of a file, or of the first of cfg_args, chkpnt*,
-                                  deformation.pth and point_cloud.ply that a folder has */
+    /* First bytes, at most 16384, of a file, or of the first of cfg_args, chkpnt*, deformation.pth and
+     * point_cloud.ply that a folder has. */
+    const unsigned char *head;
     size_t n_head;
     const char *tail_names;   /* zip archives, and params.npz of a folder: member names, one per
                                  line; else "" */
@@ -221,6 +222,7 @@ struct spin_sequence_info {
     const size_t *counts;    /* [n_frames] rows of each frame; NULL: not known before reading */
     unsigned columns;        /* what frame() can fill */
     unsigned static_columns; /* the part of it that is the same in every frame */
+    bool identity;           /* row i is the same Gaussian in every frame */
     int sh_degree;           /* -1: no SH */
     bool antialias;          /* its splats were trained to be drawn antialiased */
     bool continuous;         /* any time may be asked for, in [time_first, time_last] */
@@ -488,8 +490,9 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
  * read. SPIN_E_NOT_RECOGNISED when the file is no bundle. */
 spin_status spin_bundle_describe(const char *path, bool json, char **text);
 
-/* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. */
-enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT };
+/* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as NETWORK, but
+ * splats and tracks have explicit values only. */
+enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT, SPIN_METHOD_TRACKS };
 /* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
  * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
@@ -535,10 +538,17 @@ struct spin_retrain_options {
     bool learn_exposure;   /* learn a gain and offset of every training camera */
     double lr_exposure;    /* their rate */
     double lr_head_factor; /* on the four head rates */
-    enum spin_residual residual; /* what the network adds to */
-    double lr_residual;          /* on 3DGS's rates for a splat's own values; 0: they stay */
-    double init_log_scale;       /* NaN: auto, log of the median distance to 3 neighbours */
-    bool relu;                   /* ReLU in the heads instead of GELU */
+    bool tracks;           /* learn once what frames share, where splats keep their identity */
+    double lr_track;       /* on 3DGS's rates for what they share */
+    double lr_displacement; /* of a shared displacement, times the extent */
+    bool dynamic_residual;  /* splats that move have residual values of every frame as well */
+    int densify_every;      /* iterations between densifications of tracks; 0: none */
+    double densify_threshold, densify_until; /* of the mean gradient; share of the iterations */
+    double network_start;                    /* share of the iterations before the network joins */
+    enum spin_residual residual;             /* what the network adds to */
+    double lr_residual;    /* on 3DGS's rates for a splat's own values; 0: they stay */
+    double init_log_scale; /* NaN: auto, log of the median distance to 3 neighbours */
+    bool relu;             /* ReLU in the heads instead of GELU */
     enum spin_normalise normalise;
     double normalise_centre[3], normalise_radius; /* with SPIN_NORMALISE_GIVEN */
     int views_per_frame;                          /* of a batch taken from one frame */

@@ -144,6 +144,7 @@ spin_status spin_d3dgs_describe(struct d3dgs_run *run, struct spin_sequence_info
         run->counts[t] = (size_t)run->n;
     sequence->n_frames = (int)run->n_frames;
     sequence->counts = run->counts;
+    sequence->identity = true;
     sequence->sh_degree = 0;
     sequence->time_last = (double)(run->n_frames - 1);
     for (int k = 0; k < D3DGS_N_KEYS; k++) {

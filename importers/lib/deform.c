@@ -48,6 +48,7 @@ void spin_deform_describe(const struct spin_splats *canonical, unsigned moved,
                           struct spin_sequence_info *sequence)
 {
     sequence->n_frames = 1;
+    sequence->identity = true;
     sequence->counts = &canonical->n;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     sequence->static_columns = sequence->columns & ~moved;

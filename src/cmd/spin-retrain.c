@@ -242,6 +242,8 @@ int main(int argc, char **argv)
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = words.word[0];
+    if (options.method == SPIN_METHOD_TRACKS)
+        options.tracks = true;
     if (options.method == SPIN_METHOD_EXPLICIT && options.refine == 0)
         options.refine = 2000;
     options.test_cameras = test_cameras.value;

@@ -37,7 +37,8 @@ enum {
     SPIN_ATTR = 56,
     SPIN_RESIDUAL =
         11, /* own values of a splat: log scale [3], rotation [4], colour [3], opacity [1] */
-    SPIN_TILE = 16, /* pixels; part of the result, docs/method.md 4.2 */
+    SPIN_TRACK = 3 + SPIN_RESIDUAL, /* values of a track: displacement [3], then as a residual */
+    SPIN_TILE = 16,                 /* pixels; part of the result, docs/method.md 4.2 */
     SPIN_MAX_LEVELS = 32
 };
 
@@ -132,6 +133,16 @@ struct spin_tiles {
     uint32_t SPIN_DEV *start; /* [n_views][max_tiles + 1] places in intersections */
 };
 
+/* A track is one Gaussian over the clip: it belongs to at most one splat of a frame, and its values are added
+ * to those that this splat has of its own. */
+#define SPIN_NO_TRACK UINT32_MAX
+struct spin_tracks_f32 {
+    size_t n;
+    const float SPIN_DEV
+        *values;              /* [SPIN_TRACK n] in groups: displacement [n][3], then as residuals */
+    float SPIN_DEV *d_values; /* the same */
+};
+
 /* The frames of a step. */
 enum { SPIN_MAX_FRAMES = 8, SPIN_MAX_VIEWS = 32 };
 struct spin_frame_batch {
@@ -146,6 +157,17 @@ struct spin_frame_batch {
         float SPIN_DEV *d_residual;     /* the same, or NULL: residuals are not trained */
         float d_scale,
             d_opacity; /* slope of the loss by each scale and each opacity of an active splat */
+
+        /* For tracks(). Of the splats, the first n_own_means have a position of their own, and the first
+         * n_own_residual own residual values; the others have only what their track has. */
+        const uint32_t SPIN_DEV *track;     /* [n] row of the tracks, or SPIN_NO_TRACK */
+        const float SPIN_DEV *own_means;    /* [n_own_means][3] */
+        const float SPIN_DEV *own_residual; /* [SPIN_RESIDUAL n_own_residual] in groups */
+        size_t n_own_means, n_own_residual;
+
+        /* For densify_stats(); or NULL. */
+        float SPIN_DEV *gradient; /* [n] */
+        uint32_t SPIN_DEV *seen;  /* [n] */
     } frame[SPIN_MAX_FRAMES];
 };
 
@@ -251,6 +273,17 @@ struct spin_device_ops {
     /* Seconds that the verbs of one op (SPIN_OP_...) took since the last call for it. */
     double (*clock)(struct spin_device *d, int op);
 
+    /* ---- Tracks ---- */
+
+    /* means [n][3] =, residual [SPIN_RESIDUAL n] = (each frame's at its first row): own values plus those of
+     * the track. */
+    void (*tracks)(struct spin_device *d, const struct spin_frame_batch *frames,
+                   const struct spin_tracks_f32 *tracks, float SPIN_DEV *means,
+                   float SPIN_DEV *residual);
+    /* d_values += the frames' d_means and, where there is one, d_residual. */
+    void (*tracks_back)(struct spin_device *d, const struct spin_frame_batch *frames,
+                        const struct spin_tracks_f32 *tracks);
+
     /* ---- Network ---- */
 
     /* x_u [n][4] = contract(means), t */
@@ -319,13 +352,12 @@ struct spin_device_ops {
                          const struct spin_splat2d_grad SPIN_DEV *d_splat2d,
                          float SPIN_DEV *d_attr);
 
-    /* What densification goes by: for every splat that a view shows, sum [n] += the length of the loss's
-     * gradient with respect to its centre in normalised device coordinates, seen [n] += 1. */
+    /* What densification goes by: for every splat that a view shows, its frame's gradient += the length of the
+     * loss's gradient with respect to its centre in normalised device coordinates, seen += 1. */
     void (*densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames,
                           const struct spin_splat2d SPIN_DEV *splat2d,
-                          const struct spin_splat2d_grad SPIN_DEV *d_splat2d, float SPIN_DEV *sum,
-                          uint32_t SPIN_DEV *seen);
+                          const struct spin_splat2d_grad SPIN_DEV *d_splat2d);
 
     /* Sets first_intersection and tile_cull of every splat, and tiles->n_intersections (now); fails where a
      * view has more than SPIN_MAX_PAIRS. Then, with room for as many in tiles->intersections, fill, which

@@ -72,8 +72,7 @@ static spin_status show(struct spin_metrics *m, int frame)
     int index = m->clip->frame[frame];
 
     if (m->live_counts)
-        return spin_frame_renderer_show_live(m->frame_renderer, frame, m->live_counts[frame],
-                                             m->clip->bundle.meta.frame[index].time);
+        return spin_frame_renderer_show_live(m->frame_renderer, frame, m->live_counts[frame]);
     return spin_frame_renderer_show(m->frame_renderer, index);
 }
 

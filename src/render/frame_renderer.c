@@ -146,6 +146,7 @@ static spin_status load_array(struct spin_frame_renderer *p, const char *name, s
 spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_device *device,
                                      struct spin_bundle *bundle, enum spin_splat_source from)
 {
+    bool explicit = false;
     spin_status status;
 
     memset(p, 0, sizeof *p);
@@ -158,31 +159,37 @@ spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_
     if (from != SPIN_FROM_NETWORK)
         return SPIN_OK;
     p->owns_network = true;
+    p->network = &p->field;
     SPIN_TRY_OUT(spin_field_from_json(spin_json_get(bundle->json, "network"), &p->field));
-    SPIN_TRY_OUT(load_array(p, "network/table", p->field.n_table, &p->table));
-    SPIN_TRY_OUT(load_array(p, "network/heads", p->field.n_heads, &p->heads));
+    spin_json_bool(spin_json_get(spin_json_get(bundle->json, "network"), "explicit"), &explicit);
+    if (explicit)
+        p->network = NULL;
+    SPIN_TRY_OUT(spin_bundle_tracks_open(bundle, &p->tracks));
+    if (p->network) {
+        SPIN_TRY_OUT(load_array(p, "network/table", p->field.n_table, &p->table));
+        SPIN_TRY_OUT(load_array(p, "network/heads", p->field.n_heads, &p->heads));
+    }
     return SPIN_OK;
 out:
     spin_frame_renderer_close(p);
     return spin_fail_context(status, "cannot read '%s'", bundle->path);
 }
 
-spin_status spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
-                                          const struct spin_field *field,
-                                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
-                                          float SPIN_DEV *const *live_pos,
-                                          float SPIN_DEV *const *live_residual)
+void spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
+                                   const struct spin_field *field, bool network,
+                                   const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                                   spin_frame_renderer_live_fn live, void *context)
 {
     memset(p, 0, sizeof *p);
     p->device = device;
     p->from = SPIN_FROM_NETWORK;
     p->field = *field;
+    p->network = network ? &p->field : NULL;
     p->table = table;
     p->heads = heads;
-    p->live_pos = live_pos;
-    p->live_residual = live_residual;
+    p->live = live;
+    p->context = context;
     p->now_frame = -1;
-    return SPIN_OK;
 }
 
 void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_device *device,
@@ -200,7 +207,7 @@ static void release_frame(struct spin_frame_renderer *p)
 {
     struct spin_device *d = p->device;
 
-    spin_field_eval_close(&p->field_eval, &p->field);
+    spin_field_eval_close(&p->field_eval, p->network);
     d->op->release(d, p->pos, p->capacity * 3 * sizeof(float));
     d->op->release(d, p->attr, p->capacity * SPIN_ATTR * sizeof(float));
     d->op->release(d, p->residual, p->capacity * SPIN_RESIDUAL * sizeof(float));
@@ -230,6 +237,7 @@ void spin_frame_renderer_close(struct spin_frame_renderer *p)
     free(p->looked);
     release_frame(p);
     release_pictures(p);
+    spin_bundle_tracks_close(&p->tracks);
     if (p->owns_network) {
         p->device->op->release(p->device, (void SPIN_DEV *)p->table,
                                p->field.n_table * sizeof(float));
@@ -253,17 +261,16 @@ static spin_status need(struct spin_frame_renderer *p, size_t n)
     SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
     SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
     if (p->from == SPIN_FROM_NETWORK)
-        return spin_field_eval_open(&p->field_eval, d, &p->field, capacity, false);
+        return spin_field_eval_open(&p->field_eval, d, p->network, capacity, false);
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
 }
 
-static void decode(struct spin_frame_renderer *p, const float SPIN_DEV *pos,
-                   const float SPIN_DEV *residual, size_t n, double time)
+static void decode(struct spin_frame_renderer *p, const struct spin_frame_batch *frame)
 {
-    p->now = spin_one_frame(n, pos, spin_field_time(&p->field, time), residual);
-    spin_field_forward(&p->field_eval, &p->field, p->table, p->heads, &p->now);
+    p->now = *frame;
+    spin_field_forward(&p->field_eval, p->network, p->table, p->heads, &p->now);
     p->now_attr = p->field_eval.attr;
-    p->now_sh_degree = p->field.sh_degree;
+    p->now_sh_degree = p->network ? p->field.sh_degree : 0;
     p->now_antialias = p->field.antialias;
 }
 
@@ -282,29 +289,50 @@ static spin_status read_means(struct spin_frame_renderer *p, int index, struct s
     return SPIN_OK;
 }
 
-/* Residuals of a frame's splats, if they have some, to the device. */
-static spin_status read_residual(struct spin_frame_renderer *p, int index, size_t n,
+/* Residuals of a frame's splats, rows [n][SPIN_RESIDUAL] in the staging, to the device. */
+static spin_status send_residual(struct spin_frame_renderer *p, size_t n,
                                  const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
+    float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR;
+
+    if (!p->residual)
+        SPIN_TRY(d->op->reserve(d, p->capacity * SPIN_RESIDUAL * sizeof(float),
+                                (void SPIN_DEV **)&p->residual));
+    spin_residual_from_rows(n, rows, SPIN_RESIDUAL, NULL, groups);
+    d->op->upload(d, p->residual, groups, n * SPIN_RESIDUAL * sizeof(float));
+    *residual = p->residual;
+    return SPIN_OK;
+}
+
+/* Residuals, if they have some. */
+static spin_status read_residual(struct spin_frame_renderer *p, int index, size_t n,
+                                 const float SPIN_DEV **residual)
+{
     char name[64];
     struct spin_array a;
     int64_t shape[2] = {(int64_t)n, SPIN_RESIDUAL};
-    float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR;
 
     *residual = NULL;
     snprintf(name, sizeof name, "network/residual/%05d", index);
     if (!spin_npz_has(&p->bundle->npz, name))
         return SPIN_OK;
     SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
-    if (!p->residual)
-        SPIN_TRY(d->op->reserve(d, p->capacity * SPIN_RESIDUAL * sizeof(float),
-                                (void SPIN_DEV **)&p->residual));
-    spin_array_to_f32(&a, 0, n * SPIN_RESIDUAL, rows);
-    spin_residual_from_rows(n, rows, SPIN_RESIDUAL, NULL, groups);
-    d->op->upload(d, p->residual, groups, n * SPIN_RESIDUAL * sizeof(float));
-    *residual = p->residual;
-    return SPIN_OK;
+    spin_array_to_f32(&a, 0, n * SPIN_RESIDUAL, p->staging);
+    return send_residual(p, n, residual);
+}
+
+/* Positions and residuals of a frame of the network. */
+static spin_status read_network_frame(struct spin_frame_renderer *p, int index, size_t n,
+                                      const float SPIN_DEV **residual)
+{
+    if (!p->tracks.values) {
+        SPIN_TRY(read_means(p, index, &p->splats));
+        return read_residual(p, index, n, residual);
+    }
+    SPIN_TRY(spin_splats_reserve(&p->splats, n, SPIN_COL_MEANS, 0));
+    SPIN_TRY(spin_bundle_tracks_frame(&p->tracks, index, n, p->splats.means, p->staging));
+    return send_residual(p, n, residual);
 }
 
 /* Columns as they are stored. */
@@ -318,6 +346,7 @@ spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
 {
     size_t n = spin_bundle_count(p->bundle, index, p->from);
     const float SPIN_DEV *residual;
+    struct spin_frame_batch frame;
 
     if (p->now_frame == index)
         return SPIN_OK;
@@ -328,25 +357,28 @@ spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
         spin_bundle_rest(&p->splats);
     } else {
         SPIN_TRY(need(p, n));
-        SPIN_TRY(read_means(p, index, &p->splats));
+        SPIN_TRY(read_network_frame(p, index, n, &residual));
         p->device->op->upload(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
-        SPIN_TRY(read_residual(p, index, n, &residual));
         count_network(p, index, n, p->splats.means, residual ? p->staging : NULL);
-        decode(p, p->pos, residual, n, p->bundle->meta.frame[index].time);
+        frame = spin_one_frame(
+            n, p->pos, spin_field_time(&p->field, p->bundle->meta.frame[index].time), residual);
+        decode(p, &frame);
     }
     p->now_frame = index;
     return SPIN_OK;
 }
 
-spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n,
-                                          double time)
+spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n)
 {
+    struct spin_frame_batch frame;
+
     if (p->read) {
         SPIN_TRY(p->read(p->context, index, &p->splats));
         return spin_frame_renderer_show_splats(p, &p->splats);
     }
     SPIN_TRY(need(p, n));
-    decode(p, p->live_pos[index], p->live_residual ? p->live_residual[index] : NULL, n, time);
+    frame = p->live(p->context, index);
+    decode(p, &frame);
     p->now_frame = index;
     return SPIN_OK;
 }
@@ -375,7 +407,7 @@ spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index,
     if (p->from != SPIN_FROM_NETWORK)
         return read_stored(p, index, columns, out);
     SPIN_TRY(spin_frame_renderer_show(p, index));
-    SPIN_TRY(spin_splats_reserve(out, p->now.n, columns, p->field.sh_degree));
+    SPIN_TRY(spin_splats_reserve(out, p->now.n, columns, p->now_sh_degree));
     out->antialias = p->field.antialias;
     if (columns & SPIN_COL_MEANS)
         SPIN_TRY(p->device->op->download(p->device, out->means, p->now.frame[0].means,

@@ -3,6 +3,7 @@
 #ifndef SPIN_RENDER_FRAME_RENDERER_H
 #define SPIN_RENDER_FRAME_RENDERER_H
 
+#include "scene/bundle_tracks.h"
 #include "scene/clip.h"
 #include "model/field_eval.h"
 #include "render/image_store.h"
@@ -12,15 +13,19 @@
 typedef spin_status (*spin_frame_renderer_read_fn)(void *context, int index,
                                                    struct spin_splats *out);
 
+/* Frame `index` of a clip in training, on the device. */
+typedef struct spin_frame_batch (*spin_frame_renderer_live_fn)(void *context, int index);
+
 struct spin_frame_renderer {
     struct spin_device *device;
     struct spin_bundle *bundle;  /* NULL: only spin_frame_renderer_show_splats() */
     enum spin_splat_source from; /* which of the bundle's splats; SPIN_FROM_NETWORK: computed */
     struct spin_field field;
+    const struct spin_field *network; /* the same, or NULL: splats have explicit values only */
     const float SPIN_DEV *table, *heads;
     bool owns_network;
-    float SPIN_DEV *const *live_pos;      /* [frames of the clip] positions, or NULL */
-    float SPIN_DEV *const *live_residual; /* [frames of the clip] residuals, or NULL */
+    struct spin_bundle_tracks tracks; /* of the bundle's network, if it has some */
+    spin_frame_renderer_live_fn live; /* where a network in training has its frames, or NULL */
     spin_frame_renderer_read_fn
         read; /* live: where splats come from when not from a network, or NULL */
     void *context;
@@ -51,12 +56,11 @@ bool spin_bundle_has_network(const struct spin_bundle *bundle);
 /* From an open bundle; from is not SPIN_FROM_BEST. */
 spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_device *device,
                                      struct spin_bundle *bundle, enum spin_splat_source from);
-/* From a network in training; table, heads, live_pos and live_residual (NULL: none) stay the caller's. */
-spin_status spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
-                                          const struct spin_field *field,
-                                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
-                                          float SPIN_DEV *const *live_pos,
-                                          float SPIN_DEV *const *live_residual);
+/* From a training; network: it has one by now. Table and heads stay the caller's. */
+void spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
+                                   const struct spin_field *field, bool network,
+                                   const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                                   spin_frame_renderer_live_fn live, void *context);
 /* From splats that are neither in a bundle nor a network's. */
 void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_device *device,
                                      spin_frame_renderer_read_fn read, void *context);
@@ -64,10 +68,9 @@ void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_
 void spin_frame_renderer_close(struct spin_frame_renderer *p);
 
 /* Make frame `index` of the bundle the one that is shown. Of a live network or a reader: frame `index`
- * of the clip, with n splats and this time. */
+ * of the clip, with n splats. */
 spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index);
-spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n,
-                                          double time);
+spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n);
 /* Show these splats (all attribute columns). */
 spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
                                             const struct spin_splats *splats);

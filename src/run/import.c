@@ -608,6 +608,7 @@ static spin_status run_import(struct import *im)
     if (o->positions_only)
         meta->columns &= SPIN_COL_MEANS | SPIN_COL_RGB;
     meta->static_columns = im->sequence.static_columns & meta->columns;
+    meta->identity = im->sequence.identity;
     meta->sh_degree = meta->columns & SPIN_COL_SH ? im->sequence.sh_degree : -1;
     meta->antialias = im->sequence.antialias && meta->columns & SPIN_COL_ATTRIBUTES;
     if (o->output) {

@@ -19,6 +19,7 @@ struct run {
     struct spin_device device;
     struct spin_truth truth;
     struct spin_refinement refinement;
+    struct spin_tracks tracks;
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
@@ -28,7 +29,7 @@ struct run {
     struct spin_claim claim; /* on the output */
 };
 
-static bool has_network(const struct run *r) { return r->plan.o->method == SPIN_METHOD_NETWORK; }
+static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_EXPLICIT; }
 
 /* ---- Before the work ---------------------------------------------------------------------------- */
 
@@ -74,7 +75,7 @@ static spin_status check_disk(const struct run *r)
     char *folder = NULL;
     uint64_t bytes, room;
 
-    if (!has_network(r))
+    if (!trains_clip(r))
         return SPIN_OK;
     for (int f = 0; f < p->clip.n_frames; f++)
         floats += p->counts[f] * (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
@@ -137,7 +138,7 @@ static void say_plan(const struct run *r)
     spin_log(0, "%d frames, %.0f splats a frame, %zu training and %zu test views, %s",
              r->plan.clip.n_frames, r->plan.clip.n_mean, r->plan.n_train, r->plan.n_test,
              r->device.description);
-    if (!has_network(r))
+    if (!trains_clip(r))
         return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);
@@ -155,7 +156,67 @@ static spin_status look_at_source(struct run *r)
     return SPIN_OK;
 }
 
-static spin_status open_trainer(struct run *r)
+/* Refined frames have splats of their own. */
+static spin_status find_tracks(struct run *r)
+{
+    const struct spin_plan *p = &r->plan;
+
+    if (!p->o->tracks)
+        return SPIN_OK;
+    if (r->refinement.frame) {
+        spin_log(0, "refined frames share nothing: no tracks");
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_tracks_find(&r->tracks, &r->plan));
+    if (r->tracks.n == 0)
+        spin_log(0, "no splat is found in two frames: no tracks");
+    else
+        spin_log(0, "%zu tracks, %zu of which never move%s", r->tracks.n, r->tracks.n_static,
+                 r->tracks.identity ? "" : " (splats at the same place in several frames)");
+    return SPIN_OK;
+}
+
+/* Frames and what they share. */
+static spin_status open_trainer_frames(struct run *r, bool resume)
+{
+    struct spin_plan *p = &r->plan;
+    struct spin_trainer_size size = {
+        .n_frames = p->clip.n_frames,
+        .network = p->o->method == SPIN_METHOD_NETWORK,
+        .max_items = p->o->batch,
+        .max_pixels = p->max_pixels,
+        .max_tiles = p->max_tiles,
+        .n_exposures = p->o->learn_exposure ? p->n_cameras : 0,
+    };
+    void *block = NULL;
+    struct spin_frame_size *frame;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)size.n_frames, sizeof *frame, &block));
+    size.frame = frame = block;
+    SPIN_TRY_OUT(find_tracks(r));
+    size.n_tracks = r->tracks.n;
+    size.n_static = r->tracks.n_static;
+    for (int f = 0; f < size.n_frames; f++) {
+        size_t n = p->counts[f];
+
+        frame[f] = (struct spin_frame_size){n, n, spin_plan_has_residual(p) ? n : 0};
+        if (r->tracks.n > 0)
+            frame[f] = spin_tracks_size(&r->tracks, f, n, p->o->dynamic_residual);
+    }
+    if (resume && r->tracks.n > 0) {
+        SPIN_TRY_OUT(spin_checkpoint_sizes(&r->checkpoint, size.n_frames, frame, &size.n_tracks,
+                                           &size.n_static));
+        for (int f = 0; f < size.n_frames; f++)
+            r->plan.counts[f] = frame[f].n;
+    }
+    status = spin_trainer_open(&r->trainer, &r->device, &p->field, &size);
+out:
+    free(block);
+    return status;
+}
+
+static spin_status open_trainer(struct run *r, bool resume)
 {
     const struct spin_plan *p = &r->plan;
     const struct spin_retrain_options *o = p->o;
@@ -163,9 +224,7 @@ static spin_status open_trainer(struct run *r)
     /* Rates of 3DGS for log scale, rotation, colour and opacity. */
     static const double residual[SPIN_HEADS] = {5e-3, 1e-3, 2.5e-3, 0.05};
 
-    SPIN_TRY(spin_trainer_open(t, &r->device, &p->field, p->clip.n_frames, p->counts, o->batch,
-                               p->max_pixels, p->max_tiles, o->learn_exposure ? p->n_cameras : 0,
-                               spin_plan_has_residual(p)));
+    SPIN_TRY(open_trainer_frames(r, resume));
     t->rates = (struct spin_train_rates){
         .table = o->lr_table,
         .head = {[SPIN_HEAD_SCALE] = o->lr_scale * o->lr_head_factor,
@@ -173,19 +232,23 @@ static spin_status open_trainer(struct run *r)
                  [SPIN_HEAD_SH] = o->lr_sh * o->lr_head_factor,
                  [SPIN_HEAD_OPACITY] = o->lr_opacity * o->lr_head_factor},
         .position = o->lr_position * p->extent,
+        .displacement = o->lr_displacement * p->extent,
         .exposure = o->lr_exposure,
         .end = 1e-7,
         .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,
         .iterations = o->iterations,
+        .network_from = (int64_t)(o->network_start * o->iterations),
     };
-    for (int k = 0; k < SPIN_HEADS; k++)
+    for (int k = 0; k < SPIN_HEADS; k++) {
         t->rates.residual[k] = residual[k] * o->lr_residual;
+        t->rates.track[k] = residual[k] * o->lr_track;
+    }
     t->lambda_dssim = (float)o->lambda_dssim;
     t->lambda_scale = p->extent > 0 ? (float)(o->lambda_scale / p->extent) : 0;
     t->lambda_opacity = (float)o->lambda_opacity;
     t->sh_increase_every = o->sh_increase_every;
     memcpy(t->background, o->background, sizeof t->background);
-    return spin_plan_is_lazy(p) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
+    return t->network && spin_plan_is_lazy(p) ? spin_trainer_enable_lazy_adam(t) : SPIN_OK;
 }
 
 /* First values of table and heads. */
@@ -197,6 +260,8 @@ static spin_status begin_network(struct run *r)
     void *block = NULL;
     float *table, *heads;
 
+    if (!t->network)
+        return SPIN_OK;
     SPIN_TRY(spin_alloc(t->table.n + t->heads.n, sizeof(float), &block));
     table = block;
     heads = table + t->table.n;
@@ -215,14 +280,16 @@ static spin_status train_network(struct run *r)
 {
     bool resume = r->plan.o->resume && spin_path_exists(r->plan.part);
     struct spin_checkpoint *c = &r->checkpoint;
-    struct spin_loop loop = {&r->plan, &r->truth, &r->trainer, c, &r->journal};
+    struct spin_loop loop = {&r->plan, &r->truth, &r->frames, &r->trainer, c, &r->journal};
 
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
     c->code_paths = &r->code_paths;
 
-    SPIN_TRY(open_trainer(r));
-    SPIN_TRY(spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->trainer, !resume));
+    SPIN_TRY(open_trainer(r, resume));
+    SPIN_TRY(
+        spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks, &r->trainer, !resume));
+    c->permutation = r->frames.permutation;
     SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : begin_network(r));
     c->sound = true;
     say_plan(r);
@@ -253,7 +320,7 @@ static void warn_worse(const struct run *r)
     if (before->valid && test->valid && test->psnr < before->psnr)
         spin_warn("the result is worse than the source, test PSNR %.3f dB after %.3f dB: try %s",
                   test->psnr, before->psnr,
-                  has_network(r) ? "more --iterations, --preset short, or --residual source"
+                  trains_clip(r) ? "more --iterations, --preset short, or --residual source"
                                  : "a larger --refine, or --refine-start source");
 }
 
@@ -272,7 +339,7 @@ static spin_status run(struct run *r)
                                      &r->journal));
         SPIN_TRY(spin_plan_check_memory(p));
     }
-    SPIN_TRY(has_network(r) ? train_network(r) : keep_frames(r));
+    SPIN_TRY(trains_clip(r) ? train_network(r) : keep_frames(r));
     SPIN_TRY(spin_output_write(&output));
     warn_worse(r);
     return SPIN_OK;
@@ -341,6 +408,7 @@ static void close_all(struct run *r)
     spin_claim_drop(&r->claim);
     spin_trainer_close(&r->trainer);
     spin_frames_close(&r->frames);
+    spin_tracks_close(&r->tracks);
     spin_refinement_close(&r->refinement);
     spin_truth_close(&r->truth);
     spin_device_close(&r->device);

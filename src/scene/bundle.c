@@ -156,6 +156,26 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
+/* "splats": of every frame, where densification has changed their number. */
+static spin_status read_network_counts(struct spin_bundle *b, const spin_json *network)
+{
+    const spin_json *list = spin_json_get(network, "splats");
+    void *block = NULL;
+
+    if (!list)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->network_n, &block));
+    b->network_n = block;
+    for (int f = 0; f < b->meta.n_frames; f++) {
+        int64_t n;
+
+        if (!spin_json_integer(spin_json_at(list, (size_t)f), &n) || n < 0 || n > INT32_MAX)
+            return spin_meta_fail("network.splats", "a number of splats for every frame");
+        b->network_n[f] = (size_t)n;
+    }
+    return SPIN_OK;
+}
+
 /* The network's arrays are there; what they mean is the core's business. */
 static spin_status check_network(struct spin_bundle *b)
 {
@@ -163,16 +183,22 @@ static spin_status check_network(struct spin_bundle *b)
     int64_t features, shape[2] = {-1, -1};
     struct spin_array array;
     char key[64];
-    bool own;
+    bool own, explicit = false;
 
     if (!network)
         return SPIN_OK;
     if (!spin_json_is_object(network))
         return spin_meta_fail("network", "an object");
+    spin_json_bool(spin_json_get(network, "explicit"), &explicit);
     SPIN_TRY(spin_meta_integer(network, "features", 1, 8, &features));
     shape[1] = features;
-    SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
-    SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
+    if (!explicit) {
+        SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
+        SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
+    }
+    SPIN_TRY(read_network_counts(b, network));
+    if (spin_json_get(network, "tracks")) /* the rest is checked when frames are read */
+        return SPIN_OK;
     own = spin_npz_has(&b->npz, "network/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
         shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_NETWORK);
@@ -230,6 +256,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_json_free(bundle->json);
     spin_bundle_meta_free(&bundle->meta);
     free(bundle->refined.n);
+    free(bundle->network_n);
     free(bundle->path);
     memset(bundle, 0, sizeof *bundle);
 }
@@ -371,6 +398,8 @@ void spin_bundle_rest(const struct spin_splats *view)
 
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from)
 {
+    if (from == SPIN_FROM_NETWORK && bundle->network_n)
+        return bundle->network_n[frame];
     if (from != SPIN_FROM_SOURCE && bundle->refined.columns)
         return bundle->refined.n[frame];
     return bundle->meta.frame[frame].n;

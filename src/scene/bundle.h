@@ -33,6 +33,7 @@ struct spin_bundle {
     spin_json *json; /* meta.json, whole */
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
+    size_t *network_n; /* [frames] splats of the network's frames where these are others; or NULL */
     bool told_not_finite; /* a warning said how many splats cannot be drawn */
 };
 /* Whether a file is a zip with a meta.json, as bundles are and what importers read is not. */

@@ -170,6 +170,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
         return spin_meta_fail("numbered", "true or false");
     SPIN_TRY(spin_meta_columns(root, &meta->columns, &meta->sh_degree, &meta->antialias));
     SPIN_TRY(read_columns(root, "static_columns", &meta->static_columns));
+    spin_json_bool(spin_json_get(root, "identity"), &meta->identity);
     if (meta->static_columns & ~meta->columns)
         return spin_fail(SPIN_E_MALFORMED,
                          "meta.json: 'static_columns' names columns that 'columns' does not");
@@ -220,6 +221,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     spin_json_set_bool(root, "numbered", meta->numbered);
     spin_json_set(root, "columns", spin_column_names(meta->columns));
     spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
+    if (meta->identity)
+        spin_json_set_bool(root, "identity", true);
     spin_json_set_integer(root, "sh_degree", meta->sh_degree);
     if (meta->antialias)
         spin_json_set_bool(root, "antialias", true);

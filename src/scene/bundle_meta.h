@@ -15,6 +15,7 @@ struct spin_bundle_meta {
     int n_source_frames;           /* frames of the source clip before any range */
     bool numbered;                 /* frame numbers are the source's own */
     unsigned columns, static_columns;
+    bool identity;       /* row i is the same Gaussian in every frame */
     int sh_degree;       /* -1: none */
     bool antialias;      /* meant to be drawn antialiased */
     char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */

@@ -19,7 +19,7 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
                              char **out)
 {
     const struct spin_retrain_options *o = plan->o;
-    bool network = o->method == SPIN_METHOD_NETWORK;
+    bool network = o->method != SPIN_METHOD_EXPLICIT;
     spin_json *j = network ? spin_field_to_json(&plan->field) : spin_json_object();
     spin_json *frames = spin_json_array(), *centre = spin_json_array();
     const struct spin_zip *zip = &plan->clip.bundle.npz.zip;
@@ -67,17 +67,23 @@ struct piece {
     size_t n;
 };
 
+/* What a frame with tracks has besides, as numbers: tracks of its splats, their places in the output, and how
+ * often they were seen. */
+enum { N_NUMBERS = 3 };
+static const char *const number_name[N_NUMBERS] = {"track", "place", "seen"};
+
 static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_t *n)
 {
-    struct spin_param *param[3] = {&t->table, &t->heads, &t->exposures.param};
-    const char *param_name[3] = {"table", "heads", "exposure"};
+    enum { N_PARAMS = 4 };
+    struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
+    const char *param_name[N_PARAMS] = {"table", "heads", "tracks", "exposure"};
     void *block = NULL;
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(10 + 6 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 7 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
 
         for (int j = 0; j < 3; j++, k++) {
@@ -94,7 +100,7 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
         for (int j = 0; j < 3; j++, k++) {
             snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/%c", f, "pmv"[j]);
             piece[k].at = at[j];
-            piece[k].n = 3 * t->frame[f].n;
+            piece[k].n = 3 * t->frame[f].size.n_pos;
         }
     }
     for (int f = 0; f < t->n_frames && t->d_residual; f++) {
@@ -104,8 +110,13 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
         for (int j = 0; j < 3; j++, k++) {
             snprintf(piece[k].name, sizeof piece[k].name, "residual/%05d/%c", f, "pmv"[j]);
             piece[k].at = at[j];
-            piece[k].n = SPIN_RESIDUAL * t->frame[f].n;
+            piece[k].n = SPIN_RESIDUAL * t->frame[f].size.n_residual;
         }
+    }
+    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++, k++) {
+        snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/gradient", f);
+        piece[k].at = t->frame[f].gradient;
+        piece[k].n = t->frame[f].size.n;
     }
     *out = piece;
     *n = k;
@@ -182,6 +193,97 @@ out:
     return status;
 }
 
+/* The numbers of a frame, on the device or NULL: the place in the output. */
+static uint32_t SPIN_DEV *numbers_of(const struct spin_train_frame *frame, int which)
+{
+    return which == 0 ? frame->track : which == 2 ? frame->seen : NULL;
+}
+
+static spin_status save_numbers(const struct spin_checkpoint *c, struct spin_trainer *t,
+                                struct spin_zip_writer *w)
+{
+    void *block = NULL;
+    spin_status status = SPIN_OK;
+
+    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++)
+        for (int k = 0; k < N_NUMBERS; k++) {
+            size_t n = t->frame[f].size.n;
+            const uint32_t SPIN_DEV *at = numbers_of(&t->frame[f], k);
+            uint64_t shape[1] = {n};
+            char name[48];
+
+            snprintf(name, sizeof name, "frames/%05d/%s", f, number_name[k]);
+            SPIN_TRY_OUT(spin_grow(n + 1, sizeof(uint32_t), &block));
+            if (at)
+                SPIN_TRY_OUT(t->device->op->download(t->device, block, at, n * sizeof(uint32_t)));
+            SPIN_TRY_OUT(spin_npz_write(w, name, "<u4", 1, shape, at ? block : c->permutation[f]));
+        }
+out:
+    free(block);
+    return status;
+}
+
+/* Tracks that are there, in the order of the frame; places that are a permutation. */
+static spin_status check_numbers(const struct spin_trainer *t, int f, int which,
+                                 const uint32_t *number, const char *name)
+{
+    const struct spin_frame_size *size = &t->frame[f].size;
+    void *block = NULL;
+    uint8_t *taken;
+    bool wrong = false;
+
+    if (which == 2)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((which == 0 ? t->n_tracks : size->n) + 1, 1, &block));
+    taken = block;
+    for (size_t i = 0; i < size->n && !wrong; i++) {
+        bool none = which == 0 && number[i] == SPIN_NO_TRACK;
+
+        wrong = !none && (number[i] >= (which == 0 ? t->n_tracks : size->n) || taken[number[i]]);
+        wrong |= none && i >= size->n_residual;
+        wrong |= which == 0 && !none && (number[i] < t->n_static) != (i >= size->n_pos);
+        if (!wrong && !none)
+            taken[number[i]] = 1;
+    }
+    free(block);
+    return wrong ? spin_fail(SPIN_E_MALFORMED, "array '%s' does not fit the tracks", name)
+                 : SPIN_OK;
+}
+
+static spin_status load_numbers(const struct spin_checkpoint *c, struct spin_trainer *t,
+                                struct spin_npz *npz)
+{
+    void *block = NULL;
+    spin_status status = SPIN_OK;
+
+    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++)
+        for (int k = 0; k < N_NUMBERS; k++) {
+            size_t n = t->frame[f].size.n;
+            int64_t shape[1] = {(int64_t)n}, *wide;
+            struct spin_array a;
+            uint32_t *number;
+            char name[48];
+
+            snprintf(name, sizeof name, "frames/%05d/%s", f, number_name[k]);
+            SPIN_TRY_OUT(spin_npz_array_of(npz, name, true, 1, shape, &a));
+            SPIN_TRY_OUT(spin_grow(n + 1, sizeof *wide + sizeof *number, &block));
+            wide = block;
+            number = (uint32_t *)(wide + n);
+            spin_array_to_i64(&a, 0, n, wide);
+            for (size_t i = 0; i < n; i++)
+                number[i] = (uint32_t)wide[i];
+            SPIN_TRY_OUT(check_numbers(t, f, k, number, name));
+            if (numbers_of(&t->frame[f], k))
+                t->device->op->upload(t->device, numbers_of(&t->frame[f], k), number,
+                                      n * sizeof *number);
+            else
+                memcpy(c->permutation[f], number, n * sizeof *number);
+        }
+out:
+    free(block);
+    return status;
+}
+
 static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w)
 {
     struct piece *piece = NULL;
@@ -209,6 +311,20 @@ static spin_status write_text(struct spin_zip_writer *w, const char *name, const
     return spin_zip_member_end(w);
 }
 
+static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
+{
+    spin_json *sizes = spin_json_array();
+
+    for (int f = 0; f < t->n_frames; f++) {
+        spin_json_push_number(sizes, (double)t->frame[f].size.n);
+        spin_json_push_number(sizes, (double)t->frame[f].size.n_pos);
+        spin_json_push_number(sizes, (double)t->frame[f].size.n_residual);
+    }
+    spin_json_set(j, "sizes", sizes);
+    spin_json_set_integer(j, "tracks", (int64_t)t->n_tracks);
+    spin_json_set_integer(j, "static_tracks", (int64_t)t->n_static);
+}
+
 spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)
 {
     struct spin_zip_writer w;
@@ -218,6 +334,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
 
     for (int f = 0; f < t->n_frames; f++)
         spin_json_push_number(steps, (double)t->frame[f].steps);
+    if (t->n_tracks > 0)
+        sizes_to_json(t, j);
     spin_json_set_integer(j, "iteration", t->iteration);
     spin_json_set_number(j, "seconds", spin_checkpoint_seconds(c));
     spin_json_set(j, "steps", steps);
@@ -231,6 +349,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
         status = write_text(&w, "state.json", text ? text : "");
         if (status == SPIN_OK)
             status = save_pieces(t, &w);
+        if (status == SPIN_OK)
+            status = save_numbers(c, t, &w);
         if (status == SPIN_OK)
             status = spin_zip_writer_commit(&w);
         else
@@ -280,28 +400,39 @@ out:
     return status;
 }
 
-static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t,
-                               struct spin_npz *npz)
+/* state.json, to be freed, when it was made from this input and with these options. */
+static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
+                               spin_json **out)
 {
     const struct spin_zip_member *member = spin_zip_find(&npz->zip, "state.json");
     const unsigned char *bytes;
     void *owned = NULL;
-    spin_json *j = NULL;
-    int64_t iteration, steps;
     const char *fingerprint;
     spin_status status;
 
+    *out = NULL;
     if (!member)
         return spin_fail(SPIN_E_MALFORMED, "no state.json");
     SPIN_TRY_OUT(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
-    SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, &j));
-    fingerprint = spin_json_string(spin_json_get(j, "fingerprint"));
-    if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0) {
+    SPIN_TRY_OUT(spin_json_parse("state.json", (const char *)bytes, member->size, out));
+    fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
+    if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
         status = spin_fail(SPIN_E_USAGE, "it was made from another input or with other options "
                                          "than these, or its images have changed; give the same "
                                          "ones, or --force without --resume to start anew");
-        goto out;
-    }
+out:
+    free(owned);
+    return status;
+}
+
+static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t,
+                               struct spin_npz *npz)
+{
+    spin_json *j = NULL;
+    int64_t iteration, steps;
+    spin_status status;
+
+    SPIN_TRY_OUT(read_header(c, npz, &j));
     if (!spin_json_integer(spin_json_get(j, "iteration"), &iteration) || iteration < 0 ||
         iteration > t->rates.iterations) {
         status = spin_fail(SPIN_E_MALFORMED, "state.json: bad iteration");
@@ -324,8 +455,53 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     status = SPIN_OK;
 out:
     spin_json_free(j);
-    free(owned);
     return status;
+}
+
+/* A count of state.json, at most `most`. */
+static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
+{
+    int64_t n;
+
+    if (!spin_json_integer(value, &n) || n < 0 || n > most)
+        return spin_fail(SPIN_E_MALFORMED, "state.json: bad sizes");
+    *out = (size_t)n;
+    return SPIN_OK;
+}
+
+static spin_status read_sizes(const spin_json *j, int n_frames, struct spin_frame_size *frame,
+                              size_t *n_tracks, size_t *n_static)
+{
+    const spin_json *sizes = spin_json_get(j, "sizes");
+
+    SPIN_TRY(get_count(spin_json_get(j, "tracks"), INT32_MAX, n_tracks));
+    SPIN_TRY(get_count(spin_json_get(j, "static_tracks"), (int64_t)*n_tracks, n_static));
+    for (int f = 0; f < n_frames; f++) {
+        size_t at = 3 * (size_t)f;
+
+        SPIN_TRY(get_count(spin_json_at(sizes, at), INT32_MAX, &frame[f].n));
+        SPIN_TRY(get_count(spin_json_at(sizes, at + 1), (int64_t)frame[f].n, &frame[f].n_pos));
+        SPIN_TRY(get_count(spin_json_at(sizes, at + 2), (int64_t)frame[f].n, &frame[f].n_residual));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, int n_frames,
+                                  struct spin_frame_size *frame, size_t *n_tracks, size_t *n_static)
+{
+    struct spin_npz npz;
+    spin_json *j = NULL;
+    spin_status status = spin_npz_open(c->path, &npz);
+
+    if (status == SPIN_OK) {
+        status = read_header(c, &npz, &j);
+        if (status == SPIN_OK)
+            status = read_sizes(j, n_frames, frame, n_tracks, n_static);
+        spin_json_free(j);
+        spin_npz_close(&npz);
+    }
+    return status == SPIN_OK ? SPIN_OK
+                             : spin_fail_context(status, "cannot resume from '%s'", c->path);
 }
 
 spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer *t)
@@ -337,6 +513,8 @@ spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer 
         status = load_header(c, t, &npz);
         if (status == SPIN_OK)
             status = load_pieces(t, &npz);
+        if (status == SPIN_OK)
+            status = load_numbers(c, t, &npz);
         spin_npz_close(&npz);
     }
     if (status != SPIN_OK)

@@ -13,8 +13,9 @@ struct spin_checkpoint {
     double start_s, saved_s; /* when this run began to work, when it last saved: spin_now_s() */
     double before_s;         /* seconds worked before the state was saved that was resumed */
     struct spin_code_paths *code_paths;
-    bool sound;    /* the trainer stands between two steps, all finite: its state can be saved */
-    int64_t saved; /* iteration of the state that is kept; -1: none is */
+    bool sound; /* the trainer stands between two steps, all finite: its state can be saved */
+    uint32_t **permutation; /* [frames][splats] kept in the state when there are tracks */
+    int64_t saved;          /* iteration of the state that is kept; -1: none is */
 };
 
 /* What decides the result: options, the frames and what refined frames are made from, the images, the CRCs of
@@ -27,6 +28,10 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
 double spin_checkpoint_seconds(const struct spin_checkpoint *checkpoint);
 spin_status spin_checkpoint_save(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
 spin_status spin_checkpoint_load(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
+/* Sizes [n_frames] of a trainer with tracks, and the number of its tracks, as the state has them. */
+spin_status spin_checkpoint_sizes(const struct spin_checkpoint *checkpoint, int n_frames,
+                                  struct spin_frame_size *frame, size_t *n_tracks,
+                                  size_t *n_static);
 
 /* All parameters are finite; else an error that names the array and the iteration. */
 spin_status spin_check_parameters(struct spin_trainer *trainer);

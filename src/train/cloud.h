@@ -19,6 +19,8 @@ struct spin_refine_point {
     struct spin_refine_row p, m, v; /* parameters and Adam's moments */
     float gradient;                 /* sum of |dL/d(ndc xy)| over the views that saw it ... */
     uint32_t seen;                  /* ... and how many those were, since the last densification */
+    uint32_t origin; /* place before the last densification, its own or its parent's */
+    bool is_new;     /* made by it */
 };
 
 /* Zero it to begin, free it once. */

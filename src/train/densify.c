@@ -102,6 +102,8 @@ static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t p
 
     memset(p, 0, sizeof *p);
     p->p = c->point[parent].p;
+    p->origin = (uint32_t)parent;
+    p->is_new = true;
     return p;
 }
 
@@ -220,6 +222,8 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
     marked = mark_points(o, cloud, mark);
     SPIN_TRY_OUT(respect_cap(o, cloud, marked, mark));
     for (size_t i = 0; i < n; i++) {
+        cloud->point[i].origin = (uint32_t)i;
+        cloud->point[i].is_new = false;
         change->clones += mark[i] == CLONE;
         change->splits += mark[i] == SPLIT;
     }

@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "model/residual.h"
 #include "train/cloud.h"
 #include "train/knn.h"
 #include "train/morton.h"
@@ -112,10 +113,74 @@ static void make_finite(struct spin_refine_row *p)
         *p = none;
 }
 
+/* First values of the tracks, in the host's memory: those of the first splat that is seen of each. */
+struct first_tracks {
+    const struct spin_tracks *tracks;
+    float *displacement, *residual; /* [n][3], [n][SPIN_RESIDUAL] */
+    uint8_t *seen;                  /* [n] */
+};
+
+static spin_status open_first_tracks(struct first_tracks *first, const struct spin_tracks *tracks)
+{
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(tracks->n + 1, SPIN_TRACK * sizeof(float) + 1, &block));
+    first->tracks = tracks;
+    first->displacement = block;
+    first->residual = first->displacement + 3 * tracks->n;
+    first->seen = (uint8_t *)(first->residual + SPIN_RESIDUAL * tracks->n);
+    return SPIN_OK;
+}
+
+static void close_first_tracks(struct first_tracks *first) { free(first->displacement); }
+
+/* Tracks that never move have all of the place; others a displacement of their splats' places. */
+static void look_for_first(struct first_tracks *first, int frame,
+                           const struct spin_refine_cloud *cloud)
+{
+    for (size_t i = 0; i < cloud->n; i++) {
+        uint32_t track = first->tracks->of[frame][i];
+
+        if (track == SPIN_NO_TRACK || first->seen[track])
+            continue;
+        first->seen[track] = 1;
+        memcpy(first->residual + SPIN_RESIDUAL * track, cloud->point[i].p.log_scale,
+               SPIN_RESIDUAL * sizeof(float));
+        if (track < first->tracks->n_static)
+            memcpy(first->displacement + 3 * track, cloud->point[i].p.pos_w, 3 * sizeof(float));
+    }
+}
+
+/* To the device, where they are groups. */
+static spin_status send_first_tracks(const struct first_tracks *first, struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    size_t n = first->tracks->n;
+    void *block = NULL;
+
+    if (n == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n, SPIN_RESIDUAL * sizeof(float), &block));
+    spin_residual_from_rows(n, first->residual, SPIN_RESIDUAL, NULL, block);
+    d->op->upload(d, t->tracks.p, first->displacement, 3 * n * sizeof(float));
+    d->op->upload(d, t->tracks.p + 3 * n, block, SPIN_RESIDUAL * n * sizeof(float));
+    free(block);
+    return SPIN_OK;
+}
+
+/* A splat whose track has the values begins with none of its own. */
+static void clear_tracked(const struct spin_tracks *tracks, int frame,
+                          struct spin_refine_cloud *cloud)
+{
+    for (size_t i = 0; i < cloud->n; i++)
+        if (tracks->of[frame][i] != SPIN_NO_TRACK)
+            memset(cloud->point[i].p.log_scale, 0, SPIN_RESIDUAL * sizeof(float));
+}
+
 /* A frame's splats to the device, in our order. */
-static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s,
-                              const uint32_t *permutation, struct spin_device *device,
-                              struct spin_train_frame *frame)
+static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s, int f,
+                              const uint32_t *permutation, struct first_tracks *first,
+                              struct spin_device *device, struct spin_train_frame *frame)
 {
     struct spin_refine_cloud cloud = {0};
     struct spin_rows pos = {s->means, 3}, residual = {0};
@@ -128,6 +193,10 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             SPIN_TRY_OUT(spin_refine_init_from_colours(s, &cloud));
         for (size_t i = 0; i < cloud.n; i++)
             make_finite(&cloud.point[i].p);
+        if (first->tracks->n > 0) {
+            look_for_first(first, f, &cloud);
+            clear_tracked(first->tracks, f, &cloud);
+        }
         if (cloud.n > 0)
             residual =
                 (struct spin_rows){cloud.point[0].p.log_scale, sizeof *cloud.point / sizeof(float)};
@@ -136,6 +205,23 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
 out:
     spin_refine_cloud_free(&cloud);
     return status;
+}
+
+/* The track of every splat, in our order. */
+static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, size_t n,
+                                      const uint32_t *permutation, struct spin_device *device,
+                                      struct spin_train_frame *frame)
+{
+    void *block = NULL;
+    uint32_t *track;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof *track, &block));
+    track = block;
+    for (size_t i = 0; i < n; i++)
+        track[i] = tracks->of[f][permutation[i]];
+    device->op->upload(device, frame->track, track, n * sizeof *track);
+    free(block);
+    return SPIN_OK;
 }
 
 /* The log of the median distance to the three nearest points. */
@@ -161,27 +247,36 @@ out:
 /* ---- The pass ----------------------------------------------------------------------------------- */
 
 static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan,
-                              struct spin_trainer *trainer, int f, const struct spin_splats *s,
-                              bool first_values)
+                              struct first_tracks *first, struct spin_trainer *trainer, int f,
+                              const struct spin_splats *s, bool first_values)
 {
+    const struct spin_tracks *tracks = first->tracks;
+    size_t n = trainer->frame[f].size.n; /* more or less than the bundle's after a densification */
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc(s->n + 1, sizeof(uint32_t), &block));
+    SPIN_TRY(spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), &block));
     frames->permutation[f] = block;
     /* along a space-filling curve, so that neighbours share cache lines */
     SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
+    if (tracks->n > 0 && first_values) {
+        SPIN_TRY(spin_tracks_sort(tracks, f, s->n, frames->permutation[f]));
+        SPIN_TRY(send_track_numbers(tracks, f, s->n, frames->permutation[f], trainer->device,
+                                    &trainer->frame[f]));
+    }
     trainer->frame[f].time = spin_plan_info(plan, f)->time;
     if (isnan(plan->o->init_log_scale) && f == spin_plan_middle_frame(plan))
         SPIN_TRY(measure_spacing(plan->o->n_threads, s, &frames->init_log_scale));
     if (!first_values)
         return SPIN_OK;
-    return send_frame(plan, s, frames->permutation[f], trainer->device, &trainer->frame[f]);
+    return send_frame(plan, s, f, frames->permutation[f], first, trainer->device,
+                      &trainer->frame[f]);
 }
 
 spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
-                             struct spin_refinement *refinement, struct spin_trainer *trainer,
-                             bool first_values)
+                             struct spin_refinement *refinement, const struct spin_tracks *tracks,
+                             struct spin_trainer *trainer, bool first_values)
 {
+    struct first_tracks first = {0};
     struct spin_refinement *from = refinement->frame ? refinement : NULL;
     unsigned columns = first_values ? first_columns(plan, from != NULL) : SPIN_COL_MEANS;
     struct spin_scene_transform *transform = &trainer->field.transform;
@@ -194,15 +289,19 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
     frames->permutation = block;
     frames->n = plan->clip.n_frames;
     frames->init_log_scale = plan->o->init_log_scale;
+    SPIN_TRY_OUT(open_first_tracks(&first, tracks));
     SPIN_TRY_OUT(spin_point_sample_open(&sample, plan->clip.n_frames));
     for (int f = 0; f < frames->n; f++) {
         SPIN_TRY_OUT(read_frame(plan, from, f, columns, &splats));
         spin_point_sample_add(&sample, &splats);
-        SPIN_TRY_OUT(load_frame(frames, plan, trainer, f, &splats, first_values));
+        SPIN_TRY_OUT(load_frame(frames, plan, &first, trainer, f, &splats, first_values));
     }
+    if (first_values)
+        SPIN_TRY_OUT(send_first_tracks(&first, trainer));
     fit_transform(plan->o, &sample, transform);
     plan->report->outside_ball = share_outside(&sample, transform);
 out:
+    close_first_tracks(&first);
     spin_point_sample_close(&sample);
     spin_splats_free(&splats);
     return status;

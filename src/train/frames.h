@@ -5,6 +5,7 @@
 
 #include "train/refinement.h"
 #include "train/step.h"
+#include "train/tracks.h"
 
 struct spin_frames {
     int n;
@@ -15,11 +16,12 @@ struct spin_frames {
 /* Means of the source are finite; the share of them outside the unit ball goes into the report. */
 spin_status spin_frames_look(struct spin_plan *plan);
 /* The whole pass, over the refined frames where there are some: also the permutations, the trainer's scene
- * transform, and with first_values (not after a resume) what the trainer's frames begin with. Zero it first;
+ * transform, and with first_values (not after a resume) what the trainer's frames and tracks begin with.
+ * After a resume with tracks the permutations come from the state. Zero it first;
  * close it also after a failure. */
 spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
-                             struct spin_refinement *refinement, struct spin_trainer *trainer,
-                             bool first_values);
+                             struct spin_refinement *refinement, const struct spin_tracks *tracks,
+                             struct spin_trainer *trainer, bool first_values);
 void spin_frames_close(struct spin_frames *frames);
 
 #endif

@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "train/densify_tracks.h"
 #include "train/sampler.h"
 #include "train/test_views.h"
 
@@ -16,34 +17,27 @@ static const double save_seconds = 300; /* between states, when --save-every is 
 
 /* ---- Looking at it ------------------------------------------------------------------------------ */
 
-/* Measure and draw the network as it stands. */
+static struct spin_frame_batch frame_of(void *context, int frame)
+{
+    return spin_trainer_frame(context, frame);
+}
+
+/* Measure and draw the clip as it stands. */
 static spin_status show_network(const struct spin_loop *l, struct spin_quality *q)
 {
+    struct spin_trainer *t = l->trainer;
     struct spin_frame_renderer live;
     char label[40];
-    size_t n = (size_t)l->plan->clip.n_frames;
-    void *block = NULL;
-    float SPIN_DEV **pos, **residual;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(2 * n, sizeof *pos, &block));
-    pos = block;
-    residual = pos + n;
-    for (size_t f = 0; f < n; f++) {
-        pos[f] = l->trainer->frame[f].pos;
-        residual[f] = l->trainer->frame[f].residual;
-    }
-    SPIN_TRY_OUT(spin_frame_renderer_open_live(&live, l->trainer->device, &l->trainer->field,
-                                               spin_trainer_take_table(l->trainer),
-                                               l->trainer->heads.p, pos, residual));
-    snprintf(label, sizeof label, "iteration_%07lld", (long long)l->trainer->iteration);
+    spin_frame_renderer_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL,
+                                  spin_trainer_take_table(t), t->heads.p, frame_of, t);
+    snprintf(label, sizeof label, "iteration_%07lld", (long long)t->iteration);
     status = spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
     if (status == SPIN_OK)
         status = spin_test_views_preview(l->plan, l->truth, &live, label);
     spin_frame_renderer_close(&live);
-out:
-    spin_trainer_put_back(l->trainer);
-    free(block);
+    spin_trainer_put_back(t);
     return status;
 }
 
@@ -178,6 +172,37 @@ static void warn_blind(const struct blind *b)
                   (long long)b->n, (long long)b->done, (long long)b->first);
 }
 
+/* ---- Densification of tracks -------------------------------------------------------------------- */
+
+static bool densifies(const struct spin_loop *l, int64_t iteration)
+{
+    const struct spin_retrain_options *o = l->plan->o;
+
+    return l->trainer->n_tracks > 0 && o->densify_every > 0 &&
+           (double)iteration < o->densify_until * o->iterations;
+}
+
+static spin_status densify(const struct spin_loop *l)
+{
+    const struct spin_retrain_options *o = l->plan->o;
+    struct spin_trainer *t = l->trainer;
+    struct spin_densify_options d;
+    struct spin_densify_change change = {0};
+
+    if (!densifies(l, t->iteration) || t->iteration % o->densify_every != 0)
+        return SPIN_OK;
+    spin_densify_defaults(&d);
+    d.extent = l->plan->extent;
+    d.seed = o->seed;
+    d.gradient_threshold = o->densify_threshold / o->batch;
+    d.max_points = (size_t)o->max_points;
+    SPIN_TRY(spin_densify_tracks(t, &d, (int)t->iteration, l->frames->permutation, l->plan->counts,
+                                 &change));
+    spin_log(1, "iteration %lld: %zu clones, %zu splits, %zu pruned: %zu tracks",
+             (long long)t->iteration, change.clones, change.splits, change.pruned, t->n_tracks);
+    return SPIN_OK;
+}
+
 /* One step, after which the trainer is sound; its loss goes into v. */
 static spin_status take_step(const struct spin_loop *l, const struct spin_sampler *sampler,
                              struct spin_train_values *v)
@@ -185,6 +210,7 @@ static spin_status take_step(const struct spin_loop *l, const struct spin_sample
     struct spin_trainer *t = l->trainer;
 
     l->checkpoint->sound = false;
+    t->gather = densifies(l, t->iteration);
     SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch, v));
     if (!isfinite(v->loss))
         return spin_fail(SPIN_E_MALFORMED,
@@ -193,6 +219,7 @@ static spin_status take_step(const struct spin_loop *l, const struct spin_sample
                          (long long)t->iteration);
     if (t->iteration % CHECK_EVERY == 0 || t->iteration == l->plan->o->iterations)
         SPIN_TRY(spin_check_parameters(t));
+    SPIN_TRY(densify(l));
     l->checkpoint->sound = true;
     return SPIN_OK;
 }

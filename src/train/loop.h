@@ -3,11 +3,13 @@
 #define SPIN_TRAIN_LOOP_H
 
 #include "train/checkpoint.h"
+#include "train/frames.h"
 #include "train/journal.h"
 
 struct spin_loop {
     struct spin_plan *plan;
     struct spin_truth *truth;
+    struct spin_frames *frames;
     struct spin_trainer *trainer;
     struct spin_checkpoint *checkpoint;
     struct spin_journal *journal;

@@ -6,45 +6,153 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "model/residual.h"
 #include "train/settings.h"
 
 /* ---- Arrays ------------------------------------------------------------------------------------- */
 
-/* A frame's positions and residual values as the source has its rows. */
+/* Where the trainer has the splat of each row of the output. */
+static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
+{
+    void *block = NULL;
+    uint32_t *place;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof *place, &block));
+    place = block;
+    for (size_t i = 0; i < n; i++)
+        place[permutation[i]] = (uint32_t)i;
+    *out = place;
+    return SPIN_OK;
+}
+
+/* A frame's own positions or residual values: of the splats that have some, in the order of the source. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, bool residual)
 {
     const struct spin_train_frame *from = &output->trainer->frame[frame];
+    size_t n = residual ? from->size.n_residual : from->size.n_pos, to = 0;
     size_t width = residual ? SPIN_RESIDUAL : 3;
-    uint64_t shape[2] = {from->n, width};
+    uint64_t shape[2] = {n, width};
     struct spin_rows rows = {.stride = width}, none = {0};
     char name[64];
+    uint32_t *place = NULL;
+    float *packed;
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(width * from->n + 1, sizeof(float), &block));
+    SPIN_TRY_OUT(invert(output->frames->permutation[frame], from->size.n, &place));
+    SPIN_TRY_OUT(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
+    packed = rows.at + width * n;
     SPIN_TRY_OUT(spin_train_frame_download(from, output->trainer->device, SPIN_TRAIN_VALUES,
-                                           residual ? none : rows, residual ? rows : none,
-                                           output->frames->permutation[frame]));
+                                           residual ? none : rows, residual ? rows : none, NULL));
+    for (size_t i = 0; i < from->size.n; i++)
+        if (place[i] < n)
+            memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
     snprintf(name, sizeof name, "network/%s/%05d", residual ? "residual" : "means", frame);
-    status = spin_npz_write(&w->zip, name, "<f4", 2, shape, rows.at);
+    status = spin_npz_write(&w->zip, name, "<f4", 2, shape, packed);
+out:
+    free(place);
+    free(block);
+    return status;
+}
+
+/* ---- Tracks ------------------------------------------------------------------------------------- */
+
+/* The track of every splat, in the order of the source. */
+static spin_status read_numbers(const struct spin_output *output, int frame, uint32_t **out)
+{
+    const struct spin_train_frame *from = &output->trainer->frame[frame];
+    struct spin_device *d = output->trainer->device;
+    size_t n = from->size.n;
+    void *block = NULL;
+    uint32_t *track;
+
+    SPIN_TRY(spin_alloc(n + 1, 2 * sizeof *track, &block));
+    track = block;
+    SPIN_TRY(d->op->download(d, track + n, from->track, n * sizeof *track));
+    for (size_t i = 0; i < n; i++)
+        track[output->frames->permutation[frame][i]] = track[n + i];
+    *out = track;
+    return SPIN_OK;
+}
+
+/* Once where all frames have the same. */
+static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
+                                 bool *same_rows)
+{
+    const struct spin_trainer *t = output->trainer;
+    uint32_t *first = NULL, *track = NULL;
+    spin_status status;
+
+    *same_rows = true;
+    SPIN_TRY_OUT(read_numbers(output, 0, &first));
+    for (int f = 1; *same_rows && f < t->n_frames; f++) {
+        SPIN_TRY_OUT(read_numbers(output, f, &track));
+        *same_rows = t->frame[f].size.n == t->frame[0].size.n &&
+                     memcmp(first, track, t->frame[f].size.n * sizeof *track) == 0;
+        free(track);
+        track = NULL;
+    }
+    for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
+        uint64_t shape[1] = {t->frame[f].size.n};
+        char name[64];
+
+        SPIN_TRY_OUT(read_numbers(output, f, &track));
+        snprintf(name, sizeof name, "network/track/%05d", f);
+        SPIN_TRY_OUT(spin_npz_write(&w->zip, name, "<u4", 1, shape, track));
+        free(track);
+        track = NULL;
+    }
+    status = SPIN_OK;
+out:
+    free(first);
+    free(track);
+    return status;
+}
+
+/* Values as rows, and which splats they belong to. */
+static spin_status write_tracks(const struct spin_output *output, struct spin_bundle_writer *w,
+                                bool *same_rows)
+{
+    struct spin_trainer *t = output->trainer;
+    size_t n = t->n_tracks;
+    uint64_t shape[2] = {n, SPIN_TRACK};
+    float *groups, *rows;
+    void *block = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(n + 1, 2 * SPIN_TRACK * sizeof(float), &block));
+    groups = block;
+    rows = groups + SPIN_TRACK * n;
+    SPIN_TRY_OUT(
+        t->device->op->download(t->device, groups, t->tracks.p, SPIN_TRACK * n * sizeof *groups));
+    for (size_t i = 0; i < n; i++)
+        memcpy(rows + SPIN_TRACK * i, groups + 3 * i, 3 * sizeof *rows);
+    spin_residual_to_rows(n, groups + 3 * n, NULL, rows + 3, SPIN_TRACK);
+    SPIN_TRY_OUT(spin_npz_write(&w->zip, "network/tracks", "<f4", 2, shape, rows));
+    status = write_numbers(output, w, same_rows);
 out:
     free(block);
     return status;
 }
 
-static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w)
+static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w,
+                                 bool *same_rows)
 {
     struct spin_trainer *t = output->trainer;
     uint64_t features = (uint64_t)t->field.grid.n_features;
     uint64_t table[2] = {t->table.n / features, features}, heads[1] = {t->heads.n};
     spin_status status;
 
-    for (int f = 0; f < output->plan->clip.n_frames; f++)
+    for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY(write_frame(output, w, f, false));
-    for (int f = 0; spin_plan_has_residual(output->plan) && f < output->plan->clip.n_frames; f++)
+    for (int f = 0; spin_plan_has_residual(output->plan) && f < t->n_frames; f++)
         SPIN_TRY(write_frame(output, w, f, true));
+    if (t->n_tracks > 0)
+        SPIN_TRY(write_tracks(output, w, same_rows));
+    if (!t->network)
+        return SPIN_OK;
     status = spin_write_device_array(t, &w->zip, "network/table", 2, table,
                                      spin_trainer_take_table(t), t->table.n);
     spin_trainer_put_back(t);
@@ -54,7 +162,7 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
 
 /* The source's columns, those kept of refined frames, the network. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
-                                const struct spin_bundle_meta *meta)
+                                const struct spin_bundle_meta *meta, bool *same_rows)
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
@@ -70,8 +178,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY_OUT(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
     }
-    if (plan->o->method == SPIN_METHOD_NETWORK)
-        status = write_network(output, w);
+    if (plan->o->method != SPIN_METHOD_EXPLICIT)
+        status = write_network(output, w, same_rows);
 out:
     spin_splats_free(&splats);
     return status;
@@ -97,6 +205,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
     meta->numbered = from->numbered;
     meta->columns = from->columns;
     meta->static_columns = from->static_columns;
+    meta->identity = from->identity;
     meta->sh_degree = from->sh_degree;
     meta->antialias = from->antialias;
     memcpy(meta->data_from, output->plan->clip.data_from, sizeof meta->data_from);
@@ -151,9 +260,24 @@ out:
     return status;
 }
 
-/* The "network" object. */
-static spin_status network_to_json(const struct spin_output *output, spin_json **json)
+static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_json *network)
 {
+    spin_json *j = spin_json_object(), *splats = spin_json_array();
+
+    spin_json_set_integer(j, "n", (int64_t)t->n_tracks);
+    spin_json_set_integer(j, "static", (int64_t)t->n_static);
+    spin_json_set_bool(j, "same_rows", same_rows);
+    for (int f = 0; f < t->n_frames; f++)
+        spin_json_push_number(splats, (double)t->frame[f].size.n);
+    spin_json_set(network, "tracks", j);
+    spin_json_set(network, "splats", splats);
+}
+
+/* The "network" object. */
+static spin_status network_to_json(const struct spin_output *output, bool same_rows,
+                                   spin_json **json)
+{
+    const struct spin_trainer *t = output->trainer;
     const struct spin_retrain_report *report = output->plan->report;
     spin_json *j, *cameras = NULL;
 
@@ -163,6 +287,10 @@ static spin_status network_to_json(const struct spin_output *output, spin_json *
                   spin_settings_network(output->plan, output->frames->init_log_scale));
     spin_json_set_string(j, "device", output->trainer->device->op->name);
     spin_json_set(j, "cameras", cameras);
+    if (t->n_tracks > 0)
+        tracks_to_json(t, same_rows, j);
+    if (!t->network)
+        spin_json_set_bool(j, "explicit", true);
     spin_json_set_string(j, "fingerprint", output->fingerprint);
     spin_json_set_string(j, "path", output->code_paths);
     set_quality(j, "before", &report->before);
@@ -172,7 +300,7 @@ static spin_status network_to_json(const struct spin_output *output, spin_json *
 }
 
 /* What the method adds to meta.json. */
-static spin_status describe(const struct spin_output *output, spin_json *extra)
+static spin_status describe(const struct spin_output *output, bool same_rows, spin_json *extra)
 {
     const struct spin_plan *plan = output->plan;
     spin_json *refined = NULL, *network = NULL;
@@ -182,8 +310,8 @@ static spin_status describe(const struct spin_output *output, spin_json *extra)
         set_quality(refined, "test", &plan->report->refined);
         spin_json_set(extra, "refined", refined);
     }
-    if (plan->o->method == SPIN_METHOD_NETWORK) {
-        SPIN_TRY(network_to_json(output, &network));
+    if (plan->o->method != SPIN_METHOD_EXPLICIT) {
+        SPIN_TRY(network_to_json(output, same_rows, &network));
         spin_json_set(extra, "network", network);
     } else {
         set_quality(refined, "before", &plan->report->before);
@@ -201,6 +329,7 @@ spin_status spin_output_write(const struct spin_output *output)
     struct spin_bundle_writer w;
     struct spin_bundle_meta meta;
     spin_json *extra = spin_json_object();
+    bool same_rows = false;
     spin_status status;
 
     memset(&meta, 0, sizeof meta);
@@ -210,8 +339,8 @@ spin_status spin_output_write(const struct spin_output *output)
         return status;
     }
     SPIN_TRY_OUT(fill_meta(output, &meta));
-    SPIN_TRY_OUT(write_splats(output, &w, &meta));
-    SPIN_TRY_OUT(describe(output, extra));
+    SPIN_TRY_OUT(write_splats(output, &w, &meta, &same_rows));
+    SPIN_TRY_OUT(describe(output, same_rows, extra));
     status = spin_bundle_writer_finish(&w, &meta, extra);
     spin_bundle_meta_free(&meta);
     return status;
@@ -225,7 +354,7 @@ out:
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)
 {
     struct spin_bundle bundle;
-    const char *method = plan->o->method == SPIN_METHOD_NETWORK ? "network" : "refined", *text;
+    const char *method = plan->o->method != SPIN_METHOD_EXPLICIT ? "network" : "refined", *text;
     bool same;
 
     if (spin_bundle_open(plan->o->output, &bundle) != SPIN_OK)

@@ -27,6 +27,12 @@ static spin_status check_options(const struct spin_retrain_options *o)
     if (o->method == SPIN_METHOD_EXPLICIT && o->refine < 1)
         return spin_fail(SPIN_E_USAGE, "the explicit method needs iterations for every frame: say "
                                        "how many with --refine");
+    if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
+        return spin_fail(SPIN_E_USAGE,
+                         "the method 'tracks' is what frames share: it needs --tracks auto");
+    if (o->method == SPIN_METHOD_TRACKS && o->refine > 0)
+        return spin_fail(SPIN_E_USAGE, "refined frames share nothing: --method tracks goes without "
+                                       "--refine");
     return SPIN_OK;
 }
 
@@ -89,7 +95,7 @@ bool spin_plan_has_source(const struct spin_plan *plan)
 
 bool spin_plan_has_residual(const struct spin_plan *plan)
 {
-    return plan->o->residual != SPIN_RESIDUAL_OFF;
+    return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
 int spin_plan_camera(const struct spin_plan *plan, int id)
@@ -193,14 +199,29 @@ size_t spin_plan_refine_bytes(const struct spin_plan *plan)
            n_views * spin_plan_image_bytes(plan);
 }
 
+/* As if nothing were shared: what tracks save is not known before the points were looked at. */
+static size_t trainer_bytes(const struct spin_plan *plan)
+{
+    bool residual = spin_plan_has_residual(plan);
+    size_t n = 0, most = plan->clip.n_max;
+    const struct spin_frame_size frame = {most, most, residual ? most : 0};
+    const struct spin_trainer_size size = {.n_frames = 1,
+                                           .frame = &frame,
+                                           .network = plan->o->method == SPIN_METHOD_NETWORK,
+                                           .max_pixels = plan->max_pixels};
+
+    for (int f = 0; f < plan->clip.n_frames; f++)
+        n += plan->counts[f];
+    return spin_trainer_bytes(&plan->field, &size) + (n - most) * spin_train_frame_bytes(residual);
+}
+
 /* Memory of the network's training. */
 static void network_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
 {
     const struct spin_retrain_options *o = plan->o;
     size_t image = 3 * plan->max_pixels * sizeof(float);
 
-    *of_device = spin_trainer_bytes(&plan->field, plan->clip.n_frames, plan->counts,
-                                    plan->max_pixels, spin_plan_has_residual(plan)) +
+    *of_device = trainer_bytes(plan) +
                  spin_field_eval_bytes(&plan->field, plan->clip.n_max, false) + /* evaluation */
                  (size_t)o->batch * image +
                  (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0);
@@ -292,7 +313,7 @@ static double guess_seconds(const struct spin_plan *plan)
     if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
         threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
-    if (o->method == SPIN_METHOD_NETWORK)
+    if (o->method != SPIN_METHOD_EXPLICIT)
         seconds += o->iterations * iteration;
     return seconds / (threads > 1 ? threads : 1);
 }
@@ -349,7 +370,8 @@ static spin_status plan_field(struct spin_plan *plan)
     if (finest[3] == 0)
         finest[3] = plan->clip.n_frames > 16 ? plan->clip.n_frames : 16;
     SPIN_TRY(spin_field_plan(&plan->field, o->levels, o->features, o->hash_log2, o->hidden,
-                             o->sh_degree, o->base_resolution, finest));
+                             o->method == SPIN_METHOD_TRACKS ? 0 : o->sh_degree, o->base_resolution,
+                             finest));
     plan->field.heads.relu = o->relu;
     plan->field.antialias = o->antialias;
     plan->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;

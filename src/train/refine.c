@@ -28,8 +28,9 @@ struct refine {
     struct spin_refine_cloud *cloud;
     struct spin_refine_stats stats;
     size_t max_pixels, max_tiles;
-    struct spin_frame_batch frames;    /* the one frame, for the device */
-    struct spin_train_frame frame;     /* parameters and moments; frame.n is the number of points */
+    struct spin_frame_batch frames; /* the one frame, for the device */
+    struct spin_train_frame
+        frame; /* parameters and moments; frame.size.n is the number of points */
     struct spin_field_eval field_eval; /* without a network */
     struct spin_raster raster;
     struct spin_exposures exposures;    /* a view's own */
@@ -170,7 +171,7 @@ static void release(struct refine *r)
 
     list_arrays(r, list, bytes);
     for (int i = 0; i < N_ARRAYS; i++) {
-        d->op->release(d, *list[i], r->frame.capacity * bytes[i]);
+        d->op->release(d, *list[i], r->frame.capacity.n * bytes[i]);
         *list[i] = NULL;
     }
     spin_field_eval_close(&r->field_eval, NULL);
@@ -186,9 +187,10 @@ static spin_status reserve(struct refine *r, size_t n)
     int64_t steps = r->frame.steps;
     void SPIN_DEV **list[N_ARRAYS];
 
-    if (n > r->frame.capacity) {
+    if (n > r->frame.capacity.n) {
         release(r);
-        SPIN_TRY(spin_train_frame_open(&r->frame, d, capacity, true));
+        SPIN_TRY(spin_train_frame_open(
+            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity}, false));
         r->frame.steps = steps;
         SPIN_TRY(spin_field_eval_open(&r->field_eval, d, NULL, capacity, true));
         SPIN_TRY(spin_raster_open(&r->raster, d, capacity, r->max_pixels, r->max_tiles, 1, true));
@@ -196,7 +198,7 @@ static spin_status reserve(struct refine *r, size_t n)
         for (int i = 0; i < N_ARRAYS; i++)
             SPIN_TRY(d->op->reserve(d, capacity * bytes[i], list[i]));
     }
-    r->frame.n = n;
+    r->frame.size = (struct spin_frame_size){n, n, n};
     return SPIN_OK;
 }
 
@@ -228,6 +230,8 @@ static spin_status send_cloud(struct refine *r)
     r->frames = spin_one_frame(n, r->frame.pos, 0, r->frame.residual);
     r->frames.frame[0].d_means = r->d_pos;
     r->frames.frame[0].d_residual = r->d_residual;
+    r->frames.frame[0].gradient = r->gradient;
+    r->frames.frame[0].seen = r->seen;
     d->op->zero(d, r->d_pos, n * 3 * sizeof(float));
     d->op->zero(d, r->gradient, n * sizeof(float));
     d->op->zero(d, r->seen, n * sizeof(uint32_t));
@@ -236,7 +240,7 @@ static spin_status send_cloud(struct refine *r)
 
 static spin_status fetch_cloud(struct refine *r)
 {
-    if (r->frame.n == 0)
+    if (r->frame.size.n == 0)
         return SPIN_OK;
     for (int which = SPIN_TRAIN_VALUES; which <= SPIN_TRAIN_MOMENT_2; which++)
         SPIN_TRY(carry(r, which, false));
@@ -277,7 +281,7 @@ static spin_status check_device(struct refine *r, int iteration)
 static spin_status fetch_statistics(struct refine *r)
 {
     struct spin_device *d = r->device;
-    size_t n = r->frame.n;
+    size_t n = r->frame.size.n;
     void *block = NULL;
     float *gradient;
     uint32_t *seen;
@@ -334,7 +338,7 @@ static spin_status draw(struct refine *r, int view, bool statistics)
     struct spin_device *d = r->device;
     struct spin_field_eval *e = &r->field_eval;
     struct spin_view_batch views = spin_raster_batch(&r->raster, o->background);
-    struct spin_view_of_batch *v = spin_raster_add_view(&r->raster, &views, 0, r->frame.n,
+    struct spin_view_of_batch *v = spin_raster_add_view(&r->raster, &views, 0, r->frame.size.n,
                                                         &r->views[view].camera, o->antialias);
 
     v->weight = 1;
@@ -344,11 +348,10 @@ static spin_status draw(struct refine *r, int view, bool statistics)
     SPIN_TRY(spin_raster_forward(&r->raster, &views, &r->frames, e->attr, 0));
     spin_image_loss(&r->exposures, &r->raster, &views, r->images, (float)o->lambda_dssim,
                     r->values);
-    d->op->zero(d, e->d_attr, r->frame.n * SPIN_ATTR * sizeof(float));
+    d->op->zero(d, e->d_attr, r->frame.size.n * SPIN_ATTR * sizeof(float));
     spin_raster_backward(&r->raster, &views, &r->frames, e->attr, 0, e->d_attr);
     if (statistics)
-        d->op->densify_stats(d, &views, &r->frames, r->raster.splat2d, r->raster.d_splat2d,
-                             r->gradient, r->seen);
+        d->op->densify_stats(d, &views, &r->frames, r->raster.splat2d, r->raster.d_splat2d);
     return SPIN_OK;
 }
 
@@ -357,7 +360,7 @@ static void step(struct refine *r, int iteration)
     const struct spin_refine_options *o = r->o;
     struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS];
     struct spin_frame_of_batch *frame = &r->frames.frame[0];
-    double extent = o->densify.extent, n = (double)r->frame.n;
+    double extent = o->densify.extent, n = (double)r->frame.size.n;
     double lr_pos =
         spin_lr_exp(o->lr_position * extent, o->lr_position_end * extent, iteration, o->iterations);
     const double lr[SPIN_HEADS] = {[SPIN_HEAD_SCALE] = o->lr_scale,
@@ -404,7 +407,7 @@ static spin_status densify(struct refine *r, struct spin_refine_step *now)
 
 static spin_status iterate(struct refine *r, const int *order, int iteration)
 {
-    struct spin_refine_step now = {.iteration = iteration, .n = r->frame.n};
+    struct spin_refine_step now = {.iteration = iteration, .n = r->frame.size.n};
     double values[SPIN_LOSS_VALUES];
 
     if (spin_cancelled())
@@ -416,7 +419,7 @@ static spin_status iterate(struct refine *r, const int *order, int iteration)
         SPIN_TRY(densify(r, &now));
     else
         step(r, iteration);
-    if (iteration % CHECK_EVERY == 0 && r->frame.n > 0)
+    if (iteration % CHECK_EVERY == 0 && r->frame.size.n > 0)
         SPIN_TRY(check_device(r, iteration));
     step_exposures(r, iteration);
     SPIN_TRY(r->device->op->download(r->device, values, r->values, sizeof values));
@@ -466,7 +469,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
     SPIN_TRY_OUT(device->op->reserve(device, SPIN_LOSS_VALUES * sizeof *r.values,
                                      (void SPIN_DEV **)&r.values));
     SPIN_TRY_OUT(send_cloud(&r));
-    for (int i = 1; i <= o->iterations && r.frame.n > 0; i++)
+    for (int i = 1; i <= o->iterations && r.frame.size.n > 0; i++)
         SPIN_TRY_OUT(iterate(&r, order, i));
     SPIN_TRY_OUT(fetch_cloud(&r));
     SPIN_TRY_OUT(check_finite(&r, r.stats.iterations));

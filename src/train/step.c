@@ -8,6 +8,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "math/adam.h"
+#include "model/residual.h"
 #include "train/lazy_adam.h"
 
 static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
@@ -15,18 +16,37 @@ static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV 
     return d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
 
-size_t spin_trainer_bytes(const struct spin_field *field, int n_frames, const size_t *counts,
-                          size_t max_pixels, bool residual)
+static size_t most_splats(const struct spin_trainer_size *size)
 {
-    size_t points = 0, n_max = 0, splat = spin_train_frame_bytes(residual);
+    size_t most = 0;
 
-    for (int f = 0; f < n_frames; f++) {
-        points += counts[f];
-        n_max = counts[f] > n_max ? counts[f] : n_max;
-    }
-    return 4 * (field->n_table + field->n_heads) * sizeof(float) + splat * points +
-           splat / 3 * n_max + spin_field_eval_bytes(field, n_max, true) +
-           spin_raster_bytes(n_max, max_pixels, true);
+    for (int f = 0; f < size->n_frames; f++)
+        most = size->frame[f].n > most ? size->frame[f].n : most;
+    return most;
+}
+
+/* Splats have values besides the network's. */
+static bool has_residual(const struct spin_trainer_size *size)
+{
+    size_t sum = size->n_tracks;
+
+    for (int f = 0; f < size->n_frames; f++)
+        sum += size->frame[f].n_residual;
+    return sum > 0;
+}
+
+size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size)
+{
+    size_t n = most_splats(size), floats = 4 * SPIN_TRACK * size->n_tracks;
+
+    for (int f = 0; f < size->n_frames; f++)
+        floats += 3 * (3 * size->frame[f].n_pos + SPIN_RESIDUAL * size->frame[f].n_residual) +
+                  (size->n_tracks > 0 ? size->frame[f].n : 0);
+    floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->n_tracks > 0 ? 2 : 1);
+    if (size->network)
+        floats += 4 * (field->n_table + field->n_heads);
+    return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
+           spin_raster_bytes(n, size->max_pixels, true);
 }
 
 /* Splats of the frames that go through the device together, at most. */
@@ -50,10 +70,40 @@ static spin_status open_values(struct spin_trainer *t, int max_items)
                                   (void SPIN_DEV **)&t->values);
 }
 
+static void close_buffers(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    size_t n = splats_at_once(t);
+
+    d->op->release(d, t->d_pos, n * 3 * sizeof(float));
+    d->op->release(d, t->d_residual, n * SPIN_RESIDUAL * sizeof(float));
+    d->op->release(d, t->means, n * 3 * sizeof(float));
+    d->op->release(d, t->residual, n * SPIN_RESIDUAL * sizeof(float));
+    t->d_pos = t->d_residual = t->means = t->residual = NULL;
+    spin_field_eval_close(&t->field_eval, t->network);
+    spin_raster_close(&t->raster);
+}
+
+/* Buffers of the splats that go through the device together. */
+static spin_status open_buffers(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    size_t n = splats_at_once(t);
+
+    SPIN_TRY(reserve(d, n * 3, &t->d_pos));
+    if (t->residuals)
+        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->d_residual));
+    if (t->n_tracks > 0) {
+        SPIN_TRY(reserve(d, n * 3, &t->means));
+        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
+    }
+    SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
+    return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles, d->views_at_once,
+                            true);
+}
+
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
-                              const struct spin_field *field, int n_frames, const size_t *counts,
-                              int max_items, size_t max_pixels, size_t max_tiles, int n_exposures,
-                              bool residual)
+                              const struct spin_field *field, const struct spin_trainer_size *size)
 {
     spin_status status;
     void *block = NULL;
@@ -61,30 +111,45 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     memset(t, 0, sizeof *t);
     t->device = device;
     t->field = *field;
-    t->max_pixels = max_pixels;
-    t->max_tiles = max_tiles;
-    SPIN_TRY_OUT(spin_alloc((size_t)n_frames, sizeof *t->frame, &block));
+    t->network = size->network ? &t->field : NULL;
+    t->max_pixels = size->max_pixels;
+    t->max_tiles = size->max_tiles;
+    t->n_tracks = size->n_tracks;
+    t->n_static = size->n_static;
+    t->residuals = has_residual(size);
+    t->n_max = most_splats(size);
+    SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));
     t->frame = block;
-    t->n_frames = n_frames;
-    SPIN_TRY_OUT(open_values(t, max_items));
-    SPIN_TRY_OUT(spin_param_open(&t->table, device, field->n_table, spin_lazy_pad(field)));
-    SPIN_TRY_OUT(spin_param_open(&t->heads, device, field->n_heads, 0));
-    SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, n_exposures,
-                                     max_pixels * (size_t)device->views_at_once));
-    for (int f = 0; f < n_frames; f++) {
-        t->n_max = counts[f] > t->n_max ? counts[f] : t->n_max;
-        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, counts[f], residual));
-    }
-    SPIN_TRY_OUT(reserve(device, splats_at_once(t) * 3, &t->d_pos));
-    if (residual)
-        SPIN_TRY_OUT(reserve(device, splats_at_once(t) * SPIN_RESIDUAL, &t->d_residual));
-    SPIN_TRY_OUT(spin_field_eval_open(&t->field_eval, device, field, splats_at_once(t), true));
-    SPIN_TRY_OUT(spin_raster_open(&t->raster, device, t->n_max, max_pixels, max_tiles,
-                                  device->views_at_once, true));
+    t->n_frames = size->n_frames;
+    SPIN_TRY_OUT(open_values(t, size->max_items));
+    SPIN_TRY_OUT(
+        spin_param_open(&t->table, device, t->network ? field->n_table : 0, spin_lazy_pad(field)));
+    SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
+    SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
+    SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_exposures,
+                                     t->max_pixels * (size_t)device->views_at_once));
+    for (int f = 0; f < t->n_frames; f++)
+        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0));
+    SPIN_TRY_OUT(open_buffers(t));
     return SPIN_OK;
 out:
     spin_trainer_close(t);
     return status;
+}
+
+spin_status spin_trainer_resize(struct spin_trainer *t)
+{
+    size_t n = 0;
+
+    for (int f = 0; f < t->n_frames; f++)
+        n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
+    if (n <= t->n_max)
+        return SPIN_OK;
+    close_buffers(t);
+    t->n_max = n + n / 4;
+    SPIN_TRY(open_buffers(t));
+    t->field_eval.lazy = t->lazy;
+    return SPIN_OK;
 }
 
 spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t)
@@ -105,16 +170,14 @@ void spin_trainer_close(struct spin_trainer *t)
         return;
     if (t->lazy)
         d->op->lazy_adam_close(d, t->lazy);
-    d->op->release(d, t->d_pos, splats_at_once(t) * 3 * sizeof(float));
-    d->op->release(d, t->d_residual, splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
+    close_buffers(t);
     d->op->release(d, t->values, (size_t)t->max_items * SPIN_LOSS_VALUES * sizeof *t->values);
     spin_param_close(&t->table, d);
     spin_param_close(&t->heads, d);
+    spin_param_close(&t->tracks, d);
     spin_exposures_close(&t->exposures, d);
     for (int f = 0; f < t->n_frames; f++)
         spin_train_frame_close(&t->frame[f], d);
-    spin_field_eval_close(&t->field_eval, &t->field);
-    spin_raster_close(&t->raster);
     free(t->frame);
     free(t->host_values);
     free(t->drawn);
@@ -128,10 +191,35 @@ static double rate_at(const struct spin_trainer *t, double lr0, int64_t iteratio
     return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
 }
 
+/* The network's steps: those after it joined. */
+static int64_t network_steps(const struct spin_trainer *t)
+{
+    return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
+}
+
+static double network_rate_at(const struct spin_trainer *t, double lr0, int64_t step)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    return spin_lr(lr0, r->end, step, r->warmup, r->iterations - r->network_from);
+}
+
+static bool network_works(const struct spin_trainer *t)
+{
+    return t->network && network_steps(t) > 0;
+}
+
+const struct spin_field *spin_trainer_network(const struct spin_trainer *t)
+{
+    return network_works(t) ? t->network : NULL;
+}
+
 int spin_trainer_sh_degree(const struct spin_trainer *t)
 {
     int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
 
+    if (!network_works(t) && (t->n_tracks > 0 || !t->network))
+        return 0;
     if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= t->field.sh_degree)
         return t->field.sh_degree;
     return (int)(begun / t->sh_increase_every);
@@ -144,14 +232,14 @@ static void catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)
         t->device->op->lazy_adam_advance(t->device, t->lazy,
-                                         rate_at(t, t->rates.table, t->lazy->done + 1));
+                                         network_rate_at(t, t->rates.table, t->lazy->done + 1));
 }
 
 float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t)
 {
     if (!t->lazy)
         return t->table.p;
-    catch_up(t, t->iteration);
+    catch_up(t, network_steps(t));
     t->device->op->lazy_adam_flush(t->device, t->lazy, t->table.g);
     return t->table.g;
 }
@@ -183,6 +271,9 @@ static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
     t->seen |= t->raster.tiles.n_intersections > 0;
     spin_image_loss(&t->exposures, &t->raster, views, b->images, t->lambda_dssim, t->values);
     spin_raster_backward(&t->raster, views, frames, eval->attr, sh_degree, eval->d_attr);
+    if (t->gather)
+        t->device->op->densify_stats(t->device, views, frames, t->raster.splat2d,
+                                     t->raster.d_splat2d);
     views->n_views = 0;
     return SPIN_OK;
 }
@@ -229,7 +320,7 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
                         const struct spin_frame_batch *frames)
 {
     struct spin_param_group group[SPIN_MAX_FRAMES * SPIN_TRAIN_FRAME_GROUPS];
-    double lr_pos = t->field_eval.still ? 0 : rate_at(t, t->rates.position, t->iteration);
+    double lr_pos = t->rates.position == 0 ? 0 : rate_at(t, t->rates.position, t->iteration);
     double lr[SPIN_HEADS];
     int n_groups = 0;
 
@@ -250,31 +341,73 @@ static void add_frame(const struct spin_trainer *t, const struct spin_train_fram
 
     *to = (struct spin_frame_of_batch){
         .first = frames->n,
-        .n = frame->n,
+        .n = frame->size.n,
         .t = spin_field_time(&t->field, frame->time),
         .means = frame->pos,
         .d_means = t->d_pos + 3 * frames->n,
         .residual = frame->residual,
         .d_residual = residual ? t->d_residual + SPIN_RESIDUAL * frames->n : NULL,
     };
-    frames->n += frame->n;
+    if (t->n_tracks > 0) {
+        to->track = frame->track;
+        to->own_means = frame->pos;
+        to->n_own_means = frame->size.n_pos;
+        to->own_residual = frame->residual;
+        to->n_own_residual = frame->size.n_residual;
+        to->means = t->means + 3 * frames->n;
+        to->residual = t->residual + SPIN_RESIDUAL * frames->n;
+        to->d_residual = t->d_residual + SPIN_RESIDUAL * frames->n;
+        to->gradient = frame->gradient;
+        to->seen = frame->seen;
+    }
+    frames->n += frame->size.n;
+}
+
+static struct spin_tracks_f32 tracks_of(const struct spin_trainer *t)
+{
+    return (struct spin_tracks_f32){t->n_tracks, t->tracks.p, t->tracks.g};
+}
+
+/* What the frames' splats have from their tracks. */
+static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *frames)
+{
+    struct spin_tracks_f32 tracks = tracks_of(t);
+
+    if (t->n_tracks > 0)
+        t->device->op->tracks(t->device, frames, &tracks, t->means, t->residual);
+}
+
+struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
+{
+    struct spin_frame_batch frames = {0};
+
+    add_frame(t, &t->frame[frame], &frames);
+    add_tracks(t, &frames);
+    return frames;
 }
 
 /* The frames of these items, whose views may stand anywhere in the batch. */
 static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
 {
     struct spin_device *d = t->device;
+    const struct spin_field *network = spin_trainer_network(t);
+    struct spin_tracks_f32 tracks = tracks_of(t);
     struct spin_frame_batch frames = {0};
 
     for (int i = 0; i < n; i++)
         add_frame(t, &t->frame[b->items[first[i]].frame], &frames);
-    t->field_eval.still = t->rates.position == 0;
-    spin_field_forward(&t->field_eval, &t->field, t->table.p, t->heads.p, &frames);
+    add_tracks(t, &frames);
+    t->field_eval.still = t->rates.position == 0 && t->rates.displacement == 0;
+    spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
+    if (t->n_tracks > 0)
+        d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
     SPIN_TRY(draw_frames(t, b, first, &frames));
-    spin_field_backward(&t->field_eval, &t->field, t->table.p, t->heads.p, &frames, t->table.g,
+    spin_field_backward(&t->field_eval, network, t->table.p, t->heads.p, &frames, t->table.g,
                         t->heads.g);
+    if (t->n_tracks > 0)
+        d->op->tracks_back(d, &frames, &tracks);
     step_frames(t, b, first, &frames);
     return SPIN_OK;
 }
@@ -295,7 +428,7 @@ static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
     int at_once = t->device->frames_at_once, first[SPIN_MAX_FRAMES], n = 0;
 
     for (int i = 0; i < b->n; i++) {
-        if (seen_before(b->items, i) || t->frame[b->items[i].frame].n == 0)
+        if (seen_before(b->items, i) || t->frame[b->items[i].frame].size.n == 0)
             continue;
         first[n++] = i;
         if (n == at_once || n == SPIN_MAX_FRAMES) {
@@ -306,22 +439,62 @@ static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
     return n > 0 ? do_frames(t, b, first, n) : SPIN_OK;
 }
 
-/* Adam for what all frames share. */
-static void step_shared(struct spin_trainer *t)
+/* The network's groups; the table may take its step at once. */
+static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
     struct spin_device *d = t->device;
-    struct spin_param_group group[SPIN_HEADS + 2];
-    double lr = rate_at(t, t->rates.table, t->iteration);
+    int64_t step = network_steps(t);
+    double lr = network_rate_at(t, t->rates.table, step);
     int n = 0;
 
     if (t->lazy)
         d->op->lazy_adam_step(d, t->lazy, lr);
     else
-        group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, t->iteration);
+        group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, step);
     for (int k = 0; k < SPIN_HEADS; k++)
         group[n++] = spin_param_group(&t->heads, offset[k], offset[k + 1],
-                                      rate_at(t, t->rates.head[k], t->iteration), t->iteration);
+                                      network_rate_at(t, t->rates.head[k], step), step);
+    return n;
+}
+
+/* Values first..end of the tracks, or with rate 0 none: they stay as they are. */
+static int step_part(const struct spin_trainer *t, size_t first, size_t end, double rate,
+                     struct spin_param_group *group)
+{
+    if (rate > 0)
+        *group =
+            spin_param_group(&t->tracks, first, end, rate_at(t, rate, t->iteration), t->iteration);
+    else
+        t->device->op->zero(t->device, t->tracks.g + first, (end - first) * sizeof(float));
+    return rate > 0;
+}
+
+static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
+{
+    size_t first = 3 * t->n_tracks;
+    int n = step_part(t, 0, first, t->rates.displacement, group);
+
+    for (int k = 0; k < SPIN_HEADS; k++) {
+        size_t end = first + spin_residual_width[k] * t->n_tracks;
+
+        n += step_part(t, first, end, t->rates.track[k], group + n);
+        first = end;
+    }
+    return n;
+}
+
+/* Adam for what all frames share. */
+static void step_shared(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    struct spin_param_group group[2 * SPIN_HEADS + 3];
+    int n = 0;
+
+    if (network_works(t))
+        n += step_network(t, group + n);
+    if (t->n_tracks > 0)
+        n += step_tracks(t, group + n);
     if (t->exposures.param.n)
         group[n++] = spin_param_group(&t->exposures.param, 0, t->exposures.param.n,
                                       rate_at(t, t->rates.exposure, t->iteration), t->iteration);
@@ -357,7 +530,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
     values->loss = values->l1 = values->ssim = 0;
     t->seen = false;
     t->n_drawn = 0;
-    catch_up(t, t->iteration);
+    catch_up(t, network_steps(t));
     t->iteration++;
     SPIN_TRY(do_groups(t, &b));
     step_shared(t);

@@ -11,16 +11,34 @@
 struct spin_train_rates {
     double table, head[SPIN_HEADS], position, exposure, end;
     double residual[SPIN_HEADS]; /* 0: residual values stay as they are */
+    double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
+    int64_t network_from; /* the network joins after this many iterations: its rates begin then */
+};
+
+/* What there is memory for. */
+struct spin_trainer_size {
+    int n_frames;
+    const struct spin_frame_size *frame; /* [n_frames] */
+    size_t n_tracks, n_static;
+    bool network;
+    int max_items; /* pictures of a batch */
+    size_t max_pixels, max_tiles;
+    int n_exposures; /* cameras whose exposure is learned */
 };
 
 struct spin_trainer {
     struct spin_device *device;
     struct spin_field field;
-    struct spin_param table, heads;
+    const struct spin_field *network; /* the same, or NULL: there is none */
+    struct spin_param table, heads;   /* empty without a network */
+    struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
+    size_t n_tracks, n_static; /* the first n_static never move: their frames have no place */
+    bool gather;               /* what densification goes by */
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
+    bool residuals; /* splats have values besides the network's */
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
     struct spin_lazy_adam *lazy; /* of the table, when that pays; else NULL */
@@ -30,12 +48,13 @@ struct spin_trainer {
     int64_t iteration;     /* steps done */
     struct spin_field_eval field_eval;
     struct spin_raster raster;
-    float SPIN_DEV *d_pos;      /* [frames at once][n_max][3] */
-    float SPIN_DEV *d_residual; /* [frames at once][SPIN_RESIDUAL n_max], when splats have
+    float SPIN_DEV *d_pos;            /* [frames at once][n_max][3] */
+    float SPIN_DEV *d_residual;       /* [frames at once][SPIN_RESIDUAL n_max], when splats have
                               residual values */
-    double SPIN_DEV *values;    /* [max_items][SPIN_LOSS_VALUES] of a step */
-    double *host_values;        /* the same */
-    int *drawn;                 /* [max_items] the item of each row of values */
+    float SPIN_DEV *means, *residual; /* the same: of splats with what their tracks add */
+    double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of a step */
+    double *host_values;              /* the same */
+    int *drawn;                       /* [max_items] the item of each row of values */
     int max_items, n_drawn;
     bool seen; /* some view of the step shows a splat */
 };
@@ -54,20 +73,22 @@ struct spin_train_values {
     double *each;          /* [n] losses, when not NULL */
 };
 
-/* Reserve everything for frames of counts[f] splats, batches of max_items pictures of up to max_pixels, the
- * exposures of n_exposures cameras (0: none are learned), and residual values if so. The caller then fills
- * parameters, positions, residual values, times and rates through the device. */
+/* Reserve everything. The caller then fills parameters, positions, residual values, tracks, times and rates
+ * through the device. */
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
-                              const struct spin_field *field, int n_frames, const size_t *counts,
-                              int max_items, size_t max_pixels, size_t max_tiles, int n_exposures,
-                              bool residual);
+                              const struct spin_field *field, const struct spin_trainer_size *size);
+/* The number of splats has changed (densify_tracks.c): make the buffers fit. */
+spin_status spin_trainer_resize(struct spin_trainer *t);
 /* Update only the lines of the table that a step needs. Before the first step; rates are set. */
 spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t);
 void spin_trainer_close(struct spin_trainer *t);
 /* Bytes that open will reserve on a device that takes one frame and one view at a time, and about as much as
  * its scratch comes to. */
-size_t spin_trainer_bytes(const struct spin_field *field, int n_frames, const size_t *counts,
-                          size_t max_pixels, bool residual);
+size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size);
+
+/* The frame's splats as they are drawn: their own values with those of their tracks. Good until the next call,
+ * or the next step. */
+struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame);
 
 /* One iteration: the mean loss of the n items (at most max_items), its gradient, one Adam step. Items of one
  * frame share one pass through the network. The host reads back the losses, once, at the end, and the number
@@ -76,6 +97,9 @@ size_t spin_trainer_bytes(const struct spin_field *field, int n_frames, const si
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *images,
                               const struct spin_train_item *items, int n,
                               struct spin_train_values *values);
+
+/* The network, or NULL: there is none, or it has not joined yet. */
+const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
 
 /* The degree of SH that the step under way draws with: the colours of a still scene first, what
  * depends on the direction later. Above it there must be zeros, spin_field_clear_sh(). */

@@ -91,8 +91,7 @@ spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_truth *t
     if (with_source)
         SPIN_TRY(
             spin_frame_renderer_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
-    SPIN_TRY_OUT(spin_frame_renderer_show_live(shown, middle, plan->counts[middle],
-                                               spin_plan_info(plan, middle)->time));
+    SPIN_TRY_OUT(spin_frame_renderer_show_live(shown, middle, plan->counts[middle]));
     for (size_t i = 0; i < plan->n_test; i++)
         if (plan->test[i].frame == middle)
             SPIN_TRY_OUT(preview_view(plan, truth, shown, with_source ? &source : NULL,

@@ -12,38 +12,48 @@ enum { N_ARRAYS = 6 };
 
 /* Positions with their moments, then residual values with theirs. */
 static void list_arrays(struct spin_train_frame *f, float SPIN_DEV **list[N_ARRAYS],
-                        size_t width[N_ARRAYS])
+                        size_t bytes[N_ARRAYS])
 {
     float SPIN_DEV **all[N_ARRAYS] = {&f->pos,      &f->m,          &f->v,
                                       &f->residual, &f->residual_m, &f->residual_v};
 
     memcpy(list, all, sizeof all);
     for (int i = 0; i < N_ARRAYS; i++)
-        width[i] = i < 3 ? 3 : SPIN_RESIDUAL;
+        bytes[i] = i < 3 ? f->capacity.n_pos * 3 * sizeof(float)
+                         : f->capacity.n_residual * SPIN_RESIDUAL * sizeof(float);
 }
 
-spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d, size_t n,
-                                  bool residual)
+spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
+                                  struct spin_frame_size size, bool tracked)
 {
     float SPIN_DEV **list[N_ARRAYS];
-    size_t width[N_ARRAYS];
+    size_t bytes[N_ARRAYS];
 
     memset(frame, 0, sizeof *frame);
-    frame->n = frame->capacity = n;
-    list_arrays(frame, list, width);
-    for (int i = 0; i < (residual ? N_ARRAYS : 3); i++)
-        SPIN_TRY(d->op->reserve(d, n * width[i] * sizeof(float), (void SPIN_DEV **)list[i]));
-    return SPIN_OK;
+    frame->size = frame->capacity = size;
+    list_arrays(frame, list, bytes);
+    for (int i = 0; i < N_ARRAYS; i++)
+        if (bytes[i] > 0)
+            SPIN_TRY(d->op->reserve(d, bytes[i], (void SPIN_DEV **)list[i]));
+    if (!tracked)
+        return SPIN_OK;
+    SPIN_TRY(d->op->reserve(d, size.n * sizeof *frame->track, (void SPIN_DEV **)&frame->track));
+    SPIN_TRY(
+        d->op->reserve(d, size.n * sizeof *frame->gradient, (void SPIN_DEV **)&frame->gradient));
+    return d->op->reserve(d, size.n * sizeof *frame->seen, (void SPIN_DEV **)&frame->seen);
 }
 
 void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d)
 {
     float SPIN_DEV **list[N_ARRAYS];
-    size_t width[N_ARRAYS];
+    size_t bytes[N_ARRAYS];
 
-    list_arrays(frame, list, width);
+    list_arrays(frame, list, bytes);
     for (int i = 0; i < N_ARRAYS; i++)
-        d->op->release(d, *list[i], frame->capacity * width[i] * sizeof(float));
+        d->op->release(d, *list[i], bytes[i]);
+    d->op->release(d, frame->track, frame->capacity.n * sizeof *frame->track);
+    d->op->release(d, frame->gradient, frame->capacity.n * sizeof *frame->gradient);
+    d->op->release(d, frame->seen, frame->capacity.n * sizeof *frame->seen);
     memset(frame, 0, sizeof *frame);
 }
 
@@ -68,19 +78,19 @@ spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_
                                     enum spin_train_array which, struct spin_rows pos,
                                     struct spin_rows residual, const uint32_t *row_of)
 {
-    size_t n = frame->n;
+    size_t n = frame->size.n_pos, n_residual = frame->size.n_residual;
     void *block = NULL;
     float *host;
 
-    SPIN_TRY(spin_alloc(SPIN_RESIDUAL * n + 1, sizeof(float), &block));
+    SPIN_TRY(spin_alloc(SPIN_RESIDUAL * frame->size.n + 1, sizeof(float), &block));
     host = block;
     for (size_t i = 0; pos.at && i < n; i++)
         memcpy(host + 3 * i, pos.at + (row_of ? row_of[i] : i) * pos.stride, 3 * sizeof *host);
     if (pos.at)
         d->op->upload(d, positions(frame, which), host, 3 * n * sizeof *host);
     if (residual.at) {
-        spin_residual_from_rows(n, residual.at, residual.stride, row_of, host);
-        d->op->upload(d, residuals(frame, which), host, SPIN_RESIDUAL * n * sizeof *host);
+        spin_residual_from_rows(n_residual, residual.at, residual.stride, row_of, host);
+        d->op->upload(d, residuals(frame, which), host, SPIN_RESIDUAL * n_residual * sizeof *host);
     }
     free(block);
     return SPIN_OK;
@@ -90,21 +100,21 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
                                       enum spin_train_array which, struct spin_rows pos,
                                       struct spin_rows residual, const uint32_t *row_of)
 {
-    size_t n = frame->n;
+    size_t n = frame->size.n_pos, n_residual = frame->size.n_residual;
     void *block = NULL;
     float *host;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(SPIN_RESIDUAL * n + 1, sizeof(float), &block));
+    SPIN_TRY_OUT(spin_alloc(SPIN_RESIDUAL * frame->size.n + 1, sizeof(float), &block));
     host = block;
     if (pos.at)
         SPIN_TRY_OUT(d->op->download(d, host, positions(frame, which), 3 * n * sizeof *host));
     for (size_t i = 0; pos.at && i < n; i++)
         memcpy(pos.at + (row_of ? row_of[i] : i) * pos.stride, host + 3 * i, 3 * sizeof *host);
     if (residual.at) {
-        SPIN_TRY_OUT(
-            d->op->download(d, host, residuals(frame, which), SPIN_RESIDUAL * n * sizeof *host));
-        spin_residual_to_rows(n, host, row_of, residual.at, residual.stride);
+        SPIN_TRY_OUT(d->op->download(d, host, residuals(frame, which),
+                                     SPIN_RESIDUAL * n_residual * sizeof *host));
+        spin_residual_to_rows(n_residual, host, row_of, residual.at, residual.stride);
     }
 out:
     free(block);
@@ -116,24 +126,28 @@ int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,
                           float SPIN_DEV *d_residual,
                           struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS])
 {
-    size_t n = frame->n;
+    const struct spin_frame_size *size = &frame->size;
     int n_groups = 0;
 
     frame->steps++;
-    for (size_t k = 0, at = 0; d_residual && k < SPIN_HEADS; at += spin_residual_width[k++] * n)
-        group[n_groups++] = (struct spin_param_group){.p = frame->residual + at,
-                                                      .g = d_residual + at,
-                                                      .m = frame->residual_m + at,
-                                                      .v = frame->residual_v + at,
-                                                      .n = spin_residual_width[k] * n,
-                                                      .lr = lr_residual[k],
-                                                      .step = frame->steps};
+    for (size_t k = 0, sum = 0; d_residual && k < SPIN_HEADS; sum += spin_residual_width[k++]) {
+        size_t at = sum * size->n_residual;
+
+        group[n_groups++] =
+            (struct spin_param_group){.p = frame->residual + at,
+                                      .g = d_residual + sum * size->n,
+                                      .m = frame->residual_m + at,
+                                      .v = frame->residual_v + at,
+                                      .n = spin_residual_width[k] * size->n_residual,
+                                      .lr = lr_residual[k],
+                                      .step = frame->steps};
+    }
     if (lr_pos > 0)
         group[n_groups++] = (struct spin_param_group){.p = frame->pos,
                                                       .g = d_pos,
                                                       .m = frame->m,
                                                       .v = frame->v,
-                                                      .n = 3 * n,
+                                                      .n = 3 * size->n_pos,
                                                       .lr = lr_pos,
                                                       .step = frame->steps};
     return n_groups;

@@ -9,19 +9,27 @@
 /* Parameters and Adam's moments. While the frame is not in a batch its moments and its step counter stay
  * as they are (docs/method.md section 6). */
 struct spin_train_frame {
-    size_t n, capacity;          /* splats; those there is memory for */
+    struct spin_frame_size {
+        size_t n;                /* splats; what follows counts from the first of them */
+        size_t n_pos;            /* with a position of their own */
+        size_t n_residual;       /* with residual values of their own */
+    } size, capacity;            /* in use; that there is memory for */
     double time;                 /* in the source's unit */
-    float SPIN_DEV *pos, *m, *v; /* [n][3] */
+    float SPIN_DEV *pos, *m, *v; /* [n_pos][3] */
     float SPIN_DEV *residual, *residual_m,
-        *residual_v; /* [SPIN_RESIDUAL n] in groups (device.h), or NULL */
+        *residual_v; /* [SPIN_RESIDUAL n_residual] in groups (device.h), or NULL */
+    /* With tracks; else NULL. */
+    uint32_t SPIN_DEV *track; /* [n] the track of a splat, or SPIN_NO_TRACK */
+    float SPIN_DEV *gradient; /* [n] what densification goes by, see densify_stats() */
+    uint32_t SPIN_DEV *seen;  /* [n] */
     int64_t steps;
 };
 
-/* All zero. After a failure close as well. */
-spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d, size_t n,
-                                  bool residual);
+/* All zero; tracked: also what only frames with tracks have. After a failure close as well. */
+spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
+                                  struct spin_frame_size size, bool tracked);
 void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d);
-/* Bytes that open reserves for a splat. */
+/* Bytes that open reserves for a splat that has everything of its own. */
 size_t spin_train_frame_bytes(bool residual);
 
 /* Host memory with a row for every splat, `stride` floats apart. at NULL: not wanted. */
@@ -31,8 +39,8 @@ struct spin_rows {
 };
 enum spin_train_array { SPIN_TRAIN_VALUES, SPIN_TRAIN_MOMENT_1, SPIN_TRAIN_MOMENT_2 };
 
-/* Rows of 3 positions and of SPIN_RESIDUAL values to the device, and back. Splat i has row row_of[i]; NULL:
- * row i. */
+/* Rows of 3 positions and of SPIN_RESIDUAL values to the device, and back, for the splats that have them. Splat
+ * i has row row_of[i]; NULL: row i. */
 spin_status spin_train_frame_upload(struct spin_train_frame *frame, struct spin_device *d,
                                     enum spin_train_array which, struct spin_rows pos,
                                     struct spin_rows residual, const uint32_t *row_of);
@@ -40,8 +48,8 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
                                       enum spin_train_array which, struct spin_rows pos,
                                       struct spin_rows residual, const uint32_t *row_of);
 
-/* Begin a step of the frame's parameters with the gradients d_pos [n][3] and d_residual [SPIN_RESIDUAL n]:
- * the groups that the caller hands to the device's adam(). Returns how many. lr_pos 0: positions stay.
+/* Begin a step of the frame's own parameters with the gradients of all its splats, d_pos [n][3] and d_residual
+ * [SPIN_RESIDUAL n]: the groups that the caller hands to the device's adam(). Returns how many. lr_pos 0: positions stay.
  * d_residual NULL: residual values stay. */
 enum { SPIN_TRAIN_FRAME_GROUPS = SPIN_HEADS + 1 };
 int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,

@@ -141,11 +141,19 @@ static spin_status open_trainer(struct bench_scene *s, int log2_rows)
     static const int base[4] = {16, 16, 16, 8}, finest[4] = {2048, 2048, 2048, 128};
     struct spin_field field;
     struct spin_param_group table;
+    const struct spin_frame_size frame = {s->n, s->n, 0};
+    const struct spin_trainer_size size = {
+        .n_frames = 1,
+        .frame = &frame,
+        .network = true,
+        .max_items = 1,
+        .max_pixels = WIDTH * HEIGHT,
+        .max_tiles = (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y,
+    };
 
     SPIN_TRY(spin_field_plan(&field, 16, 4, log2_rows, 64, 3, base, finest));
     field.time_last = 1;
-    SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &field, 1, &s->n, 1, WIDTH * HEIGHT,
-                               (size_t)s->cam.tiles_x * (size_t)s->cam.tiles_y, 0, false));
+    SPIN_TRY(spin_trainer_open(&s->trainer, &s->device, &field, &size));
     s->trainer.frame[0].time = 0.37;
     s->trainer.lambda_dssim = 0.2f;
     set_rates(&s->trainer.rates);

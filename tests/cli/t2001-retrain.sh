@@ -234,6 +234,19 @@ plain=$small
 small="$small --residual points"
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped KILL 137
+# Tracks that are densified, with a network that joins late, and without one.
+for more in '--tracks auto --network-start 0.5' '--method tracks'; do
+    small="$plain $more --densify-every 15 --densify-threshold 1e-5"
+    run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
+    is "$code" 0 "retrains with $more"
+    stopped KILL 137
+    run "$bin/spin-eval" "$work/whole.spin" --json
+    after=$(member psnr)
+    run "$bin/spin-retrain" "$in" -o "$work/again.spin" $small --iterations $steps --force --json
+    learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+    awk -v a="$learned" -v b="$after" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
+    ok $? "$more: the bundle shows what was trained ($learned dB, $after)"
+done
 small=$plain
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped TERM 143

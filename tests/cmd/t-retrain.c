@@ -96,6 +96,8 @@ static void read_bundle(struct run *r, const char *path)
         return;
     if (!ok(spin_field_from_json(r->network, &r->field) == SPIN_OK, "its network is one"))
         exit(tap_done());
+    if (spin_json_get(r->network, "explicit"))
+        return;
     r->table = check_load_f32(&r->npz, "network/table", &info);
     r->n_table = (size_t)info.count;
     r->heads = check_load_f32(&r->npz, "network/heads", NULL);
@@ -940,6 +942,95 @@ static void test_refine(void)
     ok(grown.clones > 0 && kept.clones == 0, "--densify");
 }
 
+/* ---- Tracks -------------------------------------------------------------------------------------- */
+
+/* Largest difference of columns [first, end) of the tracks' rows, or with b NULL their largest size. */
+static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t end)
+{
+    size_t n, n_b;
+    float *of_a = array_of(a, "network/tracks", &n),
+          *of_b = b ? array_of(b, "network/tracks", &n_b) : NULL;
+    double most = 0;
+
+    for (size_t i = 0; i < n; i++)
+        if (i % 14 >= first && i % 14 < end)
+            most = fmax(most, fabs((double)of_a[i] - (of_b ? (double)of_b[i] : 0)));
+    free(of_a);
+    free(of_b);
+    return most;
+}
+
+static size_t length_of(struct run *r, const char *key)
+{
+    size_t n;
+
+    free(array_of(r, key, &n));
+    return n;
+}
+
+static double splats_of(const struct run *r) { return number_at(r->network, "splats", 0); }
+
+static void test_tracks(void)
+{
+    struct run *off = retrain(""), *all = retrain("--tracks auto --warmup 0"),
+               *only = retrain("--method tracks --warmup 0"),
+               *fixed = retrain("--method tracks --warmup 0 --lr-track 0 --lr-displacement 0"),
+               *values = retrain("--method tracks --warmup 0 --lr-displacement 0"),
+               *places = retrain("--method tracks --warmup 0 --lr-track 0"),
+               *shared = retrain("--method tracks --warmup 0 --dynamic-residual off"),
+               *grown =
+                   retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1e-9 "
+                           "--densify-until 1"),
+               *capped =
+                   retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1e-9 "
+                           "--densify-until 1 --max-points 1"),
+               *early =
+                   retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1e-9 "
+                           "--densify-until 0.4"),
+               *calm = retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1 "
+                               "--densify-until 1"),
+               *late = retrain("--tracks auto --warmup 0 --network-start 0.5"),
+               *never = retrain("--tracks auto --warmup 0 --network-start 1"),
+               *never_two = retrain("--tracks auto --warmup 0 --network-start 1 --iterations 2");
+    const spin_json *tracks = spin_json_get(all->network, "tracks");
+    double n = number(tracks, "n");
+
+    ok(!spin_json_get(off->network, "tracks") && !spin_npz_has(&off->npz, "network/tracks"),
+       "no tracks by default");
+    ok(n > 0 && n == splats_of(all) && length_of(all, "network/tracks") == 14 * (size_t)n,
+       "--tracks auto: rows of this run are the same Gaussians, a track each");
+    ok(length_of(all, "network/track/00000") == (size_t)n &&
+           !spin_npz_has(&all->npz, "network/track/00001"),
+       "whose numbers stand there once for all frames");
+    ok(length_of(all, "network/means/00000") == 3 * (size_t)(n - number(tracks, "static")),
+       "frames have places of tracks that move");
+    ok(all->n_table == off->n_table, "and the network is there");
+    ok(!spin_npz_has(&only->npz, "network/table"), "--method tracks: it is not");
+    ok(farthest_tracks(only, NULL, 3, 14) > 0 && farthest_tracks(only, fixed, 3, 14) > 1e-3 &&
+           farthest_tracks(only, fixed, 0, 3) > 1e-6,
+       "tracks are trained");
+    ok(farthest_tracks(values, fixed, 0, 3) == 0 && farthest_tracks(values, fixed, 3, 14) > 1e-3,
+       "--lr-displacement 0: their places stay");
+    ok(farthest_tracks(places, fixed, 3, 14) == 0 && farthest_tracks(places, fixed, 0, 3) > 1e-6,
+       "--lr-track 0: their values stay");
+    ok(length_of(only, "network/residual/00000") == 11 * (size_t)(n - number(tracks, "static")) &&
+           length_of(shared, "network/residual/00000") == 0,
+       "--dynamic-residual");
+    ok(splats_of(grown) > splats_of(only) && splats_of(calm) <= splats_of(only),
+       "--densify-every, --densify-threshold: %g splats, %g before", splats_of(grown),
+       splats_of(only));
+    ok(splats_of(capped) <= splats_of(only), "--max-points");
+    ok(splats_of(early) == splats_of(only), "--densify-until");
+    ok(same_order(off, 0, late, 0, 4) && late->step[1].loss != all->step[1].loss &&
+           late->step[0].loss == only->step[0].loss && late->step[1].loss == only->step[1].loss,
+       "--network-start 0.5: two steps of four without the network");
+    ok(farthest(late->table, never->table, 0, late->n_table) > 0 &&
+           farthest(never_two->table, never->table, 0, late->n_table) == 0,
+       "then it is trained; with 1 never");
+    drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared);
+    drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
+}
+
 /* ---- All ---------------------------------------------------------------------------------------- */
 
 TAP_MAIN
@@ -958,4 +1049,5 @@ TAP_MAIN
     PART(test_data);
     PART(test_save_every);
     PART(test_refine);
+    PART(test_tracks);
 }

@@ -213,7 +213,19 @@ static void check_spin_frame_batch(struct spin_device *d, const char *verb,
         check(d, verb, (const void *)frames->frame[f].d_means);
         check(d, verb, (const void *)frames->frame[f].residual);
         check(d, verb, (const void *)frames->frame[f].d_residual);
+        check(d, verb, (const void *)frames->frame[f].track);
+        check(d, verb, (const void *)frames->frame[f].own_means);
+        check(d, verb, (const void *)frames->frame[f].own_residual);
+        check(d, verb, (const void *)frames->frame[f].gradient);
+        check(d, verb, (const void *)frames->frame[f].seen);
     }
+}
+
+static void check_spin_tracks_f32(struct spin_device *d, const char *verb,
+                                  const struct spin_tracks_f32 *tracks)
+{
+    check(d, verb, (const void *)tracks->values);
+    check(d, verb, (const void *)tracks->d_values);
 }
 
 static void check_spin_active(struct spin_device *d, const char *verb,
@@ -331,8 +343,10 @@ QUEUED3(nonzero_grad, S, spin_frame_batch, P, floats, S, spin_active)
 QUEUED5(project, S, spin_view_batch, S, spin_frame_batch, P, floats, V, int, P, struct spin_splat2d)
 QUEUED7(project_back, S, spin_view_batch, S, spin_frame_batch, P, floats, V, int,
         P, const struct spin_splat2d, P, const struct spin_splat2d_grad, P, float)
-QUEUED6(densify_stats, S, spin_view_batch, S, spin_frame_batch, P, const struct spin_splat2d,
-        P, const struct spin_splat2d_grad, P, float, P, uint32_t)
+QUEUED4(densify_stats, S, spin_view_batch, S, spin_frame_batch, P, const struct spin_splat2d,
+        P, const struct spin_splat2d_grad)
+QUEUED4(tracks, S, spin_frame_batch, S, spin_tracks_f32, P, float, P, float)
+QUEUED2(tracks_back, S, spin_frame_batch, S, spin_tracks_f32)
 QUEUED6(blend, S, spin_view_batch, P, const struct spin_splat2d, S, spin_tiles, P, float, P, float,
         P, int32_t)
 QUEUED7(blend_back, S, spin_view_batch, P, const struct spin_splat2d, S, spin_tiles, P, floats,
@@ -458,6 +472,8 @@ struct spin_device *strict_open(struct spin_device *inner, int frames_at_once, i
         .residual_set = residual_set,
         .residual_back = residual_back,
         .densify_stats = densify_stats,
+        .tracks = tracks,
+        .tracks_back = tracks_back,
         .activate = activate,
         .activate_back = activate_back,
         .regularise_back = regularise_back,

@@ -58,9 +58,12 @@ static void views_together(void)
     }
     memset(sum, 0, sizeof sum);
     memset(seen, 0, sizeof seen);
+    for (int f = 0; f < 2; f++) {
+        frames.frame[f].gradient = lend_both(&l, sum + frame[f].first, frame[f].n * sizeof *sum);
+        frames.frame[f].seen = lend_both(&l, seen + frame[f].first, frame[f].n * sizeof *seen);
+    }
     d->op->densify_stats(d, &views, &frames, lend(&l, drawn, sizeof drawn),
-                         lend(&l, d_drawn, sizeof d_drawn), lend_both(&l, sum, sizeof sum),
-                         lend_both(&l, seen, sizeof seen));
+                         lend(&l, d_drawn, sizeof d_drawn));
     settle(&l);
     for (size_t i = 0; i < N; i++) {
         float times = i < FIRST ? 0.5f : 1; /* the first frame is seen once, the other twice */

@@ -340,10 +340,10 @@ VERB void on_densify_stats(struct spin_device *d, const struct spin_camera_f32 *
     struct spin_frame_batch frames = frame_of(n);
     struct spin_view_batch views = view_of_camera(cam, n);
 
+    frames.frame[0].gradient = lend_both(&l, sum, n * sizeof *sum);
+    frames.frame[0].seen = lend_both(&l, seen, n * sizeof *seen);
     d->op->densify_stats(d, &views, &frames, lend(&l, splat2d, n * sizeof *splat2d),
-                         lend(&l, d_splat2d, n * sizeof *d_splat2d),
-                         lend_both(&l, sum, n * sizeof *sum),
-                         lend_both(&l, seen, n * sizeof *seen));
+                         lend(&l, d_splat2d, n * sizeof *d_splat2d));
     settle(&l);
 }
 

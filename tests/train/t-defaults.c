@@ -46,11 +46,19 @@ static const struct spin_retrain_options paper = {
     3e-4, /* lr_table, lr_sh, lr_scale */
     3e-5,
     8e-4,
-    1.6e-4,             /* lr_rotation, lr_opacity, lr_position */
-    0,                  /* sh_increase_every */
-    false,              /* learn_exposure */
-    1e-3,               /* lr_exposure */
-    1,                  /* lr_head_factor */
+    1.6e-4, /* lr_rotation, lr_opacity, lr_position */
+    0,      /* sh_increase_every */
+    false,  /* learn_exposure */
+    1e-3,   /* lr_exposure */
+    1,      /* lr_head_factor */
+    false,  /* tracks */
+    2,
+    2.5e-4, /* lr_track, lr_displacement */
+    true,   /* dynamic_residual */
+    0,      /* densify_every */
+    6e-4,
+    0.6,                /* densify_threshold, densify_until */
+    0,                  /* network_start */
     SPIN_RESIDUAL_OFF,  /* residual */
     1,                  /* lr_residual */
     -5,                 /* init_log_scale */
@@ -108,11 +116,19 @@ static const struct spin_retrain_options shorter = {
     3e-4, /* lr_table, lr_sh, lr_scale */
     3e-5,
     8e-4,
-    1e-3,                 /* lr_rotation, lr_opacity, lr_position */
-    0,                    /* sh_increase_every */
-    false,                /* learn_exposure */
-    1e-3,                 /* lr_exposure */
-    4,                    /* lr_head_factor */
+    1e-3,  /* lr_rotation, lr_opacity, lr_position */
+    0,     /* sh_increase_every */
+    false, /* learn_exposure */
+    1e-3,  /* lr_exposure */
+    4,     /* lr_head_factor */
+    false, /* tracks */
+    2,
+    2.5e-4, /* lr_track, lr_displacement */
+    true,   /* dynamic_residual */
+    0,      /* densify_every */
+    6e-4,
+    0.6,                  /* densify_threshold, densify_until */
+    0,                    /* network_start */
     SPIN_RESIDUAL_POINTS, /* residual */
     8,                    /* lr_residual */
     -5,                   /* init_log_scale */
@@ -210,7 +226,13 @@ static void test_limits(void)
     LIMIT(lr_exposure, 1, 2);
     LIMIT(eval_every, 0, -1);
     LIMIT(save_every, 0, -1);
-    LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT + 1);
+    LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_TRACKS + 1);
+    LIMIT(lr_track, 0, -1);
+    LIMIT(lr_displacement, 1, 2);
+    LIMIT(densify_every, 0, -1);
+    LIMIT(densify_threshold, 1, 2);
+    LIMIT(densify_until, 1, 1.5);
+    LIMIT(network_start, 1, -1);
     LIMIT(refine, 0, -1);
     LIMIT(refine_start, SPIN_REFINE_FROM_SOURCE, SPIN_REFINE_FROM_SOURCE + 1);
     LIMIT(max_points, 0, -1);
@@ -232,6 +254,15 @@ static void test_limits(void)
     is_refused(false, "a radius");
     o.method = SPIN_METHOD_EXPLICIT;
     is_refused(true, "--refine");
+    o.method = SPIN_METHOD_TRACKS;
+    is_refused(true, "--tracks auto");
+    o.method = SPIN_METHOD_TRACKS;
+    o.tracks = true;
+    is_refused(false, "tracks");
+    o.method = SPIN_METHOD_TRACKS;
+    o.tracks = true;
+    o.refine = 1;
+    is_refused(true, "without --refine");
 }
 
 /* ---- Settings in JSON ---------------------------------------------------------------------------- */
@@ -270,6 +301,9 @@ static void test_json(void)
     o.lambda_scale = 4;
     o.antialias = o.learn_exposure = true;
     o.sh_increase_every = 5;
+    o.tracks = true;
+    o.network_start = 0.25;
+    o.max_points = 7;
     o.refine_start = SPIN_REFINE_FROM_SOURCE;
     o.densify = false;
     o.hash_init_range = 0.5;
@@ -283,14 +317,17 @@ static void test_json(void)
             "'warmup':-1,'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,"
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':true,"
-            "'lr_exposure':0.001,'hash_log2':21,'base_resolution':[8,8,8,8],"
+            "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
+            "'lr_displacement':0.00025,'dynamic_residual':true,'densify_every':0,"
+            "'densify_threshold':0.0006,'densify_until':0.6,'network_start':0.25,"
+            "'hash_log2':21,'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"
             "'init_log_scale':'auto','residual':'source','lr_residual':1}");
     is_json(SPIN_OPTIONS_OF_REFINEMENT,
             "{'image_scale':1,'background':[0,0,0],'lambda_dssim':0.2,"
             "'dynamic_weight':2,'lambda_opacity':3,'lambda_scale':4,"
             "'antialias':true,'seed':'18446744073709551615','lr_exposure':0.001,"
-            "'iterations':0,'start':'source','densify':false,'max_points':0}");
+            "'iterations':0,'start':'source','densify':false,'max_points':7}");
 }
 
 TAP_MAIN

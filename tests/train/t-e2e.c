@@ -223,6 +223,8 @@ static void run(struct fixture *f, struct spin_device *d, struct result *r)
     struct spin_image_store photos;
     size_t pixels = 0, tiles = 0;
     int n_photos = f->frames * f->cameras;
+    struct spin_trainer_size size;
+    struct spin_frame_size frame[MOST];
 
     memset(r, 0, sizeof *r);
     load_model(f, &r->field);
@@ -238,8 +240,15 @@ static void run(struct fixture *f, struct spin_device *d, struct result *r)
         pixels = p > pixels ? p : pixels;
         tiles = n > tiles ? n : tiles;
     }
-    ok(spin_trainer_open(&t, d, &r->field, f->frames, f->points, f->batch, pixels, tiles, 0,
-                         false) == SPIN_OK &&
+    size = (struct spin_trainer_size){.n_frames = f->frames,
+                                      .frame = frame,
+                                      .network = true,
+                                      .max_items = f->batch,
+                                      .max_pixels = pixels,
+                                      .max_tiles = tiles};
+    for (int i = 0; i < f->frames; i++)
+        frame[i] = (struct spin_frame_size){f->points[i], f->points[i], 0};
+    ok(spin_trainer_open(&t, d, &r->field, &size) == SPIN_OK &&
            spin_image_store_open(&photos, d, (size_t)n_photos, pixels, SPIN_IMAGE_F32, false) ==
                SPIN_OK,
        "opens");
@@ -251,12 +260,12 @@ static void run(struct fixture *f, struct spin_device *d, struct result *r)
         struct spin_train_values v = {0};
 
         for (int k = 0; k < f->batch; k++) {
-            int frame = (int)f->order[(i * f->batch + k) * 2];
+            int shows = (int)f->order[(i * f->batch + k) * 2];
             int camera = (int)f->order[(i * f->batch + k) * 2 + 1];
 
-            items[k].frame = frame;
+            items[k].frame = shows;
             items[k].camera = &f->camera[camera];
-            items[k].image = (uint32_t)(frame * f->cameras + camera);
+            items[k].image = (uint32_t)(shows * f->cameras + camera);
         }
         if (i == 0)
             r->image0 = draw_first(f, &t, &items[0]);

@@ -54,7 +54,7 @@ static bool retrain(int every, int iterations)
 
 static void check_degrees(void)
 {
-    struct spin_trainer t = {.field.sh_degree = 3, .sh_increase_every = 10};
+    struct spin_trainer t = {.field.sh_degree = 3, .sh_increase_every = 10, .network = &t.field};
     int64_t iteration[] = {0, 1, 10, 11, 20, 21, 30, 31, 1000};
     int want[] = {0, 0, 0, 1, 1, 2, 2, 3, 3}, good = 1;
 

@@ -69,6 +69,8 @@ SPIN_CPU_VERB(grid_back);
 SPIN_CPU_VERB(lazy_adam_grid);
 SPIN_CPU_VERB(mlp); /* mlp.c */
 SPIN_CPU_VERB(mlp_back);
+SPIN_CPU_VERB(tracks); /* tracks.c */
+SPIN_CPU_VERB(tracks_back);
 SPIN_CPU_VERB(residual); /* residual.c */
 SPIN_CPU_VERB(residual_set);
 SPIN_CPU_VERB(residual_back);

@@ -37,22 +37,23 @@ static void stats_task(void *context, int task, int worker)
 void SPIN_CPU(densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
                              const struct spin_frame_batch *frames,
                              const struct spin_splat2d *splat2d,
-                             const struct spin_splat2d_grad *d_splat2d, float *sum, uint32_t *seen)
+                             const struct spin_splat2d_grad *d_splat2d)
 {
     double start = spin_now_s();
 
     for (int k = 0; k < views->n_views; k++) {
         const struct spin_view_of_batch *view = &views->view[k];
-        size_t first = frames->frame[view->frame].first;
+        const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
         struct job job = {.n = view->n,
                           .half_width = 0.5f * (float)view->camera.width,
                           .half_height = 0.5f * (float)view->camera.height,
                           .splat2d = splat2d + view->first,
                           .d_splat2d = d_splat2d + view->first,
-                          .sum = sum + first,
-                          .seen = seen + first};
+                          .sum = frame->gradient,
+                          .seen = frame->seen};
 
-        spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), stats_task, &job);
+        if (frame->gradient)
+            spin_pool_run(spin_cpu_pool(d), (int)((job.n + CHUNK - 1) / CHUNK), stats_task, &job);
     }
     spin_cpu_spent(d, SPIN_OP_PROJECT_BACK, start);
 }

@@ -1,0 +1,140 @@
+/* What splats share, read once; what they have of their own, frame by frame. */
+#include "scene/bundle_tracks.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+enum { ROW = SPIN_TRACK_WIDTH - 3 };
+
+spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
+{
+    const spin_json *json = spin_json_get(spin_json_get(bundle->json, "network"), "tracks");
+    int64_t n, n_static, shape[2] = {-1, SPIN_TRACK_WIDTH};
+    struct spin_array a;
+    void *block = NULL;
+
+    out->bundle = bundle;
+    if (!json)
+        return SPIN_OK;
+    if (!spin_json_integer(spin_json_get(json, "n"), &n) ||
+        !spin_json_integer(spin_json_get(json, "static"), &n_static) || n < 0 || n > UINT32_MAX ||
+        n_static < 0 || n_static > n)
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'network.tracks'");
+    spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
+    shape[0] = n;
+    SPIN_TRY(spin_npz_array_of(&bundle->npz, "network/tracks", true, 2, shape, &a));
+    SPIN_TRY(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
+    out->values = block;
+    out->n = (size_t)n;
+    out->n_static = (size_t)n_static;
+    spin_array_to_f32(&a, 0, a.count, out->values);
+    for (size_t i = 0; i < a.count; i++)
+        if (!isfinite(out->values[i]))
+            return spin_fail(SPIN_E_MALFORMED, "array 'network/tracks' is not finite in row %zu",
+                             i / SPIN_TRACK_WIDTH);
+    return SPIN_OK;
+}
+
+void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
+{
+    free(t->values);
+    free(t->block);
+    memset(t, 0, sizeof *t);
+}
+
+/* An array of a frame: its rows, and how many. */
+static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int index, int width,
+                            const float *room_end, float *out, size_t *n)
+{
+    int64_t shape[2] = {-1, width};
+    struct spin_array a;
+    char name[64];
+
+    *n = 0;
+    snprintf(name, sizeof name, "network/%s/%05d", what, index);
+    if (!spin_npz_has(&t->bundle->npz, name))
+        return SPIN_OK;
+    SPIN_TRY(spin_npz_array_of(&t->bundle->npz, name, true, 2, shape, &a));
+    if (a.count > (uint64_t)(room_end - out))
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
+                         name, a.shape[0]);
+    spin_array_to_f32(&a, 0, a.count, out);
+    *n = (size_t)a.shape[0];
+    return SPIN_OK;
+}
+
+static spin_status read_numbers(struct spin_bundle_tracks *t, int index, size_t n, int64_t *track)
+{
+    int64_t shape[1] = {(int64_t)n};
+    struct spin_array a;
+    char name[64];
+
+    snprintf(name, sizeof name, "network/track/%05d", t->same_rows ? 0 : index);
+    SPIN_TRY(spin_npz_array_of(&t->bundle->npz, name, true, 1, shape, &a));
+    spin_array_to_i64(&a, 0, n, track);
+    for (size_t i = 0; i < n; i++)
+        if (track[i] != SPIN_NOT_TRACKED && !(track[i] >= 0 && (size_t)track[i] < t->n))
+            return spin_fail(SPIN_E_MALFORMED, "array '%s' names track %" PRId64 " of %zu", name,
+                             track[i], t->n);
+    return SPIN_OK;
+}
+
+/* Room for a frame's track numbers, and its own positions and residual values. */
+static spin_status need(struct spin_bundle_tracks *t, size_t n)
+{
+    void *block = NULL;
+
+    if (n <= t->capacity)
+        return SPIN_OK;
+    SPIN_TRY(
+        spin_alloc(n + n / 8 + 64, sizeof(int64_t) + SPIN_TRACK_WIDTH * sizeof(float), &block));
+    free(t->block);
+    t->block = block;
+    t->capacity = n + n / 8 + 64;
+    return SPIN_OK;
+}
+
+spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, size_t n,
+                                     float *means, float *rows)
+{
+    size_t n_pos, n_residual, n_free = 0, n_moving = 0, pos = 0, residual = 0;
+    int64_t *track;
+    float *own_pos, *own_residual;
+
+    SPIN_TRY(need(t, n));
+    track = t->block;
+    own_pos = (float *)(track + t->capacity);
+    own_residual = own_pos + 3 * n;
+    SPIN_TRY(read_numbers(t, index, n, track));
+    SPIN_TRY(read_own(t, "means", index, 3, own_residual, own_pos, &n_pos));
+    SPIN_TRY(
+        read_own(t, "residual", index, ROW, own_residual + ROW * n, own_residual, &n_residual));
+    for (size_t i = 0; i < n; i++) {
+        n_free += track[i] == SPIN_NOT_TRACKED;
+        n_moving += track[i] != SPIN_NOT_TRACKED && (size_t)track[i] >= t->n_static;
+    }
+    if (n_pos != n_free + n_moving || (n_residual != n_free && n_residual != n_pos))
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "frame %d has %zu positions and %zu residual values, expected %zu, and %zu "
+            "or as many",
+            index, n_pos, n_residual, n_free + n_moving, n_free);
+    for (size_t i = 0; i < n; i++) {
+        bool none = track[i] == SPIN_NOT_TRACKED, moves = !none && (size_t)track[i] >= t->n_static;
+        const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * track[i];
+        const float *p = none || moves ? own_pos + 3 * pos++ : NULL;
+        const float *r =
+            none || (moves && n_residual == n_pos) ? own_residual + ROW * residual++ : NULL;
+
+        for (size_t c = 0; c < 3; c++)
+            means[3 * i + c] = (p ? p[c] : 0) + (shared ? shared[c] : 0);
+        for (size_t c = 0; c < ROW; c++)
+            rows[ROW * i + c] = (r ? r[c] : 0) + (shared ? shared[3 + c] : 0);
+    }
+    return SPIN_OK;
+}

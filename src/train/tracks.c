@@ -1,0 +1,277 @@
+/* Finding tracks, and numbering them so that neighbours share cache lines. */
+#include "train/tracks.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "train/morton.h"
+
+/* A place at which some splat stands. */
+struct place {
+    float at[3];
+    uint32_t n_frames;
+    int last_frame;
+    bool moves; /* of a track by identity: it stands elsewhere in some frame */
+};
+
+struct places {
+    struct place *place; /* [n] in the order in which they were found */
+    size_t n, room;
+    uint32_t *slot; /* [n_slots] places by the hash of their coordinates, UINT32_MAX: empty */
+    size_t n_slots;
+};
+
+static uint32_t hash_of(const float at[3])
+{
+    uint32_t bits[3], h = 2166136261u;
+
+    memcpy(bits, at, sizeof bits);
+    for (int c = 0; c < 3; c++) {
+        h = (h ^ bits[c]) * 0x9e3779b1u;
+        h ^= h >> 15;
+    }
+    return h;
+}
+
+static void close_places(struct places *p)
+{
+    free(p->place);
+    free(p->slot);
+    memset(p, 0, sizeof *p);
+}
+
+/* The slot of these coordinates, or the empty one where they go. */
+static size_t slot_of(const struct places *p, const float at[3])
+{
+    size_t k = hash_of(at) & (p->n_slots - 1);
+
+    while (p->slot[k] != UINT32_MAX && memcmp(p->place[p->slot[k]].at, at, 3 * sizeof *at) != 0)
+        k = (k + 1) & (p->n_slots - 1);
+    return k;
+}
+
+/* Room for n more places. */
+static spin_status reserve_places(struct places *p, size_t n)
+{
+    size_t room = 2 * (p->n + n), n_slots = 1024;
+    void *block = p->place;
+
+    if (p->n + n > p->room) {
+        SPIN_TRY(spin_grow(room, sizeof *p->place, &block));
+        p->place = block;
+        p->room = room;
+    }
+    while (n_slots < 2 * (p->n + n))
+        n_slots *= 2;
+    if (n_slots <= p->n_slots)
+        return SPIN_OK;
+    block = NULL;
+    SPIN_TRY(spin_alloc(n_slots, sizeof *p->slot, &block));
+    free(p->slot);
+    p->slot = block;
+    p->n_slots = n_slots;
+    memset(p->slot, 0xff, n_slots * sizeof *p->slot);
+    for (size_t i = 0; i < p->n; i++)
+        p->slot[slot_of(p, p->place[i].at)] = (uint32_t)i;
+    return SPIN_OK;
+}
+
+static uint32_t add_place(struct places *p, const float at[3])
+{
+    struct place *place = &p->place[p->n];
+
+    *place = (struct place){.at = {at[0], at[1], at[2]}, .last_frame = -1};
+    return (uint32_t)p->n++;
+}
+
+/* ---- The passes ---------------------------------------------------------------------------------- */
+
+/* Row i is the same Gaussian in every frame. */
+static spin_status add_rows(struct places *p, int frame, const struct spin_splats *s, uint32_t *of)
+{
+    if (frame == 0) {
+        SPIN_TRY(reserve_places(p, s->n));
+        for (size_t i = 0; i < s->n; i++)
+            add_place(p, s->means + 3 * i);
+    }
+    for (size_t i = 0; i < s->n; i++) {
+        p->place[i].n_frames++;
+        p->place[i].moves |= memcmp(p->place[i].at, s->means + 3 * i, 3 * sizeof(float)) != 0;
+        of[i] = (uint32_t)i;
+    }
+    return SPIN_OK;
+}
+
+/* The second splat of a frame at one place has no track. */
+static spin_status add_places(struct places *p, int frame, const struct spin_splats *s,
+                              uint32_t *of)
+{
+    SPIN_TRY(reserve_places(p, s->n));
+    for (size_t i = 0; i < s->n; i++) {
+        size_t k = slot_of(p, s->means + 3 * i);
+        struct place *place;
+
+        if (p->slot[k] == UINT32_MAX)
+            p->slot[k] = add_place(p, s->means + 3 * i);
+        place = &p->place[p->slot[k]];
+        of[i] = place->last_frame == frame ? SPIN_NO_TRACK : p->slot[k];
+        place->n_frames += place->last_frame != frame;
+        place->last_frame = frame;
+    }
+    return SPIN_OK;
+}
+
+static bool rows_keep_identity(const struct spin_plan *plan)
+{
+    for (int f = 1; f < plan->clip.n_frames; f++)
+        if (plan->counts[f] != plan->counts[0])
+            return false;
+    return plan->clip.bundle.meta.identity;
+}
+
+static spin_status look_at_frames(struct spin_tracks *tracks, struct spin_plan *plan,
+                                  struct places *places)
+{
+    struct spin_splats splats = {0};
+    spin_status status = SPIN_OK;
+
+    for (int f = 0; f < tracks->n_frames; f++) {
+        void *block = NULL;
+
+        SPIN_TRY_OUT(spin_alloc(plan->counts[f] + 1, sizeof(uint32_t), &block));
+        tracks->of[f] = block;
+        SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), SPIN_COL_MEANS,
+                                       &splats));
+        SPIN_TRY_OUT(spin_plan_check_means(plan, f, false, &splats));
+        SPIN_TRY_OUT(tracks->identity ? add_rows(places, f, &splats, tracks->of[f])
+                                      : add_places(places, f, &splats, tracks->of[f]));
+    }
+out:
+    spin_splats_free(&splats);
+    return status;
+}
+
+/* ---- Numbers ------------------------------------------------------------------------------------- */
+
+/* number [places] = the track at a place, or SPIN_NO_TRACK: along a space-filling curve, those that never move
+ * first. */
+static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
+                                 uint32_t *number)
+{
+    uint32_t *order, n = 0;
+    float *at;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(p->n + 1, sizeof *order + 3 * sizeof *at, &block));
+    at = block;
+    order = (uint32_t *)(at + 3 * p->n);
+    for (size_t i = 0; i < p->n; i++)
+        memcpy(at + 3 * i, p->place[i].at, 3 * sizeof *at);
+    spin_status status = spin_morton_order(p->n, at, order);
+    for (int moves = 0; status == SPIN_OK && moves < 2; moves++) {
+        for (size_t i = 0; i < p->n; i++) {
+            const struct place *place = &p->place[order[i]];
+
+            if (place->n_frames < 2 && !tracks->identity)
+                number[order[i]] = SPIN_NO_TRACK;
+            else if (place->moves == moves)
+                number[order[i]] = n++;
+        }
+        if (!moves)
+            tracks->n_static = n;
+    }
+    tracks->n = n;
+    free(block);
+    return status;
+}
+
+spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan)
+{
+    struct places places = {0};
+    void *block = NULL;
+    uint32_t *number;
+    spin_status status;
+
+    tracks->identity = rows_keep_identity(plan);
+    SPIN_TRY_OUT(spin_alloc((size_t)plan->clip.n_frames, sizeof *tracks->of, &block));
+    tracks->of = block;
+    tracks->n_frames = plan->clip.n_frames;
+    block = NULL;
+    SPIN_TRY_OUT(look_at_frames(tracks, plan, &places));
+    SPIN_TRY_OUT(spin_alloc(places.n + 1, sizeof *number, &block));
+    number = block;
+    SPIN_TRY_OUT(number_tracks(tracks, &places, number));
+    for (int f = 0; f < tracks->n_frames; f++)
+        for (size_t i = 0; i < plan->counts[f]; i++)
+            if (tracks->of[f][i] != SPIN_NO_TRACK)
+                tracks->of[f][i] = number[tracks->of[f][i]];
+out:
+    close_places(&places);
+    free(block);
+    return status;
+}
+
+void spin_tracks_close(struct spin_tracks *tracks)
+{
+    for (int f = 0; f < tracks->n_frames; f++)
+        free(tracks->of[f]);
+    free(tracks->of);
+    memset(tracks, 0, sizeof *tracks);
+}
+
+/* ---- A frame ------------------------------------------------------------------------------------- */
+
+struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n,
+                                        bool own_residual)
+{
+    struct spin_frame_size size = {.n = n};
+
+    for (size_t i = 0; i < n; i++) {
+        uint32_t track = tracks->of[frame][i];
+        bool none = track == SPIN_NO_TRACK, moves = !none && track >= tracks->n_static;
+
+        size.n_pos += none || moves;
+        size.n_residual += none || (moves && own_residual);
+    }
+    return size;
+}
+
+struct row {
+    uint32_t track, row;
+};
+
+static int compare_rows(const void *a, const void *b)
+{
+    const struct row *x = a, *y = b;
+
+    return (x->track > y->track) - (x->track < y->track);
+}
+
+spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t n,
+                             uint32_t *permutation)
+{
+    struct row *row;
+    size_t n_rows = 0, n_still = 0, to = 0;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof *row, &block));
+    row = block;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t track = tracks->of[frame][permutation[i]];
+
+        if (track == SPIN_NO_TRACK)
+            permutation[to++] = permutation[i];
+        else
+            row[n_rows++] = (struct row){track, permutation[i]};
+        n_still += track < tracks->n_static;
+    }
+    qsort(row, n_rows, sizeof *row, compare_rows);
+    for (size_t i = n_still; i < n_rows; i++)
+        permutation[to++] = row[i].row;
+    for (size_t i = 0; i < n_still; i++)
+        permutation[to++] = row[i].row;
+    free(block);
+    return SPIN_OK;
+}

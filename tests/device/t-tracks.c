@@ -1,0 +1,175 @@
+/* What splats have from their tracks, and gradients back, against the sums written out; the same bits for any
+ * number of threads; on a strict device.
+ * K: threads tracks */
+#include <stdlib.h>
+
+#include "tests/device/strict.h"
+#include "tests/device/verbs.h"
+
+/* Two frames: splats; those with a position and with residual values of their own. */
+enum { FRAMES = 2, TRACKS = 2600, ALL = 2100 + 1500 };
+static const size_t n_of[FRAMES] = {2100, 1500}, n_means[FRAMES] = {1300, 1500},
+                    n_residual[FRAMES] = {40, 700};
+static const size_t width[4] = {3, 4, 3, 1}; /* of the residual's groups */
+
+static uint32_t track[FRAMES][2100];
+static float own_means[FRAMES][3 * 1500], own_residual[FRAMES][SPIN_RESIDUAL * 700];
+static float values[SPIN_TRACK * TRACKS], d_values[SPIN_TRACK * TRACKS];
+static float means[3 * ALL], residual[SPIN_RESIDUAL * ALL];
+static float d_means[FRAMES][3 * 2100], d_residual[FRAMES][SPIN_RESIDUAL * 2100];
+
+static void fill(float *to, size_t n, size_t step)
+{
+    for (size_t i = 0; i < n; i++)
+        to[i] = (float)(i * step % 1999) / 1000 - 1;
+}
+
+static struct spin_frame_batch batch_of(struct loans *l)
+{
+    struct spin_frame_batch frames = {.n_frames = FRAMES, .n = ALL};
+
+    for (size_t f = 0, first = 0; f < FRAMES; first += n_of[f++]) {
+        struct spin_frame_of_batch *to = &frames.frame[f];
+
+        to->first = first;
+        to->n = n_of[f];
+        to->n_own_means = n_means[f];
+        to->n_own_residual = n_residual[f];
+        to->track = lend(l, track[f], n_of[f] * sizeof **track);
+        to->own_means = lend(l, own_means[f], 3 * n_means[f] * sizeof(float));
+        to->own_residual = lend(l, own_residual[f], SPIN_RESIDUAL * n_residual[f] * sizeof(float));
+        to->d_means = lend(l, d_means[f], 3 * n_of[f] * sizeof(float));
+        to->d_residual = lend(l, d_residual[f], SPIN_RESIDUAL * n_of[f] * sizeof(float));
+    }
+    return frames;
+}
+
+static void run(struct spin_device *d, bool with_residual)
+{
+    struct loans l = {.d = d};
+    struct spin_frame_batch frames = batch_of(&l);
+    struct spin_tracks_f32 tracks = {.n = TRACKS, .values = lend(&l, values, sizeof values)};
+    float SPIN_DEV *to_means = lend_both(&l, means, sizeof means);
+    float SPIN_DEV *to_residual = lend_both(&l, residual, sizeof residual);
+
+    for (size_t i = 0; i < SPIN_TRACK * TRACKS; i++)
+        d_values[i] = 1;
+    tracks.d_values = lend_both(&l, d_values, sizeof d_values);
+    for (int f = 0; f < FRAMES && !with_residual; f++)
+        frames.frame[f].d_residual = NULL;
+    d->op->tracks(d, &frames, &tracks, to_means, to_residual);
+    d->op->tracks_back(d, &frames, &tracks);
+    settle(&l);
+}
+
+static int count_wrong_sums(void)
+{
+    int wrong = 0;
+
+    for (size_t f = 0, first = 0; f < FRAMES; first += n_of[f++])
+        for (size_t i = 0; i < n_of[f]; i++) {
+            uint32_t k = track[f][i];
+            const float *group = values + 3 * TRACKS, *own = own_residual[f];
+            const float *to = residual + SPIN_RESIDUAL * first;
+
+            for (size_t c = 0; c < 3; c++)
+                wrong +=
+                    means[3 * (first + i) + c] != (i < n_means[f] ? own_means[f][3 * i + c] : 0) +
+                                                      (k < TRACKS ? values[3 * k + c] : 0);
+            for (int g = 0; g < 4; g++) {
+                for (size_t c = 0; c < width[g]; c++)
+                    wrong +=
+                        to[width[g] * i + c] != (i < n_residual[f] ? own[width[g] * i + c] : 0) +
+                                                    (k < TRACKS ? group[width[g] * k + c] : 0);
+                group += width[g] * TRACKS;
+                own += width[g] * n_residual[f];
+                to += width[g] * n_of[f];
+            }
+        }
+    return wrong;
+}
+
+static int count_wrong_gradients(bool with_residual)
+{
+    static float want[SPIN_TRACK * TRACKS];
+    int wrong = 0;
+
+    for (size_t i = 0; i < SPIN_TRACK * TRACKS; i++)
+        want[i] = 1;
+    for (size_t f = 0; f < FRAMES; f++)
+        for (size_t i = 0; i < n_of[f]; i++) {
+            uint32_t k = track[f][i];
+            float *group = want + 3 * TRACKS, *from = d_residual[f];
+
+            for (size_t c = 0; c < 3 && k < TRACKS; c++)
+                want[3 * k + c] += d_means[f][3 * i + c];
+            for (int g = 0; g < 4 && with_residual; g++) {
+                for (size_t c = 0; c < width[g] && k < TRACKS; c++)
+                    group[width[g] * k + c] += from[width[g] * i + c];
+                group += width[g] * TRACKS;
+                from += width[g] * n_of[f];
+            }
+        }
+    for (size_t i = 0; i < SPIN_TRACK * TRACKS; i++)
+        wrong += d_values[i] != want[i];
+    return wrong;
+}
+
+static void check_path(const char *path, int n_threads)
+{
+    struct spin_device *d;
+
+    setenv("SPIN_CPU", path, 1);
+    d = check_device(n_threads);
+    run(d, true);
+    ok(count_wrong_sums() == 0, "%s, %d threads: own values plus those of the track", path,
+       n_threads);
+    ok(count_wrong_gradients(true) == 0, "%s, %d threads: gradients gather over frames", path,
+       n_threads);
+    run(d, false);
+    ok(count_wrong_gradients(false) == 0, "%s, %d threads: places only", path, n_threads);
+    check_device_free(d);
+}
+
+/* Every third splat has no track; of the others no two of a frame have the same. */
+static void make_tracks(void)
+{
+    for (size_t f = 0; f < FRAMES; f++)
+        for (size_t i = 0; i < n_of[f]; i++)
+            track[f][i] = i % 3 == 2 ? SPIN_NO_TRACK : (uint32_t)((i * 1237 + f * 11) % TRACKS);
+}
+
+TAP_MAIN
+{
+    static const char *const paths[] = {"base", "v3", "v4"};
+    struct spin_device *late;
+    int complaints = strict_complaints();
+
+    make_tracks();
+    fill(values, SPIN_TRACK * TRACKS, 7919);
+    for (size_t f = 0; f < FRAMES; f++) {
+        fill(own_means[f], 3 * n_means[f], 104729 + f);
+        fill(own_residual[f], SPIN_RESIDUAL * n_residual[f], 1299709 + f);
+        fill(d_means[f], 3 * n_of[f], 15485863 + f);
+        fill(d_residual[f], SPIN_RESIDUAL * n_of[f], 32452843 + f);
+    }
+    for (int p = 0; p < 3; p++) {
+        struct spin_device d;
+
+        setenv("SPIN_CPU", paths[p], 1);
+        if (spin_device_open("cpu", 1, &d) != SPIN_OK) {
+            skip(paths[p], spin_last_error());
+            continue;
+        }
+        spin_device_close(&d);
+        for (int n = 1; n <= 8; n = n == 3 ? 8 : n + 1)
+            check_path(paths[p], n);
+    }
+    unsetenv("SPIN_CPU");
+    late = strict_open(check_device(2), 2, 1);
+    run(late, true);
+    ok(count_wrong_sums() == 0 && count_wrong_gradients(true) == 0 &&
+           strict_complaints() == complaints,
+       "on a device that works late, without a complaint");
+    strict_close(late);
+}
