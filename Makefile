@@ -252,7 +252,7 @@ install: all ## into DESTDIR/PREFIX
 	install $(BINS) $(INSTALL)/bin
 	install -m 644 $(SHIMS) $(INSTALL)/lib/spin4d
 	install -m 644 $(LIB) $(INSTALL)/lib
-	install -m 644 src/spin.h $(INSTALL)/include/spin4d
+	install -m 644 src/spin.h src/spin_run.h $(INSTALL)/include/spin4d
 	sed 's|@PREFIX@|$(PREFIX)|; s|@LIBS@|$(LDLIBS)|' src/spin4d.pc.in | \
 		sed "s|@VERSION@|$$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)|" \
 		>$(INSTALL)/lib/pkgconfig/spin4d.pc

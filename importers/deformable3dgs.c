@@ -276,11 +276,10 @@ static spin_status check_cfg(const char *path, const char *cloud, struct model *
 
 static void describe(struct model *m, const char *name, struct spin_sequence_info *sequence)
 {
-    snprintf(sequence->variant, sizeof sequence->variant,
-             "%s, %zu Gaussians, %s, %d layers of %d%s%s",
-             m->motiongs ? "MotionGS" : "Deformable 3D Gaussians", m->canonical.n, name,
-             m->n_layers, m->width, m->time[0].n_in ? ", time network" : "",
-             m->screw ? ", 6dof" : "");
+    snprintf(
+        sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians, %s, %d layers of %d%s%s",
+        m->motiongs ? "MotionGS" : "Deformable 3D Gaussians", m->canonical.n, name, m->n_layers,
+        m->width, m->time[0].n_in ? ", time network" : "", m->screw ? ", 6dof" : "");
     if (spin_model_folder_iteration(name) >= 0 && spin_model_folder_iteration(name) < WARM_UP)
         spin_note(sequence, "before iteration %d training does not use the network yet", WARM_UP);
 }

@@ -7,8 +7,8 @@ extern const struct spin_importer spin_importer_d3dgs;
 extern const struct spin_importer spin_importer_dash;
 extern const struct spin_importer spin_importer_deformable3dgs;
 extern const struct spin_importer spin_importer_ed3dgs;
-extern const struct spin_importer spin_importer_gltf;
 extern const struct spin_importer spin_importer_ex4dgs;
+extern const struct spin_importer spin_importer_gltf;
 extern const struct spin_importer spin_importer_grid4d;
 extern const struct spin_importer spin_importer_hybrid4dgs;
 extern const struct spin_importer spin_importer_modecgs;
@@ -32,8 +32,8 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_dash,
     &spin_importer_deformable3dgs,
     &spin_importer_ed3dgs,
-    &spin_importer_gltf,
     &spin_importer_ex4dgs,
+    &spin_importer_gltf,
     &spin_importer_grid4d,
     &spin_importer_hybrid4dgs,
     &spin_importer_modecgs,

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "spin_run.h"
 #include "cmd/signals.h"
 
 enum { MAX_PLUGINS = 128 };

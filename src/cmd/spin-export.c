@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "spin_run.h"
 #include "cmd/print.h"
 
 static struct spin_export_options options = {.device = "auto"};

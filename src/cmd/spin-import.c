@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "spin_run.h"
 #include "cmd/print.h"
 
 static struct spin_import_options options;

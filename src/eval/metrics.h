@@ -1,7 +1,8 @@
-/* How close drawn pictures come to the photographs, over views (docs/method.md section 8). */
+/* How close drawn pictures come to the photographs, over views (docs/method.md section 9). */
 #ifndef SPIN_EVAL_METRICS_H
 #define SPIN_EVAL_METRICS_H
 
+#include "spin_run.h"
 #include "eval/lpips.h"
 #include "eval/dynamic_mask.h"
 #include "render/frame_renderer.h"

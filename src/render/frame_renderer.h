@@ -86,7 +86,7 @@ spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
                                      float *image);
 /* Compare the picture drawn last with its photograph (host, [h][w][3]); mask: bits of regions that are
  * measured apart, or NULL. values: as spin_device_ops.measure has them. The picture is clamped to 0..1
- * (docs/method.md section 8). */
+ * (docs/method.md section 9). */
 spin_status spin_frame_renderer_measure(struct spin_frame_renderer *p, const uint8_t *rgb8,
                                         const uint8_t *mask, double values[SPIN_MEASURE_VALUES]);
 /* The picture drawn last. */

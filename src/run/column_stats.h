@@ -2,7 +2,7 @@
 #ifndef SPIN_RUN_COLUMN_STATS_H
 #define SPIN_RUN_COLUMN_STATS_H
 
-#include "spin.h"
+#include "spin_run.h"
 
 struct spin_series; /* private: one line of the description */
 

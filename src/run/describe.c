@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "spin_run.h"
 #include "base/text.h"
 #include "scene/bundle.h"
 

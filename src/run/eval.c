@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "eval/metrics.h"

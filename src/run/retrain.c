@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "io/claim.h"

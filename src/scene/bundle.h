@@ -13,6 +13,7 @@
 #ifndef SPIN_SCENE_BUNDLE_H
 #define SPIN_SCENE_BUNDLE_H
 
+#include "spin_run.h"
 #include "io/npy.h"
 #include "scene/bundle_meta.h"
 #include "scene/columns.h"

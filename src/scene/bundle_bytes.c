@@ -3,6 +3,8 @@
 
 #include "scene/bundle.h"
 
+#include "spin_run.h"
+
 bool spin_bundle_looks_like(const char *path)
 {
     struct spin_zip zip;

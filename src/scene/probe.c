@@ -71,8 +71,7 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
                                char **members)
 {
     /* In the order of the alphabet, as names are: the first that is there gives the head. */
-    static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth",
-                                        "point_cloud.ply"};
+    static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth", "point_cloud.ply"};
     enum { CHECKPOINT = 1 }; /* how its name begins */
     bool head = false;
     char *path = NULL;

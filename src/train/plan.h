@@ -3,6 +3,7 @@
 #ifndef SPIN_TRAIN_PLAN_H
 #define SPIN_TRAIN_PLAN_H
 
+#include "spin_run.h"
 #include "device/device.h"
 #include "model/field.h"
 #include "scene/clip.h"

@@ -2,6 +2,7 @@
 #ifndef SPIN_TRAIN_TEST_VIEWS_H
 #define SPIN_TRAIN_TEST_VIEWS_H
 
+#include "spin_run.h"
 #include "eval/metrics.h"
 #include "train/truth.h"
 

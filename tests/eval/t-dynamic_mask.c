@@ -3,6 +3,7 @@
  * K: eval moving */
 #include "eval/metrics.h"
 
+#include "spin_run.h"
 #include "base/mem.h"
 #include "scene/dataset.h"
 #include "tests/check.h"

@@ -7,6 +7,7 @@
  * K: eval lpips */
 #include "eval/lpips.h"
 
+#include "spin_run.h"
 #include "io/conv.h"
 #include "io/json.h"
 #include "tests/check.h"

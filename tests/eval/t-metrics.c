@@ -9,6 +9,7 @@
 #include <zlib.h>
 
 #include "base/log.h"
+#include "spin_run.h"
 #include "model/field.h"
 #include "io/image.h"
 #include "scene/bundle.h"

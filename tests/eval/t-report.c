@@ -2,6 +2,7 @@
  * the window where something moves, the worst views.
  * K: eval report */
 #include "eval/report/svg_chart.h"
+#include "spin_run.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"
 #include "io/file.h"

@@ -2,6 +2,7 @@
  * K: spz splat gltf glb import */
 #include "tests/importers/expected_clouds.h"
 
+#include "spin_run.h"
 #include "formats/splat.h"
 #include "tests/formats/spz_files.h"
 #include "scene/bundle.h"

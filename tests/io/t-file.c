@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "io/file.h"
+#include "spin_run.h"
 #include "io/output_folder.h"
 #include "tests/check.h"
 #include "tests/tap.h"

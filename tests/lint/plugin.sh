@@ -1,5 +1,5 @@
 #!/bin/sh
-# What a plug-in may call: the functions of parts 1 to 4 and 7 of src/spin.h. src/plugin.sym names exactly
+# What a plug-in may call: the functions of parts 1 to 4 and 6 of src/spin.h. src/plugin.sym names exactly
 # those, and every command of B (build/release) lets a plug-in find them, and nothing else of ours.
 CC=${1:-gcc}
 bin=${B:-build/release}/bin
@@ -14,7 +14,7 @@ functions_of() { # FIRST LAST: names that are declared between these headings
         $CC -fpreprocessed -E -P -x c - 2>/dev/null | grep -o 'spin_[a-z_]*(' | tr -d '('
 }
 
-wanted=$({ functions_of 1 5; functions_of 7 8; } | LC_ALL=C sort -u)
+wanted=$({ functions_of 1 5; functions_of 6 7; } | LC_ALL=C sort -u)
 listed=$(sed -n 's/^ *\(spin_[a-z_]*\);$/\1/p' src/plugin.sym)
 n=$(echo "$listed" | wc -l)
 [ "$wanted" = "$listed" ] || complain "src/plugin.sym does not list the functions of src/spin.h:

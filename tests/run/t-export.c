@@ -2,6 +2,7 @@
  * frames a second, the splats of each frame; and that --check sees what few bits lose.
  * K: export sequence */
 #include "io/json.h"
+#include "spin_run.h"
 #include "io/ply.h"
 #include "scene/bundle.h"
 #include "tests/check.h"

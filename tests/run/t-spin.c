@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin.h"
+#include "spin_run.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -71,8 +71,8 @@ static void peeks(void)
                                             "folder/cfg_args"};
 
         put_file(in_root(heads[i]), heads[i]);
-        ok(spin_peek_open(in_root("folder"), &peek) == SPIN_OK &&
-               peek.n_head == strlen(heads[i]) && memcmp(peek.head, heads[i], peek.n_head) == 0,
+        ok(spin_peek_open(in_root("folder"), &peek) == SPIN_OK && peek.n_head == strlen(heads[i]) &&
+               memcmp(peek.head, heads[i], peek.n_head) == 0,
            "the head of a folder is that of its %s", spin_path_name(heads[i]));
         spin_peek_free(&peek);
     }

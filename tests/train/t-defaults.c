@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "train/options.h"
+#include "spin_run.h"
 #include "tests/tap.h"
 
 /* Every field in its order and by no name: a new field does not compile until its defaults stand here. */

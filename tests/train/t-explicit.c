@@ -2,6 +2,7 @@
  * views with the options that were given: the same bits. So no option is lost or changed on the way.
  * K: refine explicit retrain options */
 #include "scene/clip.h"
+#include "spin_run.h"
 #include "eval/dynamic_mask.h"
 #include "render/image_store.h"
 #include "train/refine.h"

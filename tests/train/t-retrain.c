@@ -4,6 +4,7 @@
 #include <sys/statvfs.h>
 
 #include "base/log.h"
+#include "spin_run.h"
 #include "scene/clip.h"
 #include "model/field_eval.h"
 #include "render/raster.h"

@@ -2,6 +2,7 @@
 #include <sys/statvfs.h>
 
 #include "io/file.h"
+#include "spin_run.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -3,6 +3,7 @@
  * K: retrain sh */
 #include "train/step.h"
 
+#include "spin_run.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

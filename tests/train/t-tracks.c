@@ -167,8 +167,8 @@ static void check_densify(struct spin_device *d)
     struct spin_trainer t;
     struct spin_densify_options o;
     struct spin_densify_change change = {0};
-    uint32_t *permutation[2], track[8], want[2][6] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 1, 2, 3, 0},
-                                                      {2, 3, 0}};
+    uint32_t *permutation[2], track[8],
+        want[2][6] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 1, 2, 3, 0}, {2, 3, 0}};
     size_t n[2];
     float pos[3 * 6], m[3 * 6];
 
@@ -180,7 +180,7 @@ static void check_densify(struct spin_device *d)
             permutation[f][i] = (uint32_t)size_of[f].n - 1 - i;
     }
     spin_densify_defaults(&o);
-    o.extent = 1000; /* all are small: clones */
+    o.extent = 1000;            /* all are small: clones */
     o.gradient_threshold = 0.4; /* track 2 has a mean of 0.5 */
     ok(spin_densify_tracks(&t, &o, 1, permutation, n, &change) == SPIN_OK, "densifies");
     ok(change.clones == 2 && change.splits == 0 && change.pruned == 0,
@@ -188,8 +188,8 @@ static void check_densify(struct spin_device *d)
     ok(t.n_tracks == 4 && t.n_static == 1 && n[0] == 6 && n[1] == 3,
        "the new track has a splat in both frames");
     for (int f = 0; f < 2; f++) {
-        ok(d->op->download(d, track, t.frame[f].track, n[f] * sizeof *track) == SPIN_OK,
-           "frame %d", f);
+        ok(d->op->download(d, track, t.frame[f].track, n[f] * sizeof *track) == SPIN_OK, "frame %d",
+           f);
         check_same_bits(track, want[f], n[f] * sizeof *track,
                         "without a track, what moves, what does not");
     }

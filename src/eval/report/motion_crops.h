@@ -2,6 +2,7 @@
 #ifndef SPIN_EVAL_REPORT_MOTION_CROPS_H
 #define SPIN_EVAL_REPORT_MOTION_CROPS_H
 
+#include "spin_run.h"
 #include "scene/clip.h"
 
 struct spin_crop {

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "spin_run.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/text.h"

@@ -2,6 +2,7 @@
 #ifndef SPIN_EVAL_REPORT_REPORT_H
 #define SPIN_EVAL_REPORT_REPORT_H
 
+#include "spin_run.h"
 #include "render/frame_renderer.h"
 
 struct spin_report {

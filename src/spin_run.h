@@ -1,0 +1,297 @@
+/* spin_run.h - the calls behind the commands: their options and what they report. See spin.h. */
+#ifndef SPIN_RUN_H
+#define SPIN_RUN_H
+
+#include "spin.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* For programs: catch SIGBUS, which reading from a mapped file raises when somebody cuts it short. One
+ * line that begins with `command` then names the file on stderr, what is half-written is removed, and
+ * the process ends with exit code 1. Without this call the signal ends it. */
+void spin_catch_cut_files(const char *command);
+
+/* Half-open frame numbers A:B:STEP; {0} means all. */
+struct spin_range {
+    bool given;
+    int first, last, step;
+};
+
+struct spin_import_options {
+    const char *input, *output;   /* output NULL: describe only */
+    const char *from;             /* importer, NULL: detect */
+    const char *data, *data_from; /* data set, or NULL */
+    const char *pair;             /* "auto", "number" or "order"; NULL: auto */
+    const char *frame_times; /* of the data set: "auto", "data", "unit" or "count"; NULL: auto */
+    int n_frames;            /* continuous methods: sample this many; 0: not asked */
+    const double *times;     /* continuous methods: sample here */
+    int n_times;
+    struct spin_range range;
+    bool positions_only, force;
+    bool sync;                       /* the bundle is on the disk before it has its name */
+    bool full;                       /* describe: read every frame, not up to 16 of them */
+    const char *check_cameras;       /* folder for PNGs of the points over data's images, or NULL */
+    const char *const *plugin_pairs; /* see struct spin_plugin_values */
+};
+
+/* Finite values of one attribute over the frames that were read; NaN when there are none. */
+struct spin_import_range {
+    char name[24];           /* "means.x", "log_scales", "sh.dc", ... */
+    double min, median, max; /* the median is that of a sample */
+    double not_finite;       /* share of NaN and infinities, 0..1 */
+};
+
+/* The points of one frame in one view of the data set. */
+struct spin_import_camera {
+    int frame, camera;       /* frame number, camera_id */
+    double in_front, inside; /* share of the points before the camera; in its image. 0..1 */
+    char file[48];           /* the PNG, in the folder that was asked for */
+};
+
+/* A camera in the view in which it sees the fewest points of a frame. */
+struct spin_import_share {
+    int camera, frame; /* camera_id, frame number */
+    double in_front, inside;
+    bool apart; /* far fewer than other views see: it may be wrong */
+};
+
+#define SPIN_IMPORT_MAX_RANGES 12
+#define SPIN_IMPORT_MAX_CAMERAS 16
+#define SPIN_IMPORT_MAX_SHARES 256
+
+/* What a continuous method was sampled by. */
+enum spin_sampling {
+    SPIN_SAMPLED_STORED, /* nothing: it is not continuous */
+    SPIN_SAMPLED_ENDS,   /* a description: both ends of its time */
+    SPIN_SAMPLED_EVENLY, /* n_frames */
+    SPIN_SAMPLED_TIMES,  /* times */
+    SPIN_SAMPLED_DATA    /* the data set's frames */
+};
+
+struct spin_import_report {
+    char from[32], upstream[160];
+    char recognised[160]; /* how the importer was chosen */
+    char variant[128];
+    char notes[1024]; /* what was guessed, what will be lost: lines */
+    int frames;
+    int frames_read; /* for bounds and ranges */
+    bool continuous; /* the method is defined from range_first to range_last */
+    enum spin_sampling sampling;
+    double range_first, range_last;
+    unsigned static_columns;
+    struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
+    int n_ranges;
+    struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
+    int n_cameras;                                          /* that were drawn */
+    struct spin_import_share share[SPIN_IMPORT_MAX_SHARES]; /* of every camera, to the first 256 */
+    int n_shares;
+    double median_in_front, median_inside; /* of all views */
+    size_t splats_min, splats_max;
+    double splats_mean;
+    double time_first, time_last;
+    int sh_degree; /* -1: none */
+    unsigned columns;
+    float bounds_min[3], bounds_max[3];
+    bool numbered; /* frame numbers came from the source */
+    int number_first, number_last;
+};
+
+/* Import a foreign run to a bundle, or only describe it. */
+spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report);
+
+/* What a bundle holds and how it was made, as lines or as JSON, malloc'ed. Of its arrays only the headers are
+ * read. SPIN_E_NOT_RECOGNISED when the file is no bundle. */
+spin_status spin_bundle_describe(const char *path, bool json, char **text);
+
+/* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as NETWORK, but
+ * splats and tracks have explicit values only. */
+enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT, SPIN_METHOD_TRACKS };
+/* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
+ * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
+enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
+enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
+
+/* Centre and radius of the scene at the network's input. AUTO: median of the positions, and the distance that
+ * holds 90% of them. NONE: as OFF, without the contraction; splats outside the unit cube share one set of
+ * attributes. GIVEN: normalise_centre, normalise_radius. */
+enum spin_normalise {
+    SPIN_NORMALISE_OFF,
+    SPIN_NORMALISE_AUTO,
+    SPIN_NORMALISE_NONE,
+    SPIN_NORMALISE_GIVEN
+};
+
+/* Defaults and limits of all numbers: spin-retrain(1). */
+struct spin_retrain_options {
+    const char *input, *output;
+    const char *data, *data_from, *pair;
+    struct spin_range range;
+    double image_scale;      /* 1: as stored */
+    const int *test_cameras; /* NULL: the data set's own split */
+    int n_test_cameras;
+    enum spin_method method;
+    int refine; /* iterations of every frame before the network, or instead */
+    enum spin_refine_start refine_start; /* from coloured points, or from the source's attributes */
+    bool densify;                        /* refining adds points; else it only prunes them */
+    int max_points;                      /* of a frame while it is refined; 0: no limit */
+    int iterations, batch;
+    int levels, features, hash_log2; /* of the hash grid */
+    int hidden, sh_degree;           /* width of the heads; of the colours */
+    int base_resolution[4];          /* x y z t */
+    int finest_resolution[4];        /* of t 0: max(16, frames) */
+    double lambda_dssim;
+    double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity */
+    double dynamic_weight;               /* of pixels that show motion, relative to the others */
+    bool antialias;                      /* draw antialiased, and so train */
+    double hash_init_range;              /* first values of the table lie within */
+    uint64_t seed;
+    int warmup; /* iterations; -1: iterations / 40 */
+    double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
+    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start */
+    bool learn_exposure;   /* learn a gain and offset of every training camera */
+    double lr_exposure;    /* their rate */
+    double lr_head_factor; /* on the four head rates */
+    bool tracks;           /* learn once what frames share, where splats keep their identity */
+    double lr_track;       /* on 3DGS's rates for what they share */
+    double lr_displacement; /* of a shared displacement, times the extent */
+    bool dynamic_residual;  /* splats that move have residual values of every frame as well */
+    int densify_every;      /* iterations between densifications of tracks; 0: none */
+    double densify_threshold, densify_until; /* of the mean gradient; share of the iterations */
+    double network_start;                    /* share of the iterations before the network joins */
+    enum spin_residual residual;             /* what the network adds to */
+    double lr_residual;    /* on 3DGS's rates for a splat's own values; 0: they stay */
+    double init_log_scale; /* NaN: auto, log of the median distance to 3 neighbours */
+    bool relu;             /* ReLU in the heads instead of GELU */
+    enum spin_normalise normalise;
+    double normalise_centre[3], normalise_radius; /* with SPIN_NORMALISE_GIVEN */
+    int views_per_frame;                          /* of a batch taken from one frame */
+    float background[3];
+    const char *device;         /* "auto", "cpu" or "cuda" */
+    int n_threads;              /* 0: all */
+    int eval_every, save_every; /* iterations; 0: at the end; every 5 minutes */
+    bool resume, force, dry_run;
+    const char *preview, *log; /* folder, file; or NULL */
+};
+
+/* The paper's defaults. */
+void spin_retrain_defaults(struct spin_retrain_options *o);
+#define SPIN_PRESETS "paper|short"
+/* "paper": these. "short": for minutes of training on a CPU; frames are visited a hundred times instead of
+ * thousands, so rates are higher, the views of a step share one evaluation of the network, and splats start from
+ * known values. SPIN_E_USAGE when there is no such preset; then the options are those of "paper". */
+spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
+
+/* LPIPS networks, and the place of each in arrays. */
+enum { SPIN_LPIPS_VGG, SPIN_LPIPS_ALEX, SPIN_N_LPIPS };
+
+/* Means over views; what was not measured is NaN. */
+struct spin_quality {
+    bool valid;
+    double psnr, ssim, psnr_channel_mean;
+    double psnr_dynamic,
+        psnr_static; /* in and outside the moving regions, of views that have both */
+    double dynamic;  /* share of the pixels */
+    double lpips[SPIN_N_LPIPS];
+};
+
+struct spin_retrain_report {
+    int iterations;
+    double seconds, seconds_per_iteration;
+    int frames;
+    double splats_mean;
+    char device[64];
+    struct spin_quality before, refined, test;
+    double refine_seconds; /* part of seconds */
+    double outside_ball;   /* share of points outside the unit ball at the encoder */
+    size_t bytes_needed, bytes_available;
+    size_t bytes_peak;        /* of this process, when the work is done */
+    double seconds_estimated; /* dry run */
+    double loss_last;
+};
+
+spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retrain_report *report);
+
+enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
+
+/* What counts as moving when an evaluation looks at moving regions apart. */
+enum spin_dynamic_from {
+    SPIN_DYNAMIC_AUTO,   /* masks where every view has one, else the images */
+    SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
+    SPIN_DYNAMIC_IMAGES, /* pixels that differ from the median over time of their camera */
+    SPIN_DYNAMIC_OFF
+};
+
+struct spin_eval_options {
+    const char *input, *data, *data_from, *pair;
+    enum spin_split split;
+    const int *test_cameras;
+    int n_test_cameras;
+    struct spin_range range;
+    double image_scale;
+    bool source;        /* measure the imported attributes */
+    const char *images; /* folder for renders, or NULL */
+    enum spin_dynamic_from dynamic;
+    const char *report, *log; /* a page of HTML; what spin-retrain --log wrote; or NULL */
+    const char *lpips; /* folder with the weights of one or both networks of LPIPS; or NULL */
+    const char *lpips_backbone, *lpips_lin; /* the two files of one network; or NULL */
+    float background[3];
+    const char *device;
+    int n_threads;
+    bool force;
+};
+
+struct spin_eval_view {
+    int frame, camera;     /* the source's frame number, camera_id */
+    struct spin_quality q; /* of this view */
+};
+
+/* Bytes of a bundle, by what they are for. */
+struct spin_bundle_bytes {
+    uint64_t file;                    /* the whole file */
+    uint64_t source;                  /* as imported, positions and attributes */
+    uint64_t refined;                 /* frames refined on their own */
+    uint64_t positions, table, heads; /* of the network: what the paper counts */
+};
+
+struct spin_eval_report {
+    struct spin_quality mean;
+    struct spin_eval_view *view; /* [n_views] */
+    size_t n_views;
+    int n_frames;
+    bool network, refined;          /* what was measured; neither: the source */
+    enum spin_dynamic_from dynamic; /* where the moving regions came from; OFF: nowhere */
+    uint64_t left_out;              /* splats that cannot be drawn, over all frames */
+    double seconds_decode;          /* one frame: positions and network to splats */
+    double seconds_draw;            /* one view of a decoded frame */
+    struct spin_bundle_bytes storage;
+};
+
+spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report);
+void spin_eval_report_free(struct spin_eval_report *report);
+/* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. What was measured
+ * in some views only is the mean over these. valid is false when there is no such view. */
+struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
+                                   const int *camera);
+
+struct spin_export_options {
+    const char *input, *output, *to;
+    struct spin_range range;
+    bool source, force;
+    bool sync;  /* files are on the disk before they have their names */
+    bool check; /* read back what was written */
+    const char *data, *data_from, *pair;
+    float background[3];
+    const char *device;
+    int n_threads;
+    const char *const *plugin_pairs;
+};
+
+spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
