@@ -41,24 +41,17 @@ struct model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
+/* By properties of its PLYs, an option of cfg_args, or a group of a checkpoint's optimiser. */
 static int probe(const struct spin_peek *peek)
 {
-    bool still = false, moving = false, dash = false;
+    bool ply = spin_chkpnt_says(peek, " xyz_disp_0") || spin_chkpnt_says(peek, " motion_xyz_0_0");
 
-    if (!peek->is_folder && peek->n_head >= 4 && memcmp(peek->head, "ply", 3) == 0)
-        return spin_chkpnt_says(peek, " xyz_disp_0") || spin_chkpnt_says(peek, " motion_xyz_0_0")
-                   ? 100
-                   : 0;
-    /* An option of cfg_args; a group of a checkpoint's optimiser. */
-    if (spin_chkpnt_says(peek, "rot_interp_type=") ||
-        spin_chkpnt_says(peek, "motion_opacity_center"))
-        return 95;
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        still = still || strcmp(peek->names[i], "point_cloud.ply") == 0;
-        moving = moving || strcmp(peek->names[i], "dynamic_point_cloud.ply") == 0;
-        dash = dash || strcmp(peek->names[i], "static_point_cloud.ply") == 0;
-    }
-    return still && moving && !dash ? 85 : 0;
+    if (ply && !peek->is_folder)
+        return 100;
+    return ply || spin_chkpnt_says(peek, "rot_interp_type=") ||
+                   spin_chkpnt_says(peek, "motion_opacity_center")
+               ? 95
+               : 0;
 }
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
@@ -121,7 +114,8 @@ static spin_status find_files(const char *path, const char *wanted, struct model
         m->is_chkpnt = !dot || strcmp(dot, ".ply") != 0;
         return m->is_chkpnt ? spin_strdup(path, &m->path) : spin_path_folder(path, &m->path);
     }
-    if (spin_model_folder_holds(path, "dynamic_point_cloud.ply"))
+    if (spin_model_folder_holds(path, "dynamic_point_cloud.ply") ||
+        spin_model_folder_holds(path, "point_cloud.ply"))
         return spin_strdup(path, &m->path);
     return find_in_model(path, wanted, m);
 }

@@ -334,6 +334,9 @@ static void test_saves(const char *fixture, const char *checkpoint)
           "a save without its dynamic half");
     fails(FROM, path_in(save, "point_cloud.ply"), "dynamic_point_cloud.ply",
           "and its static half alone");
+    ok(spin_importer_find(save, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
+       "whose folder is not taken for a cloud of 3DGS");
+    fails(FROM, save, "dynamic_point_cloud.ply", "but refused");
     ok(open_with(FROM, model, old, &run) == SPIN_OK, "an older one can be asked for");
     run_close(&run);
     ok(unlink(path_in(save, "point_cloud.ply")) == 0, "(the static half goes)");
