@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "importers/lib/mlp_eval.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/notes.h"
@@ -371,9 +372,7 @@ static spin_status open_network(const struct settings *s, struct model *m,
     if (status == SPIN_OK)
         status = load_network(&torch, s, m, sequence);
     spin_torch_close(&torch);
-    if (status != SPIN_OK && !strstr(spin_last_error(), m->path))
-        return spin_fail_context(status, "cannot read '%s'", m->path);
-    return status;
+    return spin_fail_reading(status, m->path);
 }
 
 /* ---- The cloud ------------------------------------------------------------------------------- */

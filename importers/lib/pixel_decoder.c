@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "base/mem.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/sh.h"
@@ -39,9 +40,7 @@ spin_status spin_pixel_decoder_load(const char *path, struct pixel_decoder *out)
                                torch.root->n));
 out:
     spin_torch_close(&torch);
-    if (status != SPIN_OK && !strstr(spin_last_error(), path))
-        return spin_fail_context(status, "cannot read '%s'", path);
-    return status;
+    return spin_fail_reading(status, path);
 }
 
 void spin_pixel_decoder_free(struct pixel_decoder *d)

@@ -33,14 +33,14 @@ static void sizes(void)
     ok(spin_alloc(1000, 3, &p) == SPIN_OK && all_zero(p, 3000), "alloc is zeroed");
     free(p);
     {
-        size_t capacity = 0, n = 0;
+        size_t capacity = 0, at = 0;
         int *list = NULL, good = 1;
 
-        for (; n < 1000; n++) {
-            good = good && spin_room(n, &capacity, sizeof *list, (void **)&list) == SPIN_OK;
-            list[n] = (int)n;
+        for (; at < 1000; at++) {
+            good = good && spin_room(at, &capacity, sizeof *list, (void **)&list) == SPIN_OK;
+            list[at] = (int)at;
         }
-        for (size_t i = 0; i < n; i++)
+        for (size_t i = 0; i < at; i++)
             good = good && list[i] == (int)i;
         ok(good && capacity == 1024, "an array doubles when it must");
         capacity = SIZE_MAX / 2;
