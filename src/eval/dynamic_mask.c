@@ -211,18 +211,6 @@ static bool some_have_medians(const struct spin_views *views, const struct spin_
     return false;
 }
 
-static size_t largest(const struct spin_views *views)
-{
-    size_t most = 1;
-
-    for (size_t i = 0; i < views->n; i++) {
-        size_t plane = (size_t)views->view[i].camera.width * (size_t)views->view[i].camera.height;
-
-        most = plane > most ? plane : most;
-    }
-    return most;
-}
-
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    enum spin_dynamic_from from, const struct spin_pair *pairs,
                                    size_t n_pairs, struct spin_dynamic_mask *m)
@@ -244,7 +232,7 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
     m->from = from;
     if (from == SPIN_DYNAMIC_OFF)
         return SPIN_OK;
-    m->room = largest(views);
+    m->room = spin_views_pixels(views);
     SPIN_TRY(spin_alloc(m->room, 3 * sizeof(float), (void **)&m->image));
     SPIN_TRY(spin_alloc(m->room, 2, (void **)&m->mask));
     return SPIN_OK;

@@ -231,25 +231,12 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
 
 /* ---- All views ---------------------------------------------------------------------------------- */
 
-static size_t largest_picture(const struct spin_metrics *m)
-{
-    size_t most = 1;
-
-    for (size_t i = 0; i < m->n_pairs; i++) {
-        const struct spin_camera *c = &m->clip->views.view[m->pairs[i].view].camera;
-        size_t pixels = (size_t)c->width * (size_t)c->height;
-
-        most = pixels > most ? pixels : most;
-    }
-    return most;
-}
-
 spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
 {
     struct spin_quality_sum sum = {0};
     struct spin_progress progress;
     spin_status status;
-    size_t pixels = largest_picture(m);
+    size_t pixels = spin_views_pixels(&m->clip->views);
     struct pictures p;
 
     memset(mean, 0, sizeof *mean);

@@ -6,6 +6,7 @@
 #include "spin_run.h"
 #include "scene/bundle.h"
 #include "scene/dataset.h"
+#include "scene/image_cache.h"
 
 struct spin_clip_options {
     const char *input;

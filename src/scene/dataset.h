@@ -1,4 +1,4 @@
-/* The views of a data set: which belong to which frame of the clip, and their pixels. */
+/* The views of a data set: which belong to which frame of the clip. */
 #ifndef SPIN_SCENE_DATASET_H
 #define SPIN_SCENE_DATASET_H
 
@@ -35,31 +35,12 @@ spin_status spin_view_check_image(const struct spin_view *view);
  * only a library which is not installed could read, are left to who needs them. */
 spin_status spin_views_check_cameras(const struct spin_views *views);
 
-/* Pixels on demand: decoded once, kept as 8-bit while `budget` bytes last, decoded anew after that.
- * Images are box-filtered to the camera's size where they differ by a whole factor or more; an aspect
- * ratio that does not fit is an error. */
-struct spin_image_cache {
-    const struct spin_views *views;
-    uint8_t **rgb; /* [views->n] */
-    size_t held, budget;
-    float background[3]; /* seen through transparent pixels */
-};
 /* Whether an image of this size can be that of the view: the shape of its camera. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height);
-/* background NULL: black. */
-spin_status spin_image_cache_open(const struct spin_views *views, size_t budget,
-                                  const float background[3], struct spin_image_cache *out);
-void spin_image_cache_close(struct spin_image_cache *pixels);
-/* Interleaved 8-bit RGB, box-filtered where the sizes differ, to planar [3][height][width] 0..1. */
-spin_status spin_image_fit(const uint8_t *rgb, int from_width, int from_height, int width,
-                           int height, float *out);
 
-/* Planar [3][h][w] float 0..1 of one view. Where images are frames of a video, those that are decoded on
- * the way are kept as well, while there is room. */
-spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out);
-/* The same as bytes: interleaved [h][w][3]. */
-spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out);
-/* The floats of bytes: what get makes of what get_rgb8 gives. */
-void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out);
+/* Pixels of the largest picture, at least 1. */
+size_t spin_views_pixels(const struct spin_views *views);
+/* The first view of a row of the data set, by which views are sorted, or where it would be. */
+const struct spin_view *spin_views_row(const struct spin_views *views, int row);
 
 #endif

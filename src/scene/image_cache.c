@@ -1,138 +1,199 @@
-/* Images as planar floats of a camera's size (spin.h, part 6).
- *
- * The box filter is the average over the area that an output pixel covers. In units of
- * 1/(from * to) source pixel i covers [i * to, (i + 1) * to) and output pixel o covers
- * [o * from, (o + 1) * from), so all overlaps are whole numbers and sum to `from`: nothing is lost
- * to rounding, and at whole factors the weights are equal. */
+/* Pixels on demand. */
+#include "scene/image_cache.h"
+
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/file.h"
 #include "io/image.h"
+#include "io/video.h"
 #include "scene/dataset.h"
 
-/* Source pixels under output pixel o, and the weight of pixel i among them. */
-struct box {
-    int64_t begin, end;  /* of the output pixel, in fine units */
-    int64_t first, last; /* source pixels */
-};
-
-static struct box box_at(int64_t o, int64_t from, int64_t to)
+spin_status spin_image_cache_open(const struct spin_views *views, size_t budget,
+                                  const float background[3], struct spin_image_cache *out)
 {
-    struct box b = {.begin = o * from, .end = (o + 1) * from};
-
-    b.first = b.begin / to;
-    b.last = (b.end - 1) / to;
-    return b;
-}
-
-static double box_weight(const struct box *b, int64_t i, int64_t to)
-{
-    int64_t begin = i * to > b->begin ? i * to : b->begin;
-    int64_t end = (i + 1) * to < b->end ? (i + 1) * to : b->end;
-
-    return (double)(end - begin);
-}
-
-/* sum [width][3] += weight * the row, filtered sideways. */
-static void add_row(const uint8_t *row, int from_width, int width, double weight, double *sum)
-{
-    for (int x = 0; x < width; x++) {
-        struct box b = box_at(x, from_width, width);
-        double rgb[3] = {0};
-
-        for (int64_t i = b.first; i <= b.last; i++) {
-            double w = box_weight(&b, i, width);
-
-            for (int c = 0; c < 3; c++)
-                rgb[c] += w * row[3 * i + c];
-        }
-        for (int c = 0; c < 3; c++)
-            sum[3 * x + c] += weight * rgb[c];
-    }
-}
-
-static void filter(const uint8_t *rgb, int from_width, int from_height, int width, int height,
-                   double *sum, float *out)
-{
-    size_t plane = (size_t)width * (size_t)height;
-    double whole = 255.0 * from_width * from_height;
-
-    for (int y = 0; y < height; y++) {
-        struct box b = box_at(y, from_height, height);
-
-        for (int x = 0; x < 3 * width; x++)
-            sum[x] = 0;
-        for (int64_t i = b.first; i <= b.last; i++)
-            add_row(rgb + (size_t)i * 3 * (size_t)from_width, from_width, width,
-                    box_weight(&b, i, height), sum);
-        for (int x = 0; x < width; x++) {
-            for (int c = 0; c < 3; c++)
-                out[(size_t)c * plane + (size_t)y * (size_t)width + (size_t)x] =
-                    (float)(sum[3 * x + c] / whole);
-        }
-    }
-}
-
-/* The common case: same size. */
-static void spread(const uint8_t *rgb, size_t plane, float *out)
-{
-    for (size_t c = 0; c < 3; c++) {
-        for (size_t i = 0; i < plane; i++)
-            out[c * plane + i] = (float)rgb[3 * i + c] / 255.0f;
-    }
-}
-
-spin_status spin_image_fit(const uint8_t *rgb, int from_width, int from_height, int width,
-                           int height, float *out)
-{
-    double *sum = NULL;
-
-    if (from_width == width && from_height == height) {
-        spread(rgb, (size_t)width * (size_t)height, out);
-        return SPIN_OK;
-    }
-    SPIN_TRY(spin_alloc((size_t)width, 3 * sizeof *sum, (void **)&sum));
-    filter(rgb, from_width, from_height, width, height, sum, out);
-    free(sum);
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_alloc(views->n, sizeof *out->rgb, (void **)&out->rgb));
+    out->views = views;
+    out->budget = budget;
+    for (int c = 0; background && c < 3; c++)
+        out->background[c] = background[c];
     return SPIN_OK;
 }
 
-spin_status spin_image_load(const char *path, int width, int height, const float background[3],
-                            float *out)
+void spin_image_cache_close(struct spin_image_cache *pixels)
 {
-    int from_width, from_height;
-    uint8_t *rgb = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_image_read(path, background, &from_width, &from_height, &rgb));
-    status = spin_image_fit(rgb, from_width, from_height, width, height, out);
-out:
-    free(rgb);
-    return status;
+    for (size_t i = 0; pixels->rgb && i < pixels->views->n; i++)
+        free(pixels->rgb[i]);
+    free(pixels->rgb);
+    memset(pixels, 0, sizeof *pixels);
 }
 
-/* NaN counts as black. */
-static uint8_t to_byte(float value)
+/* Decoded pixels at the camera's size, still 8-bit, so that a kept image and one decoded anew are the
+ * same. Takes *rgb and gives another block where the sizes differ. */
+static spin_status fit(const struct spin_view *view, int width, int height, uint8_t **rgb)
 {
-    if (!(value > 0.0f))
-        return 0;
-    return value >= 1.0f ? 255 : (uint8_t)lrintf(value * 255.0f);
-}
-
-spin_status spin_image_save(const char *path, int width, int height, const float *image, bool sync)
-{
-    size_t plane = (size_t)width * (size_t)height;
-    uint8_t *rgb = NULL;
+    size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
+    void *fitted = NULL, *image = NULL;
     spin_status status;
 
-    SPIN_TRY(spin_alloc(plane, 3, (void **)&rgb));
+    if (width == view->camera.width && height == view->camera.height)
+        return SPIN_OK;
+    SPIN_TRY_OUT(spin_view_check_size(view, width, height));
+    SPIN_TRY_OUT(spin_alloc(plane, 3, &fitted));
+    SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), &image));
+    SPIN_TRY_OUT(
+        spin_image_fit(*rgb, width, height, view->camera.width, view->camera.height, image));
     for (size_t i = 0; i < plane; i++) {
         for (size_t c = 0; c < 3; c++)
-            rgb[3 * i + c] = to_byte(image[c * plane + i]);
+            ((uint8_t *)fitted)[3 * i + c] =
+                (uint8_t)lrintf(((float *)image)[c * plane + i] * 255.0f);
     }
-    status = spin_image_write(path, width, height, rgb, sync);
-    free(rgb);
+out:
+    free(*rgb);
+    *rgb = status == SPIN_OK ? fitted : NULL;
+    if (status != SPIN_OK)
+        free(fitted);
+    free(image);
     return status;
+}
+
+static size_t bytes_of(const struct spin_view *view)
+{
+    return 3 * (size_t)view->camera.width * (size_t)view->camera.height;
+}
+
+static bool has_room(const struct spin_image_cache *pixels, size_t view)
+{
+    return bytes_of(&pixels->views->view[view]) <= pixels->budget - pixels->held;
+}
+
+static void keep(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
+{
+    pixels->rgb[view] = rgb;
+    pixels->held += bytes_of(&pixels->views->view[view]);
+}
+
+/* ---- Frames of videos, on the way to one ------------------------------------------------------ */
+
+struct passing {
+    struct spin_image_cache *pixels;
+    const struct spin_view *view; /* that is asked for */
+    size_t n_file;                /* of its path */
+    int64_t frame;
+};
+
+/* The view that shows another frame of the same video: its row is as far away as the frame. */
+static bool find_passed(const struct passing *p, int64_t frame, size_t *out)
+{
+    const struct spin_views *views = p->pixels->views;
+    int64_t row = p->view->dataset_frame + frame - p->frame;
+    size_t n;
+
+    if (row < 0 || row >= views->n_dataset_frames)
+        return false;
+    for (size_t i = (size_t)(spin_views_row(views, (int)row) - views->view);
+         i < views->n && views->view[i].dataset_frame == row; i++) {
+        const char *path = views->view[i].path;
+        int64_t other;
+
+        if (strncmp(path, p->view->path, p->n_file) == 0 && spin_video_path(path, &n, &other) &&
+            n == p->n_file && other == frame) {
+            *out = i;
+            return true;
+        }
+    }
+    return false;
+}
+
+static bool wants_passed(void *context, int64_t frame)
+{
+    const struct passing *p = context;
+    size_t view;
+
+    return find_passed(p, frame, &view) && !p->pixels->rgb[view] && has_room(p->pixels, view);
+}
+
+/* What cannot be kept is decoded again when its turn comes, and fails then if it must. */
+static void take_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
+{
+    const struct passing *p = context;
+    size_t view, n = 3 * (size_t)width * (size_t)height;
+    void *copy = NULL;
+
+    if (!find_passed(p, frame, &view) || spin_alloc(n, 1, &copy) != SPIN_OK)
+        return;
+    memcpy(copy, rgb, n);
+    if (fit(&p->pixels->views->view[view], width, height, (uint8_t **)&copy) == SPIN_OK)
+        keep(p->pixels, view, copy);
+}
+
+static spin_status read_passing(struct spin_image_cache *pixels, const struct spin_view *view,
+                                int *width, int *height, uint8_t **rgb)
+{
+    struct passing p = {.pixels = pixels, .view = view};
+    struct spin_video_passer passer = {&p, wants_passed, take_passed};
+    char *file = NULL;
+    spin_status status;
+
+    if (!spin_video_path(view->path, &p.n_file, &p.frame) || spin_path_exists(view->path))
+        return spin_image_read(view->path, pixels->background, width, height, rgb);
+    SPIN_TRY(spin_strdup(view->path, &file));
+    file[p.n_file] = '\0';
+    status = spin_video_read(file, p.frame, &passer, width, height, rgb);
+    free(file);
+    return status;
+}
+
+/* 8-bit RGB at the camera's size. */
+static spin_status decode(struct spin_image_cache *pixels, const struct spin_view *view,
+                          uint8_t **out)
+{
+    int width, height;
+
+    SPIN_TRY(read_passing(pixels, view, &width, &height, out));
+    return fit(view, width, height, out);
+}
+
+/* The bytes of a view; *owned is to be freed. */
+static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, const uint8_t **out,
+                              uint8_t **owned)
+{
+    uint8_t *rgb = pixels->rgb[view];
+
+    *owned = NULL;
+    if (!rgb) {
+        SPIN_TRY(decode(pixels, &pixels->views->view[view], &rgb));
+        if (has_room(pixels, view))
+            keep(pixels, view, rgb);
+        else
+            *owned = rgb;
+    }
+    *out = rgb;
+    return SPIN_OK;
+}
+
+spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out)
+{
+    const uint8_t *rgb;
+    uint8_t *owned;
+
+    SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
+    spin_image_floats(rgb, bytes_of(&pixels->views->view[view]) / 3, out);
+    free(owned);
+    return SPIN_OK;
+}
+
+spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out)
+{
+    const uint8_t *rgb;
+    uint8_t *owned;
+
+    SPIN_TRY(find_bytes(pixels, view, &rgb, &owned));
+    memcpy(out, rgb, bytes_of(&pixels->views->view[view]));
+    free(owned);
+    return SPIN_OK;
 }

@@ -6,6 +6,7 @@
 #include "spin_run.h"
 #include "base/mem.h"
 #include "scene/dataset.h"
+#include "scene/image_cache.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -7,6 +7,7 @@
 #include "eval/report/train_log.h"
 #include "io/file.h"
 #include "scene/dataset.h"
+#include "scene/image_cache.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -4,6 +4,7 @@
 
 #include "io/image.h"
 #include "scene/dataset.h"
+#include "scene/image_cache.h"
 #include "tests/importers/runs.h"
 
 static inline void make_folder(const char *folder, const char *name)

@@ -6,6 +6,7 @@
 #include "io/image.h"
 #include "scene/probe.h"
 #include "scene/dataset.h"
+#include "scene/image_cache.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

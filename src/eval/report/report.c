@@ -426,14 +426,8 @@ static void put_options(struct page *p)
 
 static spin_status reserve(struct page *p)
 {
-    size_t plane = 1;
+    size_t plane = spin_views_pixels(&p->r->clip->views);
 
-    for (size_t i = 0; i < p->r->clip->views.n; i++) {
-        const struct spin_camera *c = &p->r->clip->views.view[i].camera;
-        size_t n = (size_t)c->width * (size_t)c->height;
-
-        plane = n > plane ? n : plane;
-    }
     for (int k = 0; k < PICTURES; k++)
         SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&p->picture[k]));
     return spin_alloc(plane, 3, (void **)&p->rgb);
