@@ -146,9 +146,6 @@ static spin_status add_rows(struct model *m, struct spin_sequence_info *sequence
     m->n_moving = m->gaussians.n;
     n_dropped = m->gaussians.n_dropped;
     n_faint += spin_realtime4dgs_rows_add(&m->rows[STILL], n_moving, &reading, &m->gaussians);
-    if (m->gaussians.n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values",
-                         n_moving + n_still);
     if (n_dropped > 0)
         spin_note(sequence, "%zu of %zu dynamic Gaussians are dropped: values that are not finite",
                   n_dropped, n_moving);
@@ -158,11 +155,7 @@ static spin_status add_rows(struct model *m, struct spin_sequence_info *sequence
             "%zu of %zu static Gaussians are dropped: values that are not finite; the method's "
             "own conversion makes such rotations, and its renderer skips them",
             m->gaussians.n_dropped - n_dropped, n_still);
-    if (n_faint > 0.99 * (double)(n_moving + n_still))
-        spin_note(sequence,
-                  "nearly all opacities are below 0.02: training saved this just after it had "
-                  "reset them; positions are fine");
-    return SPIN_OK;
+    return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */

@@ -445,12 +445,7 @@ static spin_status add_rows(struct model *m, const struct columns *c,
     SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++)
         add_row(m, c, i);
-    if (m->gaussians.n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
-    if (m->gaussians.n_dropped > 0)
-        spin_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
-                  m->gaussians.n_dropped, m->n);
-    return SPIN_OK;
+    return spin_gaussian4d_check(&m->gaussians, m->n, 0, "values that are not finite", sequence);
 }
 
 static spin_status find_times(struct model *m, const struct spin_plugin_values *values,

@@ -126,16 +126,8 @@ static spin_status add_rows(struct model *m, struct spin_sequence_info *sequence
                             spin_yaml_bool(&m->settings, "compute_cov3D_python", false);
     SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->rows.n));
     n_faint = spin_realtime4dgs_rows_add(&m->rows, 0, &m->reading, &m->gaussians);
-    if (m->gaussians.n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values",
-                         m->rows.n);
-    if (m->gaussians.n_dropped > 0)
-        spin_note(sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
-                  m->gaussians.n_dropped, m->rows.n);
-    if (!m->stale && n_faint > 0.99 * (double)m->rows.n)
-        spin_note(sequence,
-                  "nearly all opacities are below 0.02: training saved this just after it "
-                  "had reset them; positions are fine");
+    SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->rows.n, m->stale ? 0 : n_faint,
+                                   "values that are not finite", sequence));
     if (m->reading.transposed)
         spin_note(sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
                   m->settings.yaml_path);

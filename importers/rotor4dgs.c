@@ -220,22 +220,12 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
             n_bad_sh++;
             continue;
         }
-        n_faint += spin_sigmoid_of(c[OPACITIES][i]) < 0.02;
+        n_faint += spin_sigmoid_of(c[OPACITIES][i]) < SPIN_FAINT;
         add_row(m, c, i);
     }
     m->gaussians.n_dropped += n_bad_sh;
-    if (m->gaussians.n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", m->n);
-    if (m->gaussians.n_dropped > 0)
-        spin_note(sequence,
-                  "%zu of %zu Gaussians are dropped: values that are not finite, or rotors "
-                  "of 0",
-                  m->gaussians.n_dropped, m->n);
-    if (n_faint > 0.99 * (double)m->n)
-        spin_note(sequence,
-                  "nearly all opacities are below 0.02: training saved this just after it "
-                  "had reset them; positions are fine");
-    return SPIN_OK;
+    return spin_gaussian4d_check(&m->gaussians, m->n, n_faint,
+                                 "values that are not finite, or rotors of 0", sequence);
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */

@@ -1,5 +1,6 @@
 /* 4-D Gaussians sliced at a time. */
 #include "importers/lib/gaussian4d.h"
+#include "importers/lib/notes.h"
 #include "math/quat.h"
 
 #include <stdlib.h>
@@ -75,6 +76,21 @@ void spin_gaussian4d_add_slice(struct gaussian4d *s, size_t row, const float mea
     spin_covariance_split(slice->cov6, log_scale, quat);
     spin_gaussian4d_add(s, row, mean, time, opacity, slice->velocity, slice->variance_t + extra,
                         log_scale, quat);
+}
+
+spin_status spin_gaussian4d_check(const struct gaussian4d *s, size_t n, size_t n_faint,
+                                  const char *why, struct spin_sequence_info *sequence)
+{
+    if (s->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", n);
+    if (s->n_dropped > 0 && why)
+        spin_note(sequence, "%zu of %zu Gaussians are dropped: %s", s->n_dropped, n, why);
+    if (n_faint > 0.99 * (double)n)
+        spin_note(sequence,
+                  "nearly all opacities are below %g: training saved this just after it had reset "
+                  "them; positions are fine",
+                  SPIN_FAINT);
+    return SPIN_OK;
 }
 
 void spin_unit_quat(const float in[4], double out[4])

@@ -36,6 +36,13 @@ void spin_gaussian4d_add(struct gaussian4d *s, size_t row, const float mean[3], 
 void spin_gaussian4d_add_slice(struct gaussian4d *s, size_t row, const float mean[3], double time,
                                double opacity, const spin_slice *slice, double extra);
 
+/* When all n rows were added: SPIN_E_MALFORMED when none can be used. Notes how many were dropped, as of
+ * `why` (NULL: it does not), and that training had just reset opacities when nearly all, n_faint, are below
+ * SPIN_FAINT. */
+#define SPIN_FAINT 0.02
+spin_status spin_gaussian4d_check(const struct gaussian4d *s, size_t n, size_t n_faint,
+                                  const char *why, struct spin_sequence_info *sequence);
+
 /* A unit quaternion, NaN when it has no direction. */
 void spin_unit_quat(const float in[4], double out[4]);
 

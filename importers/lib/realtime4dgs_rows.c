@@ -267,7 +267,7 @@ size_t spin_realtime4dgs_rows_add(const struct realtime4dgs_rows *rows, size_t r
             gaussians->n_dropped++;
             continue;
         }
-        n_faint += spin_sigmoid_of(rows->opacity[i]) < 0.02;
+        n_faint += spin_sigmoid_of(rows->opacity[i]) < SPIN_FAINT;
         add_row(rows, i, row + i, reading, gaussians);
     }
     return n_faint;
