@@ -348,6 +348,7 @@ fi
 rm -rf "$out"*
 steps=150
 start --iterations 150
+kill -STOP $pid # a busy machine must not let it end before the others try
 cp "$out.lock" "$work/lock" 2>/dev/null
 ok $? "a run holds a lock"
 retrain --force
@@ -355,6 +356,7 @@ fails 1 spin-retrain "a second run with the same output"
 err_has "'$out' is being written by another run" "names it"
 retrain --force --resume
 is "$code" 1 "nor does --resume"
+kill -CONT $pid
 finish
 is "$code" 0 "the first goes on"
 same "$out" "$work/long.spin" "unharmed"
