@@ -150,10 +150,10 @@ static void open_trainer(struct spin_device *d, struct spin_trainer *t)
     d->op->upload(d, t->frame[0].residual, residual, sizeof residual);
 }
 
-/* Track 2 has a large gradient in the second frame, the splat without a track in the first. */
+/* Track 2 and the splat without a track have large gradients, both in the first frame.  */
 static void put_gradients(struct spin_device *d, struct spin_trainer *t)
 {
-    static const float gradient[2][4] = {{1, 0, 0, 0}, {1, 0}};
+    static const float gradient[2][4] = {{1, 0, 1, 0}, {0, 0}};
     static const uint32_t seen[2][4] = {{1, 1, 1, 1}, {1, 1}};
 
     for (int f = 0; f < 2; f++) {
