@@ -322,14 +322,15 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     struct spin_param_group group[SPIN_MAX_FRAMES * SPIN_TRAIN_FRAME_GROUPS];
     double lr_pos = t->rates.position == 0 ? 0 : rate_at(t, t->rates.position, t->iteration);
     double lr[SPIN_HEADS];
+    bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0; /* residual values stay as they are */
     int n_groups = 0;
 
     for (int k = 0; k < SPIN_HEADS; k++)
         lr[k] = rate_at(t, t->rates.residual[k], t->iteration);
     for (int f = 0; f < frames->n_frames; f++)
-        n_groups += spin_train_frame_step(&t->frame[b->items[first[f]].frame], lr_pos, lr,
-                                          frames->frame[f].d_means, frames->frame[f].d_residual,
-                                          group + n_groups);
+        n_groups += spin_train_frame_step(
+            &t->frame[b->items[first[f]].frame], lr_pos, lr, frames->frame[f].d_means,
+            fixed ? NULL : frames->frame[f].d_residual, group + n_groups);
     t->device->op->adam(t->device, n_groups, group);
 }
 
