@@ -15,28 +15,36 @@
 #include "base/mem.h"
 #include "formats/spz.h"
 #include "io/gzip.h"
+#include "io/zstd.h"
 
-#define BATCH 16     /* blocks of rows coded at a time */
-#define MAX_WIDTH 45 /* bytes of one stream a row */
+#define BATCH 16  /* blocks of rows coded at a time */
+#define MAX_SH 45 /* coefficients */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.spz"),
     SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
-    {"level", "N", "effort of gzip; 1: no search for repeats, of which there are few; to 9", "1"},
+    {"spz-version", "3|4", "version of the format: 3 is a gzip, 4 is zstd streams", "3"},
+    {"level", "N", "effort of gzip or zstd; 1: hardly a search for repeats, of which there are few; to 9",
+     "1"},
     {0},
 };
 
 struct export
 {
     struct spin_frames frames;
-    struct spin_gzip *gzip;
-    int fraction; /* fractional bits of the places */
+    int version, level;
+    struct spin_gzip *gzip; /* of version 3 */
+    int fraction;           /* fractional bits of the places */
+    unsigned char *packed;  /* [n_packed_room] a stream of version 4 */
+    size_t n_packed_room;
+    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* likewise */
 
-    /* The batch at hand. */
+    /* The batch at hand: of version 4 the whole stream. */
     int stream;
     size_t width, first;            /* bytes a row; block */
-    unsigned char *bytes;           /* [BATCH * rows of a block * MAX_WIDTH] */
+    unsigned char *bytes;           /* [n_bytes_room] */
+    size_t n_bytes_room;
     struct spin_quant_error *quant; /* [blocks] */
 };
 
@@ -47,7 +55,7 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
-    float is[4], shown[4], room[3 * SPIN_SH_MAX], lost[MAX_WIDTH];
+    float is[4], shown[4], room[3 * SPIN_SH_MAX], lost[MAX_SH];
     const float *scale = rows->splats->log_scales + 3 * i;
 
     switch (x->stream) {
@@ -103,13 +111,11 @@ static void code_block(void *context, int task, int worker)
 }
 
 /* One attribute of all rows, some blocks at a time. */
-static spin_status write_stream(struct export *x, int stream)
+static spin_status write_gzip(struct export *x)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
     size_t n_blocks = spin_splat_filter_blocks(rows);
 
-    x->stream = stream;
-    x->width = spin_spz_width(stream, rows->sh_degree);
     for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
         size_t end = x->first + BATCH < n_blocks ? x->first + BATCH : n_blocks;
         size_t n = (end < n_blocks ? spin_splat_filter_before(rows, end) : rows->n_kept) -
@@ -119,6 +125,28 @@ static spin_status write_stream(struct export *x, int stream)
         SPIN_TRY(spin_gzip_write(x->gzip, x->bytes, n * x->width));
     }
     return SPIN_OK;
+}
+
+/* One attribute of all rows, which becomes a frame of zstd, and its entry of the table of contents. */
+static spin_status write_zstd(struct export *x, struct spin_out *out)
+{
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    size_t n = rows->n_kept * x->width, n_packed;
+
+    if (n == 0)
+        return SPIN_OK;
+    x->first = 0;
+    spin_pool_run(rows->pool, (int)spin_splat_filter_blocks(rows), code_block, x);
+    SPIN_TRY(spin_zstd_write(x->bytes, n, x->level, &x->packed, &x->n_packed_room, &n_packed));
+    spin_spz_code_toc_entry(n_packed, n, x->toc + (size_t)x->stream * SPIN_SPZ_TOC_ENTRY);
+    return spin_out_write(out, x->packed, n_packed);
+}
+
+static spin_status write_stream(struct export *x, int stream, struct spin_out *out)
+{
+    x->stream = stream;
+    x->width = spin_spz_width(stream, x->frames.rows.sh_degree);
+    return x->version == 4 ? write_zstd(x, out) : write_gzip(x);
 }
 
 /* The most fractional bits, at most those of the frame before, with which all places fit. */
@@ -146,16 +174,55 @@ static spin_status choose_fraction(struct export *x, int number)
     return SPIN_OK;
 }
 
-static spin_status write_header(struct export *x)
+static struct spin_spz_header header_of(const struct export *x)
 {
-    const struct spin_spz_header header = {.n = x->frames.rows.n_kept,
-                                           .sh_degree = x->frames.rows.sh_degree,
-                                           .fraction = x->fraction,
-                                           .antialias = x->frames.antialias};
-    unsigned char bytes[SPIN_SPZ_HEADER];
+    return (struct spin_spz_header){.n = x->frames.rows.n_kept,
+                                    .sh_degree = x->frames.rows.sh_degree,
+                                    .fraction = x->fraction,
+                                    .antialias = x->frames.antialias,
+                                    .version = x->version};
+}
 
-    spin_spz_code_header(&header, bytes);
-    return spin_gzip_write(x->gzip, bytes, sizeof bytes);
+static spin_status write_version_3(struct export *x, struct spin_out *out)
+{
+    const struct spin_spz_header header = header_of(x);
+    unsigned char bytes[SPIN_SPZ_HEADER_4];
+
+    SPIN_TRY(spin_gzip_begin(x->gzip, out));
+    SPIN_TRY(spin_gzip_write(x->gzip, bytes, spin_spz_code_header(&header, bytes)));
+    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
+        SPIN_TRY(write_stream(x, stream, out));
+    return spin_gzip_end(x->gzip);
+}
+
+/* The table of contents is written twice: its place, and what it says. */
+static spin_status write_version_4(struct export *x, struct spin_out *out)
+{
+    const struct spin_spz_header header = header_of(x);
+    size_t n_toc = (size_t)spin_spz_n_streams(&header) * SPIN_SPZ_TOC_ENTRY;
+    unsigned char bytes[SPIN_SPZ_HEADER_4];
+    uint64_t length;
+
+    SPIN_TRY(spin_out_write(out, bytes, spin_spz_code_header(&header, bytes)));
+    SPIN_TRY(spin_out_write(out, x->toc, n_toc));
+    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
+        SPIN_TRY(write_stream(x, stream, out));
+    SPIN_TRY(spin_out_length(out, &length)); /* nothing is left in the buffer */
+    return spin_out_write_at(out, SPIN_SPZ_HEADER_4, x->toc, n_toc);
+}
+
+/* Room for a batch of rows, or for all of the frame. */
+static spin_status reserve(struct export *x)
+{
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    size_t n = x->version == 4 ? rows->n_kept : (size_t)BATCH * SPIN_ROWS_BLOCK, width = 9;
+
+    width = spin_n_rest(rows->sh_degree) > width ? spin_n_rest(rows->sh_degree) : width;
+    if (n * width > x->n_bytes_room) {
+        SPIN_TRY(spin_grow(n, width, (void **)&x->bytes));
+        x->n_bytes_room = n * width;
+    }
+    return SPIN_OK;
 }
 
 static spin_status spz_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
@@ -163,12 +230,9 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     struct export *x = self;
 
     SPIN_TRY(choose_fraction(x, info->number));
+    SPIN_TRY(reserve(x));
     SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
-    SPIN_TRY(spin_gzip_begin(x->gzip, out));
-    SPIN_TRY(write_header(x));
-    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
-        SPIN_TRY(write_stream(x, stream));
-    SPIN_TRY(spin_gzip_end(x->gzip));
+    SPIN_TRY(x->version == 4 ? write_version_4(x, out) : write_version_3(x, out));
     spin_frames_merge(&x->frames);
     return SPIN_OK;
 }
@@ -178,7 +242,7 @@ static uint64_t spz_bytes(const void *self, size_t n)
     return spin_spz_bytes(n, ((const struct export *)self)->frames.rows.sh_degree);
 }
 
-/* The header inside, and the length that the gzip ends with. */
+/* The header, and the length that the gzip ends with or the table of contents gives. */
 static bool spz_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
                          size_t *n)
 {
@@ -189,7 +253,7 @@ static bool spz_complete(void *self, const struct spin_frame_info *info, const s
     if (spin_spz_peek(map->data, map->size, &header) != SPIN_OK)
         return false;
     *n = header.n;
-    return header.version == 3 && header.sh_degree == x->frames.rows.sh_degree;
+    return header.version == x->version && header.sh_degree == x->frames.rows.sh_degree;
 }
 
 static spin_status spz_read(void *self, const struct spin_map *map, int frame,
@@ -207,16 +271,18 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
     struct export *x = self;
-    int axes, level = 1;
+    int axes, version;
 
     SPIN_TRY(spin_option_word(v, "axes", "source|rub", &axes));
-    SPIN_TRY(spin_option_count(v, "level", 1, 9, &level));
+    SPIN_TRY(spin_option_word(v, "spz-version", "3|4", &version));
+    x->version = 3 + version;
+    x->level = 1;
+    SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
         return spin_fail(SPIN_E_USAGE, "--axes rub takes y down for granted: give it or --up");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
-    SPIN_TRY(spin_alloc((size_t)BATCH * SPIN_ROWS_BLOCK, MAX_WIDTH, (void **)&x->bytes));
-    return spin_gzip_create(level, job->n_threads, &x->gzip);
+    return x->version == 4 ? spin_zstd_need() : spin_gzip_create(x->level, job->n_threads, &x->gzip);
 }
 
 static void end(void *self)
@@ -225,6 +291,7 @@ static void end(void *self)
 
     spin_gzip_free(x->gzip);
     free(x->bytes);
+    free(x->packed);
 }
 
 static const struct spin_frames_format format = {
@@ -250,7 +317,7 @@ extern const struct spin_exporter spin_exporter_spz;
 const struct spin_exporter spin_exporter_spz = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "spz",
-    .summary = "a folder with one SPZ (version 3) per frame: about a tenth of a PLY",
+    .summary = "a folder with one SPZ (version 3 or 4) per frame: about a tenth of a PLY",
     .options = options,
     .checks = true,
     .antialias = true,

@@ -11,7 +11,6 @@
 #include "math/sh.h"
 
 #define MAGIC 0x5053474eu /* "NGSP" */
-#define VERSION 3         /* that is written */
 #define OLDEST 2
 #define IN_STREAMS 4  /* the version whose streams are compressed one by one */
 #define ANTIALIASED 1 /* of the header's flags */
@@ -28,7 +27,6 @@
 #define RATIO 32
 #define RATIO_SLACK (8u << 20)
 #define MAX_EXTENSIONS (1u << 20)
-enum { HEADER_4 = 32, TOC_ENTRY = 16 };
 
 /* x y z w in our w x y z */
 static const int xyzw[4] = {1, 2, 3, 0};
@@ -47,16 +45,35 @@ uint64_t spin_spz_bytes(size_t n, int sh_degree)
     return SPIN_SPZ_HEADER + (uint64_t)n * (20 + spin_n_rest(sh_degree));
 }
 
-void spin_spz_code_header(const struct spin_spz_header *header, unsigned char out[SPIN_SPZ_HEADER])
+int spin_spz_n_streams(const struct spin_spz_header *header)
 {
-    uint32_t word[3] = {MAGIC, VERSION, (uint32_t)header->n};
+    return header->n == 0 ? 0 : header->sh_degree == 0 ? SPIN_SPZ_SH : SPIN_SPZ_STREAMS;
+}
 
-    spin_little_endian(word, 3);
-    memcpy(out, word, sizeof word);
+size_t spin_spz_code_header(const struct spin_spz_header *header, unsigned char *out)
+{
+    bool four = header->version == IN_STREAMS;
+    size_t size = four ? SPIN_SPZ_HEADER_4 : SPIN_SPZ_HEADER;
+    uint32_t word[5] = {MAGIC, (uint32_t)header->version, (uint32_t)header->n, 0,
+                        SPIN_SPZ_HEADER_4};
+
+    memset(out, 0, size);
+    spin_little_endian(word, 5);
+    memcpy(out, word, four ? sizeof word : 3 * sizeof *word);
     out[12] = (unsigned char)header->sh_degree;
     out[13] = (unsigned char)header->fraction;
     out[14] = header->antialias ? ANTIALIASED : 0;
-    out[15] = 0;
+    out[15] = four ? (unsigned char)spin_spz_n_streams(header) : 0;
+    return size;
+}
+
+void spin_spz_code_toc_entry(uint64_t packed, uint64_t bytes,
+                             unsigned char out[SPIN_SPZ_TOC_ENTRY])
+{
+    for (int b = 0; b < 8; b++) {
+        out[b] = (unsigned char)(packed >> (8 * b));
+        out[8 + b] = (unsigned char)(bytes >> (8 * b));
+    }
 }
 
 int spin_spz_fraction(float largest, int at_most)
@@ -211,14 +228,14 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
 static spin_status check_streams(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint32_t toc = spin_u32_at(file + 16);
-    uint64_t at = (uint64_t)toc + (uint64_t)file[15] * TOC_ENTRY;
+    uint64_t at = (uint64_t)toc + (uint64_t)file[15] * SPIN_SPZ_TOC_ENTRY;
     int entry = 0;
 
-    if (toc < HEADER_4 || at > size)
+    if (toc < SPIN_SPZ_HEADER_4 || at > size)
         return spin_fail(SPIN_E_MALFORMED, "SPZ whose table of contents ends behind the file");
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
         uint64_t bytes = stream_bytes(h, stream);
-        const unsigned char *e = file + toc + TOC_ENTRY * entry;
+        const unsigned char *e = file + toc + SPIN_SPZ_TOC_ENTRY * entry;
 
         if (bytes == 0)
             continue;
@@ -232,7 +249,7 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     if (entry != file[15] || at != size)
         return spin_fail(SPIN_E_MALFORMED, "SPZ with more than its streams");
     SPIN_TRY(check_count(h, size));
-    return file[14] & EXTENDED ? read_extensions(file + HEADER_4, toc - HEADER_4, h) : SPIN_OK;
+    return file[14] & EXTENDED ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h) : SPIN_OK;
 }
 
 /* Bytes of the extensions in the gzip of version 2 or 3, by what its end says of its length, which is
@@ -288,7 +305,7 @@ spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header 
 {
     if (size < 4 || spin_u32_at(file) != MAGIC)
         return peek_gzip(file, size, out);
-    if (size < HEADER_4)
+    if (size < SPIN_SPZ_HEADER_4)
         return spin_fail(SPIN_E_MALFORMED, "SPZ that ends in its header");
     SPIN_TRY(parse_header(file, out));
     if (out->version != IN_STREAMS)
@@ -398,7 +415,7 @@ static void read_streams(const struct spin_spz_header *h, const unsigned char *p
 static spin_status inflate_streams(const unsigned char *file, const struct spin_spz_header *h,
                                    unsigned char **out)
 {
-    const unsigned char *entry = file + spin_u32_at(file + 16), *at = entry + file[15] * TOC_ENTRY;
+    const unsigned char *entry = file + spin_u32_at(file + 16), *at = entry + file[15] * SPIN_SPZ_TOC_ENTRY;
     unsigned char *to;
 
     SPIN_TRY(spin_alloc((size_t)all_bytes(h) + 1, 1, (void **)out));
@@ -414,7 +431,7 @@ static spin_status inflate_streams(const unsigned char *file, const struct spin_
             return spin_fail_context(status, "SPZ stream %d", stream);
         to += n_bytes;
         at += u64_at(entry);
-        entry += TOC_ENTRY;
+        entry += SPIN_SPZ_TOC_ENTRY;
     }
     return SPIN_OK;
 }

@@ -1,5 +1,4 @@
-/* Niantic's SPZ. Read are versions 2 to 4; written is version 3, the one most widely read. Versions 2 and 3
- * are a gzip of a header of 16 bytes and one stream after the other:
+/* Niantic's SPZ. Read are versions 2 to 4; written are 3 and 4. Versions 2 and 3 are a gzip of a header of 16 bytes and one stream after the other:
  *
  *     places     9 bytes  per axis 24 bits, signed, in steps of 2^-fractional_bits
  *     alphas     1        opacity * 255
@@ -25,6 +24,8 @@
 
 enum {
     SPIN_SPZ_HEADER = 16,
+    SPIN_SPZ_HEADER_4 = 32,  /* of version 4 */
+    SPIN_SPZ_TOC_ENTRY = 16, /* likewise */
     SPIN_SPZ_FRACTION = 12, /* bits, as the reference has it: places reach to 2048 */
     /* Streams, and bytes of a row. */
     SPIN_SPZ_PLACE = 0,
@@ -40,7 +41,7 @@ struct spin_spz_header {
     size_t n;
     int sh_degree, fraction; /* 0..3, of version 4 up to 4; fractional bits of places */
     bool antialias;
-    int version; /* 2 to 4; not looked at when one is written */
+    int version; /* 2 to 4; 3 or 4 when one is written */
     int axes;    /* as SPZ_ADOBE_coordinate_system counts them, 1 to 16; 0: the file does not say */
 };
 
@@ -52,9 +53,17 @@ enum { SPIN_SPZ_RIGHT_UP_BACK = 4, SPIN_SPZ_RIGHT_DOWN_FORWARD = 6, SPIN_SPZ_LEF
 
 /* Bytes of a row of a stream. */
 size_t spin_spz_width(int stream, int sh_degree);
-/* Bytes before gzip. */
+/* Bytes before gzip or zstd; at most those of a file, but for what these add to bytes that they cannot
+ * make fewer. */
 uint64_t spin_spz_bytes(size_t n, int sh_degree);
-void spin_spz_code_header(const struct spin_spz_header *header, unsigned char out[SPIN_SPZ_HEADER]);
+/* Streams of version 4: those that are not empty. */
+int spin_spz_n_streams(const struct spin_spz_header *header);
+/* How many bytes it has: SPIN_SPZ_HEADER or, of version 4, SPIN_SPZ_HEADER_4, with the table of contents
+ * right behind it. */
+size_t spin_spz_code_header(const struct spin_spz_header *header, unsigned char *out);
+/* An entry of that table: bytes packed, and before. */
+void spin_spz_code_toc_entry(uint64_t packed, uint64_t bytes,
+                             unsigned char out[SPIN_SPZ_TOC_ENTRY]);
 /* The most fractional bits, up to `at_most`, that hold a place whose largest size of a coordinate this is;
  * negative when there are none: above 8388606. */
 int spin_spz_fraction(float largest, int at_most);

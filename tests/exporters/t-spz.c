@@ -1,7 +1,11 @@
 /* K: spz export threads */
 #include <zlib.h>
 
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include "base/log.h"
+#include "io/zstd.h"
 #include "tests/exporters/frame.h"
 
 extern const struct spin_exporter spin_exporter_spz;
@@ -243,12 +247,109 @@ static void test_edges(void)
     spin_splats_free(&s);
 }
 
+/* A whole file; free it. */
+static unsigned char *slurp(const char *path, size_t *n)
+{
+    FILE *file = fopen(path, "rb");
+    unsigned char *bytes = malloc(4 << 20);
+
+    *n = file ? fread(bytes, 1, 4 << 20, file) : 0;
+    if (file)
+        fclose(file);
+    return bytes;
+}
+
+static uint64_t u64_at(const unsigned char *at)
+{
+    return u32_at(at) | (uint64_t)u32_at(at + 4) << 32;
+}
+
+/* The streams of version 4 are those of version 3, each a frame of zstd behind the table of contents. */
+static void test_version_4(int degree, size_t n_rows)
+{
+    static const char *const pairs[] = {"spz-version", "4", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {.output = in_folder("v4"),
+                                  .n_frames = 1,
+                                  .sh_degree = degree,
+                                  .antialias = true,
+                                  .force = true,
+                                  .values = &values};
+    int n_streams = n_rows == 0 ? 0 : degree == 0 ? 5 : 6;
+    size_t n = 0, at = 32 + 16 * (size_t)n_streams, at_3 = 16;
+    struct spin_splats s = {0};
+    unsigned char *bytes, *stream = malloc(1 << 20);
+    struct spz three;
+    int same = 1;
+
+    make_frame(&s, n_rows, degree, 6);
+    if (!ok(run(&spin_exporter_spz, &job, &s, 0) == SPIN_OK, "writes version 4 of degree %d: %s",
+            degree, spin_last_error()))
+        return;
+    job.output = in_folder("v3");
+    job.values = NULL;
+    job.antialias = false; /* load() knows no flags */
+    ok(run(&spin_exporter_spz, &job, &s, 0) == SPIN_OK &&
+           load(in_folder("v3/frame_00000.spz"), &three),
+       "and version 3 by itself");
+    bytes = slurp(in_folder("v4/frame_00000.spz"), &n);
+    ok(n >= 32 && u32_at(bytes) == 0x5053474e && u32_at(bytes + 4) == 4 &&
+           u32_at(bytes + 8) == n_rows && bytes[12] == degree && bytes[13] == 12 &&
+           bytes[14] == 1 && bytes[15] == n_streams && u32_at(bytes + 16) == 32 &&
+           u64_at(bytes + 20) == 0 && u32_at(bytes + 28) == 0,
+       "the header in the clear");
+    for (int i = 0; i < n_streams && same; i++) {
+        size_t packed = (size_t)u64_at(bytes + 32 + 16 * i),
+               length = (size_t)u64_at(bytes + 40 + 16 * i);
+
+        same = length <= three.n_bytes - at_3 && packed <= n - at &&
+               spin_zstd_read(bytes + at, packed, stream, length) == SPIN_OK &&
+               !memcmp(stream, three.bytes + at_3, length);
+        at += packed;
+        at_3 += length;
+    }
+    ok(same && at == n && at_3 == three.n_bytes, "the same streams, to the end of the file");
+    free(bytes);
+    free(stream);
+    free(three.bytes);
+    spin_splats_free(&s);
+}
+
+/* In a process of its own, as the library is looked for once. */
+static void test_without_zstd(void)
+{
+    static const char *const pairs[] = {"spz-version", "4", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .output = in_folder("nozstd"), .n_frames = 1, .values = &values};
+    int status = 0;
+    pid_t child = fork();
+
+    if (child == 0) {
+        void *self = NULL;
+
+        setenv("SPIN_ZSTD", "/no/such.so", 1);
+        _exit(spin_exporter_spz.begin(&job, &self) == SPIN_E_UNSUPPORTED &&
+                      strstr(spin_last_error(), "libzstd")
+                  ? 0
+                  : 1);
+    }
+    ok(child > 0 && waitpid(child, &status, 0) == child && status == 0 &&
+           !spin_path_exists(in_folder("nozstd")),
+       "without the library version 4 is refused, and no folder made");
+}
+
 TAP_MAIN
 {
     static const char *const bad[][2] = {
-        {"axes", "gltf"}, {"level", "0"}, {"level", "10"}, {"sh", "-1"}, {"min-opacity", "x"}};
+        {"axes", "gltf"}, {"level", "0"}, {"level", "10"},      {"spz-version", "2"},
+        {"sh", "-1"},     {"min-opacity", "x"}};
 
     spin_log_set_level(-2);
+    test_without_zstd();
+    test_version_4(0, 500);
+    test_version_4(3, 9000);
+    test_version_4(2, 0);
     test_values(0, "keep", 0, "source");
     test_values(3, "keep", 3, "source");
     test_values(1, "3", 3, "rub");

@@ -581,7 +581,8 @@ static void test_extension(void)
 
 static void test_spz(void)
 {
-    const struct spin_spz_header header = {.n = 2, .sh_degree = 1, .fraction = SPIN_SPZ_FRACTION};
+    const struct spin_spz_header header = {
+        .n = 2, .sh_degree = 1, .fraction = SPIN_SPZ_FRACTION, .version = 3};
     static const char node[] = "\"nodes\":[{\"mesh\":0,\"translation\":[0,0,5]}]";
     unsigned char bytes[16 + 2 * 29];
     struct spin_gs_glb_scene scene = {0};

@@ -37,6 +37,25 @@ static void test_frames(void)
        "other bytes");
 }
 
+static void test_writing(void)
+{
+    unsigned char in[5000], back[5000], *out = NULL;
+    size_t n_room = 0, n = 0, n_small = 0;
+
+    for (size_t i = 0; i < sizeof in; i++)
+        in[i] = (unsigned char)(i * i % 251 % 7);
+    ok(spin_zstd_write(in, sizeof in, 1, &out, &n_room, &n) == SPIN_OK && n < sizeof in &&
+           n <= n_room && spin_zstd_read(out, n, back, sizeof back) == SPIN_OK &&
+           !memcmp(in, back, sizeof in),
+       "what is written is read back");
+    ok(spin_zstd_write(in, sizeof in, 19, &out, &n_room, &n_small) == SPIN_OK && n_small <= n,
+       "a higher level is not larger");
+    ok(spin_zstd_write(in, 0, 1, &out, &n_room, &n) == SPIN_OK &&
+           spin_zstd_read(out, n, back, 0) == SPIN_OK,
+       "nothing");
+    free(out);
+}
+
 /* In a process of its own, as the library is looked for once. */
 static void test_without(void)
 {
@@ -61,4 +80,5 @@ TAP_MAIN
 {
     test_without();
     test_frames();
+    test_writing();
 }

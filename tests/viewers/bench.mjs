@@ -15,7 +15,7 @@ const here = path.dirname(new URL(import.meta.url).pathname);
 const require = createRequire(import.meta.url);
 
 const DEFAULT_VIEWERS = 'spark,playcanvas,babylon,three';
-const ENDS = Object.values(KINDS).map((k) => k.ends).join(', ');
+const ENDS = [...new Set(Object.values(KINDS).map((k) => k.ends))].join(', ');
 
 const HELP = `usage: node bench.mjs [options] FILE | DIR ...
        node bench.mjs [options] selftest
@@ -91,12 +91,14 @@ function meta(viewer, name) {
 }
 const opens = (viewer, kind) => meta(viewer, 'opens').split(' ').includes(kind);
 
+const labelOf = (kind) => KINDS[kind].label ?? `\`${KINDS[kind].ends}\``;
+
 function matrix() {
     const viewers = opt.viewers.split(','), locked = require('./package.json').dependencies;
     const version = (v) => `${/<title>(.*)<\/title>/.exec(fs.readFileSync(pageOf(v), 'utf8'))[1]} ${locked[meta(v, 'package')]}`;
     console.log(`| | ${viewers.map(version).join(' | ')} |`);
     console.log(`|---|${viewers.map(() => '---|').join('')}`);
-    for (const kind of Object.keys(KINDS)) console.log(`| \`${KINDS[kind].ends}\` | ${viewers.map((v) => (opens(v, kind) ? 'yes' : '-')).join(' | ')} |`);
+    for (const kind of Object.keys(KINDS)) console.log(`| ${labelOf(kind)} | ${viewers.map((v) => (opens(v, kind) ? 'yes' : '-')).join(' | ')} |`);
     console.log(`| a clip in one \`.glb\` | ${viewers.map((v) => (opens(v, 'glb') ? 'plays' : '-')).join(' | ')} |`);
 }
 if (opt.matrix) { matrix(); process.exit(0); }
@@ -126,9 +128,9 @@ function jobsOf(arg) {
     const cam = opt.eye && { eye: vec(opt.eye), target: vec(opt.target ?? '0,0,0'), up: vec(opt.up ?? '0,-1,0') };
     const name = path.basename(path.resolve(arg)), motion = opt['expect-motion'];
     if (fs.statSync(arg).isDirectory()) {
-        const inside = fs.readdirSync(arg).sort(), kind = Object.keys(KINDS).find((k) => inside.some((f) => kindOf(f) === k));
+        const inside = fs.readdirSync(arg).sort(), kind = Object.keys(KINDS).find((k) => inside.some((f) => kindOf(path.join(arg, f)) === k));
         if (!kind) { console.error(`bench: ${arg}: holds none of ${ENDS}`); process.exit(2); }
-        const all = inside.filter((f) => kindOf(f) === kind), n = Math.min(Number(opt['max-frames']), all.length);
+        const all = inside.filter((f) => kindOf(path.join(arg, f)) === kind), n = Math.min(Number(opt['max-frames']), all.length);
         const pick = [...new Set(Array.from({ length: n }, (_, i) => Math.round(i * (all.length - 1) / Math.max(1, n - 1))))];
         return [{ name, kind, files: pick.map((i) => path.join(arg, all[i])), pick, total: all.length, cam, motion }];
     }
@@ -228,7 +230,7 @@ function wantedOf(job, clouds) {
         return { wanted: job.times ? job.times.map(shown) : clouds, kind: job.kind };
     }
     const folder = fs.statSync(opt.truth).isDirectory();
-    const names = folder ? fs.readdirSync(opt.truth).filter(kindOf).sort().map((f) => path.join(opt.truth, f)) : [opt.truth];
+    const names = folder ? fs.readdirSync(opt.truth).sort().map((f) => path.join(opt.truth, f)).filter(kindOf) : [opt.truth];
     const wanted = (job.times ?? job.files).map((_, i) => {
         const f = names[folder ? job.pick?.[i] ?? i : 0];
         if (!f) throw new Error(`${opt.truth}: holds fewer frames than ${job.name}`);
@@ -286,7 +288,7 @@ async function run(job, report, server, chrome) {
         });
     }
     for (const v of opt.viewers.split(',')) {
-        if (!opens(v, job.kind)) { log(`  ${v}: skipped, opens no ${KINDS[job.kind].ends}`); continue; }
+        if (!opens(v, job.kind)) { log(`  ${v}: skipped, opens no ${labelOf(job.kind)}`); continue; }
         if (job.only && !job.only.includes(v)) { log(`  ${v}: skipped, known not to play this (README)`); continue; }
         const good = (i, png) => !refs[i] || agreement(decodePng(png), refs[i])[0] >= limitOf(job.kind, v);
         const r = await show(chrome.context, server.base, v, { kind: job.kind, urls: job.files.map(server.url), cam: view, times: job.times }, good);

@@ -64,6 +64,9 @@ export_all() {
             { fail "$1.spin does not export to $format"; return 1; }
     done
     # shellcheck disable=SC2086
+    "$bin/spin-export" -q $range "$1.spin" --to spz --spz-version 4 -o "$1/spz4" ||
+        { fail "$1.spin does not export to SPZ 4"; return 1; }
+    # shellcheck disable=SC2086
     "$bin/spin-export" -q $range "$1.spin" --to gltf -o "$1/clip.glb" ||
         { fail "$1.spin does not export to one GLB"; return 1; }
 }
@@ -128,7 +131,7 @@ show() {
     fi
     # shellcheck disable=SC2086
     node "$here/bench.mjs" --expect-motion $size $known --out "$sample-shots" "$@" "$sample/ply" \
-        "$sample/compressed-ply" "$sample/spz" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
+        "$sample/compressed-ply" "$sample/spz" "$sample/spz4" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
         fail "$sample: a viewer disagrees"
     use_page "$sample"
 }

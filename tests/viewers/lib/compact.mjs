@@ -1,8 +1,9 @@
-// Reads the small formats into the form of splat.mjs: .splat, compressed PLY, SPZ 2 and 3. Written
+// Reads the small formats into the form of splat.mjs: .splat, compressed PLY, SPZ 2 to 4. Written
 // from the formats' descriptions and apart from the exporters under test. Strict: a length that does
 // not fit, a name out of order or a value outside its range is an error.
 import fs from 'node:fs';
 import zlib from 'node:zlib';
+import { ZSTDDecoder } from 'three/examples/jsm/libs/zstddec.module.js';
 
 const C0 = 0.28209479177387814;
 const columns = (n, count) => Array.from({ length: n }, () => new Float32Array(count));
@@ -110,14 +111,34 @@ function spzRotation(b, at, version) {
     return q;
 }
 
+const zstd = new ZSTDDecoder();
+await zstd.init();
+
+// Version 4: 16 bytes that are the older versions' header, the table of contents (its place is in the next word: for
+// each stream that is not empty its bytes packed and unpacked), the streams, each a frame of zstd. Out comes what a
+// gzip of version 3 holds.
+function unpackSpz4(file, b) {
+    const number = (at) => Number(b.readBigUInt64LE(at));
+    let at = b.readUInt32LE(16) + 16 * b[15];
+    const parts = [Buffer.from(b.subarray(0, 16))];
+    for (let i = 0; i < b[15]; i++) {
+        const entry = b.readUInt32LE(16) + 16 * i, end = at + number(entry);
+        if (end > b.length) throw new Error(`${file}: stream ${i} ends behind the file`);
+        parts.push(Buffer.from(zstd.decode(b.subarray(at, end), number(entry + 8))));
+        at = end;
+    }
+    if (at !== b.length) throw new Error(`${file}: ${b.length - at} bytes behind the streams`);
+    return Buffer.concat(parts);
+}
+
 // gzip of a header of 16 bytes and one stream after the other: places, alphas, colours, scales,
 // rotations, SH.
 export function readSpz(file) {
-    const packed = fs.readFileSync(file);
-    const b = zlib.gunzipSync(packed), version = b.readUInt32LE(4), count = b.readUInt32LE(8);
-    const bands = b[12], step = 2 ** -b[13], turns = version === 3 ? 4 : 3;
+    const packed = fs.readFileSync(file), four = packed.readUInt32LE(0) === 0x5053474e;
+    const b = four ? unpackSpz4(file, packed) : zlib.gunzipSync(packed), version = b.readUInt32LE(4), count = b.readUInt32LE(8);
+    const bands = b[12], step = 2 ** -b[13], turns = version === 2 ? 3 : 4;
     if (b.readUInt32LE(0) !== 0x5053474e) throw new Error(`${file}: not SPZ`);
-    if (version !== 2 && version !== 3) throw new Error(`${file}: SPZ version ${version}`);
+    if (four ? version !== 4 : version !== 2 && version !== 3) throw new Error(`${file}: SPZ version ${version}`);
     if (bands > 3 || count < 1) throw new Error(`${file}: ${count} points, SH degree ${bands}`);
     const s = blank(file, packed.length, count, bands), k = s.shN.length;
     const sizes = [9, 1, 3, 3, turns, 3 * k].map((n) => n * count);

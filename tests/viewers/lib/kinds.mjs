@@ -1,4 +1,5 @@
 // The formats that the bench knows: how they are named, read, and how their axes stand to a PLY's.
+import fs from 'node:fs';
 import path from 'node:path';
 import { readGlb, readPly } from './splat.mjs';
 import { readCompressedPly, readSplat, readSpz } from './compact.mjs';
@@ -12,13 +13,23 @@ export const KINDS = {
     'compressed-ply': { ends: '.compressed.ply', read: readCompressedPly, turn: same, tool: true },
     ply: { ends: '.ply', read: readPly, turn: same, tool: true },
     glb: { ends: '.glb', read: readGlb, turn: aboutZ },
-    spz: { ends: '.spz', read: readSpz, turn: same, tool: true },
+    spz: { ends: '.spz', label: '`.spz`, version 4', read: readSpz, turn: same, tool: true },
+    spz3: { ends: '.spz', label: '`.spz`, version 3', read: readSpz, turn: same, tool: true },
     splat: { ends: '.splat', read: readSplat, turn: same, tool: true }
 };
 
+function isGzip(file) {
+    if (fs.statSync(file).isDirectory()) return false;
+    const at = fs.openSync(file), head = Buffer.alloc(2);
+    fs.readSync(at, head, 0, 2, 0);
+    fs.closeSync(at);
+    return head.readUInt16BE(0) === 0x1f8b;
+}
+
 export function kindOf(file) {
     const name = path.basename(file).toLowerCase();
-    return Object.keys(KINDS).find((k) => name.endsWith(KINDS[k].ends));
+    const kind = Object.keys(KINDS).find((k) => name.endsWith(KINDS[k].ends));
+    return kind === 'spz' && isGzip(file) ? 'spz3' : kind;
 }
 
 export const turned = (cam, kind) => {
