@@ -102,3 +102,19 @@ done_testing() {
     [ "$failed" = 0 ]
     exit
 }
+
+# The retrained frames of two bundles as PLY, in a and b; fails unless both have all frames.
+both_frames() { # BUNDLE BUNDLE
+    rm -rf "$work/a" "$work/b"
+    "$bin/spin-export" "$1" --to ply -o "$work/a" -q >/dev/null 2>"$work/err" &&
+        "$bin/spin-export" "$2" --to ply -o "$work/b" -q >/dev/null 2>"$work/err" &&
+        [ "$(ls "$work/a" | wc -l)" = "$(ls "$work/b" | wc -l)" ] && ls "$work/a"/frame_*.ply >/dev/null
+}
+same_frames() { # BUNDLE BUNDLE NAME
+    both_frames "$1" "$2" && diff -r "$work/a" "$work/b" >/dev/null
+    ok $? "$3"
+}
+other_frames() { # BUNDLE BUNDLE NAME
+    both_frames "$1" "$2" && ! cmp -s "$work/a/frame_00000.ply" "$work/b/frame_00000.ply"
+    ok $? "$3"
+}

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: retrain threads
-# spin-retrain on the smallest data set: reports, files, resuming after a kill, interrupting.
+# spin-retrain on the smallest data set: reports, files, options.
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -14,22 +14,6 @@ in=$work/in.spin
 run "$bin/spin-import" "$run_of" --data "$data" -o "$in" --json
 is "$code" 0 "imports the run"
 cp "$work/out" "$work/import.json"
-
-# The retrained frames of two bundles as PLY, in a and b; fails unless both have all frames.
-both_frames() { # BUNDLE BUNDLE
-    rm -rf "$work/a" "$work/b"
-    "$bin/spin-export" "$1" --to ply -o "$work/a" -q >/dev/null 2>"$work/err" &&
-        "$bin/spin-export" "$2" --to ply -o "$work/b" -q >/dev/null 2>"$work/err" &&
-        [ "$(ls "$work/a" | wc -l)" = "$(ls "$work/b" | wc -l)" ] && ls "$work/a"/frame_*.ply >/dev/null
-}
-same_frames() { # BUNDLE BUNDLE NAME
-    both_frames "$1" "$2" && diff -r "$work/a" "$work/b" >/dev/null
-    ok $? "$3"
-}
-other_frames() { # BUNDLE BUNDLE NAME
-    both_frames "$1" "$2" && ! cmp -s "$work/a/frame_00000.ply" "$work/b/frame_00000.ply"
-    ok $? "$3"
-}
 
 run "$bin/spin-retrain" "$in" --dry-run $small --json
 is "$code" 0 "--dry-run succeeds"
@@ -197,68 +181,6 @@ else
 fi
 run "$bin/spin-retrain" "$in" -o "$work/x.spin" --preset long
 fails 2 spin-retrain "no such preset"
-
-# Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
-# with one that was never stopped. SIGNAL CODE
-stopped() {
-    rm -f "$work/stopped.spin" "$work/stopped.spin."*
-    "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 \
-        >"$work/out" 2>"$work/err" &
-    pid=$!
-    tries=0
-    while [ ! -s "$work/stopped.spin.part" ] && kill -0 $pid 2>/dev/null && [ $tries -lt 600 ]; do
-        sleep 0.05
-        tries=$((tries + 1))
-    done
-    kill -"$1" $pid 2>/dev/null
-    wait $pid 2>/dev/null
-    code=$?
-    if [ -e "$work/stopped.spin" ]; then
-        skip "stopping with $1" "the run was over before it could be stopped"
-        return
-    fi
-    is "$code" "$2" "stopped by $1: exit code $2"
-    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10
-    fails 1 spin-retrain "an unfinished run without --resume ($1)"
-    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps \
-        --save-every 10 --resume --threads 1
-    is "$code" 0 "resumes after $1"
-    same_frames "$work/whole.spin" "$work/stopped.spin" "the bits of a run never stopped ($1)"
-    nothing_at "$work/stopped.spin." "no unfinished state is left ($1)"
-}
-steps=200
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps
-is "$code" 0 "retrains $steps steps"
-stopped KILL 137
-plain=$small
-small="$small --residual points"
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
-stopped KILL 137
-# Tracks that are densified, with a network that joins late, and without one.
-for more in '--tracks auto --network-start 0.5' '--method tracks'; do
-    small="$plain $more --densify-every 15 --densify-threshold 1e-5"
-    run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
-    is "$code" 0 "retrains with $more"
-    stopped KILL 137
-    run "$bin/spin-eval" "$work/whole.spin" --json
-    after=$(member psnr)
-    run "$bin/spin-retrain" "$in" -o "$work/again.spin" $small --iterations $steps --force --json
-    learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
-    awk -v a="$learned" -v b="$after" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
-    ok $? "$more: the bundle shows what was trained ($learned dB, $after)"
-done
-small=$plain
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
-stopped TERM 143
-# A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
-stopped INT 130
-
-# A table far larger than the splats need is stepped line by line when a line is needed.
-small='--device cpu --levels 4 --hash-log2 15 --finest-resolution 512 --hidden 16'
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force --eval-every 33
-is "$code" 0 "retrains with a large table"
-stopped KILL 137
-small='--device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
 
 run "$bin/spin-retrain" "$in" -o "$work/cuda.spin" $small --iterations 1 --device cuda
 fails 1 spin-retrain "--device cuda in a build that has none"
