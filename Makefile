@@ -51,7 +51,7 @@ FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 
 ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
             exporters exporters/lib
-LIB_C    := $(filter-out src/io/video%ffmpeg.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
+LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
 CPU_C    := $(wildcard src/device/cpu/*.c)
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
 CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin-%,$(wildcard src/cmd/*.c)))
@@ -64,6 +64,12 @@ DNNL     ?= $(shell printf '\043if __has_include(<oneapi/dnnl/dnnl.hpp>)\nfound\
             $(CXX) $(CPPFLAGS) -E -P -x c++ - 2>/dev/null)
 ifneq ($(filter found 1,$(DNNL)),)
 SHIMS    += $(B)/lib/spin-conv.so
+endif
+
+# Several machines are for who has MPI: MPICC= does without.
+MPICC    ?= $(shell command -v mpicc)
+ifneq ($(MPICC),)
+SHIMS    += $(B)/lib/spin-mpi.so
 endif
 
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
@@ -164,6 +170,11 @@ $(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -fopenmp -shared -o $@ $< -ldnnl
+
+$(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(MPICC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -shared -o $@ $<
 
 FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
 $(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_encode_ffmpeg.c \

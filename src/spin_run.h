@@ -13,6 +13,18 @@ extern "C" {
  * the process ends with exit code 1. Without this call the signal ends it. */
 void spin_catch_cut_files(const char *command);
 
+/* For programs that MPI's mpirun starts as several processes, which share the work of one call below (rank 0 has
+ * the report). A process that was started alone is rank 0 of 1, and loads nothing. */
+/* This process's rank, as its environment says; -1: it was started alone. Good before the begin. */
+int spin_ranks_place(void);
+/* Before the call, in the thread that will make it: join the others. */
+spin_status spin_ranks_begin(void);
+/* After the call: with its status, or the failure of another rank. speaks: this process prints the report, or the
+ * error. */
+spin_status spin_ranks_end(spin_status status, bool *speaks);
+/* When all is printed. With a code that is not 0 the other processes are ended, if they do not end by themselves. */
+void spin_ranks_exit(int code);
+
 /* Half-open frame numbers A:B:STEP; {0} means all. */
 struct spin_range {
     bool given;

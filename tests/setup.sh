@@ -61,6 +61,8 @@ missing_for_tests() {
     done
     has_numpy python3 || has_numpy /usr/bin/python3 || echo python3-numpy
     have strace || echo strace
+    have mpirun || echo openmpi-bin
+    have mpicc || echo libopenmpi-dev
 }
 
 version_of() { # header macro: its value, as text
@@ -104,6 +106,8 @@ LIST
     printf '%-12s %s\n' zstd: "${zstd:-libzstd.so.1 not found; only needed to read SPZ of version 4}"
     ffmpeg=$(printf '#include <libavutil/avutil.h>\n#include <libavformat/avformat.h>\n%s\n' \
         '#include <libswscale/swscale.h>' | $CC -E -P -x c - >/dev/null 2>&1 && echo found)
+    printf '%-12s %s\n' MPI: "$(have mpicc && mpicc --showme:version 2>/dev/null ||
+        echo 'not found; only needed to work with several machines: package libopenmpi-dev')"
     printf '%-12s %s\n' FFmpeg: "${ffmpeg:-not found; only needed to open and write videos: make setup-video}"
 }
 

@@ -1,6 +1,7 @@
 /* Log lines and the progress line, all on stderr. */
 #include "base/log.h"
 
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -51,11 +52,42 @@ void spin_log(int level, const char *fmt, ...)
     va_end(args);
 }
 
+static pthread_mutex_t sink_mutex = PTHREAD_MUTEX_INITIALIZER;
+static bool (*warning_sink)(const char *line);
+
+void spin_log_set_sink(bool (*sink)(const char *line))
+{
+    pthread_mutex_lock(&sink_mutex);
+    warning_sink = sink;
+    pthread_mutex_unlock(&sink_mutex);
+}
+
+/* Whether the sink leaves the line to stderr. */
+static bool passes_sink(const char *fmt, va_list args)
+{
+    char line[1024];
+    bool passes = true;
+
+    pthread_mutex_lock(&sink_mutex);
+    if (warning_sink) {
+        vsnprintf(line, sizeof line, fmt, args);
+        passes = warning_sink(line);
+    }
+    pthread_mutex_unlock(&sink_mutex);
+    return passes;
+}
+
 void spin_warn(const char *fmt, ...)
 {
     va_list args;
+    bool passes;
 
     if (spin_log_level() < -1)
+        return;
+    va_start(args, fmt);
+    passes = passes_sink(fmt, args);
+    va_end(args);
+    if (!passes)
         return;
     va_start(args, fmt);
     write_line("warning: ", fmt, args);

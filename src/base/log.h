@@ -12,6 +12,9 @@ int spin_log_level(void);
 void spin_log(int level, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* spin_warn() is in spin.h: plug-ins warn too. */
 
+/* Warnings go to the sink first, without "warning: ", and to stderr when it returns true. NULL: none. */
+void spin_log_set_sink(bool (*sink)(const char *line));
+
 /* A progress line: only on a terminal, at most six times a second, with rate and time left:
  *     retraining  1234/40000  3.1%  4.12 it/s  2:36:12 left  loss 0.0312
  * begin; set as often as wanted; end clears the line. `from` is where counting starts (resume). */

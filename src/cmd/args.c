@@ -15,9 +15,14 @@ enum { MAX_PLUGINS = 128 };
 
 /* ---- Messages and exit codes ----------------------------------------------------------------- */
 
+/* Of several processes that fail alike one says so. */
+static bool speaks = true;
+
 /* Text from outside may hold line breaks and escape sequences; an error stays one plain line. */
 static void put_line(const char *name, const char *text, const char *tail)
 {
+    if (!speaks)
+        return;
     fprintf(stderr, "%s: ", name);
     for (const unsigned char *c = (const unsigned char *)text; *c; c++)
         fputc(*c < 0x20 || *c == 0x7f ? '?' : *c, stderr);
@@ -37,15 +42,22 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
     return SPIN_EXIT_USAGE;
 }
 
-int spin_args_fail(const struct spin_args_command *command, spin_status status)
+bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code)
 {
-    const char *error = spin_last_error();
+    const char *error;
 
+    status = spin_ranks_end(status, &speaks);
+    *code = SPIN_EXIT_OK;
+    if (status == SPIN_OK)
+        return speaks;
+    error = spin_last_error();
     put_line(command->name, *error ? error : "failed without saying why", "");
     fflush(stdout);
+    *code = status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
     if (status == SPIN_E_CANCELLED)
-        return spin_signals_exit_code();
-    return status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
+        *code = spin_signals_exit_code();
+    spin_ranks_exit(*code);
+    return false;
 }
 
 int spin_args_finish(const struct spin_args_command *command, int code)
@@ -639,6 +651,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
         .command = command, .words = words, .max_words = max_words, .argc = argc, .argv = argv};
 
     *words = (struct spin_args_words){0};
+    speaks = spin_ranks_place() <= 0;
     if (command->plugins) {
         /* first: which options are known depends on it, wherever it stands */
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);
@@ -647,7 +660,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     }
     if (asks_for_help(argc, argv)) {
         *exit_code = check_chosen(&p);
-        if (*exit_code == SPIN_EXIT_OK) {
+        if (*exit_code == SPIN_EXIT_OK && speaks) {
             spin_args_print_help(command, chosen_plugin(&p));
             *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
         }
@@ -659,7 +672,8 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     if (*exit_code != SPIN_EXIT_OK)
         return false;
     if (common->version) {
-        printf("%s %s\n", command->name, SPIN_VERSION);
+        if (speaks)
+            printf("%s %s\n", command->name, SPIN_VERSION);
         *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
         return false;
     }
@@ -667,4 +681,11 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     spin_signals_catch();
     spin_catch_cut_files(command->name);
     return true;
+}
+
+bool spin_args_begin(const struct spin_args_command *command, int *code)
+{
+    spin_status status = spin_ranks_begin();
+
+    return status == SPIN_OK || spin_args_ended(command, status, code);
 }

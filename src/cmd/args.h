@@ -159,8 +159,11 @@ void spin_args_print_help(const struct spin_args_command *command,
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
 
-/* One line "name: last error" on stderr; returns the exit code for the status. */
-int spin_args_fail(const struct spin_args_command *command, spin_status status);
+/* Around the work: join the other processes, when there are some; and end with the status of all. False: this
+ * process is done, with this code; the reason of a failure is on stderr as one line "name: last error", of one
+ * process. */
+bool spin_args_begin(const struct spin_args_command *command, int *code);
+bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code);
 
 /* Flush stdout; returns code, or SPIN_EXIT_FAILED with a line when the output could not be written. */
 int spin_args_finish(const struct spin_args_command *command, int code);

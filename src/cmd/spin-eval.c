@@ -312,9 +312,9 @@ int main(int argc, char **argv)
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;
     options.force = common.force;
-    spin_status status = spin_eval(&options, &report);
-    if (status != SPIN_OK)
-        return spin_args_fail(&command, status);
+    if (!spin_args_begin(&command, &code) ||
+        !spin_args_ended(&command, spin_eval(&options, &report), &code))
+        return code;
     if (common.json)
         report_json(&report);
     else

@@ -191,9 +191,9 @@ int main(int argc, char **argv)
     options.force = common.force;
     options.n_threads = common.n_threads;
     options.plugin_pairs = words.plugin_pairs;
-    spin_status status = spin_export(&options, &report);
-    if (status != SPIN_OK)
-        return spin_args_fail(&command, status);
+    if (!spin_args_begin(&command, &code) ||
+        !spin_args_ended(&command, spin_export(&options, &report), &code))
+        return code;
     if (common.json)
         report_json(&report);
     else if (!common.quiet)

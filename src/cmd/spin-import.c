@@ -442,19 +442,22 @@ int main(int argc, char **argv)
     options.n_times = times.n;
     options.force = common.force;
     options.plugin_pairs = words.plugin_pairs;
+    if (!spin_args_begin(&command, &code))
+        return code;
     char *description = NULL;
     spin_status status = SPIN_E_NOT_RECOGNISED;
     if (wants_info && !options.from && !options.check_cameras)
         status = spin_bundle_describe(options.input, common.json, &description);
-    if (status == SPIN_OK) {
-        fputs(description, stdout);
-        free(description);
-        return spin_args_finish(&command, SPIN_EXIT_OK);
-    }
     if (status == SPIN_E_NOT_RECOGNISED)
         status = spin_import(&options, &report);
-    if (status != SPIN_OK)
-        return spin_args_fail(&command, status);
+    bool speaks = spin_args_ended(&command, status, &code);
+    if (speaks && description)
+        fputs(description, stdout);
+    free(description);
+    if (!speaks)
+        return code;
+    if (description)
+        return spin_args_finish(&command, SPIN_EXIT_OK);
     if (common.json)
         report_json(&report);
     else if (wants_info || !common.quiet)

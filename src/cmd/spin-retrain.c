@@ -251,9 +251,9 @@ int main(int argc, char **argv)
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;
     options.force = common.force;
-    spin_status status = spin_retrain(&options, &report);
-    if (status != SPIN_OK)
-        return spin_args_fail(&command, status);
+    if (!spin_args_begin(&command, &code) ||
+        !spin_args_ended(&command, spin_retrain(&options, &report), &code))
+        return code;
     if (common.json)
         report_json(&report);
     else if (options.dry_run)

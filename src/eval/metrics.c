@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "io/ranks.h"
 #include "math/loss.h"
 
 spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
@@ -231,13 +232,47 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
 
 /* ---- All views ---------------------------------------------------------------------------------- */
 
+int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
+
+/* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added up. */
+static spin_status merge_views(struct spin_metrics *m, struct spin_eval_view *view)
+{
+    struct times {
+        double decode, draw;
+        int n;
+    } *times = NULL;
+    int *owner = NULL;
+    spin_status status;
+
+    if (spin_n_ranks() == 1)
+        return SPIN_OK;
+    SPIN_TRY_OUT(spin_alloc(m->n_pairs, sizeof *owner, (void **)&owner));
+    for (size_t i = 0; i < m->n_pairs; i++)
+        owner[i] = spin_metrics_rank(m->pairs[i].frame);
+    SPIN_TRY_OUT(spin_ranks_merge(view, m->n_pairs, sizeof *view, owner));
+    SPIN_TRY_OUT(spin_alloc((size_t)spin_n_ranks(), sizeof *times, (void **)&times));
+    times[spin_rank()] = (struct times){m->seconds_decode, m->seconds_draw, m->n_decoded};
+    SPIN_TRY_OUT(spin_ranks_gather(times, sizeof *times));
+    m->seconds_decode = m->seconds_draw = m->n_decoded = 0;
+    for (int r = 0; r < spin_n_ranks(); r++) {
+        m->seconds_decode += times[r].decode;
+        m->seconds_draw += times[r].draw;
+        m->n_decoded += times[r].n;
+    }
+out:
+    free(owner);
+    free(times);
+    return status;
+}
+
 spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
 {
     struct spin_quality_sum sum = {0};
     struct spin_progress progress;
     spin_status status;
     size_t pixels = spin_views_pixels(&m->clip->views);
-    struct pictures p;
+    struct spin_eval_view *view = NULL;
+    struct pictures p = {0};
 
     memset(mean, 0, sizeof *mean);
     m->seconds_decode = m->seconds_draw = 0;
@@ -247,23 +282,27 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     p.truth = p.image + 3 * pixels;
     p.rgb8 = (uint8_t *)(p.truth + 3 * pixels);
     p.mask = p.rgb8 + 3 * pixels;
+    SPIN_TRY_OUT(spin_alloc(m->n_pairs, sizeof *view, (void **)&view));
     for (size_t i = 0; i < m->n_pairs; i++) {
-        struct spin_eval_view one;
-
         if (spin_cancelled()) {
             status = spin_fail_cancelled();
             goto out;
         }
-        SPIN_TRY_OUT(measure_one(m, i, &p, &one));
-        if (m->view)
-            m->view[i] = one;
-        spin_quality_add(&sum, &one.q);
-        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", one.q.psnr);
+        if (spin_metrics_rank(m->pairs[i].frame) != spin_rank())
+            continue;
+        SPIN_TRY_OUT(measure_one(m, i, &p, &view[i]));
+        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", view[i].q.psnr);
     }
+    SPIN_TRY_OUT(merge_views(m, view));
+    for (size_t i = 0; i < m->n_pairs; i++)
+        spin_quality_add(&sum, &view[i].q);
+    if (m->view)
+        memcpy(m->view, view, m->n_pairs * sizeof *view);
     *mean = spin_quality_mean(&sum);
     status = SPIN_OK;
 out:
     spin_progress_end(&progress);
+    free(view);
     free(p.image);
     return status;
 }

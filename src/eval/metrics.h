@@ -26,8 +26,11 @@ struct spin_metrics {
     int n_decoded;                          /* out: frames */
 };
 
-/* Means over the views. */
+/* Means over the views. Ranks (io/ranks.h) share the frames; view, times and means are of all. */
 spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean);
+
+/* Who measures a frame. */
+int spin_metrics_rank(int frame);
 
 /* Means of qualities; NaN counts as not measured. Zero it to begin. */
 struct spin_quality_sum {

@@ -10,6 +10,7 @@
 #include "eval/metrics.h"
 #include "eval/report/report.h"
 #include "io/claim.h"
+#include "io/ranks.h"
 
 struct eval {
     const struct spin_eval_options *o;
@@ -129,13 +130,28 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
         r.source = &e->source;
         r.before = &before;
     }
-    if (status == SPIN_OK)
+    if (status == SPIN_OK && spin_rank() == 0)
         status = spin_report_write(&r);
     spin_eval_report_free(&before);
     return status;
 }
 
 /* ---- Measuring ---------------------------------------------------------------------------------- */
+
+/* Of the frames of all ranks. */
+static spin_status sum_left_out(struct eval *e)
+{
+    uint64_t *n;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *n, (void **)&n));
+    n[spin_rank()] = e->frame_renderer.n_bad;
+    status = spin_ranks_gather(n, sizeof *n);
+    for (int r = 0; r < spin_n_ranks(); r++)
+        e->report->left_out += n[r];
+    free(n);
+    return status;
+}
 
 static spin_status run_eval(struct eval *e)
 {
@@ -162,7 +178,7 @@ static spin_status run_eval(struct eval *e)
     m.view = report->view;
     memcpy(m.lpips, e->lpips, sizeof m.lpips);
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
-    report->left_out = e->frame_renderer.n_bad;
+    SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;
     report->dynamic = e->dynamic.from;

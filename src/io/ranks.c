@@ -1,0 +1,319 @@
+/* Loads the shim when there are others, and builds on its one exchange what the work needs. */
+#include "io/ranks.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "io/shim.h"
+
+enum { TEXT = 1000 };
+static const double patience_s = 5; /* for others to notice that the job has failed */
+
+struct notice {
+    int status, heard; /* heard: of the failure of another rank */
+    char text[TEXT];
+};
+
+static const struct spin_ranks_shim *shim;
+static int own_rank, n_ranks = 1;
+static bool heard;  /* this rank fails because another did */
+static bool agreed; /* all ranks know of the failure, and end by themselves */
+static bool speaker;
+static struct notice last_words;
+static uint64_t sent_bytes;
+static double waited_s;
+
+int spin_rank(void) { return own_rank; }
+
+int spin_n_ranks(void) { return n_ranks; }
+
+void spin_ranks_spent(uint64_t *bytes, double *seconds)
+{
+    *bytes = sent_bytes;
+    *seconds = waited_s;
+}
+
+/* ---- Warnings ----------------------------------------------------------------------------------- */
+
+/* Lines that this rank had to say, each once. Rank 0 prints at once, and at the end what only others said. */
+static char *lines;
+static size_t n_lines_bytes;
+
+static bool is_said(const char *line)
+{
+    for (const char *at = lines; at && at < lines + n_lines_bytes; at += strlen(at) + 1)
+        if (strcmp(at, line) == 0)
+            return true;
+    return false;
+}
+
+static bool take_line(const char *line)
+{
+    enum { MOST = 1 << 16 };
+    size_t n = strlen(line) + 1;
+    void *grown;
+
+    if (n_lines_bytes + n > MOST || is_said(line))
+        return own_rank == 0;
+    grown = realloc(lines, n_lines_bytes + n);
+    if (!grown)
+        return true;
+    lines = grown;
+    memcpy(lines + n_lines_bytes, line, n);
+    n_lines_bytes += n;
+    return own_rank == 0;
+}
+
+/* Rank 0 says what the others had to say. */
+static spin_status say_lines(void)
+{
+    uint64_t *bytes = NULL;
+    void *block = NULL;
+    char *text = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc((size_t)n_ranks, sizeof *bytes, &block));
+    bytes = block;
+    bytes[own_rank] = n_lines_bytes;
+    SPIN_TRY_OUT(spin_ranks_gather(bytes, sizeof *bytes));
+    for (int r = 1; r < n_ranks; r++) {
+        struct spin_message m = {own_rank ? 0 : r, own_rank == 0, lines, bytes[r]};
+
+        if ((own_rank != 0 && own_rank != r) || bytes[r] == 0)
+            continue;
+        if (own_rank == 0) {
+            SPIN_TRY_OUT(spin_alloc(bytes[r] + 1, 1, (void **)&text));
+            m.at = text;
+        }
+        SPIN_TRY_OUT(spin_ranks_exchange(&m, 1));
+        for (size_t at = 0; text && at < bytes[r]; at += strlen(text + at) + 1)
+            if (!is_said(text + at))
+                spin_warn("%s", text + at);
+        free(text);
+        text = NULL;
+    }
+out:
+    free(bytes);
+    free(text);
+    return status;
+}
+
+/* ---- Begin -------------------------------------------------------------------------------------- */
+
+/* What Open MPI, MPICH and Slurm tell a process about the job that it belongs to. */
+static int from_environment(const char *const name[3])
+{
+    for (int i = 0; i < 3; i++) {
+        const char *value = getenv(name[i]);
+
+        if (value && *value)
+            return atoi(value);
+    }
+    return -1;
+}
+
+int spin_ranks_place(void)
+{
+    static const char *const place[3] = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"};
+    static const char *const size[3] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"};
+
+    return from_environment(size) > 1 ? from_environment(place) : -1;
+}
+
+spin_status spin_ranks_begin(void)
+{
+    static struct spin_shim where = {.file = "spin-mpi.so",
+                                     .override = "SPIN_MPI_SHIM",
+                                     .symbol = SPIN_RANKS_SHIM_SYMBOL,
+                                     .abi = SPIN_RANKS_SHIM_ABI,
+                                     .lacking = "this process is one of several: the MPI shim",
+                                     .debian = "libopenmpi-dev"};
+    char why[256] = "";
+
+    if (spin_ranks_place() < 0 || n_ranks > 1)
+        return SPIN_OK;
+    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
+    if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
+        return spin_fail(SPIN_E_UNSUPPORTED, "cannot join the other processes: %s", why);
+    if (n_ranks == 1) /* each would do the whole work, over the others' files */
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "one of several processes, but MPI knows of one only: spin-mpi.so was "
+                         "built with another MPI than the one that started it");
+    if (own_rank > 0)
+        spin_log_set_level(-1);
+    spin_log_set_sink(take_line);
+    return SPIN_OK;
+}
+
+/* ---- Messages ----------------------------------------------------------------------------------- */
+
+/* Another rank has failed: this one fails with its words. */
+static spin_status fail_as_told(void)
+{
+    struct notice notice;
+    int from;
+
+    while (!shim->heed(&from, &notice, sizeof notice))
+        ;
+    heard = true;
+    notice.text[TEXT - 1] = '\0';
+    return spin_fail((spin_status)notice.status, "%s", notice.text);
+}
+
+spin_status spin_ranks_exchange(const struct spin_message *message, size_t n)
+{
+    char why[256] = "";
+    double start = spin_now_s();
+    int end;
+
+    if (n_ranks == 1)
+        return SPIN_OK;
+    end = shim->exchange(message, n, why, sizeof why);
+    for (size_t i = 0; i < n; i++)
+        sent_bytes += message[i].receive ? 0 : message[i].bytes;
+    waited_s += spin_now_s() - start;
+    if (end == SPIN_RANKS_NOTICE)
+        return fail_as_told();
+    return end == SPIN_RANKS_DONE
+               ? SPIN_OK
+               : spin_fail(SPIN_E_IO, "the connection to the other processes broke: %s", why);
+}
+
+spin_status spin_ranks_gather(void *rows, size_t bytes)
+{
+    void *block = NULL;
+    struct spin_message *m;
+    spin_status status;
+    size_t n = 0;
+
+    if (n_ranks == 1)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(2 * (size_t)n_ranks, sizeof *m, &block));
+    m = block;
+    for (int r = 0; r < n_ranks; r++) {
+        if (r == own_rank)
+            continue;
+        m[n++] = (struct spin_message){r, 1, (char *)rows + (size_t)r * bytes, bytes};
+        m[n++] = (struct spin_message){r, 0, (char *)rows + (size_t)own_rank * bytes, bytes};
+    }
+    status = spin_ranks_exchange(m, n);
+    free(block);
+    return status;
+}
+
+spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner)
+{
+    void *block = NULL;
+    struct spin_message *m;
+    spin_status status;
+    size_t k = 0;
+
+    if (n_ranks == 1 || n == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n * (size_t)n_ranks, sizeof *m, &block));
+    m = block;
+    for (size_t i = 0; i < n; i++) {
+        char *at = (char *)rows + i * bytes;
+
+        if (owner[i] != own_rank)
+            m[k++] = (struct spin_message){owner[i], 1, at, bytes};
+        for (int r = 0; owner[i] == own_rank && r < n_ranks; r++)
+            if (r != own_rank)
+                m[k++] = (struct spin_message){r, 0, at, bytes};
+    }
+    status = spin_ranks_exchange(m, k);
+    free(block);
+    return status;
+}
+
+spin_status spin_ranks_share(void *at, size_t bytes, int from)
+{
+    return spin_ranks_merge(at, bytes > 0, bytes, &from);
+}
+
+spin_status spin_ranks_agree(spin_status status)
+{
+    void *block = NULL;
+    struct notice *all;
+    spin_status end;
+
+    if (n_ranks == 1 || heard)
+        return status;
+    SPIN_TRY(spin_alloc((size_t)n_ranks, sizeof *all, &block));
+    all = block;
+    all[own_rank].status = (int)status;
+    if (status != SPIN_OK)
+        snprintf(all[own_rank].text, TEXT, "%s", spin_last_error());
+    end = spin_ranks_gather(all, sizeof *all);
+    for (int r = 0; r < n_ranks && end == SPIN_OK; r++)
+        if (all[r].status != SPIN_OK) {
+            all[r].text[TEXT - 1] = '\0';
+            end = spin_fail((spin_status)all[r].status, "%s", all[r].text);
+            agreed = true;
+        }
+    free(block);
+    return end;
+}
+
+/* ---- End ---------------------------------------------------------------------------------------- */
+
+/* Tell all others, and wait a while until each of them has noticed. Who speaks: the lowest rank that failed by
+ * itself, or this one, when nobody else answers. */
+static void part(spin_status status)
+{
+    double until = spin_now_s() + patience_s;
+    struct timespec nap = {.tv_nsec = 1000000};
+    int told = heard, lowest = heard ? n_ranks : own_rank;
+    struct notice notice;
+    int from;
+
+    last_words.status = (int)status;
+    last_words.heard = heard;
+    snprintf(last_words.text, TEXT, "%s", spin_last_error());
+    shim->notify(&last_words, sizeof last_words);
+    while (told < n_ranks - 1 && spin_now_s() < until) {
+        if (!shim->heed(&from, &notice, sizeof notice)) {
+            nanosleep(&nap, NULL);
+            continue;
+        }
+        told++;
+        if (!notice.heard && from < lowest)
+            lowest = from;
+    }
+    speaker = lowest == own_rank;
+}
+
+spin_status spin_ranks_end(spin_status status, bool *speaks)
+{
+    *speaks = speaker = n_ranks > 1 ? own_rank == 0 : spin_ranks_place() <= 0;
+    if (n_ranks == 1)
+        return status;
+    if (status == SPIN_OK)
+        status = spin_ranks_agree(SPIN_OK);
+    if (status == SPIN_OK)
+        status = say_lines();
+    if (status == SPIN_OK || agreed)
+        shim->stop();
+    else
+        part(status);
+    *speaks = speaker;
+    return status;
+}
+
+void spin_ranks_exit(int code)
+{
+    struct timespec nap = {.tv_sec = 3};
+
+    if (n_ranks == 1 || agreed || code == 0)
+        return;
+    if (speaker)
+        shim->abort(code);
+    nanosleep(&nap, NULL); /* until the one that spoke ends all */
+    _exit(code);
+}
