@@ -161,6 +161,7 @@ static spin_status look_at_source(struct run *r)
 static spin_status find_tracks(struct run *r)
 {
     const struct spin_plan *p = &r->plan;
+    struct spin_tracks *t = &r->tracks;
 
     if (!p->o->tracks)
         return SPIN_OK;
@@ -168,12 +169,13 @@ static spin_status find_tracks(struct run *r)
         spin_log(0, "refined frames share nothing: no tracks");
         return SPIN_OK;
     }
-    SPIN_TRY(spin_tracks_find(&r->tracks, &r->plan));
-    if (r->tracks.n == 0)
+    SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->truth : NULL));
+    if (t->n == 0)
         spin_log(0, "no splat is found in two frames: no tracks");
     else
-        spin_log(0, "%zu tracks, %zu of which never move%s", r->tracks.n, r->tracks.n_static,
-                 r->tracks.identity ? "" : " (splats at the same place in several frames)");
+        spin_log(0, "%zu tracks%s, %zu move, %zu have attributes of every frame", t->n,
+                 t->identity ? "" : " (splats at the same place in several frames)", t->n_moving,
+                 t->n_varying);
     return SPIN_OK;
 }
 
@@ -197,17 +199,17 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
     size.frame = frame = block;
     SPIN_TRY_OUT(find_tracks(r));
     size.n_tracks = r->tracks.n;
-    size.n_static = r->tracks.n_static;
+    size.n_moving = r->tracks.n_moving;
+    size.n_varying = r->tracks.n_varying;
     for (int f = 0; f < size.n_frames; f++) {
         size_t n = p->counts[f];
 
         frame[f] = (struct spin_frame_size){n, n, spin_plan_has_residual(p) ? n : 0};
         if (r->tracks.n > 0)
-            frame[f] = spin_tracks_size(&r->tracks, f, n, p->o->dynamic_residual);
+            frame[f] = spin_tracks_size(&r->tracks, f, n);
     }
     if (resume && r->tracks.n > 0) {
-        SPIN_TRY_OUT(spin_checkpoint_sizes(&r->checkpoint, size.n_frames, frame, &size.n_tracks,
-                                           &size.n_static));
+        SPIN_TRY_OUT(spin_checkpoint_sizes(&r->checkpoint, frame, &size));
         for (int f = 0; f < size.n_frames; f++)
             r->plan.counts[f] = frame[f].n;
     }

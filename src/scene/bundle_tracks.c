@@ -14,7 +14,7 @@ enum { ROW = SPIN_TRACK_WIDTH - 3 };
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
 {
     const spin_json *json = spin_json_get(spin_json_get(bundle->json, "network"), "tracks");
-    int64_t n, n_static, shape[2] = {-1, SPIN_TRACK_WIDTH};
+    int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
     struct spin_array a;
     void *block = NULL;
 
@@ -22,8 +22,9 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     if (!json)
         return SPIN_OK;
     if (!spin_json_integer(spin_json_get(json, "n"), &n) ||
-        !spin_json_integer(spin_json_get(json, "static"), &n_static) || n < 0 || n > UINT32_MAX ||
-        n_static < 0 || n_static > n)
+        !spin_json_integer(spin_json_get(json, "moving"), &moving) ||
+        !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
+        moving < 0 || moving > n || varying < 0 || varying > n)
         return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'network.tracks'");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
@@ -31,7 +32,8 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     SPIN_TRY(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
     out->values = block;
     out->n = (size_t)n;
-    out->n_static = (size_t)n_static;
+    out->n_moving = (size_t)moving;
+    out->n_varying = (size_t)varying;
     spin_array_to_f32(&a, 0, a.count, out->values);
     for (size_t i = 0; i < a.count; i++)
         if (!isfinite(out->values[i]))
@@ -102,7 +104,7 @@ static spin_status need(struct spin_bundle_tracks *t, size_t n)
 spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, size_t n,
                                      float *means, float *rows)
 {
-    size_t n_pos, n_residual, n_free = 0, n_moving = 0, pos = 0, residual = 0;
+    size_t n_pos, n_residual, need_pos = 0, need_residual = 0, pos = 0, residual = 0;
     int64_t *track;
     float *own_pos, *own_residual;
 
@@ -115,21 +117,21 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
     SPIN_TRY(
         read_own(t, "residual", index, ROW, own_residual + ROW * n, own_residual, &n_residual));
     for (size_t i = 0; i < n; i++) {
-        n_free += track[i] == SPIN_NOT_TRACKED;
-        n_moving += track[i] != SPIN_NOT_TRACKED && (size_t)track[i] >= t->n_static;
+        bool none = track[i] == SPIN_NOT_TRACKED;
+
+        need_pos += none || (size_t)track[i] < t->n_moving;
+        need_residual += none || (size_t)track[i] < t->n_varying;
     }
-    if (n_pos != n_free + n_moving || (n_residual != n_free && n_residual != n_pos))
-        return spin_fail(
-            SPIN_E_MALFORMED,
-            "frame %d has %zu positions and %zu residual values, expected %zu, and %zu "
-            "or as many",
-            index, n_pos, n_residual, n_free + n_moving, n_free);
+    if (n_pos != need_pos || n_residual != need_residual)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "frame %d has %zu positions and %zu residual values, expected %zu and %zu",
+                         index, n_pos, n_residual, need_pos, need_residual);
     for (size_t i = 0; i < n; i++) {
-        bool none = track[i] == SPIN_NOT_TRACKED, moves = !none && (size_t)track[i] >= t->n_static;
+        bool none = track[i] == SPIN_NOT_TRACKED;
         const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * track[i];
-        const float *p = none || moves ? own_pos + 3 * pos++ : NULL;
+        const float *p = none || (size_t)track[i] < t->n_moving ? own_pos + 3 * pos++ : NULL;
         const float *r =
-            none || (moves && n_residual == n_pos) ? own_residual + ROW * residual++ : NULL;
+            none || (size_t)track[i] < t->n_varying ? own_residual + ROW * residual++ : NULL;
 
         for (size_t c = 0; c < 3; c++)
             means[3 * i + c] = (p ? p[c] : 0) + (shared ? shared[c] : 0);

@@ -3,11 +3,12 @@
  *   network/tracks.npy            [n][14] displacement 3, log scale 3, rotation 4, colour 3, logit of opacity 1
  *   network/track/<index>.npy     [splats] uint32: the track of each, 0xffffffff: none; with "same_rows" of
  *                                 index 0 only, for all frames
- *   network/means/<index>.npy     [own][3]  positions of splats without a track, or of one that moves
- *   network/residual/<index>.npy  [own][11] of splats without a track; or of as many as have positions
+ *   network/means/<index>.npy     [own][3]  positions of splats without a track, or of a moving one
+ *   network/residual/<index>.npy  [own][11] of splats without a track, or of a varying one
  *
- * A splat has the sum of what it has of its own and of what its track has. The first "static" tracks never move:
- * their displacement is the whole position. */
+ * A splat has the sum of what it has of its own and of what its track has. The first "moving" tracks
+ * move; of the others the displacement is the whole position. The first "varying" ones have values in every
+ * frame. */
 #ifndef SPIN_SCENE_BUNDLE_TRACKS_H
 #define SPIN_SCENE_BUNDLE_TRACKS_H
 
@@ -18,7 +19,7 @@ enum { SPIN_TRACK_WIDTH = 14 };
 
 struct spin_bundle_tracks {
     struct spin_bundle *bundle;
-    size_t n, n_static;
+    size_t n, n_moving, n_varying;
     bool same_rows;
     float *values; /* [n][SPIN_TRACK_WIDTH]; NULL: the bundle has none */
     /* Scratch of the frame read last. */

@@ -241,8 +241,8 @@ static spin_status check_numbers(const struct spin_trainer *t, int f, int which,
         bool none = which == 0 && number[i] == SPIN_NO_TRACK;
 
         wrong = !none && (number[i] >= (which == 0 ? t->n_tracks : size->n) || taken[number[i]]);
-        wrong |= none && i >= size->n_residual;
-        wrong |= which == 0 && !none && (number[i] < t->n_static) != (i >= size->n_pos);
+        wrong |= which == 0 && (none || number[i] < t->n_moving) != (i < size->n_pos);
+        wrong |= which == 0 && (none || number[i] < t->n_varying) != (i < size->n_residual);
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
@@ -323,7 +323,8 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
     }
     spin_json_set(j, "sizes", sizes);
     spin_json_set_integer(j, "tracks", (int64_t)t->n_tracks);
-    spin_json_set_integer(j, "static_tracks", (int64_t)t->n_static);
+    spin_json_set_integer(j, "moving_tracks", (int64_t)t->n_moving);
+    spin_json_set_integer(j, "varying_tracks", (int64_t)t->n_varying);
 }
 
 spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)
@@ -470,14 +471,17 @@ static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
     return SPIN_OK;
 }
 
-static spin_status read_sizes(const spin_json *j, int n_frames, struct spin_frame_size *frame,
-                              size_t *n_tracks, size_t *n_static)
+static spin_status read_sizes(const spin_json *j, struct spin_frame_size *frame,
+                              struct spin_trainer_size *size)
 {
     const spin_json *sizes = spin_json_get(j, "sizes");
+    int64_t n;
 
-    SPIN_TRY(get_count(spin_json_get(j, "tracks"), INT32_MAX, n_tracks));
-    SPIN_TRY(get_count(spin_json_get(j, "static_tracks"), (int64_t)*n_tracks, n_static));
-    for (int f = 0; f < n_frames; f++) {
+    SPIN_TRY(get_count(spin_json_get(j, "tracks"), INT32_MAX, &size->n_tracks));
+    n = (int64_t)size->n_tracks;
+    SPIN_TRY(get_count(spin_json_get(j, "moving_tracks"), n, &size->n_moving));
+    SPIN_TRY(get_count(spin_json_get(j, "varying_tracks"), n, &size->n_varying));
+    for (int f = 0; f < size->n_frames; f++) {
         size_t at = 3 * (size_t)f;
 
         SPIN_TRY(get_count(spin_json_at(sizes, at), INT32_MAX, &frame[f].n));
@@ -487,8 +491,8 @@ static spin_status read_sizes(const spin_json *j, int n_frames, struct spin_fram
     return SPIN_OK;
 }
 
-spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, int n_frames,
-                                  struct spin_frame_size *frame, size_t *n_tracks, size_t *n_static)
+spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, struct spin_frame_size *frame,
+                                  struct spin_trainer_size *size)
 {
     struct spin_npz npz;
     spin_json *j = NULL;
@@ -497,7 +501,7 @@ spin_status spin_checkpoint_sizes(const struct spin_checkpoint *c, int n_frames,
     if (status == SPIN_OK) {
         status = read_header(c, &npz, &j);
         if (status == SPIN_OK)
-            status = read_sizes(j, n_frames, frame, n_tracks, n_static);
+            status = read_sizes(j, frame, size);
         spin_json_free(j);
         spin_npz_close(&npz);
     }

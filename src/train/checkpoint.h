@@ -28,10 +28,9 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
 double spin_checkpoint_seconds(const struct spin_checkpoint *checkpoint);
 spin_status spin_checkpoint_save(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
 spin_status spin_checkpoint_load(struct spin_checkpoint *checkpoint, struct spin_trainer *trainer);
-/* Sizes [n_frames] of a trainer with tracks, and the number of its tracks, as the state has them. */
-spin_status spin_checkpoint_sizes(const struct spin_checkpoint *checkpoint, int n_frames,
-                                  struct spin_frame_size *frame, size_t *n_tracks,
-                                  size_t *n_static);
+/* Sizes of a trainer with tracks as the state has them: its tracks, and its frames [size->n_frames]. */
+spin_status spin_checkpoint_sizes(const struct spin_checkpoint *checkpoint,
+                                  struct spin_frame_size *frame, struct spin_trainer_size *size);
 
 /* All parameters are finite; else an error that names the array and the iteration. */
 spin_status spin_check_parameters(struct spin_trainer *trainer);

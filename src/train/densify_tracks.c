@@ -13,8 +13,8 @@ struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    struct spin_refine_cloud tracks; /* the new ones, in their order: those that never move first */
-    size_t n_before, n_static;
+    struct spin_refine_cloud tracks; /* the new ones, in the order of kinds: moving, varying, others */
+    size_t n_before, n_moving, n_varying;
     uint32_t *row; /* [n_before] a frame's splat of an old track, or SPIN_NO_TRACK */
 };
 
@@ -100,19 +100,25 @@ static spin_status add_statistics(struct change *c)
     return SPIN_OK;
 }
 
-/* Those that never move come first again. */
+/* A new track is of its parent's kind. */
+static int kind_of(const struct spin_trainer *t, uint32_t origin)
+{
+    return origin < t->n_moving ? 0 : origin < t->n_varying ? 1 : 2;
+}
+
 static spin_status sort_tracks(struct change *c)
 {
     struct spin_refine_cloud sorted = {0};
-    size_t n_static_before = c->t->n_static;
 
     SPIN_TRY(spin_refine_cloud_reserve(&sorted, c->tracks.n));
-    for (int moves = 0; moves < 2; moves++) {
+    for (int kind = 0; kind < 3; kind++) {
         for (size_t i = 0; i < c->tracks.n; i++)
-            if ((c->tracks.point[i].origin >= n_static_before) == moves)
+            if (kind_of(c->t, c->tracks.point[i].origin) == kind)
                 sorted.point[sorted.n++] = c->tracks.point[i];
-        if (!moves)
-            c->n_static = sorted.n;
+        if (kind == 0)
+            c->n_moving = sorted.n;
+        if (kind == 1 && c->t->n_varying > 0)
+            c->n_varying = sorted.n;
     }
     spin_refine_cloud_free(&c->tracks);
     c->tracks = sorted;
@@ -199,8 +205,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* The splats of the new tracks behind those without one: first those that move, which may have values of their
- * own, then the others. */
+/* The splats of the new tracks behind those without one, in the order of the tracks. */
 static spin_status add_tracked(struct change *c, const struct seen_frame *seen, size_t n_before,
                                const struct spin_refine_point *before, struct rows *rows)
 {
@@ -216,23 +221,22 @@ static spin_status add_tracked(struct change *c, const struct seen_frame *seen, 
     rows->track = block;
     for (size_t i = 0; i < to->n; i++)
         rows->track[i] = SPIN_NO_TRACK;
-    for (int moves = 1; moves >= 0; moves--) {
-        for (size_t k = moves ? c->n_static : 0; k < (moves ? c->tracks.n : c->n_static); k++) {
-            const struct spin_refine_point *track = &c->tracks.point[k];
-            uint32_t row = c->row[track->origin];
-            struct spin_refine_point *p = &to->point[to->n];
+    rows->size.n_pos = rows->size.n_residual = to->n;
+    for (size_t k = 0; k < c->tracks.n; k++) {
+        const struct spin_refine_point *track = &c->tracks.point[k];
+        uint32_t row = c->row[track->origin];
+        struct spin_refine_point *p = &to->point[to->n];
 
-            if (row == SPIN_NO_TRACK)
-                continue;
-            *p = before[row];
-            p->origin = row;
-            p->is_new = track->is_new;
-            if (p->is_new)
-                memset(&p->m, 0, 2 * sizeof p->m); /* m and v */
-            rows->track[to->n++] = (uint32_t)k;
-        }
-        if (moves)
-            rows->size.n_pos = to->n;
+        if (row == SPIN_NO_TRACK)
+            continue;
+        *p = before[row];
+        p->origin = row;
+        p->is_new = track->is_new;
+        if (p->is_new)
+            memset(&p->m, 0, 2 * sizeof p->m); /* m and v */
+        rows->size.n_pos += k < c->n_moving;
+        rows->size.n_residual += k < c->n_varying;
+        rows->track[to->n++] = (uint32_t)k;
     }
     rows->size.n = to->n;
     return SPIN_OK;
@@ -299,7 +303,6 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
 {
     struct spin_train_frame *frame = &c->t->frame[f];
     size_t n = frame->size.n, n_free;
-    bool all = frame->size.n_residual == frame->size.n_pos;
     struct spin_refine_cloud before = {0};
     struct rows rows = {0};
     struct seen_frame seen = {0};
@@ -310,12 +313,8 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     memset(before.point, 0, (n + 1) * sizeof *before.point);
     SPIN_TRY_OUT(carry_frame(c->t->device, frame, before.point, false));
     n_free = count_free(&seen, n);
-    all = all && n_free < frame->size.n_pos;
     SPIN_TRY_OUT(change_free(c, f, &seen, before.point, n_free, &rows.cloud, sum));
-    rows.size.n_residual = rows.cloud.n;
     SPIN_TRY_OUT(add_tracked(c, &seen, n, before.point, &rows));
-    if (all)
-        rows.size.n_residual = rows.size.n_pos;
     SPIN_TRY_OUT(permute(&rows, permutation));
     status = replace_frame(c, f, &rows);
 out:
@@ -342,7 +341,8 @@ spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densif
         counts[f] = t->frame[f].size.n;
     }
     t->n_tracks = c.tracks.n;
-    t->n_static = c.n_static;
+    t->n_moving = c.n_moving;
+    t->n_varying = c.n_varying;
     status = spin_trainer_resize(t);
 out:
     spin_refine_cloud_free(&c.tracks);

@@ -147,8 +147,9 @@ static void look_for_first(struct first_tracks *first, int frame,
         first->seen[track] = 1;
         memcpy(first->residual + SPIN_RESIDUAL * track, cloud->point[i].p.log_scale,
                SPIN_RESIDUAL * sizeof(float));
-        if (track < first->tracks->n_static)
-            memcpy(first->displacement + 3 * track, cloud->point[i].p.pos_w, 3 * sizeof(float));
+        if (track >= first->tracks->n_moving)
+            memcpy(first->displacement + 3 * track, first->tracks->place + 3 * track,
+                   3 * sizeof(float));
     }
 }
 

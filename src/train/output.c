@@ -266,7 +266,8 @@ static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_js
     spin_json *j = spin_json_object(), *splats = spin_json_array();
 
     spin_json_set_integer(j, "n", (int64_t)t->n_tracks);
-    spin_json_set_integer(j, "static", (int64_t)t->n_static);
+    spin_json_set_integer(j, "moving", (int64_t)t->n_moving);
+    spin_json_set_integer(j, "varying", (int64_t)t->n_varying);
     spin_json_set_bool(j, "same_rows", same_rows);
     for (int f = 0; f < t->n_frames; f++)
         spin_json_push_number(splats, (double)t->frame[f].size.n);

@@ -115,7 +115,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->max_pixels = size->max_pixels;
     t->max_tiles = size->max_tiles;
     t->n_tracks = size->n_tracks;
-    t->n_static = size->n_static;
+    t->n_moving = size->n_moving;
+    t->n_varying = size->n_varying;
     t->residuals = has_residual(size);
     t->n_max = most_splats(size);
     SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));

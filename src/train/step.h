@@ -20,7 +20,7 @@ struct spin_train_rates {
 struct spin_trainer_size {
     int n_frames;
     const struct spin_frame_size *frame; /* [n_frames] */
-    size_t n_tracks, n_static;
+    size_t n_tracks, n_moving, n_varying;
     bool network;
     int max_items; /* pictures of a batch */
     size_t max_pixels, max_tiles;
@@ -33,7 +33,8 @@ struct spin_trainer {
     const struct spin_field *network; /* the same, or NULL: there is none */
     struct spin_param table, heads;   /* empty without a network */
     struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
-    size_t n_tracks, n_static; /* the first n_static never move: their frames have no place */
+    size_t n_tracks;
+    size_t n_moving, n_varying; /* the first of them: their splats have positions, residual values, of their own */
     bool gather;               /* what densification goes by */
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */

@@ -1,19 +1,31 @@
 /* Finding tracks, and numbering them so that neighbours share cache lines. */
 #include "train/tracks.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "train/appearance.h"
 #include "train/morton.h"
+
+/* In units of the cameras' extent: a deviation that no image shows, and the most that counts as noise. */
+static const double UNSEEN = 1e-4, NOISE = 1e-2;
+enum { NOISE_FRAMES = 8 }; /* fewer do not tell noise from motion */
 
 /* A place at which some splat stands. */
 struct place {
     float at[3];
     uint32_t n_frames;
     int last_frame;
-    bool moves; /* of a track by identity: it stands elsewhere in some frame */
+    bool moves; /* of a track by identity: more than its noise, see stands_still() */
+};
+
+/* Where a track by identity goes, from its first place. */
+struct motion {
+    float last[3];
+    double sum[3], square, step; /* sums of offsets, of their squares, of squares from frame to frame */
 };
 
 struct places {
@@ -21,6 +33,7 @@ struct places {
     size_t n, room;
     uint32_t *slot; /* [n_slots] places by the hash of their coordinates, UINT32_MAX: empty */
     size_t n_slots;
+    struct motion *motion; /* [n] of tracks by identity */
 };
 
 static uint32_t hash_of(const float at[3])
@@ -39,6 +52,7 @@ static void close_places(struct places *p)
 {
     free(p->place);
     free(p->slot);
+    free(p->motion);
     memset(p, 0, sizeof *p);
 }
 
@@ -88,20 +102,63 @@ static uint32_t add_place(struct places *p, const float at[3])
 
 /* ---- The passes ---------------------------------------------------------------------------------- */
 
+static void add_motion(struct motion *m, const float first[3], const float at[3], bool is_first)
+{
+    for (int c = 0; c < 3; c++) {
+        double offset = (double)at[c] - first[c], step = (double)at[c] - m->last[c];
+
+        m->sum[c] += offset;
+        m->square += offset * offset;
+        m->step += is_first ? 0 : step * step;
+        m->last[c] = at[c];
+    }
+}
+
 /* Row i is the same Gaussian in every frame. */
 static spin_status add_rows(struct places *p, int frame, const struct spin_splats *s, uint32_t *of)
 {
     if (frame == 0) {
+        void *block = NULL;
+
         SPIN_TRY(reserve_places(p, s->n));
         for (size_t i = 0; i < s->n; i++)
             add_place(p, s->means + 3 * i);
+        SPIN_TRY(spin_alloc(s->n + 1, sizeof *p->motion, &block));
+        p->motion = block;
     }
     for (size_t i = 0; i < s->n; i++) {
         p->place[i].n_frames++;
-        p->place[i].moves |= memcmp(p->place[i].at, s->means + 3 * i, 3 * sizeof(float)) != 0;
+        add_motion(&p->motion[i], p->place[i].at, s->means + 3 * i, frame == 0);
         of[i] = (uint32_t)i;
     }
     return SPIN_OK;
+}
+
+/* A track that only trembles stands still. Its variance is too small to be seen, or from frame to frame it goes
+ * as far as noise does: the mean square of the steps of white noise is twice its variance (von Neumann's ratio),
+ * that of a motion much less. Sources keep such noise in what does not move. */
+static bool stands_still(const struct motion *m, int n_frames, double extent)
+{
+    double n = n_frames, variance = m->square / n;
+
+    for (int c = 0; c < 3; c++)
+        variance -= m->sum[c] * m->sum[c] / (n * n);
+    if (variance <= pow(UNSEEN * extent, 2))
+        return true;
+    return n_frames >= NOISE_FRAMES && m->step / (n - 1) >= variance &&
+           variance <= pow(NOISE * extent, 2);
+}
+
+/* Such a track stands where it is on average. */
+static void settle(struct places *p, int n_frames, double extent)
+{
+    for (size_t i = 0; p->motion && i < p->n; i++) {
+        const struct motion *m = &p->motion[i];
+
+        p->place[i].moves = !stands_still(m, n_frames, extent);
+        for (int c = 0; c < 3 && !p->place[i].moves; c++)
+            p->place[i].at[c] = (float)(p->place[i].at[c] + m->sum[c] / n_frames);
+    }
 }
 
 /* The second splat of a frame at one place has no track. */
@@ -155,43 +212,80 @@ out:
 
 /* ---- Numbers ------------------------------------------------------------------------------------- */
 
-/* number [places] = the track at a place, or SPIN_NO_TRACK: along a space-filling curve, those that never move
- * first. */
-static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
-                                 uint32_t *number)
+/* The places of p that are tracks, along a space-filling curve: order [*n]. */
+static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
+                                uint32_t *order, size_t *n)
 {
-    uint32_t *order, n = 0;
     float *at;
     void *block = NULL;
+    spin_status status;
 
-    SPIN_TRY(spin_alloc(p->n + 1, sizeof *order + 3 * sizeof *at, &block));
+    *n = 0;
+    SPIN_TRY(spin_alloc(p->n + 1, 3 * sizeof *at, &block));
     at = block;
-    order = (uint32_t *)(at + 3 * p->n);
     for (size_t i = 0; i < p->n; i++)
         memcpy(at + 3 * i, p->place[i].at, 3 * sizeof *at);
-    spin_status status = spin_morton_order(p->n, at, order);
-    for (int moves = 0; status == SPIN_OK && moves < 2; moves++) {
-        for (size_t i = 0; i < p->n; i++) {
-            const struct place *place = &p->place[order[i]];
-
-            if (place->n_frames < 2 && !tracks->identity)
-                number[order[i]] = SPIN_NO_TRACK;
-            else if (place->moves == moves)
-                number[order[i]] = n++;
-        }
-        if (!moves)
-            tracks->n_static = n;
-    }
-    tracks->n = n;
+    status = spin_morton_order(p->n, at, order);
+    for (size_t i = 0; status == SPIN_OK && i < p->n; i++)
+        if (p->place[order[i]].n_frames > 1 || tracks->identity)
+            order[(*n)++] = order[i];
     free(block);
     return status;
 }
 
-spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan)
+/* Numbers for the tracks: first those that move, then those that vary, then the others. number [places] = the track,
+ * or SPIN_NO_TRACK. order [tracks]: places. */
+static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
+                                 const uint32_t *order, const uint8_t *varies, uint32_t *number)
+{
+    uint32_t n = 0;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *tracks->place, &block));
+    tracks->place = block;
+    memset(number, 0xff, p->n * sizeof *number);
+    for (int kind = 0; kind < 3; kind++) {
+        for (size_t i = 0; i < tracks->n; i++) {
+            const struct place *place = &p->place[order[i]];
+
+            if ((place->moves ? 0 : varies[i] ? 1 : 2) != kind)
+                continue;
+            memcpy(tracks->place + 3 * n, place->at, sizeof place->at);
+            number[order[i]] = n++;
+        }
+        if (kind == 0)
+            tracks->n_moving = n;
+        if (kind == 1)
+            tracks->n_varying = n;
+    }
+    return SPIN_OK;
+}
+
+/* Which of the tracks look different over time; places that move count as they stand on average. */
+static spin_status look_at_places(const struct spin_tracks *tracks, const struct spin_plan *plan,
+                                  struct spin_truth *truth, const struct places *p,
+                                  const uint32_t *order, uint8_t *varies)
+{
+    void *block = NULL;
+    float *at;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(tracks->n + 1, 3 * sizeof *at, &block));
+    at = block;
+    for (size_t i = 0; i < tracks->n; i++)
+        memcpy(at + 3 * i, p->place[order[i]].at, 3 * sizeof *at);
+    status = spin_appearance_varies(plan, truth, tracks->n, at, varies);
+    free(block);
+    return status;
+}
+
+spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
+                             struct spin_truth *truth)
 {
     struct places places = {0};
     void *block = NULL;
-    uint32_t *number;
+    uint32_t *number, *order;
+    uint8_t *varies;
     spin_status status;
 
     tracks->identity = rows_keep_identity(plan);
@@ -200,13 +294,22 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan)
     tracks->n_frames = plan->clip.n_frames;
     block = NULL;
     SPIN_TRY_OUT(look_at_frames(tracks, plan, &places));
-    SPIN_TRY_OUT(spin_alloc(places.n + 1, sizeof *number, &block));
+    settle(&places, tracks->n_frames, plan->extent);
+    SPIN_TRY_OUT(spin_alloc(places.n + 1, 2 * sizeof *number + 1, &block));
     number = block;
-    SPIN_TRY_OUT(number_tracks(tracks, &places, number));
+    order = number + places.n;
+    varies = (uint8_t *)(order + places.n);
+    memset(varies, 0, places.n);
+    SPIN_TRY_OUT(order_places(tracks, &places, order, &tracks->n));
+    if (truth)
+        SPIN_TRY_OUT(look_at_places(tracks, plan, truth, &places, order, varies));
+    SPIN_TRY_OUT(number_tracks(tracks, &places, order, varies, number));
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++)
             if (tracks->of[f][i] != SPIN_NO_TRACK)
                 tracks->of[f][i] = number[tracks->of[f][i]];
+    if (!truth)
+        tracks->n_varying = 0;
 out:
     close_places(&places);
     free(block);
@@ -218,22 +321,21 @@ void spin_tracks_close(struct spin_tracks *tracks)
     for (int f = 0; f < tracks->n_frames; f++)
         free(tracks->of[f]);
     free(tracks->of);
+    free(tracks->place);
     memset(tracks, 0, sizeof *tracks);
 }
 
 /* ---- A frame ------------------------------------------------------------------------------------- */
 
-struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n,
-                                        bool own_residual)
+struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n)
 {
     struct spin_frame_size size = {.n = n};
 
     for (size_t i = 0; i < n; i++) {
         uint32_t track = tracks->of[frame][i];
-        bool none = track == SPIN_NO_TRACK, moves = !none && track >= tracks->n_static;
 
-        size.n_pos += none || moves;
-        size.n_residual += none || (moves && own_residual);
+        size.n_pos += track == SPIN_NO_TRACK || track < tracks->n_moving;
+        size.n_residual += track == SPIN_NO_TRACK || track < tracks->n_varying;
     }
     return size;
 }
@@ -253,7 +355,7 @@ spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t
                              uint32_t *permutation)
 {
     struct row *row;
-    size_t n_rows = 0, n_still = 0, to = 0;
+    size_t n_rows = 0, to = 0;
     void *block = NULL;
 
     SPIN_TRY(spin_alloc(n + 1, sizeof *row, &block));
@@ -265,12 +367,9 @@ spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t
             permutation[to++] = permutation[i];
         else
             row[n_rows++] = (struct row){track, permutation[i]};
-        n_still += track < tracks->n_static;
     }
     qsort(row, n_rows, sizeof *row, compare_rows);
-    for (size_t i = n_still; i < n_rows; i++)
-        permutation[to++] = row[i].row;
-    for (size_t i = 0; i < n_still; i++)
+    for (size_t i = 0; i < n_rows; i++)
         permutation[to++] = row[i].row;
     free(block);
     return SPIN_OK;

@@ -5,25 +5,29 @@
 
 #include "train/plan.h"
 #include "train/train_frame.h"
+#include "train/truth.h"
 
 struct spin_tracks {
-    size_t n;        /* tracks; 0: none were looked for, or found */
-    size_t n_static; /* the first of them never move */
-    uint32_t **of;   /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
+    size_t n;         /* tracks; 0: none were looked for, or found */
+    size_t n_moving;  /* the first of them move: a position in every frame */
+    size_t n_varying; /* the first of them have residual values in every frame: those that move, and those that
+                         stand still and look different over time; or 0: none are wanted */
+    float *place;     /* [n][3] where those that stand still are: the mean over the frames */
+    uint32_t **of;    /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
     int n_frames;
     bool identity; /* row i is track of[0][i] in every frame */
 };
 
-/* One pass over the means of the bundle. Zero it first; close it also after a failure. */
-spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan);
+/* One pass over the means of the bundle, and with truth over images; NULL: no residual values of every frame. Zero it
+ * first; close it also after a failure. */
+spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
+                             struct spin_truth *truth);
 void spin_tracks_close(struct spin_tracks *tracks);
 
-/* How many of a frame's n splats need a position, and residual values, of their own: those without a track, and
- * positions also where the track moves. own_residual: splats whose track moves have residual values as well. */
-struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n,
-                                        bool own_residual);
-/* A frame's order [n] from that of a space-filling curve: splats without a track first, in this order, then those
- * whose tracks move, then the others, both in the order of their tracks. */
+/* How many of a frame's n splats have a position, and residual values, of their own. */
+struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n);
+/* A frame's order [n] from that of a space-filling curve: splats without a track first, in this order, then the
+ * others in the order of their tracks. */
 spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t n,
                              uint32_t *permutation);
 

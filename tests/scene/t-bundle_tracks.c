@@ -18,11 +18,11 @@ static float tracks[TRACKS][W], means[N][3], residual[N][ROW];
 struct change {
     uint32_t track[N];
     size_t n_means, n_residual;
-    int n_tracks, n_static; /* as meta.json says */
+    int n_tracks, n_moving, n_varying; /* as meta.json says */
     bool nan;
 };
 /* No track, one that moves, one that does not, and none. */
-static const struct change sound = {{NONE, 2, 0, NONE}, 3, 2, TRACKS, 2, false};
+static const struct change sound = {{NONE, 0, 2, NONE}, 3, 2, TRACKS, 1, 0, false};
 
 static void write_bundle(const struct change *c)
 {
@@ -39,7 +39,8 @@ static void write_bundle(const struct change *c)
         exit(1);
     meta.frame[0].n = N;
     spin_json_set_integer(t, "n", c->n_tracks);
-    spin_json_set_integer(t, "static", c->n_static);
+    spin_json_set_integer(t, "moving", c->n_moving);
+    spin_json_set_integer(t, "varying", c->n_varying);
     spin_json_set_bool(t, "same_rows", true);
     spin_json_set(network, "tracks", t);
     spin_json_set_integer(network, "features", 4);
@@ -74,22 +75,24 @@ static spin_status read_bundle(float *to_means, float *to_rows)
     return status;
 }
 
-static void check_sums(size_t n_residual)
+/* The first n_varying tracks have values of their own in the frame. */
+static void check_sums(int n_varying, size_t n_residual)
 {
     struct change c = sound;
     float m[N][3], r[N][ROW];
-    bool all = n_residual == 3;
+    bool one = n_varying > 0, two = n_varying > 2;
 
+    c.n_varying = n_varying;
     c.n_residual = n_residual;
     write_bundle(&c);
     if (!ok(read_bundle(m[0], r[0]) == SPIN_OK, "reads a frame: %s", spin_last_error()))
         return;
-    ok(m[0][1] == means[0][1] && m[1][1] == means[1][1] + tracks[2][1] && m[2][1] == tracks[0][1] &&
+    ok(m[0][1] == means[0][1] && m[1][1] == means[1][1] + tracks[0][1] && m[2][1] == tracks[2][1] &&
            m[3][1] == means[2][1],
        "places: its own, the sum, the track's");
-    ok(r[0][5] == residual[0][5] &&
-           r[1][5] == (all ? residual[1][5] : 0) + tracks[2][8] && r[2][5] == tracks[0][8] &&
-           r[3][5] == residual[all ? 2 : 1][5],
+    ok(r[0][5] == residual[0][5] && r[1][5] == (one ? residual[1][5] : 0) + tracks[0][8] &&
+           r[2][5] == (two ? residual[2][5] : 0) + tracks[2][8] &&
+           r[3][5] == residual[1 + one + two][5],
        "values likewise, %zu rows of their own", n_residual);
 }
 
@@ -116,8 +119,9 @@ TAP_MAIN
         for (int k = 0; k < ROW; k++)
             residual[i][k] = (float)(2000 * i + k);
     }
-    check_sums(2);
-    check_sums(3);
+    check_sums(0, 2);
+    check_sums(1, 3);
+    check_sums(3, 4);
     c = sound, c.track[1] = TRACKS;
     check_refused(c, "names track 3 of 3", "a track that is not there");
     c = sound, c.n_means = 2;
@@ -126,8 +130,10 @@ TAP_MAIN
     check_refused(c, "4 positions", "too many");
     c = sound, c.n_residual = 1;
     check_refused(c, "1 residual values", "too few values");
-    c = sound, c.n_static = 4;
-    check_refused(c, "network.tracks", "more that never move than there are");
+    c = sound, c.n_moving = 4;
+    check_refused(c, "network.tracks", "more that move than there are");
+    c = sound, c.n_varying = -1;
+    check_refused(c, "network.tracks", "fewer that vary than none");
     c = sound, c.n_tracks = 4;
     check_refused(c, "network/tracks", "another number of rows");
     c = sound, c.nan = true;

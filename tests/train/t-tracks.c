@@ -2,7 +2,9 @@
  * K: tracks densify */
 #include "train/densify_tracks.h"
 
+#include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "scene/bundle.h"
 #include "tests/check.h"
@@ -10,11 +12,12 @@
 #include "tests/tap.h"
 #include "train/tracks.h"
 
-enum { FRAMES = 3 };
+enum { FRAMES = 12 };
+static int n_frames = 3;
 static char path[600];
 static struct spin_plan plan;
 static size_t counts[FRAMES];
-static int frame_of[FRAMES] = {0, 1, 2};
+static int frame_of[FRAMES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
 
 /* A bundle of these frames, n[f] places each. */
 static void write_clip(const float *const place[FRAMES], const size_t *n, bool identity)
@@ -24,11 +27,11 @@ static void write_clip(const float *const place[FRAMES], const size_t *n, bool i
 
     snprintf(meta.from, sizeof meta.from, "test");
     meta.identity = identity;
-    meta.n_source_frames = FRAMES;
-    if (spin_bundle_meta_reserve(&meta, FRAMES) != SPIN_OK ||
+    meta.n_source_frames = n_frames;
+    if (spin_bundle_meta_reserve(&meta, n_frames) != SPIN_OK ||
         spin_bundle_writer_open(path, true, false, &w) != SPIN_OK)
         exit(1);
-    for (int f = 0; f < FRAMES; f++) {
+    for (int f = 0; f < n_frames; f++) {
         struct spin_splats s = {.n = n[f], .means = (float *)place[f]};
 
         meta.frame[f] = (struct spin_frame_info){.n = n[f], .number = f, .time = f};
@@ -47,11 +50,12 @@ static void find(struct spin_tracks *tracks)
 {
     memset(&plan, 0, sizeof plan);
     memset(tracks, 0, sizeof *tracks);
-    plan.clip.n_frames = FRAMES;
+    plan.clip.n_frames = n_frames;
+    plan.extent = 1;
     plan.clip.frame = frame_of;
     plan.counts = counts;
     ok(spin_bundle_open(path, &plan.clip.bundle) == SPIN_OK &&
-           spin_tracks_find(tracks, &plan) == SPIN_OK,
+           spin_tracks_find(tracks, &plan, NULL) == SPIN_OK,
        "its tracks: %s", spin_last_error());
     spin_bundle_close(&plan.clip.bundle);
 }
@@ -68,21 +72,23 @@ static void check_identity(void)
 
     write_clip(place, n, true);
     find(&t);
-    ok(t.identity && t.n == 3 && t.n_static == 2, "a track a row, two of three never move");
-    ok(t.of[0][1] == 2 && t.of[2][1] == 2 && t.of[0][0] == t.of[1][0] && t.of[0][0] < 2 &&
+    ok(t.identity && t.n == 3 && t.n_moving == 1, "a track a row, one of three moves");
+    ok(t.of[0][1] == 0 && t.of[2][1] == 0 && t.of[0][0] == t.of[1][0] && t.of[0][0] > 0 &&
            t.of[0][2] == t.of[2][2],
-       "numbers: those that never move come first");
-    size = spin_tracks_size(&t, 2, 3, false);
+       "numbers: those that move come first");
+    ok(t.place[3 * t.of[0][2]] == 2, "the place of a track that stands still");
+    size = spin_tracks_size(&t, 2, 3);
     ok(size.n == 3 && size.n_pos == 1 && size.n_residual == 0, "one splat has a place of its own");
-    size = spin_tracks_size(&t, 2, 3, true);
-    ok(size.n_residual == 1, "and, when asked for, residual values");
-    ok(spin_tracks_sort(&t, 1, 3, order) == SPIN_OK && order[0] == 1 && t.of[1][order[1]] == 0 &&
-           t.of[1][order[2]] == 1,
-       "the order of a frame: what moves, then the others by number");
+    t.n_varying = 2;
+    size = spin_tracks_size(&t, 2, 3);
+    ok(size.n_pos == 1 && size.n_residual == 2, "and what varies has residual values");
+    ok(spin_tracks_sort(&t, 1, 3, order) == SPIN_OK && order[0] == 1 && t.of[1][order[1]] == 1 &&
+           t.of[1][order[2]] == 2,
+       "the order of a frame is that of the tracks");
     spin_tracks_close(&t);
     write_clip(place, n, false);
     find(&t);
-    ok(!t.identity && t.n == 3 && t.n_static == 3 && t.of[2][1] == SPIN_NO_TRACK,
+    ok(!t.identity && t.n == 3 && t.n_moving == 0 && t.of[2][1] == SPIN_NO_TRACK,
        "without identity, what stands still in two frames");
     spin_tracks_close(&t);
 }
@@ -99,22 +105,57 @@ static void check_places(void)
 
     write_clip(place, n, true); /* not so: the numbers of rows differ */
     find(&t);
-    ok(!t.identity && t.n == 2 && t.n_static == 2, "two places are there in two frames");
+    ok(!t.identity && t.n == 2 && t.n_moving == 0, "two places are there in two frames");
     ok(t.of[0][0] == t.of[1][2] && t.of[0][1] == t.of[1][0] && t.of[0][0] != t.of[0][1],
        "and tell which splats are one");
     ok(t.of[0][2] == SPIN_NO_TRACK && t.of[0][3] == SPIN_NO_TRACK && t.of[1][1] == SPIN_NO_TRACK,
        "the others have no track, nor has the second at a place");
-    size = spin_tracks_size(&t, 0, 4, false);
+    size = spin_tracks_size(&t, 0, 4);
     ok(size.n_pos == 2 && size.n_residual == 2, "these have all of their own");
     ok(t.of[2][0] == SPIN_NO_TRACK && t.of[2][1] == SPIN_NO_TRACK, "-0 is not the same place");
     spin_tracks_close(&t);
 }
 
+/* Rows with noise of a hundredth of a unit: alone, on a slow way, of a unit; and a tremble too small to be seen. */
+static void check_noise(void)
+{
+    static const float noise[FRAMES] = {3, -5, 2, 6, -4, 0, -3, 5, 1, -6, -2, 3};
+    float at[FRAMES][12];
+    const float *place[FRAMES];
+    size_t n[FRAMES];
+    struct spin_tracks t;
+    double mean = 0;
+
+    for (int f = 0; f < FRAMES; f++) {
+        memset(at[f], 0, sizeof at[f]);
+        at[f][1] = 7 + noise[f] / 1000;
+        at[f][3] = noise[f] / 1000 + 0.004f * (float)f;
+        at[f][6] = noise[f] / 10;
+        at[f][10] = 1e-5f * (float)f;
+        mean += (double)at[f][1] / FRAMES;
+        place[f] = at[f];
+        n[f] = 4;
+    }
+    n_frames = FRAMES;
+    write_clip(place, n, true);
+    find(&t);
+    ok(t.n == 4 && t.n_moving == 2 && t.of[0][1] < 2 && t.of[0][2] < 2,
+       "noise alone does not move a track; a slow way, and noise as large as the scene, do");
+    ok(fabs((double)t.place[3 * t.of[0][0] + 1] - mean) < 1e-6, "it stands at the mean of its places");
+    spin_tracks_close(&t);
+    n_frames = 7;
+    write_clip(place, n, true);
+    find(&t);
+    ok(t.n_moving == 3, "seven frames do not tell noise from motion");
+    spin_tracks_close(&t);
+    n_frames = 3;
+}
+
 /* ---- Densification ------------------------------------------------------------------------------- */
 
-/* Two frames, three tracks of which the first never moves, and in the first frame a splat without a track. */
+/* Two frames, three tracks: two move, and in the first frame there is a splat without a track. */
 enum { TRACKS = 3 };
-static const uint32_t track_of[2][4] = {{SPIN_NO_TRACK, 1, 2, 0}, {2, 0}};
+static const uint32_t track_of[2][4] = {{SPIN_NO_TRACK, 0, 1, 2}, {1, 2}};
 static const struct spin_frame_size size_of[2] = {{4, 3, 1}, {2, 1, 0}};
 
 static void open_trainer(struct spin_device *d, struct spin_trainer *t)
@@ -123,7 +164,7 @@ static void open_trainer(struct spin_device *d, struct spin_trainer *t)
     const struct spin_trainer_size size = {.n_frames = 2,
                                            .frame = size_of,
                                            .n_tracks = TRACKS,
-                                           .n_static = 1,
+                                           .n_moving = 2,
                                            .max_items = 1,
                                            .max_pixels = 16,
                                            .max_tiles = 1};
@@ -150,7 +191,7 @@ static void open_trainer(struct spin_device *d, struct spin_trainer *t)
     d->op->upload(d, t->frame[0].residual, residual, sizeof residual);
 }
 
-/* Track 2 and the splat without a track have large gradients, both in the first frame.  */
+/* Track 1 and the splat without a track have large gradients, both in the first frame.  */
 static void put_gradients(struct spin_device *d, struct spin_trainer *t)
 {
     static const float gradient[2][4] = {{1, 0, 1, 0}, {0, 0}};
@@ -168,7 +209,7 @@ static void check_densify(struct spin_device *d)
     struct spin_densify_options o;
     struct spin_densify_change change = {0};
     uint32_t *permutation[2], track[8],
-        want[2][6] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 1, 2, 3, 0}, {2, 3, 0}};
+        want[2][6] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 0, 1, 2, 3}, {1, 2, 3}};
     size_t n[2];
     float pos[3 * 6], m[3 * 6];
 
@@ -181,11 +222,11 @@ static void check_densify(struct spin_device *d)
     }
     spin_densify_defaults(&o);
     o.extent = 1000;            /* all are small: clones */
-    o.gradient_threshold = 0.4; /* track 2 has a mean of 0.5 */
+    o.gradient_threshold = 0.4; /* track 1 has a mean of 0.5 */
     ok(spin_densify_tracks(&t, &o, 1, permutation, n, &change) == SPIN_OK, "densifies");
     ok(change.clones == 2 && change.splits == 0 && change.pruned == 0,
        "one track and one splat without are cloned");
-    ok(t.n_tracks == 4 && t.n_static == 1 && n[0] == 6 && n[1] == 3,
+    ok(t.n_tracks == 4 && t.n_moving == 3 && t.n_varying == 0 && n[0] == 6 && n[1] == 3,
        "the new track has a splat in both frames");
     for (int f = 0; f < 2; f++) {
         ok(d->op->download(d, track, t.frame[f].track, n[f] * sizeof *track) == SPIN_OK, "frame %d",
@@ -217,6 +258,7 @@ TAP_MAIN
     snprintf(path, sizeof path, "%s/clip.spin", check_folder());
     check_identity();
     check_places();
+    check_noise();
     d = check_device(2);
     check_densify(d);
     check_device_free(d);

@@ -1,0 +1,142 @@
+/* Brightness at places, camera by camera. */
+#include "train/appearance.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+enum {
+    FRAMES = 32,    /* of the clip, evenly */
+    THRESHOLD = 5,  /* of 255: noise and JPEG move the mean of nine pixels by less */
+    CAMERAS = 2,    /* that see a change, at least */
+    NONE = UINT8_MAX, /* no brightness: the camera does not see the place */
+};
+
+struct look {
+    const struct spin_plan *plan;
+    struct spin_truth *truth;
+    size_t n;
+    const float *place;
+    int n_frames;    /* looked at */
+    uint8_t *image;  /* [max pixels][3] */
+    uint8_t *bright; /* [n][n_frames] of one camera */
+    uint8_t *seen, *changed; /* [n][n_frames] cameras, at most 255 */
+};
+
+/* Mean of the pixels around a point, 0 to 254; NONE outside of the picture and at its rim. */
+static uint8_t brightness(const struct spin_camera *camera, const uint8_t *image, const float at[3])
+{
+    double p[3];
+    int x, y, sum = 0;
+
+    for (int r = 0; r < 3; r++)
+        p[r] = camera->w2c[4 * r] * (double)at[0] + camera->w2c[4 * r + 1] * (double)at[1] +
+               camera->w2c[4 * r + 2] * (double)at[2] + camera->w2c[4 * r + 3];
+    if (!(p[2] > 0))
+        return NONE;
+    p[0] = floor(camera->fx * p[0] / p[2] + camera->cx);
+    p[1] = floor(camera->fy * p[1] / p[2] + camera->cy);
+    if (!(p[0] >= 1 && p[1] >= 1 && p[0] < camera->width - 1 && p[1] < camera->height - 1))
+        return NONE;
+    x = (int)p[0];
+    y = (int)p[1];
+    for (int j = -1; j <= 1; j++) {
+        const uint8_t *row = image + 3 * ((size_t)(y + j) * (size_t)camera->width + (size_t)(x - 1));
+
+        for (int i = 0; i < 9; i += 3)
+            sum += row[i] + 2 * row[i + 1] + row[i + 2];
+    }
+    return (uint8_t)(sum / 36 < NONE ? sum / 36 : NONE - 1);
+}
+
+static int compare_bytes(const void *a, const void *b)
+{
+    return *(const uint8_t *)a - *(const uint8_t *)b;
+}
+
+/* The median of the frames that see the place, or NONE. */
+static uint8_t median_of(const uint8_t *bright, int n_frames)
+{
+    uint8_t value[FRAMES];
+    size_t n = 0;
+
+    for (int f = 0; f < n_frames; f++)
+        if (bright[f] != NONE)
+            value[n++] = bright[f];
+    if (n == 0)
+        return NONE;
+    qsort(value, n, 1, compare_bytes);
+    return value[n / 2];
+}
+
+/* The frame's number among those that are looked at, or -1. */
+static int chosen(const struct look *l, int frame)
+{
+    int64_t all = l->plan->clip.n_frames, k = (int64_t)frame * l->n_frames / all;
+
+    return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
+}
+
+static spin_status look_through(struct look *l, int camera_id)
+{
+    size_t n_frames = (size_t)l->n_frames;
+
+    memset(l->bright, NONE, l->n * n_frames);
+    for (size_t v = 0; v < l->plan->n_train; v++) {
+        const struct spin_pair *pair = &l->plan->train[v];
+        const struct spin_view *view = &l->plan->clip.views.view[pair->view];
+        int f = chosen(l, pair->frame);
+
+        if (view->camera_id != camera_id || f < 0)
+            continue;
+        if (spin_cancelled())
+            return spin_fail_cancelled();
+        SPIN_TRY(spin_image_cache_get_rgb8(&l->truth->cache, pair->view, l->image));
+        for (size_t i = 0; i < l->n; i++)
+            l->bright[i * n_frames + (size_t)f] =
+                brightness(&view->camera, l->image, l->place + 3 * i);
+    }
+    for (size_t i = 0; i < l->n; i++) {
+        uint8_t *bright = l->bright + i * n_frames, median = median_of(bright, l->n_frames);
+
+        for (size_t k = i * n_frames; k < (i + 1) * n_frames; k++) {
+            bool sees = l->bright[k] != NONE && l->seen[k] < UINT8_MAX;
+
+            l->seen[k] = (uint8_t)(l->seen[k] + sees);
+            l->changed[k] =
+                (uint8_t)(l->changed[k] + (sees && abs(l->bright[k] - median) > THRESHOLD));
+        }
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_truth *truth, size_t n,
+                                   const float *place, uint8_t *varies)
+{
+    struct look l = {.plan = plan, .truth = truth, .n = n, .place = place};
+    void *block = NULL;
+    size_t cells;
+    spin_status status;
+
+    l.n_frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
+    cells = n * (size_t)l.n_frames;
+    SPIN_TRY(spin_alloc(cells + plan->max_pixels + 1, 3, &block));
+    l.image = block;
+    l.bright = l.image + 3 * plan->max_pixels;
+    l.seen = l.bright + cells;
+    l.changed = l.seen + cells;
+    memset(l.seen, 0, 2 * cells);
+    for (int c = 0; c < plan->n_cameras; c++)
+        SPIN_TRY_OUT(look_through(&l, plan->camera[c]));
+    memset(varies, 0, n);
+    for (size_t k = 0; k < cells; k++)
+        varies[k / (size_t)l.n_frames] |=
+            l.changed[k] >= CAMERAS && 2 * l.changed[k] > l.seen[k];
+    status = SPIN_OK;
+out:
+    free(block);
+    return status;
+}
