@@ -15,7 +15,6 @@
 #include "base/mem.h"
 #include "base/option.h"
 #include "formats/compressed_ply.h"
-#include "math/morton.h"
 
 #define CHUNK SPIN_COMPRESSED_CHUNK
 #define RANGES SPIN_COMPRESSED_RANGES
@@ -127,30 +126,6 @@ static void scatter_block(void *context, int b, int worker)
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-static void key_by_place(struct export *x)
-{
-    const struct spin_splats *s = x->frames.rows.splats;
-    float range[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
-
-    for (size_t i = 0; i < x->order.n; i++)
-        for (int c = 0; c < 3; c++) {
-            float place = s->means[3 * (size_t)x->order.item[i].row + (size_t)c];
-
-            range[c] = spin_minf(range[c], place);
-            range[3 + c] = spin_maxf(range[3 + c], place);
-        }
-    for (size_t i = 0; i < x->order.n; i++) {
-        const float *place = s->means + 3 * (size_t)x->order.item[i].row;
-
-        for (int c = 0; c < 3; c++) {
-            double width = (double)range[3 + c] - range[c];
-            double u = width > 0 ? ((double)place[c] - range[c]) / width : 0;
-
-            x->order.item[i].key |= spin_morton_spread((uint64_t)(u * SPIN_MORTON_MAX)) << c;
-        }
-    }
-}
-
 static spin_status make_room(struct export *x)
 {
     size_t n = x->frames.rows.n_kept, n_before = x->frames.rows.splats->n;
@@ -172,10 +147,8 @@ static spin_status make_room(struct export *x)
 static spin_status choose_order(struct export *x)
 {
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
-    if (!x->by_source) {
-        key_by_place(x);
-        spin_sort_rows_sort(&x->order);
-    }
+    if (!x->by_source)
+        spin_sort_rows_by_place(&x->order, x->frames.rows.splats);
     SPIN_TRY(make_room(x));
     for (size_t i = 0; i < x->order.n; i++) {
         x->row[i] = x->order.item[i].row;

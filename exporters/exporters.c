@@ -6,6 +6,7 @@ extern const struct spin_exporter spin_exporter_gltf;
 extern const struct spin_exporter spin_exporter_html;
 extern const struct spin_exporter spin_exporter_images;
 extern const struct spin_exporter spin_exporter_ply;
+extern const struct spin_exporter spin_exporter_sog;
 extern const struct spin_exporter spin_exporter_splat;
 extern const struct spin_exporter spin_exporter_spz;
 extern const struct spin_exporter spin_exporter_video;
@@ -16,6 +17,7 @@ const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_html,
     &spin_exporter_images,
     &spin_exporter_ply,
+    &spin_exporter_sog,
     &spin_exporter_splat,
     &spin_exporter_spz,
     &spin_exporter_video,

@@ -5,6 +5,7 @@
 
 #include "base/mem.h"
 #include "math/approx.h"
+#include "math/morton.h"
 
 spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows)
 {
@@ -57,6 +58,30 @@ void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_spla
 {
     for (size_t i = 0; i < order->n; i++)
         order->item[i].key = size_key(s, order->item[i].row);
+    spin_sort_rows_sort(order);
+}
+
+void spin_sort_rows_by_place(struct spin_sort_rows *order, const struct spin_splats *s)
+{
+    float range[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
+
+    for (size_t i = 0; i < order->n; i++)
+        for (int c = 0; c < 3; c++) {
+            float place = s->means[3 * (size_t)order->item[i].row + (size_t)c];
+
+            range[c] = spin_minf(range[c], place);
+            range[3 + c] = spin_maxf(range[3 + c], place);
+        }
+    for (size_t i = 0; i < order->n; i++) {
+        const float *place = s->means + 3 * (size_t)order->item[i].row;
+
+        for (int c = 0; c < 3; c++) {
+            double width = (double)range[3 + c] - range[c];
+            double u = width > 0 ? ((double)place[c] - range[c]) / width : 0;
+
+            order->item[i].key |= spin_morton_spread((uint64_t)(u * SPIN_MORTON_MAX)) << c;
+        }
+    }
     spin_sort_rows_sort(order);
 }
 

@@ -22,6 +22,9 @@ void spin_sort_rows_sort(struct spin_sort_rows *order);
 /* Sets the keys and sorts: the largest and least transparent splats come first, by volume times opacity. */
 void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_splats *s);
 
+/* Likewise in the order of Morton: neighbours in space mostly stand together. */
+void spin_sort_rows_by_place(struct spin_sort_rows *order, const struct spin_splats *s);
+
 void spin_sort_rows_free(struct spin_sort_rows *order);
 
 #endif

@@ -255,13 +255,11 @@ static spin_status read_directory(const char *path, const struct directory *dir,
     return check_overlap(path, out);
 }
 
-spin_status spin_zip_open(const char *path, struct spin_zip *out)
+static spin_status read_archive(const char *path, struct spin_zip *out)
 {
     struct directory dir = {0};
     spin_status status;
 
-    memset(out, 0, sizeof *out);
-    SPIN_TRY(spin_map_open(path, &out->map));
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
     SPIN_TRY_OUT(find_directory(path, &out->map, &dir));
     SPIN_TRY_OUT(read_directory(path, &dir, out));
@@ -271,9 +269,23 @@ out:
     return status;
 }
 
+spin_status spin_zip_open(const char *path, struct spin_zip *out)
+{
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_map_open(path, &out->map));
+    return read_archive(path, out);
+}
+
+spin_status spin_zip_parse(const char *what, const void *data, size_t size, struct spin_zip *out)
+{
+    *out = (struct spin_zip){.map = {data, size}, .borrowed = true};
+    return read_archive(what, out);
+}
+
 void spin_zip_close(struct spin_zip *zip)
 {
-    spin_map_close(&zip->map);
+    if (!zip->borrowed)
+        spin_map_close(&zip->map);
     free(zip->path);
     free(zip->member);
     free(zip->names);

@@ -21,11 +21,14 @@ struct spin_zip {
     char *path;                     /* for messages */
     struct spin_zip_member *member; /* [n], in directory order */
     size_t n;
-    char *names; /* private */
+    char *names;   /* private */
+    bool borrowed; /* the map is another's */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
 spin_status spin_zip_open(const char *path, struct spin_zip *out);
+/* One in memory, which must stay; `what` names it in messages. */
+spin_status spin_zip_parse(const char *what, const void *data, size_t size, struct spin_zip *out);
 void spin_zip_close(struct spin_zip *zip);
 /* NULL when there is none. With duplicates the last one counts, as in Python. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);

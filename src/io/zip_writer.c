@@ -243,6 +243,21 @@ static void free_written(struct spin_zip_writer *w)
     memset(w, 0, sizeof *w);
 }
 
+void spin_zip_writer_begin(const struct spin_out *out, struct spin_zip_writer *w)
+{
+    memset(w, 0, sizeof *w);
+    w->out = *out;
+}
+
+spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far, struct spin_out *out)
+{
+    if (so_far == SPIN_OK)
+        so_far = write_directory(w);
+    *out = w->out;
+    free_written(w);
+    return so_far;
+}
+
 spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
 {
     spin_status status = SPIN_OK;

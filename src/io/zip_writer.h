@@ -21,6 +21,11 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w);
 /* The same at once, of two pieces that are there already: nothing is written twice. */
 spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
                                   size_t n_head, const void *data, size_t n_data);
+/* An archive in a file that is open and empty, which stays the caller's to commit: it is lent to the writer, and
+ * end(), which must follow, gives it back. It writes the directory when all is well so far. */
+void spin_zip_writer_begin(const struct spin_out *out, struct spin_zip_writer *w);
+spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far,
+                                struct spin_out *out);
 spin_status spin_zip_writer_commit(struct spin_zip_writer *w);
 void spin_zip_writer_abandon(struct spin_zip_writer *w);
 

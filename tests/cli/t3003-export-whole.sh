@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: export ply gltf glb splat compressed-ply spz html images video
+# K: export ply gltf glb splat compressed-ply spz sog html images video
 # shellcheck disable=SC2046 # to_of gives several words
 # spin-export: what was written is what was meant, whole or not there at all: --check, --skip-complete, bad
 # values, a full disk, Ctrl-C.
@@ -15,6 +15,11 @@ run "$bin/spin-import" "$run_of" -o "$in" --range 0:4 --json
 is "$code" 0 "imports the run"
 frames=$(member frames)
 formats='gltf:glb ply:ply splat:splat compressed-ply:compressed.ply spz:spz spz4:spz'
+if ldconfig -p 2>/dev/null | grep -q 'libwebp\.so\.7'; then
+    formats="$formats sog:sog"
+else
+    skip "sog" "no libwebp"
+fi
 
 # to_of NAME: the exporter of that name, with its options.
 to_of() {
@@ -185,7 +190,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
         to=${pair%%:*}
         run "$bin/spin-export" -q "$in" --to $(to_of "$to") -o "$work/small/$to"
         is "$code" 1 "$to: a full disk: exit code 1"
-        case $to in spz*) ;; *) err_has "has room for" "$to: a full disk: warns before" ;; esac
+        case $to in spz* | sog) ;; *) err_has "has room for" "$to: a full disk: warns before" ;; esac
         err_has "^spin-export: .*No space left" "$to: a full disk: says so"
         nothing_half "$work/small/$to" "$to: a full disk"
         rm -rf "$work/small/${to:?}"

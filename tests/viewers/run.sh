@@ -58,7 +58,7 @@ export_all() {
     [ -n "${RANGE:-}" ] && [ "$1.spin" = "$(basename "$bundle")" ] && range="--range $RANGE"
     rm -rf "$1"
     mkdir -p "$1"
-    for format in ply compressed-ply spz splat gltf; do
+    for format in ply compressed-ply sog spz splat gltf; do
         # shellcheck disable=SC2086
         "$bin/spin-export" -q $range "$1.spin" --to $format -o "$1/$format" ||
             { fail "$1.spin does not export to $format"; return 1; }
@@ -131,7 +131,7 @@ show() {
     fi
     # shellcheck disable=SC2086
     node "$here/bench.mjs" --expect-motion $size $known --out "$sample-shots" "$@" "$sample/ply" \
-        "$sample/compressed-ply" "$sample/spz" "$sample/spz4" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
+        "$sample/compressed-ply" "$sample/sog" "$sample/spz" "$sample/spz4" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
         fail "$sample: a viewer disagrees"
     use_page "$sample"
 }

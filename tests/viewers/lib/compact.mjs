@@ -2,7 +2,12 @@
 // from the formats' descriptions and apart from the exporters under test. Strict: a length that does
 // not fit, a name out of order or a value outside its range is an error.
 import fs from 'node:fs';
+import os from 'node:os';
+import path from 'node:path';
+import { spawnSync } from 'node:child_process';
+import { createRequire } from 'node:module';
 import zlib from 'node:zlib';
+import { readPly } from './splat.mjs';
 import { ZSTDDecoder } from 'three/examples/jsm/libs/zstddec.module.js';
 
 const C0 = 0.28209479177387814;
@@ -156,4 +161,18 @@ export function readSpz(file) {
         [q[3], q[0], q[1], q[2]].forEach((v, c) => { s.rot[c][i] = v; });
     }
     return s;
+}
+
+// Node decodes no WebP: the format's own tool makes a PLY of it.
+export function readSog(file) {
+    const at = createRequire(import.meta.url).resolve('@playcanvas/splat-transform');
+    const cli = path.join(path.dirname(at), '../bin/cli.mjs');
+    const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'viewer-sog-')), ply = path.join(folder, 'sog.ply');
+    try {
+        const r = spawnSync(process.execPath, [cli, '-q', file, ply], { encoding: 'utf8' });
+        if (r.status !== 0) throw new Error(`${file}: splat-transform: ${(r.stderr || r.stdout).trim()}`);
+        return { ...readPly(ply), file, bytes: fs.statSync(file).size };
+    } finally {
+        fs.rmSync(folder, { recursive: true });
+    }
 }

@@ -2,7 +2,7 @@
 import fs from 'node:fs';
 import path from 'node:path';
 import { readGlb, readPly } from './splat.mjs';
-import { readCompressedPly, readSplat, readSpz } from './compact.mjs';
+import { readCompressedPly, readSog, readSplat, readSpz } from './compact.mjs';
 
 // A camera is given in the axes of a 3DGS PLY (x right, y down, z away). glTF stands half a turn about
 // z from there; the others keep the PLY's axes.
@@ -15,6 +15,7 @@ export const KINDS = {
     glb: { ends: '.glb', read: readGlb, turn: aboutZ },
     spz: { ends: '.spz', label: '`.spz`, version 4', read: readSpz, turn: same, tool: true },
     spz3: { ends: '.spz', label: '`.spz`, version 3', read: readSpz, turn: same, tool: true },
+    sog: { ends: '.sog', read: readSog, turn: same, tool: true },
     splat: { ends: '.splat', read: readSplat, turn: same, tool: true }
 };
 

@@ -1,0 +1,430 @@
+/* One SOG per frame, PlayCanvas's small format (formats/sog.h). Axes stay those of the training, the order is
+ * Morton's: in a picture neighbours then stand together, and WebP finds what they share.
+ *
+ * The box of the places only grows from frame to frame, and a book of a frame before is kept while it serves nearly
+ * as well as an own one would: what stands still then mostly keeps its bits. The palette of SH is each frame's own. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "exporters/lib/frames.h"
+#include "exporters/lib/sort_rows.h"
+#include "base/err.h"
+#include "base/mem.h"
+#include "base/option.h"
+#include "formats/sog.h"
+#include "io/webp.h"
+#include "io/zip_writer.h"
+#include "math/sh.h"
+
+#define KEEP_BOOK 1.1 /* times an own book's error, squared */
+
+static const struct spin_plugin_option options[] = {
+    SPIN_FRAMES_OPTIONS("frame_%05d.sog"),
+    SPIN_ROWS_OPTION_SH,
+    {"level", "N", "effort of WebP, 0 (fast) to 9 (small)", "3"},
+    {0},
+};
+
+struct picture {
+    uint8_t *rgba; /* [height][width][4] */
+    size_t room;
+    int width, height;
+    unsigned char *file;
+    size_t n_file;
+    spin_status status;
+    char why[256];
+};
+
+struct export
+{
+    struct spin_frames frames;
+    struct spin_sort_rows order; /* item[i].row: row i of the file */
+    struct spin_sog sog;
+    struct picture picture[SPIN_SOG_PICTURES];
+    int level;
+    bool begun; /* sog holds the box and books of a frame before */
+
+    /* One frame, in the order of the file. */
+    size_t room, room_palette;
+    float *scales, *dc; /* [n][3] */
+    float *rest;        /* [n][n_rest] */
+    uint32_t *label;    /* [n] */
+    float *palette;     /* [n_palette][n_rest] */
+    struct spin_quant_error *quant;
+};
+
+static size_t n_rest(const struct export *x) { return spin_n_rest(x->frames.rows.sh_degree); }
+
+/* ---- What a frame is coded with ---------------------------------------------------------------- */
+
+static spin_status make_room(struct export *x)
+{
+    size_t n = x->frames.rows.n_kept, n_palette = spin_sog_palette(n);
+
+    if (n > x->room) {
+        SPIN_TRY(spin_grow(n, 3 * sizeof *x->scales, (void **)&x->scales));
+        SPIN_TRY(spin_grow(n, 3 * sizeof *x->dc, (void **)&x->dc));
+        SPIN_TRY(spin_grow(n, (n_rest(x) + 1) * sizeof *x->rest, (void **)&x->rest));
+        SPIN_TRY(spin_grow(n, sizeof *x->label, (void **)&x->label));
+        x->room = n;
+    }
+    if (n_palette > x->room_palette) {
+        SPIN_TRY(spin_grow(n_palette, (n_rest(x) + 1) * sizeof *x->palette, (void **)&x->palette));
+        x->room_palette = n_palette;
+    }
+    return SPIN_OK;
+}
+
+static void gather_task(void *context, int task, int worker)
+{
+    struct export *x = context;
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    size_t i = (size_t)task * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK, width = n_rest(x);
+    size_t n_sh = 3 * (size_t)spin_splat_filter_n_sh(rows);
+    float room[3 * SPIN_SH_MAX];
+
+    (void)worker;
+    for (end = end < rows->n_kept ? end : rows->n_kept; i < end; i++) {
+        size_t row = x->order.item[i].row;
+        const float *sh = spin_splat_filter_sh(rows, row, room);
+
+        memcpy(x->scales + 3 * i, rows->splats->log_scales + 3 * row, 3 * sizeof *x->scales);
+        memcpy(x->dc + 3 * i, sh, 3 * sizeof *x->dc);
+        memset(x->rest + width * i, 0, width * sizeof *x->rest);
+        memcpy(x->rest + width * i, sh + 3, (n_sh - 3) * sizeof *x->rest);
+    }
+}
+
+static void grow_box(struct export *x)
+{
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    float place[3];
+
+    for (size_t i = 0; i < rows->n_kept; i++) {
+        spin_splat_filter_place(rows, x->order.item[i].row, place);
+        for (int c = 0; c < 3; c++) {
+            double v = spin_sog_log((double)place[c]);
+
+            if (!x->begun && i == 0)
+                x->sog.mins[c] = x->sog.maxs[c] = v;
+            x->sog.mins[c] = fmin(x->sog.mins[c], v);
+            x->sog.maxs[c] = fmax(x->sog.maxs[c], v);
+        }
+    }
+}
+
+static double error_of(const float book[SPIN_CODEBOOK], const float *values, size_t n)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        double e = (double)values[i] - (double)book[spin_codebook_nearest(book, values[i])];
+
+        sum += e * e;
+    }
+    return sum;
+}
+
+static spin_status choose_book(const struct export *x, const float *values, size_t n,
+                               float book[SPIN_CODEBOOK])
+{
+    float own[SPIN_CODEBOOK];
+
+    SPIN_TRY(spin_codebook_make(values, n, own));
+    if (!x->begun || error_of(book, values, n) > KEEP_BOOK * error_of(own, values, n))
+        memcpy(book, own, sizeof own);
+    return SPIN_OK;
+}
+
+static spin_status choose_coding(struct export *x)
+{
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    size_t n = rows->n_kept;
+
+    SPIN_TRY(make_room(x));
+    spin_pool_run(rows->pool, (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), gather_task, x);
+    x->sog.n = n;
+    x->sog.sh_degree = rows->sh_degree;
+    x->sog.antialias = x->frames.antialias;
+    grow_box(x);
+    SPIN_TRY(choose_book(x, x->scales, 3 * n, x->sog.scales));
+    SPIN_TRY(choose_book(x, x->dc, 3 * n, x->sog.sh0));
+    x->sog.n_palette = 0;
+    if (rows->sh_degree > 0) {
+        SPIN_TRY(spin_palette_make(x->rest, n, n_rest(x), spin_sog_palette(n), x->label, x->palette,
+                                   &x->sog.n_palette));
+        SPIN_TRY(
+            spin_codebook_make(x->palette, x->sog.n_palette * n_rest(x), x->sog.sh_n));
+        x->sog.n_palette = x->sog.n_palette > 0 ? x->sog.n_palette : 1;
+    }
+    x->begun |= n > 0;
+    return SPIN_OK;
+}
+
+/* ---- Pictures ---------------------------------------------------------------------------------- */
+
+static spin_status blank_pictures(struct export *x)
+{
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++) {
+        struct picture *to = &x->picture[p];
+        size_t n;
+
+        spin_sog_size(&x->sog, (enum spin_sog_picture)p, &to->width, &to->height);
+        n = (size_t)to->width * (size_t)to->height;
+        if (n > to->room) {
+            SPIN_TRY(spin_grow(n, 4, (void **)&to->rgba));
+            to->room = n;
+        }
+        for (size_t i = 0; i < n; i++)
+            memcpy(to->rgba + 4 * i, "\0\0\0\377", 4);
+    }
+    return SPIN_OK;
+}
+
+static void code_row(const struct export *x, size_t i, struct spin_quant_error *quant)
+{
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_sog *sog = &x->sog;
+    struct spin_gaussian is, shown;
+    uint8_t *at[SPIN_SOG_PICTURES];
+
+    for (int p = 0; p < SPIN_SOG_CENTROIDS; p++)
+        at[p] = x->picture[p].rgba + 4 * i;
+    spin_splat_filter_take(rows, x->order.item[i].row, &is);
+    spin_sog_code_place(sog, is.place, at[SPIN_SOG_MEANS_LOW], at[SPIN_SOG_MEANS_HIGH],
+                        shown.place);
+    spin_sog_code_rotation(is.rotation, at[SPIN_SOG_QUATS], shown.rotation);
+    for (size_t c = 0; c < 3; c++) {
+        uint8_t scale = spin_codebook_nearest(sog->scales, is.log_scale[c]);
+        uint8_t dc = spin_codebook_nearest(sog->sh0, x->dc[3 * i + c]);
+
+        at[SPIN_SOG_SCALES][c] = scale;
+        at[SPIN_SOG_SH0][c] = dc;
+        shown.log_scale[c] = sog->scales[scale];
+        shown.colour[c] = 0.5f + (float)SPIN_SH_C0 * sog->sh0[dc];
+    }
+    at[SPIN_SOG_SH0][3] = spin_byte_of(is.opacity * 255);
+    shown.opacity = (float)at[SPIN_SOG_SH0][3] / 255;
+    spin_quant_error_row(quant, &is, &shown);
+    if (sog->sh_degree > 0) {
+        at[SPIN_SOG_LABELS][0] = (uint8_t)x->label[i];
+        at[SPIN_SOG_LABELS][1] = (uint8_t)(x->label[i] >> 8);
+    }
+}
+
+static void code_task(void *context, int task, int worker)
+{
+    struct export *x = context;
+    size_t i = (size_t)task * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK, width = n_rest(x);
+    float lost[3 * SPIN_SH_MAX];
+
+    (void)worker;
+    for (end = end < x->sog.n ? end : x->sog.n; i < end; i++) {
+        code_row(x, i, &x->quant[task]);
+        if (x->sog.sh_degree == 0)
+            continue;
+        for (size_t k = 0; k < width; k++) {
+            float shown = x->palette[width * x->label[i] + k];
+
+            lost[k] = x->rest[width * i + k] -
+                      x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
+        }
+        spin_quant_error_add_all(&x->quant[task], SPIN_QUANT_SH, lost, width);
+    }
+}
+
+/* 64 vectors fill a line, so that they follow one another. */
+static void code_palette(struct export *x)
+{
+    uint8_t *to = x->picture[SPIN_SOG_CENTROIDS].rgba;
+    size_t n = x->sog.sh_degree > 0 && x->sog.n > 0 ? x->sog.n_palette * n_rest(x) : 0;
+
+    for (size_t i = 0; i < n; i++)
+        to[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->sog.sh_n, x->palette[i]);
+}
+
+static void pack_task(void *context, int task, int worker)
+{
+    struct export *x = context;
+    struct picture *p = &x->picture[task];
+
+    (void)worker;
+    if (p->width == 0)
+        return;
+    p->status =
+        spin_webp_write(p->rgba, p->width, p->height, x->level, &p->file, &p->n_file);
+    if (p->status != SPIN_OK)
+        snprintf(p->why, sizeof p->why, "%s", spin_last_error());
+}
+
+static void free_files(struct export *x)
+{
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++) {
+        free(x->picture[p].file);
+        x->picture[p].file = NULL;
+    }
+}
+
+/* ---- One file ---------------------------------------------------------------------------------- */
+
+static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
+{
+    char *meta = NULL;
+    size_t n_meta;
+    spin_status status;
+
+    SPIN_TRY(spin_sog_meta(&x->sog, &meta, &n_meta));
+    status = spin_zip_member_whole(zip, "meta.json", meta, n_meta, NULL, 0);
+    free(meta);
+    for (int p = 0; p < SPIN_SOG_PICTURES && status == SPIN_OK; p++) {
+        const struct picture *from = &x->picture[p];
+
+        if (from->width > 0 && from->status != SPIN_OK)
+            status = spin_fail(from->status, "%s: %s", spin_sog_name((enum spin_sog_picture)p),
+                               from->why);
+        else if (from->width > 0)
+            status = spin_zip_member_whole(zip, spin_sog_name((enum spin_sog_picture)p),
+                                           from->file, from->n_file, NULL, 0);
+    }
+    return status;
+}
+
+static spin_status choose_order(struct export *x)
+{
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
+    spin_sort_rows_by_place(&x->order, x->frames.rows.splats);
+    return SPIN_OK;
+}
+
+static spin_status sog_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
+{
+    struct export *x = self;
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    struct spin_zip_writer zip;
+    spin_status status;
+
+    (void)info;
+    SPIN_TRY(choose_order(x));
+    SPIN_TRY(choose_coding(x));
+    SPIN_TRY(blank_pictures(x));
+    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
+    spin_pool_run(rows->pool, (int)((x->sog.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), code_task,
+                  x);
+    code_palette(x);
+    spin_pool_run(rows->pool, SPIN_SOG_PICTURES, pack_task, x);
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
+        spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_zip_writer_begin(out, &zip);
+    status = spin_zip_writer_end(&zip, write_members(x, &zip), out);
+    free_files(x);
+    spin_frames_merge(&x->frames);
+    return status;
+}
+
+static uint64_t sog_bytes(const void *self, size_t n)
+{
+    const struct export *x = self;
+    uint64_t of_sh = 2 * (uint64_t)n + (uint64_t)spin_sog_palette(n) * n_rest(x);
+
+    return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
+}
+
+/* The frames after it are coded as if it had been written now. */
+static bool sog_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
+                         size_t *n)
+{
+    struct export *x = self;
+    struct spin_sog sog;
+
+    if (spin_sog_peek(map->data, map->size, &sog) != SPIN_OK)
+        return false;
+    *n = sog.n;
+    if (sog.n > info->n || sog.sh_degree != x->frames.rows.sh_degree ||
+        sog.antialias != x->frames.antialias)
+        return false;
+    x->sog = sog.n > 0 ? sog : x->sog;
+    x->begun |= sog.n > 0;
+    return true;
+}
+
+static spin_status sog_read(void *self, const struct spin_map *map, int frame,
+                            struct spin_splats *out)
+{
+    (void)self;
+    (void)frame;
+    return spin_sog_read(map->data, map->size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+}
+
+static spin_status sog_order(void *self, const uint32_t **row)
+{
+    struct export *x = self;
+
+    SPIN_TRY(choose_order(x));
+    SPIN_TRY(make_room(x));
+    for (size_t i = 0; i < x->order.n; i++)
+        x->label[i] = x->order.item[i].row;
+    *row = x->label;
+    return SPIN_OK;
+}
+
+/* ---- The plug-in ------------------------------------------------------------------------------- */
+
+static spin_status begin(void *self, const struct spin_export_job *job)
+{
+    struct export *x = self;
+
+    x->level = 3;
+    SPIN_TRY(spin_option_count(job->values, "level", 0, 9, &x->level));
+    return spin_webp_need();
+}
+
+static void end(void *self)
+{
+    struct export *x = self;
+
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++)
+        free(x->picture[p].rgba);
+    free_files(x);
+    spin_sort_rows_free(&x->order);
+    free(x->scales);
+    free(x->dc);
+    free(x->rest);
+    free(x->label);
+    free(x->palette);
+}
+
+static const struct spin_frames_format format = {
+    .name = "sog",
+    .pattern = "frame_%05d.sog",
+    .self_bytes = sizeof(struct export),
+    .lossy = true,
+    .packed = true,
+    .begin = begin,
+    .bytes = sog_bytes,
+    .write = sog_write,
+    .complete = sog_complete,
+    .read = sog_read,
+    .order = sog_order,
+    .end = end,
+};
+
+static spin_status sog_begin(const struct spin_export_job *job, void **self)
+{
+    return spin_frames_begin(&format, job, self);
+}
+
+extern const struct spin_exporter spin_exporter_sog;
+const struct spin_exporter spin_exporter_sog = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "sog",
+    .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: the smallest",
+    .options = options,
+    .checks = true,
+    .antialias = true,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .begin = sog_begin,
+    .frame = spin_frames_frame,
+    .end = spin_frames_end,
+    .abort = spin_frames_abort,
+    .skip = spin_frames_skip,
+};

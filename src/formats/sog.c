@@ -1,0 +1,426 @@
+#include "formats/sog.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "io/json.h"
+#include "io/webp.h"
+#include "io/zip.h"
+#include "math/quat.h"
+
+#define VERSION 2
+#define STEPS 65535.0 /* of a place */
+#define TAG 252       /* of w, the largest; then x y z */
+#define SQRT2 1.41421356237309505f
+#define MAX_META (1u << 20)
+#define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
+#define SLACK 4096 /* pixels that hold no Gaussian, beyond as many as do */
+
+/* Of each picture: the object of meta.json and the place in its files. */
+static const struct {
+    const char *name, *object;
+    size_t place;
+} pictures[SPIN_SOG_PICTURES] = {
+    {"means_l.webp", "means", 0},      {"means_u.webp", "means", 1},   {"quats.webp", "quats", 0},
+    {"scales.webp", "scales", 0},      {"sh0.webp", "sh0", 0},         {"shN_labels.webp", "shN", 1},
+    {"shN_centroids.webp", "shN", 0},
+};
+
+const char *spin_sog_name(enum spin_sog_picture picture) { return pictures[picture].name; }
+
+static int n_vectors(int sh_degree) { return (sh_degree + 1) * (sh_degree + 1) - 1; }
+
+void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, int *width,
+                   int *height)
+{
+    size_t lines = (sog->n_palette + SPIN_SOG_PALETTE_LINE - 1) / SPIN_SOG_PALETTE_LINE;
+
+    *width = *height = 0;
+    if (picture >= SPIN_SOG_LABELS && sog->sh_degree == 0)
+        return;
+    if (picture == SPIN_SOG_CENTROIDS) {
+        *width = SPIN_SOG_PALETTE_LINE * n_vectors(sog->sh_degree);
+        *height = lines > 0 ? (int)lines : 1;
+        return;
+    }
+    /* about square, sides of a multiple of 4 */
+    *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
+    *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
+}
+
+size_t spin_sog_palette(size_t n)
+{
+    size_t k = 1024;
+
+    while (k < SPIN_SOG_MAX_PALETTE && 2 * k <= n)
+        k *= 2;
+    return k;
+}
+
+/* ---- Writing --------------------------------------------------------------------------------- */
+
+double spin_sog_log(double v) { return copysign(log1p(fabs(v)), v); }
+
+static double unlog(double v) { return copysign(expm1(fabs(v)), v); }
+
+static float place_of(const struct spin_sog *sog, int c, unsigned steps)
+{
+    return (float)unlog(sog->mins[c] + (sog->maxs[c] - sog->mins[c]) * steps / STEPS);
+}
+
+void spin_sog_code_place(const struct spin_sog *sog, const float place[3], uint8_t low[4],
+                         uint8_t high[4], float shown[3])
+{
+    for (int c = 0; c < 3; c++) {
+        double width = sog->maxs[c] - sog->mins[c];
+        double u = width > 0 ? (spin_sog_log((double)place[c]) - sog->mins[c]) / width : 0;
+        unsigned steps = (unsigned)lrint(fmin(fmax(u, 0), 1) * STEPS);
+
+        low[c] = (uint8_t)steps;
+        high[c] = (uint8_t)(steps >> 8);
+        shown[c] = place_of(sog, c, steps);
+    }
+    low[3] = high[3] = 255;
+}
+
+static void rotation_of(const uint8_t pixel[4], float q[4])
+{
+    int largest = pixel[3] - TAG, from = 0;
+    float rest = 1;
+
+    for (int k = 0; k < 4; k++) {
+        if (k == largest)
+            continue;
+        q[k] = ((float)pixel[from++] / 255 * 2 - 1) / SQRT2;
+        rest -= q[k] * q[k];
+    }
+    q[largest] = sqrtf(spin_maxf(rest, 0));
+    spin_quat_normalise(q);
+}
+
+void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
+{
+    int largest = spin_largest_of_4(q), to = 0;
+    float sign = q[largest] < 0 ? -1 : 1;
+
+    for (int k = 0; k < 4; k++)
+        if (k != largest)
+            out[to++] = spin_byte_of((sign * q[k] * SQRT2 * 0.5f + 0.5f) * 255);
+    out[3] = (uint8_t)(TAG + largest);
+    rotation_of(out, shown);
+    for (int k = 0; k < 4 && q[largest] < 0; k++) /* of the sign that q has */
+        shown[k] = -shown[k];
+}
+
+static void print_book(FILE *to, const float book[SPIN_CODEBOOK])
+{
+    fprintf(to, "\"codebook\":[");
+    for (int k = 0; k < SPIN_CODEBOOK; k++)
+        fprintf(to, "%s%.6g", k ? "," : "", (double)book[k]);
+    fprintf(to, "],");
+}
+
+static void print_files(FILE *to, const char *object)
+{
+    fprintf(to, "\"files\":[");
+    for (size_t place = 0; place < 2; place++)
+        for (int p = 0; p < SPIN_SOG_PICTURES; p++)
+            if (strcmp(pictures[p].object, object) == 0 && pictures[p].place == place)
+                fprintf(to, "%s\"%s\"", place ? "," : "", pictures[p].name);
+    fprintf(to, "]}");
+}
+
+static void print_meta(FILE *to, const struct spin_sog *sog)
+{
+    fprintf(to, "{\"version\":%d,\"asset\":{\"generator\":\"spin4d %s\"},\"count\":%zu,", VERSION,
+            SPIN_VERSION, sog->n);
+    if (sog->antialias)
+        fprintf(to, "\"model\":\"antialiased\",");
+    fprintf(to, "\"means\":{\"mins\":[%.17g,%.17g,%.17g],\"maxs\":[%.17g,%.17g,%.17g],",
+            sog->mins[0], sog->mins[1], sog->mins[2], sog->maxs[0], sog->maxs[1], sog->maxs[2]);
+    print_files(to, "means");
+    fprintf(to, ",\"scales\":{");
+    print_book(to, sog->scales);
+    print_files(to, "scales");
+    fprintf(to, ",\"quats\":{");
+    print_files(to, "quats");
+    fprintf(to, ",\"sh0\":{");
+    print_book(to, sog->sh0);
+    print_files(to, "sh0");
+    if (sog->sh_degree > 0) {
+        fprintf(to, ",\"shN\":{\"count\":%zu,\"bands\":%d,", sog->n_palette, sog->sh_degree);
+        print_book(to, sog->sh_n);
+        print_files(to, "shN");
+    }
+    fprintf(to, "}\n");
+}
+
+spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
+{
+    FILE *to = open_memstream(text, n);
+
+    if (!to)
+        return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+    print_meta(to, sog);
+    if (fclose(to) != 0)
+        return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+    return SPIN_OK;
+}
+
+/* ---- meta.json ------------------------------------------------------------------------------- */
+
+static spin_status read_numbers(const spin_json *object, const char *key, size_t n, double *out)
+{
+    const spin_json *list = spin_json_get(object, key);
+
+    for (size_t i = 0; i < n; i++)
+        if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
+            fabs(out[i]) > 1e9)
+            return spin_fail(SPIN_E_MALFORMED, "SOG whose '%s' is not %zu numbers", key, n);
+    return SPIN_OK;
+}
+
+static spin_status read_book(const spin_json *meta, const char *key, float book[SPIN_CODEBOOK])
+{
+    double values[SPIN_CODEBOOK];
+
+    SPIN_TRY(read_numbers(spin_json_get(meta, key), "codebook", SPIN_CODEBOOK, values));
+    for (int k = 0; k < SPIN_CODEBOOK; k++)
+        book[k] = (float)values[k];
+    return SPIN_OK;
+}
+
+/* A whole number from `least` to `most`. */
+static spin_status read_count(const spin_json *object, const char *key, int64_t least, int64_t most,
+                              int64_t *out)
+{
+    if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
+        return spin_fail(SPIN_E_MALFORMED, "SOG whose '%s' is not from %lld to %lld", key,
+                         (long long)least, (long long)most);
+    return SPIN_OK;
+}
+
+static spin_status parse_meta(const spin_json *meta, struct spin_sog *out)
+{
+    const spin_json *sh_n = spin_json_get(meta, "shN");
+    const char *model = spin_json_string(spin_json_get(meta, "model"));
+    int64_t version = 0, count, bands = 0, n_palette = 0;
+
+    if (!spin_json_integer(spin_json_get(meta, "version"), &version) || version != VERSION)
+        return spin_fail(SPIN_E_UNSUPPORTED, "SOG of another version than %d", VERSION);
+    SPIN_TRY(read_count(meta, "count", 0, MAX_COUNT, &count));
+    out->n = (size_t)count;
+    out->antialias = model && strcmp(model, "antialiased") == 0;
+    SPIN_TRY(read_numbers(spin_json_get(meta, "means"), "mins", 3, out->mins));
+    SPIN_TRY(read_numbers(spin_json_get(meta, "means"), "maxs", 3, out->maxs));
+    SPIN_TRY(read_book(meta, "scales", out->scales));
+    SPIN_TRY(read_book(meta, "sh0", out->sh0));
+    if (sh_n) {
+        SPIN_TRY(read_count(sh_n, "bands", 1, 3, &bands));
+        SPIN_TRY(read_count(sh_n, "count", 1, SPIN_SOG_MAX_PALETTE, &n_palette));
+        SPIN_TRY(read_book(meta, "shN", out->sh_n));
+    }
+    out->sh_degree = (int)bands;
+    out->n_palette = (size_t)n_palette;
+    return SPIN_OK;
+}
+
+/* ---- The archive ------------------------------------------------------------------------------ */
+
+struct reading {
+    struct spin_zip zip;
+    spin_json *meta;
+    struct spin_sog sog;
+    struct {
+        const unsigned char *data;
+        size_t size;
+        void *owned;
+        int width, height;
+    } file[SPIN_SOG_PICTURES];
+};
+
+static void close_reading(struct reading *r)
+{
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++)
+        free(r->file[p].owned);
+    spin_json_free(r->meta);
+    spin_zip_close(&r->zip);
+}
+
+static spin_status open_meta(struct reading *r)
+{
+    const struct spin_zip_member *member = spin_zip_find(&r->zip, "meta.json");
+    const unsigned char *data;
+    void *owned = NULL;
+    spin_status status;
+
+    if (!member || member->size > MAX_META)
+        return spin_fail(SPIN_E_MALFORMED, "no meta.json of SOG");
+    SPIN_TRY(spin_zip_read(&r->zip, member, true, MAX_META, &data, &owned));
+    status = spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &r->meta);
+    free(owned);
+    SPIN_TRY(status);
+    return parse_meta(r->meta, &r->sog);
+}
+
+/* Its bytes, and that it has pixels for all it holds and not many more. */
+static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
+{
+    const spin_json *files =
+        spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
+    const char *name = spin_json_string(spin_json_at(files, pictures[p].place));
+    const struct spin_zip_member *member = name ? spin_zip_find(&r->zip, name) : NULL;
+    int least_width, least_height, width, height;
+    int64_t least, pixels;
+
+    spin_sog_size(&r->sog, p, &least_width, &least_height);
+    if (least_width == 0)
+        return SPIN_OK;
+    if (!member)
+        return spin_fail(SPIN_E_MALFORMED, "SOG without its picture '%s'", pictures[p].name);
+    SPIN_TRY(spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
+                           &r->file[p].owned));
+    r->file[p].size = (size_t)member->size;
+    SPIN_TRY(spin_webp_size(r->file[p].data, r->file[p].size, &width, &height));
+    least = p == SPIN_SOG_CENTROIDS ? (int64_t)least_width * least_height : (int64_t)r->sog.n;
+    pixels = (int64_t)width * height;
+    if (pixels < least || pixels > 2 * least + SLACK ||
+        (p == SPIN_SOG_CENTROIDS && width != least_width))
+        return spin_fail(SPIN_E_MALFORMED, "SOG with a picture '%s' of %dx%d pixels",
+                         pictures[p].name, width, height);
+    r->file[p].width = width;
+    r->file[p].height = height;
+    return SPIN_OK;
+}
+
+static spin_status open_reading(const void *file, size_t size, struct reading *r)
+{
+    SPIN_TRY(spin_zip_parse("SOG", file, size, &r->zip));
+    SPIN_TRY(open_meta(r));
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++)
+        SPIN_TRY(open_picture(r, (enum spin_sog_picture)p));
+    return SPIN_OK;
+}
+
+spin_status spin_sog_peek(const void *file, size_t size, struct spin_sog *out)
+{
+    struct reading r = {0};
+    spin_status status = open_reading(file, size, &r);
+
+    *out = r.sog;
+    close_reading(&r);
+    return status;
+}
+
+/* ---- Pixels ----------------------------------------------------------------------------------- */
+
+static spin_status read_picture(const struct reading *r, enum spin_sog_picture p, uint8_t **out)
+{
+    size_t n = (size_t)r->file[p].width * (size_t)r->file[p].height;
+
+    free(*out);
+    *out = NULL;
+    SPIN_TRY(spin_alloc(n, 4, (void **)out));
+    return spin_webp_read(r->file[p].data, r->file[p].size, r->file[p].width, r->file[p].height,
+                          *out);
+}
+
+static spin_status read_means(const struct reading *r, uint8_t **a, uint8_t **b, float *means)
+{
+    SPIN_TRY(read_picture(r, SPIN_SOG_MEANS_LOW, a));
+    SPIN_TRY(read_picture(r, SPIN_SOG_MEANS_HIGH, b));
+    for (size_t i = 0; i < r->sog.n; i++)
+        for (int c = 0; c < 3; c++)
+            means[3 * i + (size_t)c] = place_of(
+                &r->sog, c, (*a)[4 * i + (size_t)c] | (unsigned)(*b)[4 * i + (size_t)c] << 8);
+    return spin_check_finite("means", means, r->sog.n, 3);
+}
+
+static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats)
+{
+    SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
+    for (size_t i = 0; i < r->sog.n; i++) {
+        if ((*a)[4 * i + 3] < TAG)
+            return spin_fail(SPIN_E_MALFORMED, "SOG whose rotation %zu has the mark %d", i,
+                             (*a)[4 * i + 3]);
+        rotation_of(*a + 4 * i, quats + 4 * i);
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_sh_0(const struct reading *r, uint8_t **a, unsigned columns,
+                             struct spin_splats *out)
+{
+    size_t n_sh = 3 + spin_n_rest(out->sh_degree);
+
+    SPIN_TRY(read_picture(r, SPIN_SOG_SH0, a));
+    for (size_t i = 0; i < r->sog.n; i++) {
+        for (size_t c = 0; c < 3 && (columns & SPIN_COL_SH); c++)
+            out->sh[n_sh * i + c] = r->sog.sh0[(*a)[4 * i + c]];
+        if (columns & SPIN_COL_LOGIT_OPACITIES)
+            out->logit_opacities[i] = spin_byte_logit((*a)[4 * i + 3]);
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
+                             struct spin_splats *out)
+{
+    size_t n_vec = (size_t)n_vectors(r->sog.sh_degree);
+
+    SPIN_TRY(read_picture(r, SPIN_SOG_LABELS, a));
+    SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
+    for (size_t i = 0; i < r->sog.n; i++) {
+        size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill a line */
+
+        if (label >= r->sog.n_palette)
+            return spin_fail(SPIN_E_MALFORMED, "SOG with vector %zu of a palette of %zu", label,
+                             r->sog.n_palette);
+        for (size_t k = 0; k < n_vec; k++)
+            for (size_t c = 0; c < 3; c++)
+                out->sh[(3 + 3 * n_vec) * i + 3 + 3 * k + c] = r->sog.sh_n[pixel[4 * k + c]];
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_pixels(const struct reading *r, unsigned columns, struct spin_splats *out)
+{
+    uint8_t *a = NULL, *b = NULL;
+    spin_status status = SPIN_OK;
+
+    if (columns & SPIN_COL_MEANS)
+        SPIN_TRY_OUT(read_means(r, &a, &b, out->means));
+    if (columns & SPIN_COL_QUATS)
+        SPIN_TRY_OUT(read_quats(r, &a, out->quats));
+    if (columns & SPIN_COL_LOG_SCALES) {
+        SPIN_TRY_OUT(read_picture(r, SPIN_SOG_SCALES, &a));
+        for (size_t i = 0; i < r->sog.n; i++)
+            for (size_t c = 0; c < 3; c++)
+                out->log_scales[3 * i + c] = r->sog.scales[a[4 * i + c]];
+    }
+    if (columns & (SPIN_COL_SH | SPIN_COL_LOGIT_OPACITIES))
+        SPIN_TRY_OUT(read_sh_0(r, &a, columns, out));
+    if ((columns & SPIN_COL_SH) && r->sog.sh_degree > 0)
+        SPIN_TRY_OUT(read_sh_n(r, &a, &b, out));
+out:
+    free(a);
+    free(b);
+    return status;
+}
+
+spin_status spin_sog_read(const void *file, size_t size, unsigned columns, struct spin_splats *out)
+{
+    struct reading r = {0};
+    spin_status status;
+
+    SPIN_TRY_OUT(open_reading(file, size, &r));
+    SPIN_TRY_OUT(spin_splats_reserve(out, r.sog.n, columns, r.sog.sh_degree));
+    out->antialias = r.sog.antialias;
+    status = read_pixels(&r, columns, out);
+out:
+    close_reading(&r);
+    return status;
+}

@@ -1,0 +1,112 @@
+/* K: codebook sog
+ * Books of numbers and palettes of vectors: what there are few of is kept, what there are many of is stood for well. */
+#include "formats/codebook.h"
+#include "tests/tap.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static float draw(uint32_t *seed)
+{
+    *seed = *seed * 1664525u + 1013904223u;
+    return (float)(*seed >> 8) / 16777216.0f;
+}
+
+static double book_error(const float *book, const float *v, size_t n)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += pow((double)v[i] - (double)book[spin_codebook_nearest(book, v[i])], 2);
+    return sqrt(sum / (double)n);
+}
+
+static void test_book(void)
+{
+    enum { N = 40000 };
+    static float v[N], book[SPIN_CODEBOOK];
+    uint32_t seed = 3;
+    int rising = 1, nearest = 1;
+
+    for (size_t i = 0; i < N; i++)
+        v[i] = (float)(i % 100) * 0.125f - 3;
+    ok(spin_codebook_make(v, N, book) == SPIN_OK && book_error(book, v, N) < 1e-6,
+       "a hundred values are kept as they are");
+    for (size_t i = 0; i < N; i++)
+        v[i] = draw(&seed) + draw(&seed) + draw(&seed) + draw(&seed) - 2;
+    v[7] = 40; /* one far off */
+    ok(spin_codebook_make(v, N, book) == SPIN_OK, "makes a book");
+    for (int k = 1; k < SPIN_CODEBOOK; k++)
+        rising &= book[k] >= book[k - 1];
+    ok(rising, "it rises");
+    for (size_t i = 0; i < N; i += 97) {
+        float best = INFINITY;
+
+        for (int k = 0; k < SPIN_CODEBOOK; k++)
+            best = fminf(best, fabsf(v[i] - book[k]));
+        nearest &= fabsf(v[i] - book[spin_codebook_nearest(book, v[i])]) <= best * 1.0001f;
+    }
+    ok(nearest, "the nearest of it is found");
+    /* 256 even steps over this range, of which the far one takes most, would be off by 0.05 */
+    ok(book_error(book, v, N) < 0.004, "an error of %.4f", book_error(book, v, N));
+    near(book[255], 40, 1e-4, "the far one is kept");
+    ok(spin_codebook_make(v, 0, book) == SPIN_OK && book[0] == 0 && book[255] == 0,
+       "a book of nothing");
+    v[0] = v[1] = v[2] = -7.25f;
+    ok(spin_codebook_make(v, 3, book) == SPIN_OK &&
+           book[spin_codebook_nearest(book, -7.25f)] == -7.25f,
+       "a book of one value");
+}
+
+static double palette_error(const float *rows, size_t n, size_t width, const uint32_t *label,
+                            const float *palette)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < width; k++)
+            sum += pow((double)rows[i * width + k] - (double)palette[label[i] * width + k], 2);
+    return sqrt(sum / (double)(n * width));
+}
+
+static void test_palette(void)
+{
+    enum { N = 3000, WIDTH = 9, GROUPS = 40 };
+    static float rows[N * WIDTH], palette[N * WIDTH], centre[GROUPS * WIDTH];
+    static uint32_t label[N];
+    uint32_t seed = 11;
+    size_t n_used = 0;
+    double before = INFINITY;
+
+    for (size_t i = 0; i < GROUPS * WIDTH; i++)
+        centre[i] = 4 * draw(&seed) - 2;
+    for (size_t i = 0; i < N * WIDTH; i++)
+        rows[i] = centre[i / WIDTH % GROUPS * WIDTH + i % WIDTH] + 0.02f * draw(&seed) - 0.01f;
+    ok(spin_palette_make(rows, N, WIDTH, GROUPS, label, palette, &n_used) == SPIN_OK &&
+           n_used == GROUPS && palette_error(rows, N, WIDTH, label, palette) < 0.02,
+       "forty groups are found, error %.4f", palette_error(rows, N, WIDTH, label, palette));
+    for (size_t k = 1; k <= N; k *= 4) {
+        double error;
+
+        spin_palette_make(rows, N, WIDTH, k, label, palette, &n_used);
+        error = palette_error(rows, N, WIDTH, label, palette);
+        ok(n_used <= k && error < before, "%zu vectors: error %.4f", k, error);
+        before = error;
+    }
+    ok(spin_palette_make(rows, N, WIDTH, N, label, palette, &n_used) == SPIN_OK &&
+           palette_error(rows, N, WIDTH, label, palette) == 0,
+       "as many as rows: none is changed");
+    for (size_t i = 0; i < N * WIDTH; i++)
+        rows[i] = (float)(i % WIDTH);
+    ok(spin_palette_make(rows, N, WIDTH, 64, label, palette, &n_used) == SPIN_OK && n_used == 1 &&
+           palette_error(rows, N, WIDTH, label, palette) == 0,
+       "rows that are all the same take one");
+    ok(spin_palette_make(rows, 0, WIDTH, 64, label, palette, &n_used) == SPIN_OK && n_used == 0,
+       "no rows");
+}
+
+TAP_MAIN
+{
+    test_book();
+    test_palette();
+}
