@@ -80,6 +80,26 @@ SHIMS    += $(B)/lib/spin-video.so
 TOOLS    := $(B)/tests/tools/make-video
 endif
 
+# The CUDA device is for who has nvcc (CUDA=1: fail without; 0: leave it out). One object serves every card from
+# sm_75 on, by cubins for the listed ones and PTX of the first and last for others, and is opened only where it is asked for.
+CUDA      ?= auto
+CUDA_ARCH ?= 80 90 120
+NVCC      ?= $(shell command -v nvcc 2>/dev/null)
+CUDA_CU   := $(wildcard src/device/cuda/*.cu)
+ifeq ($(CUDA),1)
+ifeq ($(NVCC),)
+$(error CUDA=1 needs nvcc in PATH, or NVCC=/path/to/nvcc)
+endif
+endif
+ifneq ($(filter auto 1,$(CUDA)),)
+ifneq ($(NVCC),)
+ifneq ($(filter release debug,$(CONFIG)),)
+SHIMS    += $(B)/lib/spin-cuda.so
+endif
+endif
+endif
+
+EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults faults-race)
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
 # clip.c is a program of its own, which export.sh runs.
@@ -122,7 +142,7 @@ test: ## all tests; K=word selects
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 
-test-bins: $(TEST_BIN) $(BENCH) $(B)/tests/bench/clip $(TOOLS) fuzz-bins
+test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip $(TOOLS) fuzz-bins
 
 bin:
 	@ln -sfn $(B)/bin bin
@@ -187,6 +207,46 @@ $(B)/tests/tools/make-video: tests/tools/make-video.c
 	@mkdir -p $(@D)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -o $@ $< $(FFMPEG)
+
+# Kernels for cards. Without contraction of products and sums where the CPU has none, see below.
+NVCCFLAGS := -std=c++20 -O3 -DNDEBUG -Xcompiler -fPIC,-fvisibility=hidden -gencode arch=compute_75,code=compute_75 \
+             $(foreach a,$(CUDA_ARCH),-gencode arch=compute_$a,code=sm_$a) -Xptxas -v
+$(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o: FMAD := -fmad=false
+$(B)/%.cu.o: %.cu
+	@mkdir -p $(@D)
+	$(SAY) NVCC $<
+	$(Q)$(NVCC) $(CPPFLAGS) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
+$(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(NVCC) -cudart static -shared -o $@ $^
+
+# The same kernels for the host, in tests/emu's emulation: with array bounds checked, and once more with the race
+# detector's calls.
+EMU_FLAGS := -std=c++20 -g -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -include tests/emu/emu.h \
+             $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,-fsanitize=bounds -fno-sanitize-recover=bounds)
+EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(CUDA_CU))
+EMU_O     := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/norace.o
+RACE_O    := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/race.o
+$(B)/tests/emu/%.o: tests/emu/%.cpp
+	@mkdir -p $(@D)
+	$(SAY) CXX $<
+	$(Q)$(CXX) $(CPPFLAGS) $(EMU_FLAGS) -MMD -MP -c -o $@ $<
+$(B)/%.emu.o: %.cu tests/emu/emu.h
+	@mkdir -p $(@D)
+	$(SAY) EMU $<
+	$(Q)$(CXX) $(CPPFLAGS) -x c++ $(EMU_FLAGS) -MMD -MP -c -o $@ $<
+$(B)/%.race.o: %.cu tests/emu/emu.h
+	@mkdir -p $(@D)
+	$(SAY) RACE $<
+	$(Q)$(CXX) $(CPPFLAGS) -x c++ $(filter-out -fsanitize=address%,$(EMU_FLAGS)) -fsanitize=thread -MMD -MP -c -o $@ $<
+$(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
+$(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(B)/%.race.o) $(RACE_O)
+$(B)/tests/emu/faults.so: $(B)/tests/emu/faults.emu.o $(EMU_O)
+$(B)/tests/emu/faults-race.so: $(B)/tests/emu/faults.race.o $(RACE_O)
+$(EMU):
+	$(SAY) LINK $@
+	$(Q)$(CXX) $(filter -fsanitize%,$(OPT)) -shared -pthread -o $@ $^
 
 # The grid's vertex positions and the statistics of densification are defined with one rounding per
 # operation: no contraction there, so every code path gives the same bits.
@@ -273,7 +333,7 @@ install: all ## into DESTDIR/PREFIX
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(INSTALL)/$(EXAMPLE)
 
 format: ## rewrite all sources with clang-format
-	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp')
+	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove build/ and bin
 	rm -rf build bin

@@ -333,9 +333,33 @@ struct spin_device *check_device(int n_threads)
 {
     struct spin_device *d = calloc(1, sizeof *d);
 
-    if (!d || spin_device_open("cpu", n_threads, d) != SPIN_OK)
+    if (!d || spin_device_open(check_device_name(), n_threads, d) != SPIN_OK)
         give_up("check_device");
     return d;
+}
+
+const char *check_device_name(void)
+{
+    const char *name = getenv("SPIN_TEST_DEVICE");
+
+    return name && *name ? name : "cpu";
+}
+
+bool check_device_is_cpu(void) { return strcmp(check_device_name(), "cpu") == 0; }
+
+int check_same_sums(const float *got, const float *want, size_t n, const char *what)
+{
+    double *wanted;
+    int good;
+
+    if (check_device_is_cpu())
+        return check_same_bits(got, want, n * sizeof *got, what);
+    wanted = malloc((n + 1) * sizeof *wanted);
+    for (size_t i = 0; wanted && i < n; i++)
+        wanted[i] = (double)want[i];
+    good = wanted ? check_rel_to_absmax(got, wanted, n, 1e-6, what) : ok(0, "out of memory");
+    free(wanted);
+    return good;
 }
 
 void check_device_free(struct spin_device *d)

@@ -38,8 +38,13 @@ const char **check_files(const char *prefix);
 /* The folders in a folder of fixtures that have this file; ended by NULL, one block to free. */
 const char **check_cases(const char *folder, const char *file);
 
-/* A device for tests: cpu with n threads; fails the test program when it cannot be had. */
+/* A device for tests: $SPIN_TEST_DEVICE, else the cpu with n threads; fails the test program when it cannot be
+ * had. */
 struct spin_device *check_device(int n_threads);
+const char *check_device_name(void);
+bool check_device_is_cpu(void);
+/* Sums that a device may add in any order: the same bits on the CPU, equal to rounding elsewhere. */
+int check_same_sums(const float *got, const float *want, size_t n, const char *what);
 void check_device_free(struct spin_device *d);
 
 /* Write the first n bytes of `path` to a new temporary file and return its name (static ring). */

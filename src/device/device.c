@@ -6,6 +6,9 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/log.h"
+#include "base/shim.h"
+#include "device/cuda/shim.h"
 
 extern const struct spin_device_ops spin_cpu_base_ops;
 #ifdef SPIN_CPU_PATHS_3
@@ -69,14 +72,63 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
                      wanted ? wanted : "");
 }
 
+/* Opened at run time: one build serves machines with and without a card. */
+static spin_status open_cuda(int n_threads, struct spin_device *out)
+{
+    static const struct spin_cuda_shim *shim;
+    static struct spin_shim where = {
+        .file = "spin-cuda.so",
+        .override = "SPIN_CUDA_SHIM",
+        .symbol = SPIN_CUDA_SHIM_SYMBOL,
+        .lacking = "no CUDA device: the object with the kernels",
+        .debian = "nvidia-cuda-toolkit of non-free, or NVIDIA's own",
+    };
+
+    where.abi = SPIN_CUDA_SHIM_ABI;
+    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
+    shim->use(spin_fail);
+    out->op = shim->op;
+    return out->op->open(out, n_threads);
+}
+
+/* A card when there is one that works, else the CPU; says which and why, once. SPIN_CPU asks for the CPU. */
+static spin_status open_auto(int n_threads, struct spin_device *out)
+{
+    static bool said;
+    const char *path = getenv("SPIN_CPU");
+    char why[300] = "SPIN_CPU is set";
+
+    if (!path || !*path) {
+        if (open_cuda(n_threads, out) == SPIN_OK) {
+            if (!said)
+                spin_log(1, "device auto: %s", out->description);
+            said = true;
+            return SPIN_OK;
+        }
+        snprintf(why, sizeof why, "%s", spin_last_error());
+        memset(out, 0, sizeof *out);
+    }
+    if (!said)
+        spin_log(1, "device auto: the cpu, as: %s", why);
+    said = true;
+    return open_cpu(n_threads, out);
+}
+
 spin_status spin_device_open(const char *name, int n_threads, struct spin_device *out)
 {
+    spin_status status = SPIN_E_USAGE;
+
     memset(out, 0, sizeof *out);
-    if (!name || strcmp(name, "auto") == 0 || strcmp(name, "cpu") == 0)
+    if (!name || strcmp(name, "auto") == 0)
+        return open_auto(n_threads, out);
+    if (strcmp(name, "cpu") == 0)
         return open_cpu(n_threads, out);
-    if (strcmp(name, "cuda") == 0)
-        return spin_fail(SPIN_E_DEVICE, "no CUDA device: this build has only the cpu");
-    return spin_fail(SPIN_E_USAGE, "no device '%s': it is one of auto, cpu, cuda", name);
+    if (strcmp(name, "cuda") != 0)
+        return spin_fail(status, "no device '%s': it is one of auto, cpu, cuda", name);
+    status = open_cuda(n_threads, out);
+    if (status != SPIN_OK)
+        memset(out, 0, sizeof *out);
+    return status;
 }
 
 void spin_device_close(struct spin_device *d)

@@ -22,8 +22,8 @@
 #include "spin.h"
 
 /* Device memory: clang reports code that follows such a pointer (tests/lint/noderef.sh). To the CPU device
- * itself it is ordinary memory. */
-#if defined(__clang__) && !defined(SPIN_CPU_PATH) && !defined(__CUDACC__)
+ * itself, and to the CUDA device, it is ordinary memory. */
+#if defined(__clang__) && !defined(SPIN_CPU_PATH) && !defined(__CUDACC__) && !defined(SPIN_EMU)
 #define SPIN_DEV __attribute__((noderef))
 #else
 #define SPIN_DEV

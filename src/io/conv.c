@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "io/shim.h"
+#include "base/shim.h"
 
 static const struct spin_conv_shim *shim;
 

@@ -10,7 +10,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/shim.h"
+#include "base/shim.h"
 
 #define HEADER 12
 #define CHUNK_HEADER 8

@@ -11,7 +11,7 @@
 #include "base/err.h"
 #include "io/file.h"
 #include "io/image_shim.h"
-#include "io/shim.h"
+#include "base/shim.h"
 #include "io/video.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)

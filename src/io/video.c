@@ -12,7 +12,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/file.h"
-#include "io/shim.h"
+#include "base/shim.h"
 #include "io/video_shim.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)

@@ -7,7 +7,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/shim.h"
+#include "base/shim.h"
 #include "io/video_encode_shim.h"
 
 struct spin_video_out {

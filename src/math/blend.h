@@ -119,26 +119,43 @@ struct spin_blend_pixel_adj {
     float g[3]; /* dL/dpixel */
 };
 
-/* One step back to front, for a pair that was added. The gradient passes the cap of alpha. */
-SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, float dy,
-                                 struct spin_blend_pixel_adj *pixel, struct spin_blend_sums *sums)
+/* One step back to front, for a pair that was added: its weight in the pixel, and de. The gradient passes the cap
+ * of alpha. */
+SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float dx, float dy,
+                                  struct spin_blend_pixel_adj *pixel, float *weight, float *de)
 {
     float raw = spin_exp2(spin_blend_power(s, dx, dy) + s->log2_opacity);
     float alpha = spin_minf(raw, SPIN_ALPHA_MAX), back = 1 / (1 - alpha);
     float t = pixel->t * back, w = alpha * t;
     float cg = s->colour[0] * pixel->g[0] + s->colour[1] * pixel->g[1] + s->colour[2] * pixel->g[2];
-    float de = raw * (t * cg - pixel->s * back);
 
+    *de = raw * (t * cg - pixel->s * back);
+    *weight = w;
     pixel->t = t;
     pixel->s += w * cg;
+}
+
+/* A pixel's part of the sums. */
+SPIN_FN void spin_blend_add_adj(const float g[3], float weight, float de, float dx, float dy,
+                                struct spin_blend_sums *sums)
+{
     for (int c = 0; c < 3; c++)
-        sums->colour[c] += w * pixel->g[c];
+        sums->colour[c] += weight * g[c];
     sums->e += de;
     sums->ex += de * dx;
     sums->ey += de * dy;
     sums->exx += de * dx * dx;
     sums->exy += de * dx * dy;
     sums->eyy += de * dy * dy;
+}
+
+SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, float dy,
+                                 struct spin_blend_pixel_adj *pixel, struct spin_blend_sums *sums)
+{
+    float weight, de;
+
+    spin_blend_pixel_adj(s, dx, dy, pixel, &weight, &de);
+    spin_blend_add_adj(pixel->g, weight, de, dx, dy, sums);
 }
 
 /* From the sums to the gradients of u, v, the conic and the opacity. */

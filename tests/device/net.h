@@ -16,6 +16,8 @@ __attribute__((unused)) static int net_path(const char *path)
     struct spin_device d;
     char what[64];
 
+    if (!check_device_is_cpu())
+        return strcmp(path, net_paths[0]) == 0; /* another device has one path */
     setenv("SPIN_CPU", path, 1);
     if (spin_device_open("cpu", 1, &d) == SPIN_OK) {
         spin_device_close(&d);

@@ -1,6 +1,7 @@
 #!/bin/sh
 # Each header compiles alone, as C; those in math/ also as C++, plain and with the qualifiers that nvcc
-# would see, so that a machine without nvcc still notices a header that CUDA would refuse.
+# would see, so that a machine without nvcc still notices a header that CUDA would refuse. Those of the CUDA device
+# itself compile as CUDA C++, by the emulation.
 CC=${1:-gcc}
 CXX=${2:-g++}
 flags='-Isrc -I. -D_GNU_SOURCE -Wall -Wextra -fsyntax-only'
@@ -20,6 +21,13 @@ try() {
 for path in $(find src importers exporters -name '*.h' | sort); do
     header=${path#src/}
     n=$((n + 1))
+    case $header in
+    device/cuda/shim.h) ;;
+    device/cuda/*)
+        try "$CXX -std=c++20 -x c++ -DSPIN_EMU -include tests/emu/emu.h -Wno-unused-function"
+        continue
+        ;;
+    esac
     try "$CC -std=gnu11 -x c -DSPIN_CPU_PATH=base"
     case $header in
     spin.h | spin_run.h) try "$CXX -std=c++17 -x c++" ;;

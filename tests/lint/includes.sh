@@ -33,8 +33,8 @@ ours() {
     src/formats/*) echo '^(spin\.h|(io|math|base|formats)/.*)$' ;;
     src/scene/*) echo '^(spin(_run)?\.h|(io|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
-    src/device/cpu/*) echo '^(spin\.h|device/device\.h|device/cpu/.*|(math|base)/.*)$' ;;
-    src/device/cuda/*) echo '^(spin\.h|device/device\.h|device/cuda/.*|(math|base)/.*)$' ;;
+    src/device/cpu/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cpu/.*|(math|base)/.*)$' ;;
+    src/device/cuda/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cuda/.*|(math|base)/.*)$' ;;
     src/device/*.h) echo '^(spin\.h|device/device\.h|(math|base)/.*)$' ;;
     src/io/*) echo '^(spin(_run)?\.h|(base|io)/.*)$' ;;
     src/base/*) echo '^(spin\.h|base/.*)$' ;;

@@ -10,7 +10,7 @@
 
 #include "device/cpu/cpu.h"
 #include "device/cpu/lanes.h"
-#include "device/cpu/pairs.h"
+#include "device/pairs.h"
 #include "math/blend.h"
 
 enum {

@@ -9,7 +9,7 @@
 
 #include "base/err.h"
 #include "device/cpu/cpu.h"
-#include "device/cpu/pairs.h"
+#include "device/pairs.h"
 #include "math/blend.h"
 #include "math/tile.h"
 

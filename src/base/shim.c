@@ -1,5 +1,5 @@
 /* Where the shared objects lie, and whether they are of this version. */
-#include "io/shim.h"
+#include "base/shim.h"
 
 #include <dlfcn.h>
 #include <limits.h>

@@ -1,15 +1,16 @@
 /* The (splat, tile) pairs of one splat: a rectangle, row by row; pair k of it has slot first_intersection
  * + k. */
-#ifndef SPIN_DEVICE_CPU_PAIRS_H
-#define SPIN_DEVICE_CPU_PAIRS_H
+#ifndef SPIN_DEVICE_PAIRS_H
+#define SPIN_DEVICE_PAIRS_H
 
 #include "device/device.h"
+#include "math/portable.h"
 
 struct spin_pair_rect {
     int x0, y0, x1, y1; /* tiles, half open */
 };
 
-static inline struct spin_pair_rect spin_pair_rect(const struct spin_splat2d *s)
+SPIN_FN struct spin_pair_rect spin_pair_rect(const struct spin_splat2d *s)
 {
     struct spin_pair_rect r = {0, 0, 0, 0};
 
@@ -22,7 +23,7 @@ static inline struct spin_pair_rect spin_pair_rect(const struct spin_splat2d *s)
     return r;
 }
 
-static inline uint32_t spin_pair_count(struct spin_pair_rect r)
+SPIN_FN uint32_t spin_pair_count(struct spin_pair_rect r)
 {
     return (uint32_t)(r.x1 - r.x0) * (uint32_t)(r.y1 - r.y0);
 }

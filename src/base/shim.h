@@ -1,7 +1,7 @@
 /* Shared objects of ours that stand before a C++ library, loaded when first needed: who does not need
  * them pays neither for their start-up nor for a C++ runtime. */
-#ifndef SPIN_IO_SHIM_H
-#define SPIN_IO_SHIM_H
+#ifndef SPIN_BASE_SHIM_H
+#define SPIN_BASE_SHIM_H
 
 #include "spin.h"
 

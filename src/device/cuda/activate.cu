@@ -1,0 +1,138 @@
+/* Head outputs to finished attributes and back, and the list of splats that have a gradient. */
+#include "device/cuda/cuda.h"
+#include "math/activate.h"
+
+static __global__ void activate_kernel(size_t n, const float *raw, float *attr)
+{
+    size_t i = GPU_INDEX();
+    const float *h = raw + i * SPIN_ATTR;
+    float *a = attr + i * SPIN_ATTR;
+
+    if (i >= n)
+        return;
+    for (int k = 0; k < 3; k++)
+        a[SPIN_ATTR_SCALE + k] = spin_scale_of(h[SPIN_ATTR_SCALE + k]);
+    spin_rotation_of(h + SPIN_ATTR_ROTATION, a + SPIN_ATTR_ROTATION);
+    for (int k = 0; k < 48; k++)
+        a[SPIN_ATTR_SH + k] = h[SPIN_ATTR_SH + k];
+    a[SPIN_ATTR_OPACITY] = spin_opacity_of(h[SPIN_ATTR_OPACITY]);
+}
+
+void cuda_activate(struct spin_device *d, size_t n, const float *raw, float *attr)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE);
+    GPU_EACH(gpu_of(d), n, activate_kernel, n, raw, attr);
+    cuda_end(d, SPIN_OP_ACTIVATE);
+}
+
+static __global__ void activate_back_kernel(struct cuda_rows rows, const float *raw,
+                                            const float *d_attr, float *d_raw)
+{
+    size_t i = GPU_INDEX(), row;
+    const float *h, *g;
+    float *d_h = d_raw + i * SPIN_ATTR;
+
+    if (!cuda_row(rows, i, &row))
+        return;
+    h = raw + row * SPIN_ATTR;
+    g = d_attr + row * SPIN_ATTR;
+    for (int k = 0; k < 3; k++)
+        d_h[SPIN_ATTR_SCALE + k] = spin_scale_adj(h[SPIN_ATTR_SCALE + k], g[SPIN_ATTR_SCALE + k]);
+    spin_rotation_adj(h + SPIN_ATTR_ROTATION, g + SPIN_ATTR_ROTATION, d_h + SPIN_ATTR_ROTATION);
+    for (int k = 0; k < 48; k++)
+        d_h[SPIN_ATTR_SH + k] = g[SPIN_ATTR_SH + k];
+    d_h[SPIN_ATTR_OPACITY] = spin_opacity_adj(h[SPIN_ATTR_OPACITY], g[SPIN_ATTR_OPACITY]);
+}
+
+void cuda_activate_back(struct spin_device *d, const struct spin_active *active, const float *raw,
+                        const float *d_attr, float *d_raw)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    GPU_EACH(gpu_of(d), active->most, activate_back_kernel, cuda_rows_of(active, 0, SIZE_MAX), raw,
+             d_attr, d_raw);
+    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
+}
+
+static __global__ void regularise_kernel(struct cuda_rows rows, float d_scale, float d_opacity,
+                                         float *d_attr)
+{
+    size_t i = GPU_INDEX(), row;
+
+    if (!cuda_row(rows, i, &row))
+        return;
+    for (int k = 0; k < 3; k++)
+        d_attr[row * SPIN_ATTR + SPIN_ATTR_SCALE + k] += d_scale;
+    d_attr[row * SPIN_ATTR + SPIN_ATTR_OPACITY] += d_opacity;
+}
+
+void cuda_regularise_back(struct spin_device *d, const struct spin_frame_batch *frames,
+                          const struct spin_active *active, float *d_attr)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const auto *frame = &frames->frame[f];
+
+        if (frame->d_scale != 0 || frame->d_opacity != 0)
+            GPU_EACH(gpu_of(d), active->most, regularise_kernel,
+                     cuda_rows_of(active, frame->first, frame->n), frame->d_scale, frame->d_opacity,
+                     d_attr + frame->first * SPIN_ATTR);
+    }
+    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
+}
+
+/* ---- The list -------------------------------------------------------------------------------- */
+
+/* All bits but the signs, or-ed: not zero when any value is (NaN counts, -0 does not). */
+static __device__ uint32_t any_set(const float *x, int n)
+{
+    uint32_t bits = 0;
+
+    for (int i = 0; i < n; i++)
+        bits |= spin_bits_of_float(x[i]);
+    return bits & 0x7fffffffu;
+}
+
+static __global__ void flag_kernel(size_t n, const float *d_attr, const float *d_means,
+                                   uint64_t *flag)
+{
+    size_t i = GPU_INDEX();
+
+    if (i < n)
+        flag[i] =
+            any_set(d_attr + i * SPIN_ATTR, SPIN_ATTR) || (d_means && any_set(d_means + 3 * i, 3));
+}
+
+/* flag and before have n + 1 places, the last flag is 0. */
+static __global__ void list_kernel(size_t n, const uint64_t *flag, const uint64_t *before,
+                                   uint32_t *row, uint32_t *count)
+{
+    size_t i = GPU_INDEX();
+
+    if (i < n && flag[i])
+        row[before[i]] = (uint32_t)i;
+    if (i == n)
+        *count = (uint32_t)before[n];
+}
+
+void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *frames,
+                       const float *d_attr, const struct spin_active *active)
+{
+    size_t n = frames->n;
+    uint64_t *flag = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_ROWS, 2 * (n + 1) * sizeof *flag);
+
+    if (!flag) { /* no rows, so that nothing else touches what is not known */
+        gpu_zero(gpu_of(d), active->n, sizeof *active->n);
+        return;
+    }
+    cuda_begin(d, SPIN_OP_NONZERO_GRAD);
+    gpu_zero(gpu_of(d), flag, (n + 1) * sizeof *flag);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const auto *frame = &frames->frame[f];
+
+        GPU_EACH(gpu_of(d), frame->n, flag_kernel, frame->n, d_attr + frame->first * SPIN_ATTR,
+                 frame->d_means, flag + frame->first);
+    }
+    cuda_scan(d, flag, flag + n + 1, n + 1);
+    GPU_EACH(gpu_of(d), n + 1, list_kernel, n, flag, flag + n + 1, active->row, active->n);
+    cuda_end(d, SPIN_OP_NONZERO_GRAD);
+}

@@ -1,0 +1,275 @@
+/* The CUDA device: memory, errors, clocks, and which function is which verb. */
+#include "device/cuda/cuda.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "device/cuda/shim.h"
+
+static spin_fail_fn *fail;
+
+static void use(spin_fail_fn *how) { fail = how; }
+
+/* The first error is the one that tells. */
+static void note(struct spin_device *d, spin_status status, const char *why)
+{
+    struct cuda *cuda = cuda_of(d);
+
+    if (!why || cuda->failed != SPIN_OK)
+        return;
+    cuda->failed = status;
+    snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
+}
+
+static spin_status open_cuda(struct spin_device *d, int n_threads)
+{
+    struct cuda *cuda = (struct cuda *)calloc(1, sizeof *cuda);
+    char why[200] = "";
+
+    (void)n_threads;
+    if (!cuda)
+        return fail(SPIN_E_MEMORY, "out of memory");
+    if (!gpu_open(&cuda->gpu, why, sizeof why)) {
+        free(cuda);
+        return fail(SPIN_E_DEVICE, "no CUDA device: %s", why);
+    }
+    d->state = cuda;
+    d->path = "cuda";
+    d->frames_at_once = SPIN_MAX_FRAMES;
+    d->views_at_once = SPIN_MAX_VIEWS;
+    snprintf(d->description, sizeof d->description, "cuda (%s)", cuda->gpu.name);
+    return SPIN_OK;
+}
+
+static void close_cuda(struct spin_device *d)
+{
+    struct cuda *cuda = cuda_of(d);
+
+    if (!cuda)
+        return;
+    gpu_wait(&cuda->gpu);
+    for (int i = 0; i < CUDA_SCRATCHES; i++)
+        if (cuda->scratch[i].block)
+            gpu_free(&cuda->gpu, cuda->scratch[i].block);
+    for (int op = 0; op < SPIN_N_OPS; op++)
+        for (int i = 0; i < CUDA_MARKS; i++) {
+            gpu_mark_free(cuda->clock[op].mark[i][0]);
+            gpu_mark_free(cuda->clock[op].mark[i][1]);
+        }
+    gpu_close(&cuda->gpu);
+    free(cuda);
+    d->state = NULL;
+}
+
+/* ---- Memory ---------------------------------------------------------------------------------- */
+
+static spin_status wait(struct spin_device *d)
+{
+    struct cuda *cuda = cuda_of(d);
+    spin_status status;
+
+    note(d, SPIN_E_DEVICE, gpu_wait(&cuda->gpu));
+    status = cuda->failed;
+    cuda->failed = SPIN_OK;
+    return status == SPIN_OK ? SPIN_OK : fail(status, "the CUDA device failed: %s", cuda->why);
+}
+
+static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **out)
+{
+    void *block = gpu_alloc(gpu_of(d), bytes);
+
+    *out = block;
+    if (!block)
+        return fail(SPIN_E_MEMORY,
+                    "out of memory on the CUDA device (%s): %zu bytes are wanted, %zu are free",
+                    gpu_of(d)->name, bytes, gpu_memory_free(gpu_of(d)));
+    gpu_zero(gpu_of(d), block, bytes);
+    return SPIN_OK;
+}
+
+static void release(struct spin_device *d, void SPIN_DEV *block, size_t bytes)
+{
+    (void)bytes;
+    if (block)
+        gpu_free(gpu_of(d), block);
+}
+
+static void zero(struct spin_device *d, void SPIN_DEV *block, size_t bytes)
+{
+    cuda_begin(d, SPIN_OP_CLEAR);
+    if (bytes)
+        gpu_zero(gpu_of(d), block, bytes);
+    cuda_end(d, SPIN_OP_CLEAR);
+}
+
+static void upload(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes)
+{
+    if (bytes)
+        gpu_copy_in(gpu_of(d), to, host, bytes);
+}
+
+static spin_status download(struct spin_device *d, void *host, const void SPIN_DEV *from,
+                            size_t bytes)
+{
+    if (bytes)
+        gpu_copy_out(gpu_of(d), host, from, bytes);
+    return wait(d);
+}
+
+static size_t memory_available(struct spin_device *d) { return gpu_memory_free(gpu_of(d)); }
+
+void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes)
+{
+    struct cuda *cuda = cuda_of(d);
+    auto *s = &cuda->scratch[which];
+    char why[96];
+
+    if (s->block && bytes <= s->bytes)
+        return s->block;
+    if (s->block)
+        gpu_free(&cuda->gpu, s->block);
+    s->bytes = bytes + bytes / 8;
+    s->block = gpu_alloc(&cuda->gpu, s->bytes);
+    if (!s->block) {
+        snprintf(why, sizeof why, "out of memory: an operation wants %zu bytes for itself",
+                 s->bytes);
+        note(d, SPIN_E_MEMORY, why);
+    }
+    return s->block;
+}
+
+/* ---- Clocks: pairs of marks, looked at when they are asked for or used up -------------------- */
+
+static void make_up(struct cuda_clock *clock)
+{
+    for (int i = 0; i < clock->n; i++)
+        clock->seconds += gpu_seconds(clock->mark[i][0], clock->mark[i][1]);
+    clock->n = 0;
+}
+
+static void mark(struct spin_device *d, int op, int end)
+{
+    struct cuda_clock *clock = &cuda_of(d)->clock[op];
+    void **at = &clock->mark[clock->n][end];
+
+    if (!*at)
+        *at = gpu_mark_new(gpu_of(d));
+    gpu_mark(gpu_of(d), *at);
+}
+
+void cuda_begin(struct spin_device *d, int op)
+{
+    if (cuda_of(d)->clock[op].n == CUDA_MARKS)
+        make_up(&cuda_of(d)->clock[op]);
+    mark(d, op, 0);
+}
+
+void cuda_end(struct spin_device *d, int op)
+{
+    mark(d, op, 1);
+    cuda_of(d)->clock[op].n++;
+    note(d, SPIN_E_DEVICE, gpu_error(gpu_of(d)));
+}
+
+static double clock_of(struct spin_device *d, int op)
+{
+    struct cuda_clock *clock = &cuda_of(d)->clock[op];
+    double seconds;
+
+    make_up(clock);
+    seconds = clock->seconds;
+    clock->seconds = 0;
+    return seconds;
+}
+
+spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before)
+{
+    if (pairs > SPIN_MAX_PAIRS)
+        return fail(SPIN_E_MEMORY,
+                    "cannot draw a view: %llu pairs of splats and tiles are more than %llu: "
+                    "the splats are too large, or the image is",
+                    (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
+    if (before + pairs > UINT32_MAX)
+        return fail(SPIN_E_MEMORY,
+                    "cannot draw so many views at once: %llu pairs of splats and tiles are "
+                    "more than 2^32",
+                    (unsigned long long)(before + pairs));
+    return SPIN_OK;
+}
+
+/* ---- Sort and scan --------------------------------------------------------------------------- */
+
+void cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n)
+{
+    size_t bytes = gpu_scan_bytes(n);
+    void *temp = cuda_scratch(d, CUDA_SCRATCH_SORT, bytes);
+
+    if (temp)
+        gpu_scan(gpu_of(d), temp, bytes, in, out, n);
+}
+
+void cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
+               uint32_t *value_out, size_t n, int bits)
+{
+    size_t bytes = gpu_sort_bytes(n);
+    void *temp = cuda_scratch(d, CUDA_SCRATCH_SORT, bytes);
+
+    if (temp)
+        gpu_sort(gpu_of(d), temp, bytes, key, key_out, value, value_out, n, bits);
+}
+
+/* ---- The table ------------------------------------------------------------------------------- */
+
+static const struct spin_device_ops ops = {
+    .name = "cuda",
+    .open = open_cuda,
+    .close = close_cuda,
+    .reserve = reserve,
+    .release = release,
+    .zero = zero,
+    .upload = upload,
+    .download = download,
+    .wait = wait,
+    .memory_available = memory_available,
+    .clock = clock_of,
+    .tracks = cuda_tracks,
+    .tracks_back = cuda_tracks_back,
+    .contract = cuda_contract,
+    .contract_back = cuda_contract_back,
+    .grid = cuda_grid,
+    .grid_back = cuda_grid_back,
+    .mlp = cuda_mlp,
+    .mlp_back = cuda_mlp_back,
+    .residual = cuda_residual,
+    .residual_set = cuda_residual_set,
+    .residual_back = cuda_residual_back,
+    .activate = cuda_activate,
+    .activate_back = cuda_activate_back,
+    .regularise_back = cuda_regularise_back,
+    .nonzero_grad = cuda_nonzero_grad,
+    .project = cuda_project,
+    .project_back = cuda_project_back,
+    .densify_stats = cuda_densify_stats,
+    .tile_count = cuda_tile_count,
+    .tile_fill = cuda_tile_fill,
+    .blend = cuda_blend,
+    .blend_back = cuda_blend_back,
+    .loss = cuda_loss,
+    .measure = cuda_measure,
+    .exposure = cuda_exposure,
+    .exposure_back = cuda_exposure_back,
+    .exposure_centre = cuda_exposure_centre,
+    .adam = cuda_adam,
+    .lazy_adam_enable =
+        NULL, /* a card moves the whole table in less time than it takes to choose */
+    .lazy_adam_close = NULL,
+    .lazy_adam_grid = NULL,
+    .lazy_adam_step = NULL,
+    .lazy_adam_advance = NULL,
+    .lazy_adam_flush = NULL,
+};
+
+extern "C" {
+extern SPIN_VISIBLE const struct spin_cuda_shim spin_cuda_shim_table;
+const struct spin_cuda_shim spin_cuda_shim_table = {SPIN_CUDA_SHIM_ABI, &ops, use};
+}

@@ -1,0 +1,135 @@
+/* The CUDA device. Files of this folder are compiled by nvcc, and by the host's compiler for the emulation. Work
+ * goes into one queue, in order; the first error is kept until the next wait() or download() tells it. */
+#ifndef SPIN_DEVICE_CUDA_CUDA_H
+#define SPIN_DEVICE_CUDA_CUDA_H
+
+#include <string.h>
+
+#include "device/cuda/gpu.h"
+#include "device/device.h"
+#include "math/portable.h"
+
+/* Scratch of the verbs, grown when needed and kept. */
+enum cuda_scratch_of {
+    CUDA_SCRATCH_SORT, /* of gpu_sort() and gpu_scan() */
+    CUDA_SCRATCH_ROWS,
+    CUDA_SCRATCH_GRID,
+    CUDA_SCRATCH_MLP,
+    CUDA_SCRATCH_TILE,
+    CUDA_SCRATCH_BLEND,
+    CUDA_SCRATCH_LOSS,
+    CUDA_SCRATCHES
+};
+
+enum { CUDA_MARKS = 64 };
+struct cuda_clock {
+    void *mark[CUDA_MARKS][2];
+    int n; /* pairs that were marked since seconds was made up */
+    double seconds;
+};
+
+struct cuda {
+    struct gpu gpu;
+    struct {
+        void *block;
+        size_t bytes;
+    } scratch[CUDA_SCRATCHES];
+    spin_status failed; /* what the next wait() will tell */
+    char why[256];
+    struct cuda_clock clock[SPIN_N_OPS];
+    uint64_t view_pairs[SPIN_MAX_VIEWS]; /* of the views, from tile_count to tile_fill */
+};
+
+static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
+static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gpu; }
+
+/* cuda.cu: contents undefined. NULL when there is no memory: the verb then leaves its results as they are, and the
+ * next wait() tells it. */
+void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
+/* A verb begins; and ends, with a look for errors of its launches. */
+void cuda_begin(struct spin_device *d, int op);
+void cuda_end(struct spin_device *d, int op);
+/* The scan of gpu.h with scratch of its own. */
+void cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
+void cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
+               uint32_t *value_out, size_t n, int bits);
+
+/* cuda.cu: whether a view's pairs are few enough, when there are so many before it. */
+spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before);
+
+static inline size_t cuda_round_up(size_t bytes) { return (bytes + 255) / 256 * 256; }
+static inline size_t cuda_picture(const struct spin_view_batch *views, int k)
+{
+    return (size_t)k * 3 * views->max_pixels;
+}
+
+/* Active rows, of which a kernel has one thread for each there is room for; those of one frame [first, first + n)
+ * are looked after in one launch. */
+struct cuda_rows {
+    const uint32_t *row, *count;
+    size_t first, n;
+};
+static inline struct cuda_rows cuda_rows_of(const struct spin_active *active, size_t first,
+                                            size_t n)
+{
+    return cuda_rows{active->row, active->n, first, n};
+}
+/* False: there is no active row i, or it is of another frame. */
+static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, size_t *row_of_frame)
+{
+    if (i >= *rows.count)
+        return false;
+    *row_of_frame = rows.row[i] - rows.first;
+    return *row_of_frame < rows.n;
+}
+
+/* The values of a block's threads are added in one order, whatever order they run in. All threads call it, sum
+ * [threads] is shared memory; thread 0 has the sum. threads is a power of two. */
+static inline __device__ double cuda_block_sum(double *sum, double value)
+{
+    unsigned me = threadIdx.x;
+
+    sum[me] = value;
+    __syncthreads();
+    for (unsigned half = blockDim.x / 2; half > 0; half /= 2) {
+        if (me < half)
+            sum[me] += sum[me + half];
+        __syncthreads();
+    }
+    value = sum[0];
+    __syncthreads();
+    return value;
+}
+
+/* A verb has the type that its place in spin_device_ops has. */
+#define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name
+CUDA_VERB(contract); /* contract.cu */
+CUDA_VERB(contract_back);
+CUDA_VERB(densify_stats);
+CUDA_VERB(grid); /* grid.cu */
+CUDA_VERB(grid_back);
+CUDA_VERB(mlp); /* mlp.cu */
+CUDA_VERB(mlp_back);
+CUDA_VERB(tracks); /* rows.cu */
+CUDA_VERB(tracks_back);
+CUDA_VERB(residual);
+CUDA_VERB(residual_set);
+CUDA_VERB(residual_back);
+CUDA_VERB(activate); /* activate.cu */
+CUDA_VERB(activate_back);
+CUDA_VERB(regularise_back);
+CUDA_VERB(nonzero_grad);
+CUDA_VERB(project); /* project.cu */
+CUDA_VERB(project_back);
+CUDA_VERB(tile_count); /* tile.cu */
+CUDA_VERB(tile_fill);
+CUDA_VERB(blend); /* blend.cu */
+CUDA_VERB(blend_back);
+CUDA_VERB(loss); /* loss.cu */
+CUDA_VERB(measure);
+CUDA_VERB(exposure); /* exposure.cu */
+CUDA_VERB(exposure_back);
+CUDA_VERB(exposure_centre);
+CUDA_VERB(adam); /* adam.cu */
+
+#endif

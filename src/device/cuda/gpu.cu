@@ -1,0 +1,166 @@
+/* The names of gpu.h by the CUDA runtime and CUB. The only file of this folder that the emulation does not run. */
+#include "device/cuda/gpu.h"
+
+#include <cstdio>
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_scan.cuh>
+#include <cuda_runtime.h>
+
+static cudaStream_t stream_of(struct gpu *gpu) { return (cudaStream_t)gpu->stream; }
+
+bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
+{
+    int n = 0;
+    cudaDeviceProp card;
+    cudaStream_t stream;
+    cudaError_t error = cudaGetDeviceCount(&n);
+
+    if (error == cudaSuccess && n == 0)
+        error = cudaErrorNoDevice;
+    if (error == cudaSuccess)
+        error = cudaSetDevice(0);
+    if (error == cudaSuccess)
+        error = cudaGetDeviceProperties(&card, 0);
+    if (error == cudaSuccess)
+        error = cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking);
+    if (error != cudaSuccess) {
+        snprintf(why, n_why, "%s", cudaGetErrorString(error));
+        cudaGetLastError();
+        return false;
+    }
+    gpu->stream = stream;
+    gpu->major = card.major;
+    gpu->minor = card.minor;
+    snprintf(gpu->name, sizeof gpu->name, "%s", card.name);
+    return true;
+}
+
+void gpu_close(struct gpu *gpu)
+{
+    if (gpu->stream)
+        cudaStreamDestroy(stream_of(gpu));
+    gpu->stream = NULL;
+}
+
+void *gpu_alloc(struct gpu *gpu, size_t bytes)
+{
+    void *block = NULL;
+
+    (void)gpu;
+    if (cudaMalloc(&block, bytes > 0 ? bytes : 1) == cudaSuccess)
+        return block;
+    if (cudaPeekAtLastError() == cudaErrorMemoryAllocation)
+        cudaGetLastError(); /* it is told by the NULL */
+    return NULL;
+}
+
+void gpu_free(struct gpu *gpu, void *block)
+{
+    cudaStreamSynchronize(stream_of(gpu));
+    cudaFree(block);
+}
+
+size_t gpu_memory_free(struct gpu *gpu)
+{
+    size_t left = 0, all = 0;
+
+    (void)gpu;
+    return cudaMemGetInfo(&left, &all) == cudaSuccess ? left : 0;
+}
+
+void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
+{
+    cudaMemsetAsync(at, 0, bytes, stream_of(gpu));
+}
+
+/* From pageable memory this returns when the bytes were taken. */
+void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
+{
+    cudaMemcpyAsync(to, host, bytes, cudaMemcpyHostToDevice, stream_of(gpu));
+}
+
+void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
+{
+    cudaMemcpyAsync(host, from, bytes, cudaMemcpyDeviceToHost, stream_of(gpu));
+    cudaStreamSynchronize(stream_of(gpu));
+}
+
+static const char *text_of(cudaError_t error)
+{
+    return error == cudaSuccess ? NULL : cudaGetErrorString(error);
+}
+
+const char *gpu_error(struct gpu *gpu)
+{
+    (void)gpu;
+    return text_of(cudaGetLastError());
+}
+
+const char *gpu_wait(struct gpu *gpu)
+{
+    const char *before = gpu_error(gpu), *after = text_of(cudaStreamSynchronize(stream_of(gpu)));
+
+    return before ? before : after;
+}
+
+void *gpu_mark_new(struct gpu *gpu)
+{
+    cudaEvent_t mark;
+
+    (void)gpu;
+    return cudaEventCreate(&mark) == cudaSuccess ? mark : NULL;
+}
+
+void gpu_mark_free(void *mark)
+{
+    if (mark)
+        cudaEventDestroy((cudaEvent_t)mark);
+}
+
+void gpu_mark(struct gpu *gpu, void *mark)
+{
+    if (mark)
+        cudaEventRecord((cudaEvent_t)mark, stream_of(gpu));
+}
+
+double gpu_seconds(void *from, void *to)
+{
+    float ms = 0;
+
+    if (!from || !to || cudaEventSynchronize((cudaEvent_t)to) != cudaSuccess ||
+        cudaEventElapsedTime(&ms, (cudaEvent_t)from, (cudaEvent_t)to) != cudaSuccess)
+        return 0;
+    return 1e-3 * ms;
+}
+
+size_t gpu_scan_bytes(size_t n)
+{
+    size_t bytes = 0;
+
+    cub::DeviceScan::ExclusiveSum(NULL, bytes, (const uint64_t *)NULL, (uint64_t *)NULL, n);
+    return bytes;
+}
+
+void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in, uint64_t *out,
+              size_t n)
+{
+    if (n > 0)
+        cub::DeviceScan::ExclusiveSum(temp, temp_bytes, in, out, n, stream_of(gpu));
+}
+
+size_t gpu_sort_bytes(size_t n)
+{
+    size_t bytes = 0;
+
+    cub::DeviceRadixSort::SortPairs(NULL, bytes, (const uint32_t *)NULL, (uint32_t *)NULL,
+                                    (const uint32_t *)NULL, (uint32_t *)NULL, n);
+    return bytes;
+}
+
+void gpu_sort(struct gpu *gpu, void *temp, size_t temp_bytes, const uint32_t *key,
+              uint32_t *key_out, const uint32_t *value, uint32_t *value_out, size_t n, int bits)
+{
+    if (n > 0)
+        cub::DeviceRadixSort::SortPairs(temp, temp_bytes, key, key_out, value, value_out, n, 0,
+                                        bits, stream_of(gpu));
+}

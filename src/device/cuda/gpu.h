@@ -1,0 +1,72 @@
+/* What the CUDA device needs of CUDA, under names of ours. gpu.cu has them by the CUDA runtime and CUB; in the
+ * host emulation (SPIN_EMU) tests/emu has them, and the compiler is told to include tests/emu/emu.h first, which
+ * has the words of CUDA C++ that kernels use: __global__, threadIdx, __syncthreads() and so on. */
+#ifndef SPIN_DEVICE_CUDA_GPU_H
+#define SPIN_DEVICE_CUDA_GPU_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef SPIN_EMU
+#define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
+    (emu_works(gpu) ? emu_launch(#kernel, grid, block, [=] { kernel(__VA_ARGS__); }) : (void)0)
+bool emu_works(struct gpu *gpu); /* false: the card was lost, as a test wanted it */
+#else
+#define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
+    kernel<<<grid, block, 0, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__)
+#endif
+
+/* Threads of a block where a kernel has one thread for each of n things, and the blocks for them. */
+enum { GPU_BLOCK = 256 };
+static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK - 1) / GPU_BLOCK); }
+/* One thread for each of n things; nothing for none. */
+#define GPU_EACH(gpu, n, kernel, ...)                                                              \
+    do {                                                                                           \
+        if ((n) > 0)                                                                               \
+            GPU_LAUNCH(gpu, kernel, gpu_blocks(n), GPU_BLOCK, __VA_ARGS__);                        \
+    } while (0)
+/* This thread's place among all of its launch, along x. */
+#define GPU_INDEX() ((size_t)blockIdx.x * blockDim.x + threadIdx.x)
+
+/* The card and its queue of work. Functions that return nothing are queued; their errors, like those of
+ * kernels, are what gpu_error() and gpu_wait() tell. */
+struct gpu {
+    void *stream;
+    char name[48]; /* of the card */
+    int major, minor;
+};
+
+/* The first card. False, with why, when there is none that works. */
+bool gpu_open(struct gpu *gpu, char *why, size_t n_why);
+void gpu_close(struct gpu *gpu);
+
+/* NULL: there is no memory left. */
+void *gpu_alloc(struct gpu *gpu, size_t bytes);
+void gpu_free(struct gpu *gpu, void *block);
+size_t gpu_memory_free(struct gpu *gpu);
+
+void gpu_zero(struct gpu *gpu, void *at, size_t bytes);
+void gpu_copy_in(struct gpu *gpu, void *to, const void *host,
+                 size_t bytes); /* host is free on return */
+void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes); /* waits */
+/* What went wrong so far, without waiting or after all that is queued; NULL: nothing. */
+const char *gpu_error(struct gpu *gpu);
+const char *gpu_wait(struct gpu *gpu);
+
+/* Marks in the queue, and the seconds between two of them, which waits for the second. NULL: none to be had. */
+void *gpu_mark_new(struct gpu *gpu);
+void gpu_mark_free(void *mark);
+void gpu_mark(struct gpu *gpu, void *mark);
+double gpu_seconds(void *from, void *to);
+
+/* Sums before each place: out[i] = in[0] + ... + in[i-1]. temp has gpu_scan_bytes(n). */
+size_t gpu_scan_bytes(size_t n);
+void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in, uint64_t *out,
+              size_t n);
+/* Values in the order of the lowest `bits` bits of their keys; equal keys stay in order. temp has
+ * gpu_sort_bytes(n). */
+size_t gpu_sort_bytes(size_t n);
+void gpu_sort(struct gpu *gpu, void *temp, size_t temp_bytes, const uint32_t *key,
+              uint32_t *key_out, const uint32_t *value, uint32_t *value_out, size_t n, int bits);
+
+#endif

@@ -1,0 +1,376 @@
+/* The four heads, forward and backward, as matrix products in fp32. Splats go in chunks, whose activations lie in
+ * scratch memory; backward recomputes them. The gradient of the weights is a sum over splats: it is cut into slices
+ * that depend only on the sizes, whose partial sums are added in order. */
+#include "device/cuda/cuda.h"
+#include "math/mlp.h"
+
+enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
+
+/* C [m][n] = epilogue(A B), with A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j * b_col]. What m
+ * or k counts in splats ends at *count - first. */
+enum epilogue {
+    GELU,  /* of the sum and the bias; its slope goes to `slope` when that is wanted */
+    RELU,  /* likewise */
+    BIAS,  /* the sum and the bias */
+    TIMES, /* the sum times `slope` */
+    ADD,   /* to what C holds */
+    SET,
+};
+struct product {
+    int m, n, k;
+    const float *a, *b;
+    size_t a_row, a_col, b_row, b_col, c_row;
+    float *c;
+    const float *bias;     /* [n] */
+    float *slope;          /* rows of c_row */
+    const uint32_t *count; /* splats there are, or NULL */
+    size_t first;          /* of the chunk */
+    bool k_counts; /* k counts splats, not m; it is cut into slices, C is [slices][m][c_row] */
+    enum epilogue epilogue;
+};
+
+static __device__ void finish(const struct product &x, float sum, size_t i, size_t j)
+{
+    float *c = x.c + i * x.c_row + j, slope = 1;
+
+    switch (x.epilogue) {
+    case GELU:
+        sum += x.bias[j];
+        *c = x.slope ? spin_gelu_both(sum, &slope) : spin_gelu(sum);
+        break;
+    case RELU:
+        sum += x.bias[j];
+        *c = spin_relu(sum);
+        slope = spin_relu_slope(sum);
+        break;
+    case BIAS:
+        *c = sum + x.bias[j];
+        return;
+    case TIMES:
+        *c = sum * x.slope[i * x.c_row + j];
+        return;
+    case ADD:
+        *c += sum;
+        return;
+    default:
+        *c = sum;
+        return;
+    }
+    if (x.slope)
+        x.slope[i * x.c_row + j] = slope;
+}
+
+/* A block has a tile of C, a thread 4 x 4 of its elements: rows me_i + 16 u, columns me_j + 16 v. */
+static __global__ void product_kernel(struct product x)
+{
+    __shared__ float a[STEP][TILE + 1], b[STEP][TILE + 1];
+    int me_i = (int)threadIdx.x / SIDE, me_j = (int)threadIdx.x % SIDE;
+    int i0 = (int)blockIdx.y * TILE, j0 = (int)blockIdx.x * TILE, m = x.m, k_end = x.k, k0 = 0;
+    float sum[EACH][EACH] = {{0}};
+
+    if (x.count) {
+        size_t left = *x.count > x.first ? *x.count - x.first : 0;
+
+        if (x.k_counts)
+            k_end = left < (size_t)k_end ? (int)left : k_end;
+        else
+            m = left < (size_t)m ? (int)left : m;
+    }
+    if (x.k_counts) {
+        k0 = (int)blockIdx.z * SLICE;
+        k_end = k_end < k0 + SLICE ? k_end : k0 + SLICE;
+        x.c += (size_t)blockIdx.z * (size_t)m * x.c_row;
+    }
+    if (i0 >= m)
+        return;
+    for (; k0 < k_end; k0 += STEP) {
+        /* Neighbouring threads read what lies side by side. */
+        for (int at = (int)threadIdx.x; at < STEP * TILE; at += (int)blockDim.x) {
+            int k = x.a_col == 1 ? at % STEP : at / TILE, i = x.a_col == 1 ? at / STEP : at % TILE;
+            bool in = i0 + i < m && k0 + k < k_end;
+
+            a[k][i] = in ? x.a[(size_t)(i0 + i) * x.a_row + (size_t)(k0 + k) * x.a_col] : 0;
+        }
+        for (int at = (int)threadIdx.x; at < STEP * TILE; at += (int)blockDim.x) {
+            int k = x.b_row == 1 ? at % STEP : at / TILE, j = x.b_row == 1 ? at / STEP : at % TILE;
+            bool in = j0 + j < x.n && k0 + k < k_end;
+
+            b[k][j] = in ? x.b[(size_t)(k0 + k) * x.b_row + (size_t)(j0 + j) * x.b_col] : 0;
+        }
+        __syncthreads();
+        for (int k = 0; k < STEP; k++) {
+            float left[EACH], right[EACH];
+
+            for (int u = 0; u < EACH; u++) {
+                left[u] = a[k][me_i + SIDE * u];
+                right[u] = b[k][me_j + SIDE * u];
+            }
+            for (int u = 0; u < EACH; u++)
+                for (int v = 0; v < EACH; v++)
+                    sum[u][v] += left[u] * right[v];
+        }
+        __syncthreads();
+    }
+    for (int u = 0; u < EACH; u++)
+        for (int v = 0; v < EACH; v++) {
+            int i = i0 + me_i + SIDE * u, j = j0 + me_j + SIDE * v;
+
+            if (i < m && j < x.n)
+                finish(x, sum[u][v], (size_t)i, (size_t)j);
+        }
+}
+
+static int slices_of(int k) { return (k + SLICE - 1) / SLICE; }
+
+static void multiply(struct spin_device *d, const struct product &x)
+{
+    dim3 blocks((unsigned)((x.n + TILE - 1) / TILE), (unsigned)((x.m + TILE - 1) / TILE),
+                x.k_counts ? (unsigned)slices_of(x.k) : 1);
+    struct product product = x;
+
+    GPU_LAUNCH(gpu_of(d), product_kernel, blocks, SIDE * SIDE, product);
+}
+
+/* ---- Forward --------------------------------------------------------------------------------- */
+
+static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
+                                          SPIN_ATTR_OPACITY};
+
+/* A chunk of splats and its activations, each [CHUNK][hidden]. */
+struct chunk {
+    const struct spin_heads *heads;
+    const float *param, *z;
+    int n;                 /* there is room for */
+    const uint32_t *count; /* or NULL: n */
+    size_t first;
+    float *a1, *a2, *slope1, *slope2; /* slopes: NULL forward */
+};
+
+static struct spin_head_layout layout_of(const struct spin_heads *heads, int h)
+{
+    return spin_head_layout(heads->n_in, heads->hidden, heads->n_out[h]);
+}
+
+/* y = W x + b, W [n_out][n_in]. */
+static struct product layer(const struct chunk *chunk, const float *w, const float *bias, int n_in,
+                            int n_out, const float *x, size_t x_ld, float *y, size_t y_ld)
+{
+    struct product p = {};
+
+    p.m = chunk->n;
+    p.n = n_out;
+    p.k = n_in;
+    p.a = x;
+    p.a_row = x_ld;
+    p.a_col = 1;
+    p.b = w;
+    p.b_row = 1;
+    p.b_col = (size_t)n_in;
+    p.c = y;
+    p.c_row = y_ld;
+    p.bias = bias;
+    p.count = chunk->count;
+    p.first = chunk->first;
+    p.epilogue = BIAS;
+    return p;
+}
+
+static void hidden_layers(struct spin_device *d, const struct chunk *chunk, int h)
+{
+    const struct spin_heads *heads = chunk->heads;
+    struct spin_head_layout at = layout_of(heads, h);
+    const float *p = chunk->param + heads->offset[h];
+    size_t ld = (size_t)heads->hidden;
+    struct product one = layer(chunk, p + at.w1, p + at.b1, heads->n_in, heads->hidden, chunk->z,
+                               (size_t)heads->n_in, chunk->a1, ld);
+    struct product two = layer(chunk, p + at.w2, p + at.b2, heads->hidden, heads->hidden, chunk->a1,
+                               ld, chunk->a2, ld);
+
+    one.epilogue = two.epilogue = heads->relu ? RELU : GELU;
+    one.slope = chunk->slope1;
+    two.slope = chunk->slope2;
+    multiply(d, one);
+    multiply(d, two);
+}
+
+void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float *param, size_t n,
+              const float *z, float *raw)
+{
+    size_t ld = (size_t)heads->hidden, room = n < CHUNK ? n : (size_t)CHUNK;
+    float *scratch = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, 2 * room * ld * sizeof *scratch);
+
+    if (!scratch)
+        return;
+    cuda_begin(d, SPIN_OP_MLP);
+    for (size_t first = 0; first < n; first += CHUNK) {
+        struct chunk chunk = {};
+
+        chunk.heads = heads;
+        chunk.param = param;
+        chunk.z = z + first * (size_t)heads->n_in;
+        chunk.n = n - first < CHUNK ? (int)(n - first) : CHUNK;
+        chunk.a1 = scratch;
+        chunk.a2 = scratch + room * ld;
+        for (int h = 0; h < SPIN_HEADS; h++) {
+            struct spin_head_layout at = layout_of(heads, h);
+            const float *p = param + heads->offset[h];
+
+            hidden_layers(d, &chunk, h);
+            multiply(d, layer(&chunk, p + at.w3, p + at.b3, heads->hidden, heads->n_out[h],
+                              chunk.a2, ld, raw + first * SPIN_ATTR + column_of[h], SPIN_ATTR));
+        }
+    }
+    cuda_end(d, SPIN_OP_MLP);
+}
+
+/* ---- Backward -------------------------------------------------------------------------------- */
+
+/* partial [slices][n] = sums over the splats of a slice of d_y, whose rows are ld long. */
+static __global__ void bias_kernel(int n, const uint32_t *count, size_t first, int n_splats,
+                                   const float *d_y, size_t ld, float *partial)
+{
+    int j = (int)threadIdx.x, i = (int)blockIdx.x * SLICE, end = i + SLICE;
+    size_t left = *count > first ? *count - first : 0;
+    float sum = 0;
+
+    end = end < n_splats ? end : n_splats;
+    end = (size_t)end < left ? end : (int)left;
+    if (j >= n)
+        return;
+    for (; i < end; i++)
+        sum += d_y[(size_t)i * ld + (size_t)j];
+    partial[blockIdx.x * (size_t)n + (size_t)j] = sum;
+}
+
+static __global__ void add_slices_kernel(int n_slices, size_t n, const float *partial, float *to)
+{
+    size_t i = GPU_INDEX();
+
+    for (int s = 0; i < n && s < n_slices; s++)
+        to[i] += partial[(size_t)s * n + i];
+}
+
+/* d_w [n_out][n_in] += d_y^T x, d_b [n_out] += the sum of d_y. */
+static void weights_back(struct spin_device *d, const struct chunk *chunk, int n_in, int n_out,
+                         const float *d_y, size_t d_y_ld, const float *x, size_t x_ld,
+                         float *partial, float *d_w, float *d_b)
+{
+    struct product p = {};
+    int slices = slices_of(chunk->n);
+
+    p.m = n_out;
+    p.n = n_in;
+    p.k = chunk->n;
+    p.a = d_y;
+    p.a_row = 1;
+    p.a_col = d_y_ld;
+    p.b = x;
+    p.b_row = x_ld;
+    p.b_col = 1;
+    p.c = partial;
+    p.c_row = (size_t)n_in;
+    p.count = chunk->count;
+    p.first = chunk->first;
+    p.k_counts = true;
+    p.epilogue = SET;
+    multiply(d, p);
+    GPU_EACH(gpu_of(d), (size_t)n_out * (size_t)n_in, add_slices_kernel, slices,
+             (size_t)n_out * (size_t)n_in, partial, d_w);
+    GPU_LAUNCH(gpu_of(d), bias_kernel, (unsigned)slices, (unsigned)n_out, n_out, chunk->count,
+               chunk->first, chunk->n, d_y, d_y_ld, partial);
+    GPU_EACH(gpu_of(d), (size_t)n_out, add_slices_kernel, slices, (size_t)n_out, partial, d_b);
+}
+
+/* d_x = d_y W, through the activation below it (its slope, or NULL). */
+static void layer_back(struct spin_device *d, const struct chunk *chunk, const float *w, int n_in,
+                       int n_out, const float *d_y, size_t d_y_ld, enum epilogue epilogue,
+                       float *slope, float *d_x)
+{
+    struct product p = {};
+
+    p.m = chunk->n;
+    p.n = n_in;
+    p.k = n_out;
+    p.a = d_y;
+    p.a_row = d_y_ld;
+    p.a_col = 1;
+    p.b = w;
+    p.b_row = (size_t)n_in;
+    p.b_col = 1;
+    p.c = d_x;
+    p.c_row = (size_t)n_in;
+    p.slope = slope;
+    p.count = chunk->count;
+    p.first = chunk->first;
+    p.epilogue = epilogue;
+    multiply(d, p);
+}
+
+static __global__ void gather_kernel(size_t n, size_t width, const uint32_t *count, size_t first,
+                                     const uint32_t *row, const float *from, float *to)
+{
+    size_t i = GPU_INDEX(), at = i / width;
+
+    if (at < n && first + at < *count)
+        to[i] = from[row[at] * width + i % width];
+}
+
+/* d [CHUNK][hidden] and d_below are scratch. */
+static void head_back(struct spin_device *d, const struct chunk *chunk, int h, const float *d_raw,
+                      float *d_hidden, float *d_below, float *partial, float *d_param, float *d_z)
+{
+    const struct spin_heads *heads = chunk->heads;
+    struct spin_head_layout at = layout_of(heads, h);
+    const float *p = chunk->param + heads->offset[h], *d_out = d_raw + column_of[h];
+    float *g = d_param + heads->offset[h];
+    int hidden = heads->hidden, n_out = heads->n_out[h];
+    size_t ld = (size_t)hidden, in_ld = (size_t)heads->n_in;
+
+    hidden_layers(d, chunk, h);
+    weights_back(d, chunk, hidden, n_out, d_out, SPIN_ATTR, chunk->a2, ld, partial, g + at.w3,
+                 g + at.b3);
+    layer_back(d, chunk, p + at.w3, hidden, n_out, d_out, SPIN_ATTR, TIMES, chunk->slope2,
+               d_hidden);
+    weights_back(d, chunk, hidden, hidden, d_hidden, ld, chunk->a1, ld, partial, g + at.w2,
+                 g + at.b2);
+    layer_back(d, chunk, p + at.w2, hidden, hidden, d_hidden, ld, TIMES, chunk->slope1, d_below);
+    weights_back(d, chunk, heads->n_in, hidden, d_below, ld, chunk->z, in_ld, partial, g + at.w1,
+                 g + at.b1);
+    layer_back(d, chunk, p + at.w1, heads->n_in, hidden, d_below, ld, h > 0 ? ADD : SET, NULL, d_z);
+}
+
+void cuda_mlp_back(struct spin_device *d, const struct spin_heads *heads, const float *param,
+                   const struct spin_active *active, const float *z, const float *d_raw,
+                   float *d_param, float *d_z)
+{
+    size_t n = active->most, ld = (size_t)heads->hidden, in_ld = (size_t)heads->n_in;
+    size_t room = n < CHUNK ? n : (size_t)CHUNK, widest = ld > in_ld ? ld : in_ld;
+    size_t partials = (size_t)slices_of((int)room) * (widest > 48 ? widest : 48) * widest;
+    size_t floats = room * (6 * ld + in_ld) + partials;
+    float *at = (float *)cuda_scratch(d, CUDA_SCRATCH_MLP, floats * sizeof *at), *rows_of_z;
+
+    if (!at || n == 0)
+        return;
+    rows_of_z = at + 6 * room * ld;
+    cuda_begin(d, SPIN_OP_MLP_BACK);
+    for (size_t first = 0; first < n; first += CHUNK) {
+        struct chunk chunk = {};
+
+        chunk.heads = heads;
+        chunk.param = param;
+        chunk.z = rows_of_z;
+        chunk.n = n - first < CHUNK ? (int)(n - first) : CHUNK;
+        chunk.count = active->n;
+        chunk.first = first;
+        chunk.a1 = at;
+        chunk.a2 = at + room * ld;
+        chunk.slope1 = at + 2 * room * ld;
+        chunk.slope2 = at + 3 * room * ld;
+        GPU_EACH(gpu_of(d), (size_t)chunk.n * in_ld, gather_kernel, (size_t)chunk.n, in_ld,
+                 active->n, first, active->row + first, z, rows_of_z);
+        for (int h = 0; h < SPIN_HEADS; h++)
+            head_back(d, &chunk, h, d_raw + first * SPIN_ATTR, at + 4 * room * ld,
+                      at + 5 * room * ld, rows_of_z + room * in_ld, d_param, d_z + first * in_ld);
+    }
+    cuda_end(d, SPIN_OP_MLP_BACK);
+}

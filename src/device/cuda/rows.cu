@@ -1,0 +1,155 @@
+/* Values of every splat's own and of tracks, to rows of raw attributes and back (the layouts are in device.h). A
+ * track belongs to at most one splat of a frame, so the rows of a frame are independent of each other; frames go one
+ * after the other. */
+#include "device/cuda/cuda.h"
+
+/* A group of residual values is a matrix [n][width]; in a row of attributes it begins at this column. */
+struct group {
+    size_t width, column;
+};
+static const int n_groups = 4;
+static const struct group groups[n_groups] = {
+    {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
+
+/* A thread has one value. */
+static __global__ void to_rows_kernel(struct group group, size_t n, bool add, const float *from,
+                                      float *raw)
+{
+    size_t i = GPU_INDEX();
+    float *to = raw + i / group.width * SPIN_ATTR + group.column + i % group.width;
+
+    if (i < n * group.width)
+        *to = add ? *to + from[i] : from[i];
+}
+
+static void to_rows(struct spin_device *d, const struct spin_frame_batch *frames, bool add,
+                    float *raw)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const auto *frame = &frames->frame[f];
+        const float *from = frame->residual;
+
+        for (int k = 0; from && k < n_groups; from += groups[k++].width * frame->n)
+            GPU_EACH(gpu_of(d), groups[k].width * frame->n, to_rows_kernel, groups[k], frame->n,
+                     add, from, raw + frame->first * SPIN_ATTR);
+    }
+    cuda_end(d, SPIN_OP_ACTIVATE);
+}
+
+void cuda_residual(struct spin_device *d, const struct spin_frame_batch *frames, float *raw)
+{
+    to_rows(d, frames, true, raw);
+}
+
+void cuda_residual_set(struct spin_device *d, const struct spin_frame_batch *frames, float *raw)
+{
+    to_rows(d, frames, false, raw);
+}
+
+static __global__ void from_rows_kernel(struct group group, struct cuda_rows rows,
+                                        const float *d_raw, float *to)
+{
+    size_t i = GPU_INDEX(), row;
+
+    if (!cuda_row(rows, i, &row))
+        return;
+    for (size_t c = 0; c < group.width; c++)
+        to[row * group.width + c] += d_raw[i * SPIN_ATTR + group.column + c];
+}
+
+void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *frames,
+                        const struct spin_active *active, const float *d_raw)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const auto *frame = &frames->frame[f];
+        float *to = frame->d_residual;
+
+        for (int k = 0; to && k < n_groups; to += groups[k++].width * frame->n)
+            GPU_EACH(gpu_of(d), active->most, from_rows_kernel, groups[k],
+                     cuda_rows_of(active, frame->first, frame->n), d_raw, to);
+    }
+    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
+}
+
+/* ---- Tracks ---------------------------------------------------------------------------------- */
+
+/* The place, then the residual values. */
+static const int n_track_groups = 5;
+static const size_t track_width[n_track_groups] = {3, 3, 4, 3, 1};
+
+struct track_job {
+    size_t n, n_own, n_tracks, width;
+    const uint32_t *track; /* [n] */
+    const float *own;      /* [n_own][width] */
+    const float *shared;   /* [n_tracks][width] */
+};
+
+static __global__ void tracks_kernel(struct track_job job, float *to)
+{
+    size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width;
+
+    if (i < job.n)
+        to[at] = (i < job.n_own ? job.own[at] : 0) +
+                 (job.track[i] < job.n_tracks ? job.shared[job.width * job.track[i] + c] : 0);
+}
+
+void cuda_tracks(struct spin_device *d, const struct spin_frame_batch *frames,
+                 const struct spin_tracks_f32 *tracks, float *means, float *residual)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const auto *frame = &frames->frame[f];
+        const float *own = frame->own_residual, *shared = tracks->values;
+        float *to = residual + SPIN_RESIDUAL * frame->first;
+
+        for (int k = 0; k < n_track_groups; k++) {
+            size_t width = track_width[k];
+            struct track_job job = {
+                frame->n,     k == 0 ? frame->n_own_means : frame->n_own_residual,
+                tracks->n,    width,
+                frame->track, k == 0 ? frame->own_means : own,
+                shared};
+
+            GPU_EACH(gpu_of(d), width * frame->n, tracks_kernel, job,
+                     k == 0 ? means + 3 * frame->first : to);
+            shared += width * tracks->n;
+            if (k == 0)
+                continue;
+            own += width * frame->n_own_residual;
+            to += width * frame->n;
+        }
+    }
+    cuda_end(d, SPIN_OP_ACTIVATE);
+}
+
+static __global__ void tracks_back_kernel(struct track_job job, const float *from, float *d_shared)
+{
+    size_t at = GPU_INDEX(), i = at / job.width, c = at % job.width;
+
+    if (i < job.n && job.track[i] < job.n_tracks)
+        d_shared[job.width * job.track[i] + c] += from[at];
+}
+
+void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *frames,
+                      const struct spin_tracks_f32 *tracks)
+{
+    cuda_begin(d, SPIN_OP_ACTIVATE_BACK);
+    for (int f = 0; f < frames->n_frames; f++) {
+        const auto *frame = &frames->frame[f];
+        const float *from = frame->d_residual;
+        float *to = tracks->d_values;
+
+        for (int k = 0; k < (from ? n_track_groups : 1); k++) {
+            size_t width = track_width[k];
+            struct track_job job = {frame->n, 0, tracks->n, width, frame->track, NULL, NULL};
+
+            GPU_EACH(gpu_of(d), width * frame->n, tracks_back_kernel, job,
+                     k == 0 ? frame->d_means : from, to);
+            to += width * tracks->n;
+            from += k == 0 ? 0 : width * frame->n;
+        }
+    }
+    cuda_end(d, SPIN_OP_ACTIVATE_BACK);
+}

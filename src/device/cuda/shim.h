@@ -1,0 +1,23 @@
+/* What device.c and spin-cuda.so agree on. */
+#ifndef SPIN_DEVICE_CUDA_SHIM_H
+#define SPIN_DEVICE_CUDA_SHIM_H
+
+#include "spin.h"
+
+struct spin_device_ops;
+
+/* Of a build with other structs it is another number. Whoever uses it includes device/device.h. */
+#define SPIN_CUDA_SHIM_ABI                                                                         \
+    (int)(1 + 16 * (sizeof(struct spin_device_ops) + sizeof(struct spin_frame_batch) +             \
+                    sizeof(struct spin_view_batch) + sizeof(struct spin_images)))
+#define SPIN_CUDA_SHIM_SYMBOL "spin_cuda_shim_table"
+
+typedef spin_status spin_fail_fn(spin_status status, const char *format, ...);
+
+struct spin_cuda_shim {
+    int abi; /* the first member in every version */
+    const struct spin_device_ops *op;
+    void (*use)(spin_fail_fn *fail); /* before anything else: how failures are told */
+};
+
+#endif

@@ -1,0 +1,205 @@
+/* The list of splats of every tile, front to back: a stable sort of the splats by depth, then of their (splat, tile)
+ * pairs, written in that order, by tile. Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get
+ * no pair. */
+#include "device/cuda/cuda.h"
+#include "device/pairs.h"
+#include "math/blend.h"
+#include "math/tile.h"
+
+static __device__ uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
+
+/* Sets tile_cull, and count [n + 1]: the splat's pairs, and 0 at the end. */
+static __global__ void cull_kernel(size_t n, struct spin_splat2d *splat2d, uint64_t *count)
+{
+    size_t i = GPU_INDEX();
+    struct spin_splat2d s;
+
+    if (i == n)
+        count[n] = 0;
+    if (i >= n)
+        return;
+    s = splat2d[i];
+    for (int k = 0; k < 4; k++)
+        s.tile_cull[k] = 0;
+    if (s.radius_px > 0) {
+        float a = s.conic[0], b = s.conic[1], c = s.conic[2], reach_x, reach_y;
+        float log2_opacity = spin_blend_scale(&a, &b, &c, s.opacity);
+        int x0 = s.x0, y0 = s.y0, x1 = s.x1, y1 = s.y1;
+
+        spin_blend_reach(a, b, c, log2_opacity, &reach_x, &reach_y);
+        spin_tile_narrow(s.u_px, reach_x, &x0, &x1);
+        spin_tile_narrow(s.v_px, reach_y, &y0, &y1);
+        s.tile_cull[0] = byte_of(x0 - s.x0);
+        s.tile_cull[1] = byte_of(y0 - s.y0);
+        s.tile_cull[2] = byte_of(s.x1 - x1);
+        s.tile_cull[3] = byte_of(s.y1 - y1);
+    }
+    for (int k = 0; k < 4; k++)
+        splat2d[i].tile_cull[k] = s.tile_cull[k];
+    count[i] = spin_pair_count(spin_pair_rect(&s));
+}
+
+static __global__ void first_kernel(size_t n, const uint64_t *before, struct spin_splat2d *splat2d)
+{
+    size_t i = GPU_INDEX();
+
+    if (i < n)
+        splat2d[i].first_intersection = (uint32_t)before[i];
+}
+
+/* The view's pairs, to *pairs (now). */
+static spin_status count_view(struct spin_device *d, const struct spin_view_batch *views, int k,
+                              struct spin_splat2d *splat2d, uint64_t *pairs)
+{
+    size_t n = views->view[k].n;
+    uint64_t *count = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_TILE, 2 * (n + 1) * sizeof *count);
+
+    if (!count)
+        return d->op->wait(d);
+    GPU_EACH(gpu_of(d), n + 1, cull_kernel, n, splat2d, count);
+    cuda_scan(d, count, count + n + 1, n + 1);
+    GPU_EACH(gpu_of(d), n, first_kernel, n, count + n + 1, splat2d);
+    return d->op->download(d, pairs, count + 2 * n + 1, sizeof *pairs);
+}
+
+spin_status cuda_tile_count(struct spin_device *d, const struct spin_view_batch *views,
+                            struct spin_splat2d *splat2d, struct spin_tiles *tiles)
+{
+    uint64_t sum = 0, *pairs = cuda_of(d)->view_pairs;
+
+    tiles->n_intersections = 0;
+    cuda_begin(d, SPIN_OP_TILE);
+    for (int k = 0; k < views->n_views; k++) {
+        spin_status status = count_view(d, views, k, splat2d + views->view[k].first, &pairs[k]);
+
+        if (status == SPIN_OK)
+            status = cuda_pairs_fit(pairs[k], sum);
+        if (status != SPIN_OK) {
+            cuda_end(d, SPIN_OP_TILE);
+            return status;
+        }
+        sum += pairs[k];
+    }
+    tiles->n_intersections = sum;
+    cuda_end(d, SPIN_OP_TILE);
+    return SPIN_OK;
+}
+
+/* ---- Filling --------------------------------------------------------------------------------- */
+
+static __global__ void depth_kernel(size_t n, const struct spin_splat2d *splat2d, uint32_t *key,
+                                    uint32_t *splat)
+{
+    size_t i = GPU_INDEX();
+
+    if (i >= n)
+        return;
+    key[i] = spin_depth_key(splat2d[i].depth);
+    splat[i] = (uint32_t)i;
+}
+
+static __global__ void count_kernel(size_t n, const struct spin_splat2d *splat2d,
+                                    const uint32_t *order, uint64_t *count)
+{
+    size_t i = GPU_INDEX();
+
+    if (i < n)
+        count[i] = spin_pair_count(spin_pair_rect(&splat2d[order[i]]));
+}
+
+/* Pairs in order of depth: their tile, and the splat. */
+static __global__ void pairs_kernel(size_t n, int tiles_x, const struct spin_splat2d *splat2d,
+                                    const uint32_t *order, const uint64_t *before, uint32_t *tile,
+                                    uint32_t *splat)
+{
+    size_t i = GPU_INDEX(), at;
+    struct spin_pair_rect r;
+
+    if (i >= n)
+        return;
+    at = before[i];
+    r = spin_pair_rect(&splat2d[order[i]]);
+    for (int y = r.y0; y < r.y1; y++)
+        for (int x = r.x0; x < r.x1; x++, at++) {
+            tile[at] = (uint32_t)(y * tiles_x + x);
+            splat[at] = order[i];
+        }
+}
+
+/* start [n_tiles + 1] = first + the place of the first pair of a tile or one behind it. */
+static __global__ void start_kernel(size_t n_tiles, const uint32_t *tile, size_t n_pairs,
+                                    uint32_t first, uint32_t *start)
+{
+    size_t i = GPU_INDEX(), low = 0, high = n_pairs;
+
+    if (i > n_tiles)
+        return;
+    while (low < high) {
+        size_t middle = (low + high) / 2;
+
+        if (tile[middle] < i)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    start[i] = first + (uint32_t)low;
+}
+
+static int bits_of(size_t most)
+{
+    int bits = 1;
+
+    while (most >> bits)
+        bits++;
+    return bits;
+}
+
+/* Four arrays [n] of the splats, two [n] of 64 bits and three [pairs], one behind the other. */
+static spin_status fill_view(struct spin_device *d, const spin_view_batch::spin_view_of_batch *view,
+                             const struct spin_splat2d *splat2d, size_t pairs, uint32_t first,
+                             uint32_t *lists, uint32_t *start)
+{
+    size_t n = view->n, n_tiles = (size_t)view->camera.tiles_x * (size_t)view->camera.tiles_y;
+    size_t splats = cuda_round_up(n * sizeof(uint32_t)),
+           places = cuda_round_up(n * sizeof(uint64_t));
+    size_t rooms = cuda_round_up(pairs * sizeof(uint32_t));
+    char *at = (char *)cuda_scratch(d, CUDA_SCRATCH_TILE, 4 * splats + 2 * places + 3 * rooms);
+    uint32_t *key = (uint32_t *)at, *sorted_key = (uint32_t *)(at + splats);
+    uint32_t *splat = (uint32_t *)(at + 2 * splats), *order = (uint32_t *)(at + 3 * splats);
+    uint64_t *count = (uint64_t *)(at + 4 * splats),
+             *before = (uint64_t *)(at + 4 * splats + places);
+    uint32_t *tile = (uint32_t *)(at + 4 * splats + 2 * places);
+    uint32_t *sorted_tile = tile + rooms / sizeof *tile,
+             *of_pair = sorted_tile + rooms / sizeof *tile;
+
+    if (!at)
+        return d->op->wait(d);
+    GPU_EACH(gpu_of(d), n, depth_kernel, n, splat2d, key, splat);
+    cuda_sort(d, key, sorted_key, splat, order, n, 32);
+    GPU_EACH(gpu_of(d), n, count_kernel, n, splat2d, order, count);
+    cuda_scan(d, count, before, n);
+    GPU_EACH(gpu_of(d), n, pairs_kernel, n, view->camera.tiles_x, splat2d, order, before, tile,
+             of_pair);
+    cuda_sort(d, tile, sorted_tile, of_pair, lists + first, pairs, bits_of(n_tiles));
+    GPU_EACH(gpu_of(d), n_tiles + 1, start_kernel, n_tiles, sorted_tile, pairs, first, start);
+    return SPIN_OK;
+}
+
+spin_status cuda_tile_fill(struct spin_device *d, const struct spin_view_batch *views,
+                           const struct spin_splat2d *splat2d, const struct spin_tiles *tiles)
+{
+    uint32_t first = 0;
+    spin_status status = SPIN_OK;
+
+    cuda_begin(d, SPIN_OP_TILE);
+    for (int k = 0; k < views->n_views && status == SPIN_OK; k++) {
+        const auto *view = &views->view[k];
+        uint64_t pairs = cuda_of(d)->view_pairs[k];
+
+        status = fill_view(d, view, splat2d + view->first, pairs, first, tiles->intersections,
+                           tiles->start + (size_t)k * (views->max_tiles + 1));
+        first += (uint32_t)pairs;
+    }
+    cuda_end(d, SPIN_OP_TILE);
+    return status;
+}

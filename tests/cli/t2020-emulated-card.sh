@@ -1,0 +1,31 @@
+#!/bin/sh
+# Kernels for cards, in the host's emulation: the tests of the device's operations in three orders of threads, and
+# those that are quick once more with the race detector. K: golden cuda emu kernels device
+. "$(dirname "$0")/lib.sh"
+
+build=${SPIN_BUILD:-build/release}
+emulated=$(cd "$build" && pwd)/tests/emu
+export SPIN_TEST_DEVICE=cuda
+
+# on OBJECT ORDER PROGRAM
+on() {
+    SPIN_CUDA_SHIM=$emulated/$1 SPIN_EMU_ORDER=$2 "$build/tests/$3" >"$work/said" 2>&1
+    code=$?
+    [ $code = 0 ]
+    ok $? "$3 on $1, $2: $(grep -c '^ok' "$work/said") tests"
+    [ $code = 0 ] || grep -A 3 -e '^not ok' -e '^emu:' -e ERROR "$work/said" | head -20 | sed 's/^/#   /'
+}
+
+for source in tests/device/t-*.c; do
+    program=${source#tests/}
+    program=${program%.c}
+    [ "$program" = device/t-strict ] && continue # it looks for faults of the host
+    for order in forward reverse shuffle:11; do
+        on spin-cuda.so $order "$program"
+    done
+    case $program in
+    */t-blend | */t-mlp) ;;
+    *) on spin-cuda-race.so forward "$program" ;;
+    esac
+done
+done_testing

@@ -1,0 +1,136 @@
+/* CUDA C++ for the host's compiler, as far as our kernels use it: the compiler includes this first, with SPIN_EMU
+ * defined. A block runs on one thread of the host, each of its threads is a fiber, and the order in which blocks and
+ * fibers are resumed is one that the test chooses: SPIN_EMU_ORDER = forward, reverse or shuffle:SEED.
+ *
+ * Shared memory is poisoned before every block. Barriers and warp operations are one primitive, emu_meet(): threads
+ * leave a value and wait for those who take part. What CUDA leaves undefined ends the program with a message: threads
+ * that never come, that wait at different places, that name another mask or are not in their own; see emu.cpp. */
+#ifndef SPIN_TESTS_EMU_EMU_H
+#define SPIN_TESTS_EMU_EMU_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#define __global__
+#define __device__
+#define __host__
+#define __forceinline__ inline
+#define __launch_bounds__(...)
+#define __shared__ static __attribute__((section("emu_shared"), aligned(16)))
+
+struct dim3 {
+    unsigned x, y, z;
+    dim3(unsigned a = 1, unsigned b = 1, unsigned c = 1) : x(a), y(b), z(c) {}
+};
+
+/* The thread that runs, and its launch. */
+extern dim3 emu_thread_index, emu_block_index, emu_block_size, emu_grid_size;
+#define threadIdx emu_thread_index
+#define blockIdx emu_block_index
+#define blockDim emu_block_size
+#define gridDim emu_grid_size
+
+void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes, void (*call)(void *),
+             void *kernel);
+
+template <class F> void emu_launch(const char *name, dim3 grid, dim3 block, F kernel)
+{
+    emu_run(
+        name, grid, block, 0, [](void *k) { (*(F *)k)(); }, &kernel);
+}
+template <class F>
+void emu_launch_dynamic(const char *name, dim3 grid, dim3 block, size_t bytes, F kernel)
+{
+    emu_run(
+        name, grid, block, bytes, [](void *k) { (*(F *)k)(); }, &kernel);
+}
+void *emu_dynamic(void); /* the block's own dynamic shared memory */
+
+enum emu_op {
+    EMU_SYNC,
+    EMU_SYNC_AND,
+    EMU_SYNC_OR,
+    EMU_SYNC_COUNT,
+    EMU_WARP_SYNC,
+    EMU_SHUFFLE,
+    EMU_SHUFFLE_UP,
+    EMU_SHUFFLE_DOWN,
+    EMU_SHUFFLE_XOR,
+    EMU_BALLOT,
+    EMU_ANY,
+    EMU_ALL,
+    EMU_MATCH,
+    EMU_REDUCE_ADD
+};
+/* Waits for the threads of the block, or of the warp's mask, and returns what the operation gives this one. */
+uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uint64_t value,
+                  int arg);
+
+#define EMU_MEET(op, mask, value, arg) emu_meet(op, __FILE__, __LINE__, mask, value, arg)
+#define __syncthreads() ((void)EMU_MEET(EMU_SYNC, 0, 0, 0))
+#define __syncthreads_and(v) ((int)EMU_MEET(EMU_SYNC_AND, 0, !!(v), 0))
+#define __syncthreads_or(v) ((int)EMU_MEET(EMU_SYNC_OR, 0, !!(v), 0))
+#define __syncthreads_count(v) ((int)EMU_MEET(EMU_SYNC_COUNT, 0, !!(v), 0))
+#define __syncwarp(mask) ((void)EMU_MEET(EMU_WARP_SYNC, mask, 0, 0))
+#define __shfl_sync(mask, v, lane) emu_as(v, EMU_MEET(EMU_SHUFFLE, mask, emu_bits(v), lane))
+#define __shfl_up_sync(mask, v, by)                                                                \
+    emu_as(v, EMU_MEET(EMU_SHUFFLE_UP, mask, emu_bits(v), (int)(by)))
+#define __shfl_down_sync(mask, v, by)                                                              \
+    emu_as(v, EMU_MEET(EMU_SHUFFLE_DOWN, mask, emu_bits(v), (int)(by)))
+#define __shfl_xor_sync(mask, v, by) emu_as(v, EMU_MEET(EMU_SHUFFLE_XOR, mask, emu_bits(v), by))
+#define __ballot_sync(mask, v) ((unsigned)EMU_MEET(EMU_BALLOT, mask, !!(v), 0))
+#define __any_sync(mask, v) ((int)EMU_MEET(EMU_ANY, mask, !!(v), 0))
+#define __all_sync(mask, v) ((int)EMU_MEET(EMU_ALL, mask, !!(v), 0))
+#define __match_any_sync(mask, v) ((unsigned)EMU_MEET(EMU_MATCH, mask, emu_bits(v), 0))
+#define __reduce_add_sync(mask, v) ((unsigned)EMU_MEET(EMU_REDUCE_ADD, mask, (uint32_t)(v), 0))
+unsigned emu_active(void);
+
+template <class T> uint64_t emu_bits(T v)
+{
+    uint64_t bits = 0;
+
+    static_assert(sizeof v <= sizeof bits);
+    memcpy(&bits, &v, sizeof v);
+    return bits;
+}
+template <class T> T emu_as(T like, uint64_t bits)
+{
+    memcpy(&like, &bits, sizeof like);
+    return like;
+}
+
+static inline int __popc(unsigned v) { return __builtin_popcount(v); }
+static inline int __ffs(int v) { return __builtin_ffs(v); }
+static inline int __clz(int v) { return v ? __builtin_clz((unsigned)v) : 32; }
+
+/* Fibers change only where they wait, so these are whole. The race detector, where it is built in, is told. */
+void emu_touch_atomic(const void *at, size_t bytes);
+#define EMU_ATOMIC template <class T> __attribute__((noinline, no_sanitize("thread"))) T
+EMU_ATOMIC atomicAdd(T *at, T v)
+{
+    T before = *at;
+
+    emu_touch_atomic(at, sizeof *at);
+    *at = before + v;
+    return before;
+}
+EMU_ATOMIC atomicMax(T *at, T v)
+{
+    T before = *at;
+
+    emu_touch_atomic(at, sizeof *at);
+    *at = before > v ? before : v;
+    return before;
+}
+EMU_ATOMIC atomicMin(T *at, T v)
+{
+    T before = *at;
+
+    emu_touch_atomic(at, sizeof *at);
+    *at = before < v ? before : v;
+    return before;
+}
+
+#endif

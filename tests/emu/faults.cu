@@ -1,0 +1,151 @@
+/* Kernels for t-emu.c: right ones, and the same with a fault that the emulation must find. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#define EXPORT extern "C" __attribute__((visibility("default")))
+enum { N = 256, WARPS = N / 32 };
+
+/* The sum of a block's values by halving in shared memory; `barrier` left out is the fault. */
+static __global__ void block_sum(const float *in, float *out, bool barrier, int reach)
+{
+    __shared__ float sum[N];
+    int me = (int)threadIdx.x;
+
+    sum[me] = in[blockIdx.x * N + threadIdx.x];
+    __syncthreads();
+    for (int half = N / 2; half > 0; half /= 2) {
+        if (me < half)
+            sum[me] += sum[me + half + reach];
+        if (barrier)
+            __syncthreads();
+    }
+    if (me == 0)
+        out[blockIdx.x] = sum[0];
+}
+
+/* The faults: a mask of half the lanes, lanes that leave, and a lane that names the others but not those in `other`. */
+static __global__ void warp_sum(const float *in, float *out, unsigned mask, int leave,
+                                unsigned other)
+{
+    float v = in[blockIdx.x * N + threadIdx.x];
+    unsigned lane = threadIdx.x % 32;
+
+    if ((int)lane < leave)
+        return;
+    for (int by = 16; by > 0; by /= 2)
+        v += __shfl_down_sync(lane == 5 ? mask & ~other : mask, v, by);
+    if (lane == 0)
+        atomicAdd(&out[blockIdx.x], v);
+}
+
+/* Rows that several lanes mean are added once: of each group of lanes the first adds for all. `merge` forgotten: it
+ * adds its own value alone. `atomic` forgotten: two warps may mean the same row. */
+static __global__ void merged_rows(const int *row, const float *in, float *out, bool merge,
+                                   bool atomic)
+{
+    unsigned at = blockIdx.x * N + threadIdx.x, lane = threadIdx.x % 32;
+    unsigned same = __match_any_sync(0xffffffffu, row[at]);
+    float sum = 0;
+
+    for (unsigned from = 0; from < 32; from++) {
+        float v = __shfl_sync(0xffffffffu, in[at], (int)from);
+
+        if (merge ? same >> from & 1 : from == lane)
+            sum += v;
+    }
+    if ((unsigned)__ffs((int)same) - 1 != lane)
+        return;
+    if (atomic)
+        atomicAdd(&out[row[at]], sum);
+    else
+        out[row[at]] += sum;
+}
+
+static __global__ void two_barriers(float *out)
+{
+    if (threadIdx.x < 32)
+        __syncthreads();
+    else
+        __syncthreads();
+    out[threadIdx.x] = 1;
+}
+
+static __global__ void early(float *out)
+{
+    if (threadIdx.x == 7)
+        return;
+    __syncthreads();
+    out[threadIdx.x] = 1;
+}
+
+static __global__ void never_set(float *out)
+{
+    __shared__ float one[N];
+
+    out[blockIdx.x * N + threadIdx.x] = one[threadIdx.x];
+}
+
+static __global__ void dynamic_kernel(float *out, int past)
+{
+    float *room = (float *)emu_dynamic();
+
+    room[threadIdx.x + (threadIdx.x == N - 1 ? past : 0)] = 1;
+    __syncthreads();
+    out[threadIdx.x] = room[N - 1 - threadIdx.x];
+}
+
+static float in[4 * N], out[4 * N];
+static int row[4 * N];
+
+/* Runs a kernel; 0: the results are right. */
+EXPORT int run(const char *what)
+{
+    bool is_sum = strncmp(what, "sum", 3) == 0, is_warp = strncmp(what, "warp", 4) == 0;
+    bool is_rows = strncmp(what, "rows", 4) == 0;
+    float want[4 * N] = {0};
+    int wrong = 0, n_out = 4;
+
+    memset(out, 0, sizeof out);
+    for (int i = 0; i < 4 * N; i++) {
+        in[i] = (float)(i % 11) - 3;
+        row[i] = i / 4 % 60;
+        want[is_rows ? row[i] : i / N] += in[i];
+    }
+    if (is_sum)
+        emu_launch(what, 4, N, [=] {
+            block_sum(in, out, strcmp(what, "sum-barrier") != 0,
+                      strcmp(what, "sum-index") == 0 ? N / 2 : 0);
+        });
+    else if (is_warp)
+        emu_launch(what, 4, N, [=] {
+            warp_sum(in, out, strcmp(what, "warp-mask") == 0 ? 0x0000ffffu : 0xffffffffu,
+                     strcmp(what, "warp-left") == 0 ? 3 : 0,
+                     strcmp(what, "warp-outside") == 0 ? 1u << 5
+                     : strcmp(what, "warp-masks") == 0 ? 1u << 6
+                                                       : 0);
+        });
+    else if (is_rows)
+        emu_launch(what, 4, N, [=] {
+            merged_rows(row, in, out, strcmp(what, "rows-unmerged") != 0,
+                        strcmp(what, "rows-plain") != 0);
+        });
+    else if (strcmp(what, "two-barriers") == 0)
+        emu_launch(what, 1, N, [=] { two_barriers(out); });
+    else if (strcmp(what, "early") == 0)
+        emu_launch(what, 1, N, [=] { early(out); });
+    else if (strncmp(what, "dynamic", 7) == 0)
+        emu_launch_dynamic(what, 1, N, N * sizeof(float),
+                           [=] { dynamic_kernel(out, strcmp(what, "dynamic-past") == 0); });
+    else if (strcmp(what, "never-set") == 0)
+        emu_launch(what, 4, N, [=] { never_set(out); });
+    else
+        return 2;
+    if (!is_sum && !is_warp && !is_rows) {
+        n_out = strcmp(what, "never-set") == 0 ? 4 * N : N;
+        for (int i = 0; i < n_out; i++)
+            want[i] = 1;
+    }
+    for (int i = 0; i < (is_rows ? 60 : n_out); i++)
+        wrong += !(fabsf(out[i] - want[i]) < 1e-3f);
+    return wrong != 0;
+}

@@ -1,0 +1,138 @@
+/* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and which has finished
+ * every piece of work before the call returns.
+ *
+ * For tests: SPIN_EMU_CARDS=0, there is no card; SPIN_EMU_MEMORY=BYTES, it has so much; SPIN_EMU_LOST=N, it is lost at
+ * the N-th piece of work, and what comes after does nothing. */
+#include "device/cuda/gpu.h"
+
+#include <algorithm>
+#include <malloc.h>
+#include <numeric>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <vector>
+
+static size_t used, work;
+static bool lost;
+
+static size_t number_of(const char *name, size_t fallback)
+{
+    const char *text = getenv(name);
+
+    return text && *text ? strtoull(text, NULL, 10) : fallback;
+}
+
+/* One more piece of work; false when there is no card any more to do it. */
+bool emu_works(struct gpu *)
+{
+    lost |= ++work == number_of("SPIN_EMU_LOST", 0);
+    return !lost;
+}
+
+bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
+{
+    if (number_of("SPIN_EMU_CARDS", 1) == 0) {
+        snprintf(why, n_why, "no CUDA-capable device is detected");
+        return false;
+    }
+    work = 0;
+    lost = false;
+    snprintf(gpu->name, sizeof gpu->name, "emulated");
+    gpu->major = 8;
+    return true;
+}
+
+void gpu_close(struct gpu *) {}
+
+size_t gpu_memory_free(struct gpu *)
+{
+    size_t all = number_of("SPIN_EMU_MEMORY", (size_t)1 << 32);
+
+    return used < all ? all - used : 0;
+}
+
+/* Filled with what is not a number, as nobody may rely on zeros. */
+void *gpu_alloc(struct gpu *gpu, size_t bytes)
+{
+    void *block = NULL;
+
+    if (bytes > gpu_memory_free(gpu) || posix_memalign(&block, 256, bytes + 1) != 0)
+        return NULL;
+    memset(block, 0xff, bytes);
+    used += malloc_usable_size(block);
+    return block;
+}
+
+void gpu_free(struct gpu *, void *block)
+{
+    used -= malloc_usable_size(block);
+    free(block);
+}
+
+void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
+{
+    if (emu_works(gpu))
+        memset(at, 0, bytes);
+}
+
+void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
+{
+    if (emu_works(gpu))
+        memcpy(to, host, bytes);
+}
+
+void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
+{
+    if (emu_works(gpu))
+        memcpy(host, from, bytes);
+}
+
+const char *gpu_error(struct gpu *) { return lost ? "the card is lost" : NULL; }
+const char *gpu_wait(struct gpu *gpu) { return gpu_error(gpu); }
+
+void *gpu_mark_new(struct gpu *) { return calloc(1, sizeof(double)); }
+void gpu_mark_free(void *mark) { free(mark); }
+
+void gpu_mark(struct gpu *, void *mark)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    if (mark)
+        *(double *)mark = (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+double gpu_seconds(void *from, void *to)
+{
+    return from && to ? *(double *)to - *(double *)from : 0;
+}
+
+size_t gpu_scan_bytes(size_t n) { return n; }
+size_t gpu_sort_bytes(size_t n) { return n; }
+
+void gpu_scan(struct gpu *gpu, void *temp, size_t temp_bytes, const uint64_t *in, uint64_t *out,
+              size_t n)
+{
+    memset(temp, 0xff, temp_bytes);
+    if (emu_works(gpu))
+        std::exclusive_scan(in, in + n, out, (uint64_t)0);
+}
+
+void gpu_sort(struct gpu *gpu, void *temp, size_t temp_bytes, const uint32_t *key,
+              uint32_t *key_out, const uint32_t *value, uint32_t *value_out, size_t n, int bits)
+{
+    uint32_t mask = bits == 32 ? UINT32_MAX : ((uint32_t)1 << bits) - 1;
+    std::vector<size_t> order(n);
+
+    memset(temp, 0xff, temp_bytes);
+    if (!emu_works(gpu))
+        return;
+    std::iota(order.begin(), order.end(), (size_t)0);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](size_t a, size_t b) { return (key[a] & mask) < (key[b] & mask); });
+    for (size_t i = 0; i < n; i++) {
+        key_out[i] = key[order[i]];
+        value_out[i] = value[order[i]];
+    }
+}
