@@ -10,7 +10,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "io/shim.h"
+#include "base/shim.h"
 
 enum { TEXT = 1000 };
 static const double patience_s = 5; /* for others to notice that the job has failed */
