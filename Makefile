@@ -161,7 +161,7 @@ $(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(LDFLAGS) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
 
-# The page of the html exporter as C strings, one for each of its files.
+# The page of the html exporter as C strings, one for each of its files, without indents and lines of comment.
 PAGE := head:head.html css:page.css body:body.html vertex:shader.vert fragment:shader.frag \
         worker:worker.js script:page.js
 $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) Makefile
@@ -169,7 +169,7 @@ $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(la
 	$(SAY) PAGE $@
 	$(Q){ echo '#include "exporters/html/page.h"'; for p in $(PAGE); do \
 	    echo "const char spin_html_$${p%%:*}[] ="; \
-	    sed -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/' exporters/html/$${p#*:}; \
+	    sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/' exporters/html/$${p#*:}; \
 	    echo '    ;'; done; } >$@
 $(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
 	$(SAY) CC $@

@@ -1,13 +1,15 @@
 /* One page that plays the clip: splats, player and all in a single .html file that needs no server
- * and no network. Where the bundle has both the imported and the retrained attributes the page
- * switches between them.
+ * and no network, or, with --split, a page and a file of blocks of which it reads what it shows. Where the
+ * bundle has both the imported and the retrained attributes the page switches between them.
  *
- * The player is exporters/html/, our own in WebGL 2; html_pack.h says how a frame is written. Blocks
- * come one after the other as frames do, what the page must know of the whole clip comes at the end,
- * so that one frame is in memory at a time. */
+ * The player is exporters/html/, our own in WebGL 2; docs/page-format.md says how frames are written, and
+ * lib/page_group.h does it. What the page must know of the whole clip comes at the end. */
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+#include <unistd.h>
 
 #include "base/err.h"
 #include "base/log.h"
@@ -15,17 +17,26 @@
 #include "base/mem.h"
 #include "base/text.h"
 #include "exporters/html/page.h"
-#include "exporters/lib/html_pack.h"
 #include "exporters/lib/initial_view.h"
+#include "exporters/lib/page_group.h"
 #include "exporters/lib/sort_rows.h"
-#include "io/gzip.h"
 #include "io/json.h"
 
 #define DEFAULT_FPS 30
+#define DEFAULT_KEY_EVERY 30
 #define NEAR_W 0.2 /* where the training cut splats off */
 
 static const struct spin_plugin_option options[] = {
     {"sh", "DEGREE", "highest SH degree to write, 0 to 3; keep: as it is", "1"},
+    {"level", "fine|normal|coarse", "how far values may be off; --bound-* change one of them",
+     "normal"},
+    {"bound-place", "X", "coordinates: world units (0.001, or 0.0005 of the scene)", NULL},
+    {"bound-colour", "X", "colours and opacities: 255ths (3)", NULL},
+    {"bound-scale", "X", "scales: percent (2)", NULL},
+    {"bound-rotation", "X", "rotations: degrees (1)", NULL},
+    {"bound-sh", "X", "SH coefficients above degree 0 (0.02)", NULL},
+    {"key-every", "N", "at most N frames from one key frame to the next, to 256", "30"},
+    {"split", NULL, "a page and a file beside it, OUT with .bin, for a server", NULL},
     {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
     {"max-splats", "N", "of each frame only the N most visible splats", NULL},
     {"every", "N", "write every Nth frame; the clip lasts as long", "1"},
@@ -34,16 +45,23 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
+/* A frame of a version, as written. */
+struct page_frame {
+    int first; /* frame whose key it needs */
+    size_t shared, still, own;
+    uint64_t at, bytes; /* in the file of --split */
+};
+
 /* One of at most two ways the clip looks. */
 struct version {
     const char *name, *label;
     int sh_degree; /* written */
-    int n_sh;      /* bytes a splat above degree 0 */
+    int n_sh;      /* values a splat above degree 0 */
     bool antialias;
-    struct spin_html_frame now, key;
-    int key_frame;          /* of `key`, or -1 */
-    size_t *n_rows;         /* [frames of the job] written */
-    int *key_of;            /* [frames of the job] */
+    struct spin_page_group group;
+    struct page_frame *frame; /* [frames of the job] */
+    int n_written;
+    double n_kept;
     unsigned char *visible; /* [n_visible] 1: one of --max-splats, as the first frame has it */
     size_t n_visible;
 };
@@ -51,22 +69,22 @@ struct version {
 struct export
 {
     const struct spin_export_job *job;
-    struct spin_out out;
+    struct spin_out out, data;
+    bool split;
     struct spin_splat_filter rows;
     struct spin_sort_rows order;
-    struct spin_gzip *gzip;
-    struct spin_html_space space;
+    struct spin_page_space space;
+    double size; /* of the scene: half of what the longest side of most of it is */
     struct spin_initial_view view;
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    uint8_t *packed;
-    size_t room;
     size_t max_splats; /* 0: all */
-    int every;
+    int every, key_every;
     double fps;
     int *number; /* [frames written] */
     int n_written;
+    uint64_t data_bytes, n_splats;
 };
 
 /* ---- Which splats ------------------------------------------------------------------------------ */
@@ -110,86 +128,81 @@ static spin_status write_text(struct export *x, const char *text)
     return spin_out_write(&x->out, text, strlen(text));
 }
 
-static spin_status take_rows(struct export *x, struct version *v, const struct spin_splats *s,
-                             size_t n)
+static void write_seven(FILE *to, unsigned seven)
 {
-    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree), row = 0;
-    float none[45] = {0};
+    static const char special[] = {0, '\n', '\r', '<', 127};
+    const char *at = memchr(special, (int)seven, sizeof special);
 
-    SPIN_TRY(spin_html_reserve(&v->now, n, v->n_sh));
-    for (size_t i = 0; i < s->n; i++) {
-        const float *sh = s->sh + i * width + 3;
-        struct spin_gaussian is;
+    if (at)
+        putc(127, to);
+    putc(at ? '0' + (int)(at - special) : (int)seven, to);
+}
 
-        if (!x->rows.keep[i])
-            continue;
-        if (s->sh_degree < v->sh_degree) {
-            memcpy(none, sh, (width - 3) * sizeof *sh);
-            sh = none;
-        }
-        spin_splat_filter_take(&x->rows, i, &is);
-        spin_html_take(&x->space, &is, sh, v->n_sh, &v->now, row++);
+/* Seven bits a character. What HTML reads as something else, or an editor changes, is an escape and a digit. */
+static void write_sevens(FILE *to, const uint8_t *bytes, size_t n)
+{
+    unsigned held = 0;
+    int bits = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        held = (held & 127) << 8 | bytes[i];
+        for (bits += 8; bits >= 7;)
+            write_seven(to, held >> (bits -= 7) & 127);
     }
-    return SPIN_OK;
+    if (bits)
+        write_seven(to, held << (7 - bits) & 127);
 }
 
-/* Gzip into memory, base64 into the page. */
-static spin_status write_packed(struct export *x, size_t n)
-{
-    char *bytes = NULL;
-    size_t n_bytes = 0;
-    struct spin_out memory = {.path = x->out.path, .file = open_memstream(&bytes, &n_bytes)};
-    spin_status status;
+struct sink {
+    struct export *x;
+    struct version *v;
+};
 
-    if (!memory.file)
-        return spin_fail(SPIN_E_MEMORY, "cannot pack a frame of '%s': not enough memory",
-                         x->job->output);
-    status = spin_gzip_begin(x->gzip, &memory);
-    if (status == SPIN_OK)
-        status = spin_gzip_write(x->gzip, x->packed, n);
-    if (status == SPIN_OK)
-        status = spin_gzip_end(x->gzip);
-    if (fclose(memory.file) != 0 && status == SPIN_OK)
-        status = spin_fail(SPIN_E_MEMORY, "cannot pack a frame of '%s': not enough memory",
-                           x->job->output);
-    if (status == SPIN_OK)
-        spin_text_base64(x->out.file, (unsigned char *)bytes, n_bytes);
-    free(bytes);
-    return status;
-}
-
-static spin_status write_block(struct export *x, int which, const struct spin_splats *s, int number)
+static spin_status take_block(void *context, const struct spin_page_block *block)
 {
-    struct version *v = &x->version[which];
-    const struct spin_html_frame *key = NULL;
-    int frame = x->n_written;
+    struct sink *s = context;
+    struct export *x = s->x;
+    struct page_frame *at = &s->v->frame[s->v->n_written];
     char tag[64];
-    size_t n, size;
+
+    *at = (struct page_frame){.first = s->v->n_written - block->frame,
+                              .shared = block->n_shared,
+                              .still = block->n_still,
+                              .own = block->n_own,
+                              .at = x->data_bytes,
+                              .bytes = block->n_bytes};
+    x->data_bytes += block->n_bytes;
+    x->n_splats += block->n_shared + block->n_own;
+    s->v->n_written++;
+    if (x->split)
+        return spin_out_write(&x->data, block->data, block->n_bytes);
+    snprintf(tag, sizeof tag, "<script type=\"text/plain\" id=\"v%df%d\">",
+             (int)(s->v - x->version), s->v->n_written - 1);
+    SPIN_TRY(write_text(x, tag));
+    write_sevens(x->out.file, block->data, block->n_bytes);
+    return write_text(x, "</script>\n");
+}
+
+static spin_status write_group(struct export *x, struct version *v)
+{
+    struct sink sink = {x, v};
+
+    return spin_page_group_write(&v->group, take_block, &sink);
+}
+
+static spin_status add_frame(struct export *x, struct version *v, const struct spin_splats *s,
+                             int number)
+{
+    bool full;
+    size_t n;
 
     SPIN_TRY(choose(x, v, s, number, &n));
-    SPIN_TRY(take_rows(x, v, s, n));
-    if (v->key_frame >= 0 && v->key.n == n)
-        key = &v->key;
-    size = spin_html_packed_size(n, v->n_sh);
-    if (size > x->room) {
-        SPIN_TRY(spin_grow(size, 1, (void **)&x->packed));
-        x->room = size;
-    }
-    spin_html_pack(&v->now, key, v->n_sh, x->packed);
-    snprintf(tag, sizeof tag, "<script type=\"text/plain\" id=\"v%df%d\">", which, frame);
-    SPIN_TRY(write_text(x, tag));
-    SPIN_TRY(write_packed(x, size));
-    SPIN_TRY(write_text(x, "</script>\n"));
-    v->n_rows[frame] = n;
-    v->key_of[frame] = key ? v->key_frame : frame;
-    if (!key) {
-        struct spin_html_frame spare = v->key;
-
-        v->key = v->now;
-        v->now = spare;
-        v->key_frame = frame;
-    }
-    return SPIN_OK;
+    v->n_kept += (double)n;
+    SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
+    if (!full)
+        return SPIN_OK;
+    SPIN_TRY(write_group(x, v));
+    return spin_page_group_add(&v->group, &x->rows, s, &full);
 }
 
 /* ---- What the page must know ------------------------------------------------------------------------ */
@@ -212,64 +225,105 @@ static spin_json *list_of_ints(const int *value, int n)
     return list;
 }
 
-static spin_json *version_json(const struct version *v, int n)
+static spin_json *version_json(const struct version *v)
 {
-    spin_json *j = spin_json_object(), *splats = spin_json_array();
+    static const char *const key[] = {"splats", "first", "shared", "still", "own", "at", "bytes"};
+    spin_json *j = spin_json_object(), *list[7];
 
     spin_json_set_string(j, "name", v->name);
     spin_json_set_string(j, "label", v->label);
     spin_json_set_integer(j, "degree", v->sh_degree);
     spin_json_set_integer(j, "sh", v->n_sh);
     spin_json_set_bool(j, "antialias", v->antialias);
-    for (int i = 0; i < n; i++)
-        spin_json_push(splats, spin_json_integer_value((int64_t)v->n_rows[i]));
-    spin_json_set(j, "splats", splats);
-    spin_json_set(j, "key", list_of_ints(v->key_of, n));
+    for (int k = 0; k < 7; k++) {
+        list[k] = spin_json_array();
+        for (int f = 0; f < v->n_written; f++) {
+            const struct page_frame *at = &v->frame[f];
+            const uint64_t value[] = {at->shared + at->own,
+                                      (uint64_t)at->first,
+                                      at->shared,
+                                      at->still,
+                                      at->own,
+                                      at->at,
+                                      at->bytes};
+
+            spin_json_push(list[k], spin_json_integer_value((int64_t)value[k]));
+        }
+        spin_json_set(j, key[k], list[k]);
+    }
     return j;
 }
 
-/* The method's name comes from the bundle: letters, digits and a few marks only, as they stand in a page. */
-static void set_source(spin_json *j, const char *name)
+/* Of UTF-8 or not: letters, digits and a few marks only, as they stand in a page. */
+static void set_name(spin_json *j, const char *key, const char *name, size_t n_name)
 {
     char text[128];
     size_t n = 0;
 
-    for (; name && *name && n < sizeof text - 1; name++)
-        text[n++] = isalnum((unsigned char)*name) || strchr(" ._-", *name) ? *name : '_';
+    for (; n < n_name && name[n] && n < sizeof text - 1; n++)
+        text[n] = isalnum((unsigned char)name[n]) || strchr(" ._-", name[n]) ? name[n] : '_';
     text[n] = '\0';
-    spin_json_set_string(j, "source", text);
+    spin_json_set_string(j, key, text);
+}
+
+/* What the page is called: its file's name without .html. */
+static size_t stem_of(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+
+    return dot && (strcmp(dot, ".html") == 0 || strcmp(dot, ".htm") == 0) ? (size_t)(dot - path)
+                                                                          : strlen(path);
+}
+
+static spin_json *steps_json(const struct spin_page_space *space)
+{
+    static const char *const key[] = {"place", "colour", "opacity", "scale", "rotation", "sh"};
+    static const int column[] = {SPIN_PAGE_PLACE, SPIN_PAGE_COLOUR,   SPIN_PAGE_OPACITY,
+                                 SPIN_PAGE_SCALE, SPIN_PAGE_ROTATION, SPIN_PAGE_SH};
+    spin_json *j = spin_json_object();
+
+    for (int i = 0; i < 6; i++)
+        spin_json_set_number(j, key[i], spin_page_step(space, column[i]));
+    return j;
 }
 
 static spin_status write_clip(struct export *x)
 {
     static const float black[3] = {0};
     const float *b = x->job->background ? x->job->background : black;
+    const struct spin_page_space *space = &x->space;
+    const char *file = spin_path_name(x->job->output);
     spin_json *j = spin_json_object(), *versions = spin_json_array();
     char *text;
     spin_status status;
 
-    set_source(j, x->job->source);
+    set_name(j, "name", file, stem_of(file));
+    set_name(j, "source", x->job->source ? x->job->source : "", SIZE_MAX);
     spin_json_set_number(j, "fps", x->fps);
-    spin_json_set_number(j, "size", x->space.size);
+    spin_json_set_number(j, "size", x->size);
     spin_json_set_number(j, "fovy", x->view.fovy_deg);
     spin_json_set_number(j, "aspect", x->view.aspect);
     spin_json_set_number(j, "near", NEAR_W);
     spin_json_set(j, "background",
                   list_of((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
-    spin_json_set(j, "centre", list_of(x->space.centre, 3));
+    spin_json_set(j, "centre", list_of(space->centre, 3));
     spin_json_set(j, "eye", list_of(x->view.eye, 3));
     spin_json_set(j, "target", list_of(x->view.target, 3));
     spin_json_set(j, "up", list_of(x->view.up, 3));
+    spin_json_set(j, "reach", list_of(x->view.reach, 2));
     spin_json_set(j, "numbers", list_of_ints(x->number, x->n_written));
+    spin_json_set(j, "steps", steps_json(space));
+    if (x->split)
+        spin_json_set_string(j, "data", spin_path_name(x->data.path));
     for (int i = 0; i < x->n_versions; i++)
-        spin_json_push(versions, version_json(&x->version[i], x->n_written));
+        spin_json_push(versions, version_json(&x->version[i]));
     spin_json_set(j, "versions", versions);
     text = spin_json_text(j, false);
     spin_json_free(j);
     status = text ? write_text(x, "<script type=\"application/json\" id=\"clip\">")
                   : spin_fail(SPIN_E_MEMORY, "no memory for the page");
-    if (status == SPIN_OK)
-        status = write_text(x, text);
+    for (const char *c = text; c && *c && status == SPIN_OK; c++)
+        status = *c == '<' ? write_text(x, "\\u003c") : spin_out_write(&x->out, c, 1);
     free(text);
     return status == SPIN_OK ? write_text(x, "</script>\n") : status;
 }
@@ -288,24 +342,29 @@ static spin_status write_script(struct export *x, const char *how, const char *t
 static void finish(struct export *x)
 {
     for (int i = 0; i < 2; i++) {
-        spin_html_free(&x->version[i].now);
-        spin_html_free(&x->version[i].key);
-        free(x->version[i].n_rows);
-        free(x->version[i].key_of);
+        spin_page_group_free(&x->version[i].group);
+        free(x->version[i].frame);
         free(x->version[i].visible);
     }
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
-    spin_gzip_free(x->gzip);
     spin_splats_free(&x->source);
-    free(x->packed);
     free(x->number);
     free(x);
+}
+
+static void abandon(struct export *x)
+{
+    spin_out_abandon(&x->out);
+    if (x->split)
+        spin_out_abandon(&x->data);
+    finish(x);
 }
 
 static spin_status parse_options(struct export *x)
 {
     const struct spin_plugin_values *v = x->job->values;
+    struct spin_page_bounds bounds;
     int n = 0;
 
     SPIN_TRY(spin_splat_filter_begin(&x->rows, x->job, NULL));
@@ -313,6 +372,10 @@ static spin_status parse_options(struct export *x)
     x->max_splats = (size_t)n;
     x->every = 1;
     SPIN_TRY(spin_option_count(v, "every", 1, 1000000000, &x->every));
+    x->key_every = DEFAULT_KEY_EVERY;
+    SPIN_TRY(spin_option_count(v, "key-every", 1, SPIN_PAGE_MOST_FRAMES, &x->key_every));
+    SPIN_TRY(spin_page_bounds_from(v, 1, &bounds)); /* the scene's size is not known yet */
+    x->split = spin_plugin_value(v, "split", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
     SPIN_TRY(spin_option_number(v, "fps", 0.001, 1000, &x->fps));
     x->fps /= x->every;
@@ -324,18 +387,18 @@ static spin_status add_version(struct export *x, const char *name, const char *l
 {
     struct version *v = &x->version[x->n_versions++];
     const char *sh = spin_plugin_value(x->job->values, "sh", "1");
-    size_t n = (size_t)x->job->n_frames;
 
     v->name = name;
     v->label = label;
-    v->key_frame = -1;
     v->antialias = antialias;
     SPIN_TRY(spin_splat_filter_parse_sh(sh, degree, &v->sh_degree));
     if (v->sh_degree > degree)
         v->sh_degree = degree < 0 ? 0 : degree;
     v->n_sh = 3 * (spin_sh_count(v->sh_degree) - 1);
-    SPIN_TRY(spin_alloc(n, sizeof *v->n_rows, (void **)&v->n_rows));
-    return spin_alloc(n, sizeof *v->key_of, (void **)&v->key_of);
+    v->group.n_sh = v->n_sh;
+    v->group.pool = x->rows.pool;
+    v->group.most_frames = x->key_every;
+    return spin_alloc((size_t)x->job->n_frames, sizeof *v->frame, (void **)&v->frame);
 }
 
 static spin_status add_versions(struct export *x)
@@ -354,6 +417,26 @@ static spin_status add_versions(struct export *x)
     return SPIN_OK;
 }
 
+/* The page, and the file of --split: its name with .bin for .html. */
+static spin_status open_files(struct export *x)
+{
+    const struct spin_export_job *job = x->job;
+    char path[4096];
+    spin_status status;
+
+    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    x->out.sync = job->sync;
+    if (!x->split)
+        return SPIN_OK;
+    snprintf(path, sizeof path, "%.*s.bin", (int)fmin((double)stem_of(job->output), 4000),
+             job->output);
+    status = spin_out_open(path, job->force, &x->data);
+    x->data.sync = job->sync;
+    if (status != SPIN_OK)
+        spin_out_abandon(&x->out);
+    return status;
+}
+
 static spin_status html_begin(const struct spin_export_job *job, void **self)
 {
     struct export *x = NULL;
@@ -364,17 +447,15 @@ static spin_status html_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY_OUT(parse_options(x));
     SPIN_TRY_OUT(add_versions(x));
     SPIN_TRY_OUT(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
-    SPIN_TRY_OUT(spin_gzip_create(6, job->n_threads, &x->gzip));
-    SPIN_TRY_OUT(spin_out_open(job->output, job->force, &x->out));
-    x->out.sync = job->sync;
+    SPIN_TRY_OUT(open_files(x));
     status = write_text(x, spin_html_head);
     if (status == SPIN_OK)
         status = write_text(x, spin_html_css);
     if (status == SPIN_OK)
         status = write_text(x, spin_html_body);
     if (status != SPIN_OK) {
-        spin_out_abandon(&x->out);
-        goto out;
+        abandon(x);
+        return status;
     }
     *self = x;
     return SPIN_OK;
@@ -383,26 +464,16 @@ out:
     return status;
 }
 
-/* What the page will weigh at most, from the first frame: gzip only makes it less. */
-static void say_size(const struct export *x, size_t n_splats)
-{
-    size_t n = x->max_splats && x->max_splats < n_splats ? x->max_splats : n_splats, frame = 0;
-    int n_frames = (x->job->n_frames + x->every - 1) / x->every;
-
-    for (int i = 0; i < x->n_versions; i++)
-        frame += spin_html_packed_size(n, x->version[i].n_sh);
-    spin_log(0, "html: %d frames of about %zu splats, %d version%s: at most %.2f MB", n_frames, n,
-             x->n_versions, x->n_versions > 1 ? "s" : "", (double)frame * n_frames * 4 / 3 / 1e6);
-}
-
 /* Where the scene lies and whence it is looked at, from the first frame and the data set. */
 static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
 {
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
 
-    SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->space.size));
-    spin_initial_view_first(x->job->views, row, x->space.centre, x->space.size, &x->view);
-    say_size(x, s->n);
+    SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
+    spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
+    SPIN_TRY(spin_page_bounds_from(x->job->values, x->size, &x->space.bounds));
+    for (int i = 0; i < x->n_versions; i++)
+        x->version[i].group.space = x->space;
     return SPIN_OK;
 }
 
@@ -422,7 +493,7 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
             SPIN_TRY(x->job->source_frame(x->job->source_of, frame, &x->source));
             s = &x->source;
         }
-        SPIN_TRY(write_block(x, i, s, info->number));
+        SPIN_TRY(add_frame(x, &x->version[i], s, info->number));
     }
     x->number[x->n_written++] = info->number;
     return SPIN_OK;
@@ -432,15 +503,69 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
 static spin_status fill_report(struct export *x)
 {
     struct spin_export_report *report = x->job->report;
-    double sum = 0;
+    uint64_t page = 0;
 
+    SPIN_TRY(spin_out_length(&x->out, &page));
+    page += x->split ? x->data_bytes : 0;
+    spin_log(0, "html: %llu splats of %d frame%s and %d version%s, %.2f bytes each",
+             (unsigned long long)x->n_splats, x->n_written, x->n_written == 1 ? "" : "s",
+             x->n_versions, x->n_versions == 1 ? "" : "s",
+             (double)x->data_bytes / fmax((double)x->n_splats, 1));
     if (!report)
         return SPIN_OK;
-    for (int i = 0; i < x->n_written; i++)
-        sum += (double)x->version[0].n_rows[i];
     report->frames = x->n_written;
-    report->splats_mean = sum / x->n_written;
-    return spin_out_length(&x->out, &report->bytes);
+    report->splats_mean = x->version[0].n_kept / x->n_written;
+    report->bytes = page;
+    return SPIN_OK;
+}
+
+/* The largest error of all values, beside what it may be. */
+static void say_errors(const struct export *x)
+{
+    const struct spin_page_bounds *b = &x->space.bounds;
+    double most[SPIN_QUANT_PARTS] = {0};
+    uint64_t n_values = 0;
+
+    for (int i = 0; i < x->n_versions; i++) {
+        n_values += x->version[i].group.n_values;
+        for (int p = 0; p < SPIN_QUANT_PARTS; p++)
+            most[p] = fmax(most[p], x->version[i].group.largest[p]);
+    }
+    spin_log(0,
+             "html: largest errors of %llu values: place %.3g (bound %.3g), scale %.2f %% (%.2f), "
+             "rotation "
+             "%.2f degrees (%.2f), opacity %.2f/255 (%.2f), colour %.2f/255 (%.2f), SH %.3f (%.3f)",
+             (unsigned long long)n_values, most[SPIN_QUANT_PLACE], b->place,
+             100 * expm1(most[SPIN_QUANT_SCALE]), 100 * expm1(b->scale),
+             most[SPIN_QUANT_ROTATION] * 57.29577951308232, b->rotation * 57.29577951308232,
+             255 * most[SPIN_QUANT_OPACITY], 255 * b->opacity, 255 * most[SPIN_QUANT_COLOUR],
+             255 * b->colour, most[SPIN_QUANT_SH], b->sh);
+}
+
+/* The blocks first, so that no page is without them. */
+static spin_status commit(struct export *x)
+{
+    char *path = NULL;
+    spin_status status;
+
+    if (!x->split)
+        return spin_out_commit(&x->out);
+    status = spin_strdup(x->data.path, &path);
+    if (status != SPIN_OK) {
+        spin_out_abandon(&x->data);
+        spin_out_abandon(&x->out);
+        return status;
+    }
+    status = spin_out_commit(&x->data);
+    if (status != SPIN_OK)
+        spin_out_abandon(&x->out);
+    else {
+        status = spin_out_commit(&x->out);
+        if (status != SPIN_OK)
+            unlink(path);
+    }
+    free(path);
+    return status;
 }
 
 static spin_status html_end(void *self)
@@ -448,6 +573,8 @@ static spin_status html_end(void *self)
     struct export *x = self;
     spin_status status;
 
+    for (int i = 0; i < x->n_versions; i++)
+        SPIN_TRY_OUT(write_group(x, &x->version[i]));
     SPIN_TRY_OUT(write_clip(x));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));
@@ -455,22 +582,16 @@ static spin_status html_end(void *self)
     SPIN_TRY_OUT(write_script(x, "", spin_html_script));
     SPIN_TRY_OUT(write_text(x, "</body>\n</html>\n"));
     SPIN_TRY_OUT(fill_report(x));
-    status = spin_out_commit(&x->out);
+    say_errors(x);
+    status = commit(x);
     finish(x);
     return status;
 out:
-    spin_out_abandon(&x->out);
-    finish(x);
+    abandon(x);
     return status;
 }
 
-static void html_abort(void *self)
-{
-    struct export *x = self;
-
-    spin_out_abandon(&x->out);
-    finish(x);
-}
+static void html_abort(void *self) { abandon(self); }
 
 extern const struct spin_exporter spin_exporter_html;
 const struct spin_exporter spin_exporter_html = {

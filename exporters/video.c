@@ -49,7 +49,7 @@ static spin_status choose_camera(struct export *x)
 
     if (!job->views || job->views->n == 0)
         return spin_fail(SPIN_E_USAGE, "a video needs the cameras of a data set; give --data DIR");
-    x->first = spin_initial_view_view(job->views, row);
+    x->first = spin_initial_view_view(job->views, row, true);
     if (!x->first)
         x->first = &job->views->view[0];
     if (!text)

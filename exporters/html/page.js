@@ -24,7 +24,7 @@ const orbit = {};
 function home() {
     const target = inside(clip.target), from = add(inside(clip.eye), target, -1);
     orbit.target = target;
-    orbit.distance = Math.hypot(...from);
+    orbit.distance = orbit.first = Math.hypot(...from);
     orbit.height = Math.asin(dot(from, up) / orbit.distance);
     orbit.angle = Math.atan2(dot(from, side), dot(from, front));
 }
@@ -115,7 +115,7 @@ function draw() {
 // ---- What is wanted and what is shown ----------------------------------------------------------------
 
 const state = { version: 0, frame: 0, playing: false, speed: 1, clock: 0, last: 0, asked: '', waiting: 0, id: 0, dirty: true };
-const blocks = clip.versions.map((v, i) => v.splats.map((_, f) => {
+const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;
     element.remove();
     return text;
@@ -123,8 +123,7 @@ const blocks = clip.versions.map((v, i) => v.splats.map((_, f) => {
 const source = new Blob([$('worker').textContent], { type: 'text/javascript' });
 const worker = new Worker(URL.createObjectURL(source));
 worker.onerror = (e) => say(`The page failed: ${e.message}`);
-worker.postMessage({ clip, blocks });
-blocks.length = 0;
+worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href });
 
 worker.onmessage = ({ data }) => {
     state.waiting = 0;
@@ -154,7 +153,7 @@ function ask(c) {
 
 function tick(now) {
     const n = clip.numbers.length;
-    if (state.playing) {
+    if (state.playing && shown.version >= 0) {
         state.clock = (state.clock + (now - state.last) / 1000 * state.speed * clip.fps) % n;
         if (Math.floor(state.clock) !== state.frame) go(Math.floor(state.clock), false);
     }
@@ -179,10 +178,11 @@ function tick(now) {
 
 function label() {
     const n = clip.numbers.length;
-    $('label').textContent = `${clip.numbers[state.frame]} (${state.frame + 1}/${n})`;
+    $('label').textContent = `Frame ${state.frame + 1} of ${n}`;
+    $('label').title = `Number ${clip.numbers[state.frame]}`;
     $('scrub').value = state.frame;
     $('play').textContent = state.playing ? 'Pause' : 'Play';
-    $('version').textContent = clip.versions[state.version].label;
+    [...$('versions').children].forEach((b, i) => b.setAttribute('aria-pressed', i === state.version));
 }
 
 function go(frame, byHand = true) {
@@ -197,8 +197,8 @@ function play(on) {
     label();
 }
 
-function swap() {
-    state.version = (state.version + 1) % clip.versions.length;
+function show(version) {
+    state.version = version % clip.versions.length;
     label();
 }
 
@@ -211,21 +211,39 @@ function turnBy(dx, dy) {
     orbit.angle -= dx * 0.006;
     orbit.height = Math.max(-1.55, Math.min(1.55, orbit.height + dy * 0.006));
     state.dirty = true;
+    welcome(false);
 }
 
 function moveBy(dx, dy) {
     const c = camera(), k = orbit.distance / c.focal * Math.min(window.devicePixelRatio || 1, 2);
-    orbit.target = add(add(orbit.target, c.right, -dx * k), c.down, -dy * k);
+    // not farther than the scene reaches
+    const first = inside(clip.target), off = add(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k), first, -1);
+    orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
     state.dirty = true;
+    welcome(false);
 }
 
+// From where the cameras stood to a part of their way in: behind them are the walls.
 function zoomBy(factor) {
-    orbit.distance = Math.max(1e-3, Math.min(100, orbit.distance * factor));
+    const [least, most] = clip.reach.map((d) => d / clip.size);
+    orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, orbit.first), orbit.distance * factor));
     state.dirty = true;
+    welcome(false);
+}
+
+function fullscreen() {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else root.requestFullscreen().catch(() => say('This browser does not allow a full screen.'));
+}
+
+// The name and the hint, until the scene is touched.
+function welcome(on) {
+    $('title').classList.toggle('away', !on);
 }
 
 $('play').onclick = () => play(!state.playing);
-$('version').onclick = swap;
+$('full').onclick = fullscreen;
+$('full').hidden = !document.fullscreenEnabled;
 $('home').onclick = reset;
 $('scrub').oninput = (e) => {
     const frame = Number(e.target.value); // before play() puts the old one there
@@ -260,7 +278,8 @@ window.addEventListener('keydown', (e) => {
     const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
     if (e.key === ' ' && !typed) play(!state.playing);
     else if (step && e.target.id !== 'scrub' && !typed) { play(false); go(state.frame + step); }
-    else if (e.key === 'b' || e.key === 'B') swap();
+    else if (e.key === 'b' || e.key === 'B') show(state.version + 1);
+    else if (e.key === 'f' || e.key === 'F') fullscreen();
     else if (e.key === 'r' || e.key === 'R') reset();
     else if (e.key === 'h' || e.key === 'H') root.classList.toggle('bare');
     else return;
@@ -269,9 +288,21 @@ window.addEventListener('keydown', (e) => {
 
 canvas.addEventListener('webglcontextlost', () => say('The graphics card lost the picture: reload the page.'));
 $('scrub').max = clip.numbers.length - 1;
-$('version').hidden = clip.versions.length < 2;
+$('time').hidden = clip.numbers.length < 2;
+$('speed').hidden = clip.numbers.length < 2;
+$('versions').hidden = clip.versions.length < 2;
+clip.versions.forEach((v, i) => {
+    const button = document.createElement('button');
+    button.textContent = v.label;
+    button.dataset.version = v.name;
+    button.onclick = () => show(i);
+    $('versions').append(button);
+});
+$('name').textContent = document.title = clip.name;
+$('hint').textContent = matchMedia('(pointer: coarse)').matches ? 'One finger turns, two move and zoom.' : 'Drag to turn, wheel to zoom, right button to move.';
+setTimeout(() => welcome(false), 8000);
 home();
-label();
+play(!matchMedia('(prefers-reduced-motion: reduce)').matches);
 requestAnimationFrame(tick);
 
 // For whoever scripts the page: the camera as it is, in the world's units.

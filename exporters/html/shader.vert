@@ -4,7 +4,7 @@ precision highp float;
 precision highp int;
 precision highp usampler2D;
 layout(location = 0) in uint splat;
-uniform usampler2D splats; // two texels a splat: place, colour; covariance, opacity
+uniform usampler2D splats; // two texels a splat: place, red and green; covariance, blue and opacity
 uniform usampler2D harmonics;
 uniform mat3 turn; // columns: right, down, forward
 uniform vec3 eye;
@@ -14,15 +14,14 @@ uniform int degree, words, antialias;
 out vec2 place;
 out vec4 colour;
 
-float sh_byte(int k)
+float sh_half(int k)
 {
-    int at = int(splat) * words + (k >> 2);
-    uint word = texelFetch(harmonics, ivec2(at & 2047, at >> 11), 0).r;
-    float v = (float((word >> (8 * (k & 3))) & 255u) - 128.0) / 127.0;
-    return v / (1.0 - abs(v));
+    int at = int(splat) * words + (k >> 1);
+    vec2 two = unpackHalf2x16(texelFetch(harmonics, ivec2(at & 2047, at >> 11), 0).r);
+    return (k & 1) == 0 ? two.x : two.y;
 }
 
-vec3 sh(int k) { return vec3(sh_byte(3 * k), sh_byte(3 * k + 1), sh_byte(3 * k + 2)); }
+vec3 sh(int k) { return vec3(sh_half(3 * k), sh_half(3 * k + 1), sh_half(3 * k + 2)); }
 
 vec3 by_direction(vec3 d)
 {
@@ -46,7 +45,7 @@ void main()
     ivec2 at = ivec2((int(splat) & 1023) * 2, int(splat) >> 10);
     uvec4 a = texelFetch(splats, at, 0), b = texelFetch(splats, at + ivec2(1, 0), 0);
     vec3 away = uintBitsToFloat(a.xyz) - eye, p = away * turn;
-    float opacity = float(b.w & 255u) / 255.0;
+    float opacity = float(b.w >> 16) / 65535.0;
 
     gl_Position = vec4(0, 0, 2, 1);
     place = vec2(0);
@@ -73,7 +72,7 @@ void main()
     float reach = sqrt(2.0 * log(255.0 * opacity));
     place = reach * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID >> 1) * 2 - 1);
     vec2 corner = focal * flat_at + place.x * sqrt(large) * axis + place.y * sqrt(small) * vec2(-axis.y, axis.x);
-    vec3 base = vec3(uvec3(a.w, a.w >> 10, a.w >> 20) & 1023u) * (2.0 / 1023.0) - 0.5;
+    vec3 base = vec3(uvec3(a.w, a.w >> 16, b.w) & 65535u) * (4.0 / 65535.0) - 1.0;
     colour = vec4(max(base + by_direction(normalize(away)), 0.0), opacity);
     gl_Position = vec4(corner / half_size * vec2(1, -1), 0, 1);
 }

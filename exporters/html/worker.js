@@ -1,46 +1,103 @@
 // The worker: unpacks frames, keeps some, and sorts the splats of the wanted one for a view.
-//
-// A block is base64 of a gzip of: one byte a column (1: differences to the key frame, 0: as it is),
-// then the columns, those of 16 bits as n low bytes and n high bytes. exporters/lib/html_pack.h writes
-// them and says what they mean.
+// docs/page-format.md says what a block is; exporters/lib/page_group.h writes them.
 'use strict';
 
-const WIDE = 9, NARROW = 5, MOST_BYTES = 400e6;
-let clip = null, blocks = null, wanted = null, busy = false;
-const frames = new Map(), keys = new Map();
+const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13;
+let clip = null, texts = null, address = null, wanted = null, busy = false;
+const frames = new Map(), groups = [], fetched = new Map();
 
-async function unpack(text) {
-    const binary = atob(text), packed = new Uint8Array(binary.length);
-    for (let i = 0; i < packed.length; i++) packed[i] = binary.charCodeAt(i);
+// ---- Bytes ---------------------------------------------------------------------------------------
+
+// Seven bits a character; 127 and a digit stand for what a page cannot hold.
+function bytesOf(text) {
+    const special = [0, 10, 13, 60, 127], out = new Uint8Array(Math.ceil(text.length * 7 / 8) + 1);
+    let held = 0, bits = 0, n = 0;
+    for (let i = 0; i < text.length; i++) {
+        let seven = text.charCodeAt(i);
+        if (seven === 127) seven = special[text.charCodeAt(++i) - 48];
+        held = held << 7 & 0x7fff | seven;
+        bits += 7;
+        if (bits >= 8) out[n++] = held >> (bits -= 8) & 255;
+    }
+    return out.subarray(0, n);
+}
+
+// From the server: the block alone when nothing is at hand yet, so that the first picture comes soon; then
+// also those behind it, a megabyte at a time.
+async function fromServer(v, frame) {
+    const name = (f) => `${v.name} ${f}`;
+    if (!fetched.has(name(frame))) {
+        let last = frame;
+        while (fetched.size && last + 1 < v.at.length && v.at[last + 1] === v.at[last] + v.bytes[last] && v.at[last] + v.bytes[last] - v.at[frame] < RUN_BYTES) last++;
+        const from = v.at[frame], to = v.at[last] + v.bytes[last];
+        const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
+        if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
+        const bytes = new Uint8Array(await answer.arrayBuffer()), base = answer.status === 206 ? from : 0;
+        const whole = answer.status !== 206;
+        for (const each of whole ? clip.versions : [v]) {
+            for (let f = whole ? 0 : frame; f <= (whole ? each.at.length - 1 : last); f++) {
+                const at = each.at[f] - base;
+                if (at + each.bytes[f] > bytes.length) throw new Error(`${address} is shorter than the page says`);
+                fetched.set(`${each.name} ${f}`, bytes.slice(at, at + each.bytes[f]));
+            }
+        }
+    }
+    return fetched.get(name(frame));
+}
+
+async function blockOf(version, frame) {
+    const packed = address ? await fromServer(clip.versions[version], frame) : bytesOf(texts[version][frame]);
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
     return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// The columns of a frame, differences undone.
-async function columnsOf(version, frame) {
-    const v = clip.versions[version], n = v.splats[frame], key = v.key[frame];
-    const base = key === frame ? null : await keyOf(version, key);
-    const bytes = await unpack(blocks[version][frame]), narrows = NARROW + v.sh;
-    const wide = new Uint16Array(WIDE * n), narrow = new Uint8Array(narrows * n);
-    let at = WIDE + narrows;
-    for (let c = 0; c < WIDE; c++, at += 2 * n) {
-        const add = bytes[c] ? base.wide : null;
-        for (let i = 0, o = c * n; i < n; i++, o++) {
-            wide[o] = (bytes[at + i] | bytes[at + n + i] << 8) + (add ? add[o] : 0);
-        }
-    }
-    for (let c = 0; c < narrows; c++, at += n) {
-        const add = bytes[WIDE + c] ? base.narrow : null;
-        for (let i = 0, o = c * n; i < n; i++, o++) narrow[o] = bytes[at + i] + (add ? add[o] : 0);
-    }
-    return { n, wide, narrow };
+// ---- Columns ---------------------------------------------------------------------------------------
+
+const unfolded = (u) => (u & 1 ? -(u >>> 1) - 1 : u >>> 1);
+
+// A reader of one block's columns, one after the other.
+function columnsIn(bytes) {
+    let at = 0;
+    const need = (n) => { if (at + n > bytes.length) throw new Error('a block ends early'); };
+    const head = () => { need(1); const h = bytes[at++]; return [h & 7, (h & 16) !== 0]; };
+    const numbers = (n, planes) => {
+        if (planes === 1) return bytes.subarray(at, at += n);
+        const out = new Uint32Array(n);
+        for (let p = 0; p < planes; p++) for (let i = 0, from = at + p * n; i < n; i++) out[i] |= bytes[from + i] << 8 * p;
+        at += planes * n;
+        return out;
+    };
+    return {
+        whole(x, n) {
+            const [planes, byStep] = head();
+            need(planes * n);
+            const list = numbers(n, planes);
+            for (let i = 0, last = 0; i < n; i++) {
+                x[i] = unfolded(list[i]) + (byStep ? last : 0);
+                last = x[i];
+            }
+        },
+        // last: the numbers of the frame before, made those of this one; mean: sixteen times theirs.
+        changes(last, mean, n) {
+            const [planes, byMean] = head(), mask = at, nMask = n + 7 >> 3;
+            let listed = 0, list = null;
+            if (planes) {
+                need(nMask);
+                for (let i = 0; i < nMask; i++) for (let b = bytes[mask + i]; b; b &= b - 1) listed++;
+                at += nMask;
+                need(planes * listed);
+                list = numbers(listed, planes);
+            }
+            if (byMean) for (let i = 0; i < n; i++) last[i] = mean[i] + 8 >> 4;
+            for (let j = 0, k = 0; list && j < nMask; j++) {
+                for (let b = bytes[mask + j]; b; b &= b - 1) last[8 * j + 31 - Math.clz32(b & -b)] += unfolded(list[k++] + 1);
+            }
+            for (let i = 0; i < n; i++) mean[i] += (last[i] << 4) - mean[i] >> 1;
+        },
+    };
 }
 
-async function keyOf(version, frame) {
-    const name = `${version} ${frame}`;
-    if (!keys.has(name)) keys.set(name, await columnsOf(version, frame));
-    return keys.get(name);
-}
+// ---- Splats as the shader reads them -------------------------------------------------------------------
 
 const float = new Float32Array(1), bits = new Uint32Array(float.buffer);
 // Half precision, to nearest; too large becomes the largest.
@@ -52,41 +109,121 @@ function half(x) {
     return sign | (rest - 0x38000000 + 0x1000) >>> 13;
 }
 
-// What the shader reads: two texels of four words a splat, and its SH bytes by fours.
-function texelsOf({ n, wide, narrow }, sh) {
-    const texels = new Uint32Array(8 * n), place = new Float32Array(texels.buffer);
-    const words = Math.ceil(sh / 4), extra = new Uint8Array(4 * words * n), q = [0, 0, 0, 0];
+
+// Rotations of keys as unit quaternions, four a row.
+function turnsOf(keys, n) {
+    const q = new Float64Array(4 * n), half = 0.5 * clip.steps.rotation, [kx, ky, kz] = keys.slice(ROTATION);
     for (let i = 0; i < n; i++) {
-        const o = 8 * i, u16 = (c) => wide[c * n + i], u8 = (c) => narrow[c * n + i];
-        for (let c = 0; c < 3; c++) {
-            const u = (u16(c) - 32768) / 32767;
-            place[o + c] = u / (1 - Math.abs(u));
-        }
-        texels[o + 3] = (u16(3) | u16(4) << 10 | u16(5) << 20) >>> 0;
-        const largest = u8(4);
-        let sum = 0;
-        for (let c = 0, k = 6; c < 4; c++) {
-            if (c === largest) continue;
-            q[c] = (u16(k++) - 2048) / 2047 * Math.SQRT1_2;
-            sum += q[c] * q[c];
-        }
-        q[largest] = Math.sqrt(Math.max(0, 1 - sum));
-        const [w, x, y, z] = q;
-        const a = scaleOf(u8(0)), b = scaleOf(u8(1)), c = scaleOf(u8(2));
-        const r0 = (1 - 2 * (y * y + z * z)) * a, r1 = 2 * (x * y - w * z) * b, r2 = 2 * (x * z + w * y) * c;
-        const r3 = 2 * (x * y + w * z) * a, r4 = (1 - 2 * (x * x + z * z)) * b, r5 = 2 * (y * z - w * x) * c;
-        const r6 = 2 * (x * z - w * y) * a, r7 = 2 * (y * z + w * x) * b, r8 = (1 - 2 * (x * x + y * y)) * c;
-        const m = 1024;
-        texels[o + 4] = (half(m * (r0 * r0 + r1 * r1 + r2 * r2)) | half(m * (r0 * r3 + r1 * r4 + r2 * r5)) << 16) >>> 0;
-        texels[o + 5] = (half(m * (r0 * r6 + r1 * r7 + r2 * r8)) | half(m * (r3 * r3 + r4 * r4 + r5 * r5)) << 16) >>> 0;
-        texels[o + 6] = (half(m * (r3 * r6 + r4 * r7 + r5 * r8)) | half(m * (r6 * r6 + r7 * r7 + r8 * r8)) << 16) >>> 0;
-        texels[o + 7] = u8(3);
-        for (let k = 0; k < sh; k++) extra[4 * words * i + k] = u8(NARROW + k);
+        const x = kx[i] * half, y = ky[i] * half, z = kz[i] * half, angle = Math.sqrt(x * x + y * y + z * z);
+        const k = angle > 1e-9 ? Math.sin(angle / 2) / angle : 0.5;
+        q[4 * i] = Math.cos(angle / 2);
+        q[4 * i + 1] = k * x;
+        q[4 * i + 2] = k * y;
+        q[4 * i + 3] = k * z;
     }
-    return { n, texels, place, sh: new Uint32Array(extra.buffer), words };
+    return q;
 }
 
-const scaleOf = (u) => Math.exp(u * 14 / 255 - 12);
+// Standard deviations by half steps of their logarithm, in the page's units.
+const MIDDLE = 4096;
+let scales = null;
+function scaleOf(halves) {
+    if (!scales) scales = Float64Array.from({ length: 2 * MIDDLE }, (_, i) => Math.exp((i - MIDDLE) * 0.5 * clip.steps.scale) / clip.size);
+    return halves >= -MIDDLE && halves < MIDDLE ? scales[halves + MIDDLE] : Math.exp(halves * 0.5 * clip.steps.scale) / clip.size;
+}
+
+const cut = (x) => (x <= 0 ? 0 : x >= 65535 ? 65535 : x + 0.5 | 0);
+
+// Two texels of four words a splat, and its SH as halfs, two in a word, for rows from `from` on. Row r has the keys
+// offset + r and, where there are some, the numbers r.
+function fill(out, from, n, keys, turns, numbers, offset, nSh) {
+    const s = clip.steps, m = 1024, { texels, place, sh, words } = out;
+    const none = numbers ? null : new Int32Array(n), number = (c) => (numbers ? numbers[c] : none);
+    for (let c = 0; c < 3; c++) {
+        const key = keys[PLACE + c], now = number(PLACE + c), step = 0.5 * s.place / clip.size;
+        for (let r = 0, o = 8 * from + c; r < n; r++, o += 8) place[o] = (key[offset + r] + 2 * now[r]) * step;
+    }
+    const [red, green, blue, clear, s0, s1, s2] = keys.slice(COLOUR), [red2, green2, blue2, clear2, t0, t1, t2] = [0, 1, 2, 3, 4, 5, 6].map((c) => number(COLOUR + c));
+    const nx = number(ROTATION), ny = number(ROTATION + 1), nz = number(ROTATION + 2);
+    const shade = 0.5 * s.colour * 65535 / 4, veil = 0.5 * s.opacity * 65535, zero = 65535 / 4;
+    for (let r = 0, o = 8 * from, k = offset; r < n; r++, o += 8, k++) {
+        texels[o + 3] = cut((red[k] + 2 * red2[r]) * shade + zero) | cut((green[k] + 2 * green2[r]) * shade + zero) << 16;
+        texels[o + 7] = cut((blue[k] + 2 * blue2[r]) * shade + zero) | cut((clear[k] + 2 * clear2[r]) * veil) << 16;
+        let w = turns[4 * k], x = turns[4 * k + 1], y = turns[4 * k + 2], z = turns[4 * k + 3];
+        if (nx[r] | ny[r] | nz[r]) {
+            const a = nx[r] * s.rotation, b = ny[r] * s.rotation, c = nz[r] * s.rotation, angle = Math.sqrt(a * a + b * b + c * c);
+            const by = Math.sin(angle / 2) / angle, b0 = Math.cos(angle / 2), b1 = by * a, b2 = by * b, b3 = by * c, a0 = w, a1 = x, a2 = y, a3 = z;
+            w = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3;
+            x = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2;
+            y = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1;
+            z = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0;
+        }
+        const e = scaleOf(s0[k] + 2 * t0[r]), f = scaleOf(s1[k] + 2 * t1[r]), g = scaleOf(s2[k] + 2 * t2[r]);
+        const r0 = (1 - 2 * (y * y + z * z)) * e, r1 = 2 * (x * y - w * z) * f, r2 = 2 * (x * z + w * y) * g;
+        const r3 = 2 * (x * y + w * z) * e, r4 = (1 - 2 * (x * x + z * z)) * f, r5 = 2 * (y * z - w * x) * g;
+        const r6 = 2 * (x * z - w * y) * e, r7 = 2 * (y * z + w * x) * f, r8 = (1 - 2 * (x * x + y * y)) * g;
+        texels[o + 4] = half(m * (r0 * r0 + r1 * r1 + r2 * r2)) | half(m * (r0 * r3 + r1 * r4 + r2 * r5)) << 16;
+        texels[o + 5] = half(m * (r0 * r6 + r1 * r7 + r2 * r8)) | half(m * (r3 * r3 + r4 * r4 + r5 * r5)) << 16;
+        texels[o + 6] = half(m * (r3 * r6 + r4 * r7 + r5 * r8)) | half(m * (r6 * r6 + r7 * r7 + r8 * r8)) << 16;
+    }
+    for (let c = 0; c < nSh; c++) {
+        const key = keys[SH + c], now = number(SH + c), step = 0.5 * s.sh;
+        for (let r = 0, o = 2 * words * from + c; r < n; r++, o += 2 * words) sh[o] = half((key[offset + r] + 2 * now[r]) * step);
+    }
+}
+
+function emptyFrame(n, nSh) {
+    const texels = new Uint32Array(8 * n), words = Math.ceil(nSh / 2);
+    return { n, words, texels, place: new Float32Array(texels.buffer), sh: new Uint16Array(2 * words * n) };
+}
+
+// ---- Frames --------------------------------------------------------------------------------------------
+
+const arrays = (count, n) => Array.from({ length: count }, () => new Int32Array(n));
+
+// Red and blue are written against green.
+function keysFrom(read, keys, n) {
+    for (const column of keys) read.whole(column, n);
+    const [red, green, blue] = keys.slice(COLOUR);
+    for (let i = 0; i < n; i++) {
+        red[i] += green[i];
+        blue[i] += green[i];
+    }
+}
+
+// The state of a version after frame `frame`: its key, the numbers of what moves, and what stands still as texels.
+async function advance(version, frame) {
+    const v = clip.versions[version], columns = SH + v.sh, first = v.first[frame], n = v.shared[frame], still = v.still[frame];
+    let g = groups[version];
+    if (!g || g.first !== first || g.frame >= frame) {
+        g = { first, frame: first - 1, n, still, keys: arrays(columns, n), last: arrays(columns, n - still), mean: arrays(columns, n - still), quiet: emptyFrame(still, v.sh) };
+        groups[version] = null;
+    }
+    while (g.frame < frame) {
+        const f = g.frame + 1, read = columnsIn(await blockOf(version, f));
+        if (f === first) keysFrom(read, g.keys, n);
+        else for (let c = 0; c < columns; c++) read.changes(g.last[c], g.mean[c], n - still);
+        g.own = arrays(columns, v.own[f]);
+        if (v.own[f]) keysFrom(read, g.own, v.own[f]);
+        if (f === first) {
+            g.turns = turnsOf(g.keys, n);
+            fill(g.quiet, 0, still, g.keys, g.turns, null, 0, v.sh);
+        }
+        g.frame = f;
+    }
+    groups[version] = g;
+    return g;
+}
+
+async function decoded(version, frame) {
+    const v = clip.versions[version], g = await advance(version, frame), out = emptyFrame(g.n + v.own[frame], v.sh);
+    out.texels.set(g.quiet.texels);
+    out.sh.set(g.quiet.sh);
+    fill(out, g.still, g.n - g.still, g.keys, g.turns, g.last, g.still, v.sh);
+    for (const column of g.own) for (let i = 0; i < column.length; i++) column[i] *= 2;
+    fill(out, g.n, v.own[frame], g.own, turnsOf(g.own, v.own[frame]), null, 0, v.sh);
+    return out;
+}
 
 async function frameOf(version, frame) {
     const name = `${version} ${frame}`, known = frames.get(name);
@@ -95,7 +232,7 @@ async function frameOf(version, frame) {
         frames.set(name, known);
         return known;
     }
-    const v = clip.versions[version], made = texelsOf(v.key[frame] === frame ? await keyOf(version, frame) : await columnsOf(version, frame), v.sh);
+    const made = await decoded(version, frame);
     made.bytes = made.texels.byteLength + made.sh.byteLength;
     frames.set(name, made);
     let held = 0;
@@ -139,7 +276,7 @@ async function answer(w) {
     const reply = { version: w.version, frame: w.frame, id: w.id, n: f.n, words: f.words, order };
     if (w.data) {
         reply.texels = f.texels;
-        reply.sh = f.sh;
+        reply.sh = new Uint32Array(f.sh.buffer);
     }
     postMessage(reply, [order.buffer]);
 }
@@ -161,7 +298,7 @@ async function work() {
 }
 
 onmessage = ({ data }) => {
-    if (data.clip) ({ clip, blocks } = data);
+    if (data.clip) ({ clip, texts, address } = data);
     else wanted = data;
     if (wanted) work();
 };

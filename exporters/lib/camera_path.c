@@ -139,11 +139,11 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int j
 
     if (!d->looked) {
         SPIN_TRY(spin_initial_view_middle(splats, middle, &size));
-        spin_initial_view_first(d->job->views, row, middle, size, &d->look);
-        d->lens =
-            (spin_initial_view_view(d->job->views, row) ? spin_initial_view_view(d->job->views, row)
-                                                        : &d->job->views->view[0])
-                ->camera;
+        spin_initial_view_first(d->job->views, row, true, middle, size, &d->look);
+        d->lens = (spin_initial_view_view(d->job->views, row, true)
+                       ? spin_initial_view_view(d->job->views, row, true)
+                       : &d->job->views->view[0])
+                      ->camera;
         d->looked = true;
     }
     eye_of(d, turn, eye);

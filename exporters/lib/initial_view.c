@@ -44,7 +44,7 @@ void spin_initial_view_eye(const struct spin_camera *camera, double eye[3])
         eye[c] = -(m[c] * m[3] + m[4 + c] * m[7] + m[8 + c] * m[11]);
 }
 
-const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row)
+const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test)
 {
     const struct spin_view *best = NULL;
 
@@ -53,7 +53,7 @@ const struct spin_view *spin_initial_view_view(const struct spin_views *views, i
 
         if (row >= 0 && v->dataset_frame != row)
             continue;
-        if (!best || (v->test && !best->test))
+        if (!best || (v->test == test && best->test != test))
             best = v;
     }
     return best;
@@ -77,10 +77,30 @@ static bool mean_up(const struct spin_views *views, int row, double up[3])
     return length > 1e-6;
 }
 
-void spin_initial_view_first(const struct spin_views *views, int row, const double middle[3],
-                             double size, struct spin_initial_view *out)
+/* From a third of the nearest camera's distance to a little beyond the farthest one. */
+static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
 {
-    const struct spin_view *first = spin_initial_view_view(views, row);
+    double least = INFINITY, most = 0;
+
+    for (size_t i = 0; i < views->n; i++) {
+        double eye[3], d = 0;
+
+        if (row >= 0 && views->view[i].dataset_frame != row)
+            continue;
+        spin_initial_view_eye(&views->view[i].camera, eye);
+        for (int c = 0; c < 3; c++)
+            d += (eye[c] - out->target[c]) * (eye[c] - out->target[c]);
+        least = fmin(least, sqrt(d));
+        most = fmax(most, sqrt(d));
+    }
+    out->reach[0] = least / 3;
+    out->reach[1] = 1.2 * most;
+}
+
+void spin_initial_view_first(const struct spin_views *views, int row, bool test,
+                             const double middle[3], double size, struct spin_initial_view *out)
+{
+    const struct spin_view *first = spin_initial_view_view(views, row, test);
     double along = 0;
 
     *out = (struct spin_initial_view){.up = {0, -1, 0}, .fovy_deg = 50, .aspect = 1.5};
@@ -88,6 +108,8 @@ void spin_initial_view_first(const struct spin_views *views, int row, const doub
         for (int c = 0; c < 3; c++)
             out->eye[c] = out->target[c] = middle[c];
         out->eye[2] -= 3 * size;
+        out->reach[0] = 0.3 * size;
+        out->reach[1] = 9 * size;
         return;
     }
     if (!mean_up(views, row, out->up)) {
@@ -103,4 +125,5 @@ void spin_initial_view_first(const struct spin_views *views, int row, const doub
     out->fovy_deg = 2 * atan(0.5 * first->camera.height / first->camera.fy) * 57.29577951308232;
     out->aspect =
         first->camera.width * first->camera.fy / (first->camera.height * first->camera.fx);
+    set_reach(views, row, out);
 }

@@ -12,6 +12,8 @@
 struct spin_initial_view {
     double eye[3], target[3], up[3]; /* world */
     double fovy_deg, aspect;
+    double
+        reach[2]; /* how near to and how far from the target one may go, without walls in between */
 };
 
 /* The median place, and half of the extent that holds 90 % of the splats along the longest axis. */
@@ -20,12 +22,12 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
 /* Centre of a camera: -R^T t. */
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
 
-/* The view to begin with: a held-out one of this row before others. */
-const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row);
+/* The view to begin with: a held-out one of this row before others, or a training view. */
+const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test);
 
 /* From the data set's camera, around the place on its axis that is nearest to the middle of the
  * scene; else from the front. The default up is that of a camera's world, y down. */
-void spin_initial_view_first(const struct spin_views *views, int row, const double middle[3],
-                             double size, struct spin_initial_view *out);
+void spin_initial_view_first(const struct spin_views *views, int row, bool test,
+                             const double middle[3], double size, struct spin_initial_view *out);
 
 #endif

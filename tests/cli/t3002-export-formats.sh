@@ -42,10 +42,21 @@ nothing_at "$work/never.glb" "without tinygltf: nothing was written"
 
 run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
 is "$code" 0 "exports a page"
-err_has "at most .* MB" "html: says how large it will be at most"
+err_has "largest errors of [0-9]* values: place .* (bound .*" "html: says how far values are off, and may be"
 is "$(head -c 15 "$work/clip.html")" "<!doctype html>" "it is a page"
 run "$bin/spin-export" "$in" --to html -o "$work/clip.html"
 fails 1 spin-export "a page: does not overwrite"
+run "$bin/spin-export" "$in" --to html -o "$work/parts.html" --split --level fine --sh 0 --bound-place 0.01 \
+    --bound-colour 2 --bound-scale 3 --bound-rotation 2 --bound-sh 0.1 --key-every 2
+is "$code" 0 "exports a page and its blocks"
+err_has "place .* (bound 0.01), scale .* (3.00), rotation .* (2.00), opacity .* (2.00), colour .* (2.00)" \
+    "html: the bounds are those asked for"
+[ -s "$work/parts.bin" ]
+check $? "its blocks lie beside it"
+rm "$work/parts.html"
+run "$bin/spin-export" "$in" --to html -o "$work/parts.html" --split
+fails 1 spin-export "blocks that are there: does not overwrite"
+nothing_at "$work/parts.html" "blocks that are there: no page"
 
 # Splats trained antialiased: formats that have a word for it say so, others are warned of, and what was
 # written as PLY is drawn the same when it comes back.

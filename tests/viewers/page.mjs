@@ -1,7 +1,8 @@
 #!/usr/bin/env node
 // Opens an exported page from the disk in Chromium and uses it as a person would: plays, scrubs, switches
 // before and after, turns, zooms. Every step must change the picture; nothing may be logged as an error
-// and nothing may be asked of a network. With --truth the first picture is held to the PLYs of the clip.
+// and nothing may be asked of a network; a page of --split is served, and may ask for its own two files. At any
+// size no control may be cut off. With --truth the first picture is held to the PLYs of the clip.
 import fs from 'node:fs';
 import path from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -9,6 +10,7 @@ import { parseArgs } from 'node:util';
 import { launch } from './lib/chrome.mjs';
 import { decodePng, drawnShare, encodePng, psnr } from './lib/png.mjs';
 import { render } from './lib/reference.mjs';
+import { serve } from './lib/server.mjs';
 import { readPly } from './lib/splat.mjs';
 
 const HELP = `usage: node page.mjs [options] PAGE.html
@@ -16,12 +18,13 @@ const HELP = `usage: node page.mjs [options] PAGE.html
   --truth DIR       the clip as PLY frames, of the version that the page shows first
   --min-psnr DB     least agreement with the truth (28)
   --size W,H        of the window (640,400)
+  --first-share P   of a page of --split: the most, in percent of both files, before the first picture
   --picture-only    look at the first picture and do no more
 Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
 
 let opt, args;
 try {
-    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, 'picture-only': { type: 'boolean' }, help: { type: 'boolean', short: 'h' } } }));
+    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, 'first-share': { type: 'string' }, 'picture-only': { type: 'boolean' }, help: { type: 'boolean', short: 'h' } } }));
     if (opt.help) { console.log(HELP); process.exit(0); }
     if (args.length !== 1) throw new Error('name one page');
 } catch (e) {
@@ -41,9 +44,18 @@ function ok(good, what) {
 }
 
 const chrome = await launch(), tab = await chrome.context.newPage(), problems = [];
+await tab.emulateMedia({ reducedMotion: 'reduce' }); // or it plays by itself
 tab.on('console', (m) => { if (['error', 'warning'].includes(m.type())) problems.push(`console: ${m.text()}`); });
 tab.on('pageerror', (e) => problems.push(`exception: ${e.message}`));
-tab.on('request', (r) => { if (!/^(file|blob|data):/.test(r.url())) problems.push(`asked a network for ${r.url()}`); });
+const folder = path.resolve(path.dirname(args[0])), data = `${path.basename(args[0], '.html')}.bin`;
+const split = fs.existsSync(path.join(folder, data)), server = split ? await serve([folder]) : null;
+let firstRead = 0, seen = false; // bytes of the answers that the first picture needs: the page and the first of its data
+tab.on('response', (r) => {
+    if (seen || !/^http/.test(r.url())) return;
+    seen = r.url().endsWith('.bin');
+    firstRead += Number(r.headers()['content-length'] ?? 0);
+});
+tab.on('request', (r) => { if (!/^(file|blob|data):/.test(r.url()) && !(split && r.url().startsWith(server.base))) problems.push(`asked a network for ${r.url()}`); });
 
 const shown = () => tab.evaluate(() => document.documentElement.dataset.shown);
 const draws = () => tab.evaluate(() => Number(document.documentElement.dataset.draws || 0));
@@ -51,7 +63,7 @@ const until = (test, arg) => tab.waitForFunction(test, arg, { timeout: LONG });
 // A picture of the canvas alone, once it has been drawn for what was asked last.
 async function picture(name) {
     await tab.waitForTimeout(400);
-    const shot = decodePng(await tab.locator('#view').screenshot({ style: '#bar, #message { display: none }' }));
+    const shot = decodePng(await tab.locator('#view').screenshot({ style: '#bar, #message, #title { display: none }' }));
     fs.writeFileSync(`${stem}-${name}.png`, encodePng(shot));
     return shot;
 }
@@ -65,8 +77,29 @@ function held(shot, cam) {
     ok(dB >= Number(opt['min-psnr']), `the picture is that of ${files[0]}: ${dB.toFixed(1)} dB (${model})`);
 }
 
+// All controls within the window, none over another.
+async function layout() {
+    const boxes = await tab.evaluate(() => [...document.querySelectorAll('#bar button, #bar input, #bar select, #label, #name, #hint')].filter((e) => e.offsetWidth).map((e) => { const r = e.getBoundingClientRect(); return { name: e.id || e.textContent, left: r.left, right: r.right, top: r.top, bottom: r.bottom, wide: e.scrollWidth > e.clientWidth + 1 && e.tagName !== 'INPUT' && e.tagName !== 'SELECT' }; }));
+    const out = boxes.filter((b) => b.left < 0 || b.right > width || b.top < 0 || b.bottom > height || b.wide);
+    const over = boxes.flatMap((a, i) => boxes.slice(i + 1).filter((b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1).map((b) => `${a.name} over ${b.name}`));
+    ok(boxes.length >= 5 && out.length === 0 && over.length === 0, `nothing is cut off at ${width} x ${height}: ${boxes.length} parts ${[...out.map((b) => b.name), ...over].join(', ')}`);
+}
+
+// Whoever does not ask for less motion sees it play at once.
+async function playsByItself(url) {
+    const other = await chrome.context.newPage();
+    await other.emulateMedia({ reducedMotion: 'no-preference' });
+    await other.goto(url, { timeout: LONG });
+    await other.waitForFunction(() => document.documentElement.dataset.shown, null, { timeout: LONG });
+    const first = await other.evaluate(() => document.documentElement.dataset.shown);
+    await other.waitForFunction((was) => document.documentElement.dataset.shown !== was, first, { timeout: LONG });
+    ok(true, 'plays by itself');
+    await other.close();
+}
+
 // As a person would: play, scrub, switch, turn, zoom.
 async function use(first, numbers, versions) {
+    const first0 = await tab.evaluate(() => { const c = window.spin4d.camera(); return Math.hypot(...c.eye.map((v, i) => v - c.target[i])); });
     if (numbers.length > 1) {
         const before = await shown(), t0 = Date.now();
         await tab.click('#play');
@@ -86,10 +119,10 @@ async function use(first, numbers, versions) {
         await tab.selectOption('#speed', '0.5');
     }
     if (versions.length > 1) {
-        await tab.click('#version');
+        await tab.click(`[data-version=${versions[1]}]`);
         await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[1]);
         ok(differ(first, await picture(versions[1])), `switches to ${versions[1]}`);
-        await tab.click('#version');
+        await tab.click(`[data-version=${versions[0]}]`);
         await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[0]);
         ok(!differ(first, await picture(versions[0])), `and back to ${versions[0]}`);
     }
@@ -105,6 +138,13 @@ async function use(first, numbers, versions) {
     await tab.mouse.wheel(0, 300);
     await until((was) => Number(document.documentElement.dataset.draws) > was, n);
     ok(differ(turned, await picture('zoomed')), 'zooms by the wheel');
+    const reach = await tab.evaluate(() => window.spin4d.clip.reach), far = (c) => Math.hypot(...c.eye.map((v, i) => v - c.target[i]));
+    for (const [by, limit] of [[-1e5, reach[0]], [1e5, reach[1]]]) {
+        await tab.mouse.wheel(0, by);
+        await tab.waitForTimeout(200);
+        const now = far(await tab.evaluate(() => window.spin4d.camera()));
+        ok(by < 0 ? now >= Math.min(limit, first0) * 0.999 : now <= Math.max(limit, first0) * 1.001, `the wheel stops at ${now.toFixed(2)}`);
+    }
     await tab.click('#home');
     await tab.waitForTimeout(500);
     ok(!differ(first, await picture('home')), 'comes back to the first view');
@@ -112,18 +152,29 @@ async function use(first, numbers, versions) {
 
 try {
     await tab.setViewportSize({ width, height });
-    await tab.goto(pathToFileURL(path.resolve(args[0])).href, { timeout: LONG });
+    const url = split ? `${server.base}/${encodeURIComponent(path.basename(args[0]))}` : pathToFileURL(path.resolve(args[0])).href;
+    await tab.goto(url, { timeout: LONG });
     await until(() => document.documentElement.dataset.shown);
+    if (split) {
+        const whole = [args[0], path.join(folder, data)].reduce((sum, f) => sum + fs.statSync(f).size, 0), share = 100 * firstRead / whole;
+        ok(share <= Number(opt['first-share'] ?? 100), `the first picture after ${firstRead} of ${whole} bytes, ${share.toFixed(1)} %`);
+    }
+    ok(await tab.title() === path.basename(args[0], '.html'), 'has its name');
+    await layout();
     const { numbers, versions } = await tab.evaluate(() => ({ numbers: window.spin4d.clip.numbers, versions: window.spin4d.clip.versions.map((v) => v.name) }));
     const first = await picture('first'), drawn = 100 * drawnShare(first, [0, 0, 0]);
     ok(drawn > 0.5, `opens from the disk: ${numbers.length} frames, ${versions.join(' and ')}, ${drawn.toFixed(1)} % drawn`);
     if (opt.truth) held(first, await tab.evaluate(() => window.spin4d.camera()));
     await tab.screenshot({ path: `${stem}-page.png` });
-    if (!opt['picture-only']) await use(first, numbers, versions);
+    if (!opt['picture-only']) {
+        await use(first, numbers, versions);
+        if (numbers.length > 1) await playsByItself(url);
+    }
 } catch (e) {
     ok(false, e.message.split('\n')[0]);
 } finally {
     await chrome.close();
+    server?.close();
 }
 [...new Set(problems)].forEach((p) => ok(false, p));
 ok(problems.length === 0, 'no error, no warning, no request');

@@ -83,6 +83,15 @@ use_page() {
     echo "page.html"
     node "$here/page.mjs" "$@" --out "$sample-shots" --truth "$sample/truth" "$sample/page.html" ||
         fail "$sample: the page does not do what it should"
+    case $* in *--size*) return ;; esac
+    # On a phone, and as a page and its data from a server.
+    # shellcheck disable=SC2086
+    "$bin/spin-export" -q $range "$sample.spin" --to html --split -o "$sample/served.html" ||
+        { fail "$sample.spin does not export to html --split"; return 1; }
+    echo "served.html"
+    node "$here/page.mjs" --picture-only --size 390,844 --out "$sample-shots" --truth "$sample/truth" \
+        "$sample/served.html" || fail "$sample: the page does not do what it should on a phone"
+    node "$here/page-decode.mjs" "$sample/page.html" || fail "$sample: the page's worker fails"
 }
 
 # python: one that has NumPy.

@@ -1,0 +1,586 @@
+#include "exporters/lib/page_group.h"
+
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "math/morton.h"
+
+#define NONE UINT32_MAX
+
+static size_t columns_of(const struct spin_page_group *g)
+{
+    return (size_t)(SPIN_PAGE_SH + g->n_sh);
+}
+
+static void free_frame(struct spin_page_frame *f)
+{
+    free(f->value);
+    free(f->present);
+    free(f->row);
+    free(f->own);
+    *f = (struct spin_page_frame){0};
+}
+
+void spin_page_group_free(struct spin_page_group *g)
+{
+    for (int f = 0; f < SPIN_PAGE_MOST_FRAMES; f++)
+        free_frame(&g->frame[f]);
+    free(g->shared);
+    free(g->key);
+    free(g->number);
+    spin_gzip_free(g->gzip);
+    memset(g, 0, sizeof *g);
+}
+
+static uint64_t place_key(const struct spin_page_group *g, const float *value)
+{
+    double step = fmax(4 * g->space.bounds.place, 1e-12);
+    uint64_t key = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double at = ((double)value[c] - g->space.centre[c]) / step + 524288;
+
+        key |= spin_morton_spread((uint64_t)fmin(fmax(at, 0), 1048575)) << c;
+    }
+    return key;
+}
+
+static const float *row_value(const struct spin_page_group *g, int frame, size_t i)
+{
+    const struct spin_page_frame *f = &g->frame[frame];
+
+    return f->value + (f->row ? f->row[i] : i) * spin_page_width(g);
+}
+
+/* Rows of the first frame that all frames have; rows of each frame that are its own, by place. */
+static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *order)
+{
+    const struct spin_page_frame *first = &g->frame[0];
+    size_t most = first->n;
+    uint8_t *used;
+
+    SPIN_TRY(spin_grow(first->n + 1, sizeof *g->shared, (void **)&g->shared));
+    g->n_shared = 0;
+    for (size_t i = 0; i < first->n; i++) {
+        bool everywhere = true, somewhere = false;
+
+        for (int f = 0; f < g->n_frames; f++) {
+            const struct spin_page_frame *at = &g->frame[f];
+
+            everywhere = everywhere && (!at->row || at->row[i] != NONE);
+            somewhere = somewhere || (at->row ? at->row[i] != NONE : at->present[i]);
+        }
+        if (everywhere && somewhere)
+            g->shared[g->n_shared++] = (uint32_t)i;
+    }
+    for (int f = 0; f < g->n_frames; f++)
+        most = g->frame[f].n > most ? g->frame[f].n : most;
+    SPIN_TRY(spin_alloc(most + 1, 1, (void **)&used));
+    for (int f = 0; f < g->n_frames; f++) {
+        struct spin_page_frame *at = &g->frame[f];
+        spin_status status;
+
+        memset(used, 0, at->n);
+        for (size_t k = 0; k < g->n_shared; k++)
+            used[at->row ? at->row[g->shared[k]] : g->shared[k]] = 1;
+        order->n = 0;
+        for (size_t i = 0; i < at->n; i++)
+            if (at->present[i] && !used[i])
+                order->item[order->n++] = (struct spin_keyed){
+                    .key = place_key(g, at->value + i * spin_page_width(g)), .row = (uint32_t)i};
+        spin_sort_rows_sort(order);
+        status = spin_grow(order->n + 1, sizeof *at->own, (void **)&at->own);
+        if (status != SPIN_OK) {
+            free(used);
+            return status;
+        }
+        at->n_own = order->n;
+        for (size_t i = 0; i < order->n; i++)
+            at->own[i] = order->item[i].row;
+    }
+    free(used);
+    return SPIN_OK;
+}
+
+/* ---- Numbers ------------------------------------------------------------------------------------------ */
+
+struct number {
+    struct spin_page_group *g;
+    struct spin_keyed *order;
+    _Atomic bool failed;
+};
+
+/* Values of a shared row, frame by frame; where it is not there, those it had, or will have. */
+static void gather(const struct spin_page_group *g, size_t i, const float **value, uint8_t *present)
+{
+    int first = -1;
+
+    for (int f = 0; f < g->n_frames; f++) {
+        present[f] = g->frame[f].row ? 1 : g->frame[f].present[i];
+        if (present[f] && first < 0)
+            first = f;
+        value[f] = present[f] ? row_value(g, f, i) : f ? value[f - 1] : NULL;
+    }
+    for (int f = 0; f < first; f++)
+        value[f] = row_value(g, first, i);
+}
+
+static unsigned bits_of(int32_t d)
+{
+    return d ? 32 - (unsigned)__builtin_clz((uint32_t)abs(d)) : 0;
+}
+
+static void number_task(void *context, int task, int worker)
+{
+    struct number *t = context;
+    struct spin_page_group *g = t->g;
+    size_t columns = columns_of(g), from = (size_t)task * SPIN_ROWS_BLOCK;
+    size_t to = from + SPIN_ROWS_BLOCK < g->n_shared ? from + SPIN_ROWS_BLOCK : g->n_shared;
+    size_t n = (size_t)g->n_frames;
+    int32_t number[SPIN_PAGE_COLUMNS * SPIN_PAGE_MOST_FRAMES];
+    const float *value[SPIN_PAGE_MOST_FRAMES];
+    uint8_t present[SPIN_PAGE_MOST_FRAMES];
+
+    (void)worker;
+    for (size_t k = from; k < to; k++) {
+        size_t i = g->shared[k];
+        uint64_t activity = 0, level = 0;
+
+        gather(g, i, value, present);
+        if (!spin_page_number_row(&g->space, value, present, g->n_frames, g->n_sh,
+                                  g->key + k * columns, number, n))
+            t->failed = true;
+        for (size_t c = 0; c < columns; c++)
+            for (size_t f = 0; f < n; f++) {
+                int32_t x = number[c * n + f];
+
+                g->number[(c * n + f) * g->n_shared + k] = x;
+                activity += f ? bits_of(x - number[c * n + f - 1]) : 0;
+            }
+        /* half a bit a value and frame makes a level of its own */
+        if (activity)
+            level = 1 + 2 * activity / (columns * (n - 1));
+        t->order[k] = (struct spin_keyed){
+            .key = (level > 15 ? 15 : level) << 60 | place_key(g, value[0]), .row = (uint32_t)k};
+    }
+}
+
+/* ---- Blocks ----------------------------------------------------------------------------------------------- */
+
+struct column {
+    struct spin_page_bytes *bytes; /* [n_frames] */
+    struct spin_page_bytes *own;   /* [n_frames] */
+    int32_t *row, *last, *mean;    /* scratch [rows] */
+    spin_status status;
+};
+
+struct blocks {
+    struct spin_page_group *g;
+    const struct spin_keyed *order;
+    struct column *column;
+    int32_t **own; /* [n_frames][n_own][columns] */
+    struct spin_page_bytes packed;
+    /* while a block is read back */
+    int frame;
+    const size_t *start; /* [2 columns] of the shared rows, then of the frame's own */
+    uint8_t *again;
+};
+
+/* A key's number as it is written: red and blue against green. */
+static int32_t written(const int32_t *key, size_t c)
+{
+    enum { GREEN = SPIN_PAGE_COLOUR + 1 };
+
+    return c == GREEN - 1 || c == GREEN + 1 ? key[c] - key[GREEN] : key[c];
+}
+
+static spin_status column_bytes(struct blocks *b, size_t c)
+{
+    const struct spin_page_group *g = b->g;
+    struct column *col = &b->column[c];
+    size_t columns = columns_of(g), n = (size_t)g->n_frames, moving = g->n_shared - g->n_still;
+    struct spin_page_state state = {col->last, col->mean};
+
+    for (size_t k = 0; k < g->n_shared; k++)
+        col->row[k] = written(g->key + b->order[k].row * columns, c);
+    SPIN_TRY(spin_page_put_whole(&col->bytes[0], col->row, g->n_shared));
+    memset(col->last, 0, moving * sizeof *col->last);
+    memset(col->mean, 0, moving * sizeof *col->mean);
+    for (size_t f = 1; f < n; f++) {
+        const int32_t *from = g->number + (c * n + f) * g->n_shared;
+
+        for (size_t k = 0; k < moving; k++)
+            col->row[k] = from[b->order[g->n_still + k].row];
+        SPIN_TRY(spin_page_put_changes(&col->bytes[f], col->row, moving, &state));
+    }
+    for (size_t f = 0; f < n; f++) {
+        for (size_t k = 0; k < g->frame[f].n_own; k++)
+            col->row[k] = written(b->own[f] + k * columns, c);
+        if (g->frame[f].n_own)
+            SPIN_TRY(spin_page_put_whole(&col->own[f], col->row, g->frame[f].n_own));
+    }
+    memset(col->last, 0, moving * sizeof *col->last);
+    memset(col->mean, 0, moving * sizeof *col->mean);
+    return SPIN_OK;
+}
+
+static void column_task(void *context, int c, int worker)
+{
+    struct blocks *b = context;
+
+    (void)worker;
+    b->column[c].status = column_bytes(b, (size_t)c);
+}
+
+/* ---- What was written, read again ----------------------------------------------------------------------------- */
+
+/* A column of the block that was read back must have the numbers that were meant. */
+static spin_status column_again(struct blocks *b, size_t c)
+{
+    const struct spin_page_group *g = b->g;
+    const struct spin_page_frame *frame = &g->frame[b->frame];
+    struct column *col = &b->column[c];
+    struct spin_page_state state = {col->last, col->mean};
+    size_t columns = columns_of(g), n = (size_t)g->n_frames, f = (size_t)b->frame, at = b->start[c];
+    size_t first = f ? g->n_still : 0, wrong = 0;
+
+    if (f == 0)
+        SPIN_TRY(spin_page_get_whole(b->again, b->packed.n, &at, col->row, g->n_shared));
+    else
+        SPIN_TRY(
+            spin_page_get_changes(b->again, b->packed.n, &at, g->n_shared - g->n_still, &state));
+    for (size_t k = first; k < g->n_shared; k++) {
+        size_t row = b->order[k].row;
+
+        wrong += f ? state.last[k - first] != g->number[(c * n + f) * g->n_shared + row]
+                   : col->row[k] != written(g->key + row * columns, c);
+    }
+    if (frame->n_own) {
+        at = b->start[columns + c];
+        SPIN_TRY(spin_page_get_whole(b->again, b->packed.n, &at, col->row, frame->n_own));
+        for (size_t k = 0; k < frame->n_own; k++)
+            wrong += col->row[k] != written(b->own[f] + k * columns, c);
+    }
+    return wrong ? spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written")
+                 : SPIN_OK;
+}
+
+static void again_task(void *context, int c, int worker)
+{
+    struct blocks *b = context;
+
+    (void)worker;
+    b->column[c].status = column_again(b, (size_t)c);
+}
+
+static spin_status run_columns(struct blocks *b, spin_task_fn fn)
+{
+    spin_pool_run(b->g->pool, (int)columns_of(b->g), fn, b);
+    for (size_t c = 0; c < columns_of(b->g); c++)
+        if (b->column[c].status != SPIN_OK)
+            return b->column[c].status;
+    return SPIN_OK;
+}
+
+struct errors {
+    struct blocks *b;
+    double (*largest)[SPIN_QUANT_PARTS]; /* [tasks of all frames] */
+    size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
+};
+
+static void add_error(double *largest, enum spin_quant_error_part part, double error)
+{
+    error = fabs(error);
+    if (!(error <= largest[part]))
+        largest[part] = error;
+}
+
+static void add_errors(double *largest, const double *is, const float *want, bool present, int n_sh)
+{
+    double dot = 0, apart = 0;
+
+    if (!present) {
+        add_error(largest, SPIN_QUANT_OPACITY, is[SPIN_PAGE_OPACITY]);
+        return;
+    }
+    for (int c = 0; c < 3; c++) {
+        add_error(largest, SPIN_QUANT_PLACE, is[c] - (double)want[c]);
+        add_error(largest, SPIN_QUANT_COLOUR, is[3 + c] - (double)want[3 + c]);
+        add_error(largest, SPIN_QUANT_SCALE, is[7 + c] - (double)want[7 + c]);
+    }
+    add_error(largest, SPIN_QUANT_OPACITY, is[SPIN_PAGE_OPACITY] - (double)want[SPIN_PAGE_OPACITY]);
+    for (int c = 10; c < 14; c++)
+        dot += is[c] * (double)want[c];
+    for (int c = 10; c < 14; c++)
+        apart += pow(is[c] - (dot < 0 ? -1 : 1) * (double)want[c], 2);
+    add_error(largest, SPIN_QUANT_ROTATION, 4 * asin(fmin(sqrt(apart) / 2, 1)));
+    for (int c = 0; c < n_sh; c++)
+        add_error(largest, SPIN_QUANT_SH,
+                  is[SPIN_PAGE_VALUE_SH + c] - (double)want[SPIN_PAGE_VALUE_SH + c]);
+}
+
+/* Every value of some rows of a frame, as a reader of the numbers has it, against the source's. */
+static void error_task(void *context, int task, int worker)
+{
+    struct errors *e = context;
+    const struct spin_page_group *g = e->b->g;
+    size_t columns = columns_of(g), n = (size_t)g->n_frames, f = 0, from, to;
+    const struct spin_page_frame *frame;
+
+    (void)worker;
+    while ((size_t)task >= e->first_task[f + 1])
+        f++;
+    frame = &g->frame[f];
+    from = ((size_t)task - e->first_task[f]) * SPIN_ROWS_BLOCK;
+    to = fmin(from + SPIN_ROWS_BLOCK, g->n_shared + frame->n_own);
+    for (size_t k = from; k < to; k++) {
+        int32_t key[SPIN_PAGE_COLUMNS], number[SPIN_PAGE_COLUMNS];
+        double value[SPIN_PAGE_WIDTH];
+        const float *want;
+        bool present = true;
+
+        for (size_t c = 0; c < columns; c++) {
+            key[c] = k < g->n_shared ? g->key[k * columns + c]
+                                     : 2 * e->b->own[f][(k - g->n_shared) * columns + c];
+            number[c] = k < g->n_shared ? g->number[(c * n + f) * g->n_shared + k] : 0;
+        }
+        if (k < g->n_shared) {
+            want = row_value(g, (int)f, g->shared[k]);
+            present = frame->row || frame->present[g->shared[k]];
+        } else
+            want = frame->value + frame->own[k - g->n_shared] * spin_page_width(g);
+        spin_page_value_of(&g->space, key, number, g->n_sh, value);
+        add_errors(e->largest[task], value, want, present, g->n_sh);
+    }
+}
+
+static spin_status check_values(struct blocks *b)
+{
+    static const char *const name[] = {"place", "scale", "rotation", "opacity", "colour", "SH"};
+    struct spin_page_group *g = b->g;
+    const struct spin_page_bounds *limit = &g->space.bounds;
+    const double bound[] = {limit->place,   limit->scale,  limit->rotation,
+                            limit->opacity, limit->colour, limit->sh};
+    struct errors e = {.b = b};
+    size_t n_tasks = 0;
+    spin_status status = SPIN_OK;
+
+    for (int f = 0; f < g->n_frames; f++) {
+        size_t n = g->n_shared + g->frame[f].n_own;
+
+        e.first_task[f] = n_tasks;
+        n_tasks += (n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
+        e.first_task[f + 1] = n_tasks;
+        g->n_values += n * spin_page_width(g);
+    }
+    SPIN_TRY(spin_alloc(n_tasks + 1, sizeof *e.largest, (void **)&e.largest));
+    spin_pool_run(g->pool, (int)n_tasks, error_task, &e);
+    for (size_t t = 0; t < n_tasks && status == SPIN_OK; t++)
+        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+            double error = e.largest[t][p];
+
+            if (!(error <= g->largest[p]))
+                g->largest[p] = error;
+            if (!(error <= bound[p]) && status == SPIN_OK)
+                status = spin_fail(SPIN_E_MALFORMED,
+                                   "%s is off by %g, more than its bound of %g: a fault of spin4d",
+                                   name[p], error, bound[p]);
+        }
+    free(e.largest);
+    return status;
+}
+
+/* ---- All of it ---------------------------------------------------------------------------------------------------- */
+
+static spin_status too_far(const struct spin_page_group *g)
+{
+    return spin_fail(
+        SPIN_E_UNSUPPORTED,
+        "a splat is too far from the others for steps of %g: --bound-place takes coarser "
+        "ones",
+        2 * g->space.bounds.place);
+}
+
+static spin_status number_shared(struct spin_page_group *g, struct spin_sort_rows *order)
+{
+    struct number number = {.g = g, .order = order->item};
+    size_t columns = columns_of(g), n = g->n_shared;
+
+    free(g->key);
+    free(g->number);
+    g->key = g->number = NULL;
+    SPIN_TRY(spin_alloc(n * columns + 1, sizeof *g->key, (void **)&g->key));
+    SPIN_TRY(
+        spin_alloc(n * columns + 1, (size_t)g->n_frames * sizeof *g->number, (void **)&g->number));
+    spin_pool_run(g->pool, (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), number_task,
+                  &number);
+    if (number.failed)
+        return too_far(g);
+    order->n = n;
+    spin_sort_rows_sort(order);
+    for (g->n_still = 0; g->n_still < n && order->item[g->n_still].key >> 60 == 0; g->n_still++)
+        ;
+    return SPIN_OK;
+}
+
+static spin_status number_own(struct blocks *b)
+{
+    struct spin_page_group *g = b->g;
+    size_t columns = columns_of(g);
+
+    for (int f = 0; f < g->n_frames; f++) {
+        const struct spin_page_frame *frame = &g->frame[f];
+
+        SPIN_TRY(spin_alloc(frame->n_own * columns + 1, sizeof **b->own, (void **)&b->own[f]));
+        for (size_t k = 0; k < frame->n_own; k++)
+            if (!spin_page_number_own(&g->space, frame->value + frame->own[k] * spin_page_width(g),
+                                      g->n_sh, b->own[f] + k * columns))
+                return too_far(g);
+    }
+    return SPIN_OK;
+}
+
+/* Pieces of a frame one after the other; start[] of each. */
+static spin_status join(struct blocks *b, size_t *start)
+{
+    size_t columns = columns_of(b->g), f = (size_t)b->frame, n = 0;
+
+    for (size_t i = 0; i < 2 * columns; i++) {
+        const struct column *col = &b->column[i % columns];
+
+        start[i] = n;
+        n += (i < columns ? col->bytes : col->own)[f].n;
+    }
+    SPIN_TRY(spin_grow(2 * n + 2, 1, (void **)&b->packed.data));
+    b->packed.n = n;
+    b->again = b->packed.data + n + 1;
+    for (size_t i = 0; i < 2 * columns; i++) {
+        struct spin_page_bytes *piece =
+            &(i < columns ? b->column[i].bytes : b->column[i - columns].own)[f];
+
+        if (piece->n)
+            memcpy(b->packed.data + start[i], piece->data, piece->n);
+        spin_page_bytes_free(piece);
+    }
+    return SPIN_OK;
+}
+
+static spin_status pack(struct blocks *b, char **bytes, size_t *n_bytes)
+{
+    struct spin_page_group *g = b->g;
+    struct spin_out memory = {.path = (char *)"a block", .file = open_memstream(bytes, n_bytes)};
+    spin_status status;
+
+    if (!memory.file)
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for a block of the page");
+    status = g->gzip ? SPIN_OK : spin_gzip_create(6, spin_pool_n_threads(g->pool), &g->gzip);
+    if (status == SPIN_OK)
+        status = spin_gzip_begin(g->gzip, &memory);
+    if (status == SPIN_OK)
+        status = spin_gzip_write(g->gzip, b->packed.data, b->packed.n);
+    if (status == SPIN_OK)
+        status = spin_gzip_end(g->gzip);
+    if (fclose(memory.file) != 0 && status == SPIN_OK)
+        status = spin_fail(SPIN_E_MEMORY, "not enough memory for a block of the page");
+    return status;
+}
+
+static spin_status write_block(struct blocks *b, spin_page_sink sink, void *context)
+{
+    struct spin_page_group *g = b->g;
+    struct spin_page_block block = {.frame = b->frame,
+                                    .n_shared = g->n_shared,
+                                    .n_still = g->n_still,
+                                    .n_own = g->frame[b->frame].n_own};
+    size_t start[2 * SPIN_PAGE_COLUMNS], n_again = 0;
+    char *bytes = NULL;
+    spin_status status;
+
+    SPIN_TRY(join(b, start));
+    b->start = start;
+    status = pack(b, &bytes, &block.n_bytes);
+    block.data = (const uint8_t *)bytes;
+    if (status == SPIN_OK)
+        status = spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again);
+    if (status == SPIN_OK && n_again != b->packed.n)
+        status = spin_fail(SPIN_E_MALFORMED, "a block of the page does not read back as written");
+    if (status == SPIN_OK)
+        status = run_columns(b, again_task);
+    if (status == SPIN_OK)
+        status = sink(context, &block);
+    free(bytes);
+    return status;
+}
+
+static spin_status make_columns(struct blocks *b)
+{
+    struct spin_page_group *g = b->g;
+    size_t columns = columns_of(g), n = (size_t)g->n_frames, rows = g->n_shared;
+
+    for (size_t f = 0; f < n; f++)
+        rows = g->frame[f].n_own > rows ? g->frame[f].n_own : rows;
+    SPIN_TRY(spin_alloc(columns, sizeof *b->column, (void **)&b->column));
+    SPIN_TRY(spin_alloc(n, sizeof *b->own, (void **)&b->own));
+    for (size_t c = 0; c < columns; c++) {
+        struct column *col = &b->column[c];
+
+        SPIN_TRY(spin_alloc(2 * n, sizeof *col->bytes, (void **)&col->bytes));
+        col->own = col->bytes + n;
+        SPIN_TRY(spin_alloc(3 * rows + 1, sizeof *col->row, (void **)&col->row));
+        col->last = col->row + rows;
+        col->mean = col->last + rows;
+    }
+    return SPIN_OK;
+}
+
+static void free_columns(struct blocks *b)
+{
+    for (size_t c = 0; b->column && c < columns_of(b->g); c++) {
+        for (int f = 0; b->column[c].bytes && f < 2 * b->g->n_frames; f++)
+            spin_page_bytes_free(&b->column[c].bytes[f]);
+        free(b->column[c].bytes);
+        free(b->column[c].row);
+    }
+    for (int f = 0; b->own && f < b->g->n_frames; f++)
+        free(b->own[f]);
+    free(b->column);
+    free(b->own);
+    spin_page_bytes_free(&b->packed);
+}
+
+static spin_status write_group(struct blocks *b, struct spin_sort_rows *order, spin_page_sink sink,
+                               void *context)
+{
+    struct spin_page_group *g = b->g;
+    size_t most = 1;
+
+    for (int f = 0; f < g->n_frames; f++)
+        most = g->frame[f].n > most ? g->frame[f].n : most;
+    SPIN_TRY(spin_alloc(most, sizeof *order->item, (void **)&order->item));
+    SPIN_TRY(spin_alloc(most, sizeof *order->spare, (void **)&order->spare));
+    SPIN_TRY(split_rows(g, order));
+    SPIN_TRY(number_shared(g, order));
+    b->order = order->item;
+    SPIN_TRY(make_columns(b));
+    SPIN_TRY(number_own(b));
+    SPIN_TRY(check_values(b));
+    SPIN_TRY(run_columns(b, column_task));
+    for (b->frame = 0; b->frame < g->n_frames; b->frame++)
+        SPIN_TRY(write_block(b, sink, context));
+    return SPIN_OK;
+}
+
+spin_status spin_page_group_write(struct spin_page_group *g, spin_page_sink sink, void *context)
+{
+    struct spin_sort_rows order = {0};
+    struct blocks b = {.g = g};
+    spin_status status = g->n_frames ? write_group(&b, &order, sink, context) : SPIN_OK;
+
+    free_columns(&b);
+    spin_sort_rows_free(&order);
+    g->n_frames = 0;
+    return status;
+}

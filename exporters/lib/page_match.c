@@ -1,0 +1,177 @@
+/* Frames into a group: their values, and which row of one is which of another. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "exporters/lib/page_group.h"
+
+#define NONE UINT32_MAX
+#define TAKEN (UINT32_MAX - 1)
+#define MOST_BYTES ((size_t)512 << 20) /* of a group's values */
+#define LEAST_SHARED 0.25              /* of a frame's rows, to go on without a key */
+
+/* ---- A frame ------------------------------------------------------------------------------------ */
+
+struct take {
+    const struct spin_page_group *g;
+    const struct spin_splat_filter *rows;
+    struct spin_page_frame *frame;
+};
+
+static void take_block(void *context, int task, int worker)
+{
+    struct take *t = context;
+    size_t width = spin_page_width(t->g), from = (size_t)task * SPIN_ROWS_BLOCK;
+    size_t to = from + SPIN_ROWS_BLOCK < t->frame->n ? from + SPIN_ROWS_BLOCK : t->frame->n;
+    int n_sh = 3 * (spin_sh_count(t->rows->splats->sh_degree) - 1);
+
+    (void)worker;
+    for (size_t i = from; i < to; i++) {
+        float *v = t->frame->value + i * width, room[48];
+        struct spin_gaussian is;
+
+        t->frame->present[i] = t->rows->keep[i];
+        memset(v, 0, width * sizeof *v);
+        if (!t->rows->keep[i])
+            continue;
+        spin_splat_filter_take(t->rows, i, &is);
+        memcpy(v + SPIN_PAGE_PLACE, is.place, sizeof is.place);
+        memcpy(v + SPIN_PAGE_COLOUR, is.colour, sizeof is.colour);
+        v[SPIN_PAGE_OPACITY] = is.opacity;
+        memcpy(v + SPIN_PAGE_SCALE, is.log_scale, sizeof is.log_scale);
+        memcpy(v + SPIN_PAGE_ROTATION, is.rotation, sizeof is.rotation);
+        memcpy(v + SPIN_PAGE_VALUE_SH, spin_splat_filter_sh(t->rows, i, room) + 3,
+               (size_t)(n_sh < t->g->n_sh ? n_sh : t->g->n_sh) * sizeof *v);
+    }
+}
+
+static spin_status take_frame(const struct spin_page_group *g, const struct spin_splat_filter *rows,
+                              size_t n, struct spin_page_frame *f)
+{
+    struct take take = {.g = g, .rows = rows, .frame = f};
+    int n_tasks = (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
+
+    f->n = n;
+    f->n_own = 0;
+    if (n > f->room) {
+        f->room = 0;
+        SPIN_TRY(spin_grow(n, spin_page_width(g) * sizeof *f->value, (void **)&f->value));
+        SPIN_TRY(spin_grow(n, 1, (void **)&f->present));
+        f->room = n;
+    }
+    spin_pool_run(g->pool, n_tasks, take_block, &take);
+    return SPIN_OK;
+}
+
+/* ---- Which row is which ---------------------------------------------------------------------------- */
+
+static double apart(const struct spin_page_group *g, const struct spin_page_frame *a, size_t i,
+                    const struct spin_page_frame *b, size_t j)
+{
+    const float *x = a->value + i * spin_page_width(g), *y = b->value + j * spin_page_width(g);
+    double sum = 0;
+
+    for (int c = 0; c < 3; c++)
+        sum += fabs((double)x[c] - (double)y[c]);
+    return sum;
+}
+
+/* Whether rows keep their splats: then they move less from frame to frame than they are apart. */
+static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_frame *last,
+                       const struct spin_page_frame *now)
+{
+    size_t n = now->n, every = n / 4096 + 1;
+    double moved = 0, others = 0;
+
+    if (last->n != n)
+        return false;
+    for (size_t i = 0; i < n; i += every) {
+        size_t j = (i + n / 2) % n;
+
+        if (!last->present[i] || !now->present[i] || !last->present[j])
+            continue;
+        moved += apart(g, now, i, last, i);
+        others += apart(g, now, i, last, j);
+    }
+    return moved <= LEAST_SHARED * others;
+}
+
+static uint64_t hash_of(const float *value)
+{
+    uint32_t bits[3];
+    uint64_t h = 0;
+
+    memcpy(bits, value, sizeof bits);
+    for (int c = 0; c < 3; c++) {
+        h = (h ^ bits[c]) * 0x9e3779b97f4a7c15ULL;
+        h ^= h >> 29;
+    }
+    return h;
+}
+
+/* Rows of `now` at places, to the bit, of rows of the group's first frame. */
+static spin_status match_places(const struct spin_page_group *g, struct spin_page_frame *now,
+                                size_t *n_matched)
+{
+    const struct spin_page_frame *first = &g->frame[0];
+    size_t width = spin_page_width(g), size = 16;
+    uint32_t *table = NULL;
+
+    while (size < 2 * now->n)
+        size *= 2;
+    SPIN_TRY(spin_alloc(size, sizeof *table, (void **)&table));
+    memset(table, 0xff, size * sizeof *table);
+    for (size_t i = 0; i < now->n; i++) {
+        uint64_t at = hash_of(now->value + i * width) & (size - 1);
+
+        while (now->present[i] && table[at] != NONE)
+            at = (at + 1) & (size - 1);
+        if (now->present[i])
+            table[at] = (uint32_t)i;
+    }
+    *n_matched = 0;
+    for (size_t i = 0; i < first->n; i++) {
+        const float *place = first->value + i * width;
+        uint64_t at = hash_of(place) & (size - 1);
+
+        now->row[i] = NONE;
+        if (!first->present[i])
+            continue;
+        while (table[at] != NONE && (table[at] == TAKEN || memcmp(now->value + table[at] * width,
+                                                                  place, 3 * sizeof *place) != 0))
+            at = (at + 1) & (size - 1);
+        if (table[at] == NONE)
+            continue;
+        now->row[i] = table[at];
+        ++*n_matched;
+        table[at] = TAKEN; /* two splats at one place are two */
+    }
+    free(table);
+    return SPIN_OK;
+}
+
+spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_filter *rows,
+                                const struct spin_splats *splats, bool *full)
+{
+    struct spin_page_frame *now = &g->frame[g->n_frames % SPIN_PAGE_MOST_FRAMES];
+    size_t n = splats->n, n_matched, n_first = g->n_frames ? g->frame[0].n : n;
+
+    *full = g->n_frames >= g->most_frames ||
+            (g->n_frames &&
+             MOST_BYTES / (spin_page_width(g) * sizeof(float)) / (size_t)(g->n_frames + 1) <
+                 (n > n_first ? n : n_first));
+    if (*full)
+        return SPIN_OK;
+    SPIN_TRY(take_frame(g, rows, n, now));
+    free(now->row);
+    now->row = NULL;
+    if (g->n_frames && !keeps_rows(g, now - 1, now)) {
+        SPIN_TRY(spin_alloc(n_first + 1, sizeof *now->row, (void **)&now->row));
+        SPIN_TRY(match_places(g, now, &n_matched));
+        *full = (double)n_matched < LEAST_SHARED * (double)n;
+        if (*full)
+            return SPIN_OK;
+    }
+    g->n_frames++;
+    return SPIN_OK;
+}

@@ -1,0 +1,85 @@
+#!/usr/bin/env node
+// Decodes what --to html wrote with the page's own worker, outside a browser: frames as PLY files, and how many
+// splats and frames it decodes in a second.
+import fs from 'node:fs';
+import path from 'node:path';
+import { parseArgs } from 'node:util';
+
+const HELP = `usage: node page-decode.mjs [options] PAGE.html
+  --version NAME    which of the page's versions (its first)
+  --ply DIR         write the frames there, frame_NNNNN.ply
+  --repeat N        decode the clip N times (1); the rate is that of the last
+Prints one line: frames, splats, seconds of this process, splats a second.
+Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
+
+let opt, args;
+try {
+    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { version: { type: 'string' }, repeat: { type: 'string', default: '1' }, ply: { type: 'string' }, help: { type: 'boolean', short: 'h' } } }));
+    if (opt.help) { console.log(HELP); process.exit(0); }
+    if (args.length !== 1) throw new Error('name one page');
+} catch (e) {
+    console.error(`page-decode: ${e.message}\n${HELP}`);
+    process.exit(2);
+}
+
+const html = fs.readFileSync(args[0], 'utf8');
+const script = (id) => html.match(new RegExp(`id="${id}">([^<]*)</script>`))?.[1];
+// Code has a "<" of its own; data has none.
+const code = (id) => html.match(new RegExp(`id="${id}">\n([\\s\\S]*?)</script>`))[1];
+const clip = JSON.parse(script('clip'));
+const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => script(`v${i}f${f}`)));
+const data = clip.data && fs.readFileSync(path.join(path.dirname(args[0]), clip.data));
+const fromFile = async (_, { headers }) => {
+    const [from, to] = headers.Range.slice(6).split('-').map(Number);
+    return new Response(data.subarray(from, to + 1), { status: 206 });
+};
+const worker = new Function('fetch', 'postMessage', `let onmessage; ${code('worker')}; onmessage({ data: ${'arguments[2]'} }); return { decoded, advance };`)(fromFile, () => {}, { clip, texts, address: clip.data });
+const version = opt.version ? clip.versions.findIndex((v) => v.name === opt.version) : 0;
+if (version < 0) throw new Error(`no version '${opt.version}'`);
+const v = clip.versions[version];
+
+function multiply(a, b) {
+    return [a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3], a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]];
+}
+function turn(x) {
+    const angle = Math.hypot(...x), k = angle > 1e-9 ? Math.sin(angle / 2) / angle : 0.5;
+    return [Math.cos(angle / 2), ...x.map((c) => k * c)];
+}
+
+// The values themselves, by the layout of docs/page-format.md.
+function writePly(file, g, frame) {
+    const s = clip.steps, n = g.n + v.own[frame], rest = v.sh / 3, names = ['x', 'y', 'z', 'f_dc_0', 'f_dc_1', 'f_dc_2'];
+    for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
+    names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
+    const out = new Float32Array(n * names.length);
+    for (let i = 0, o = 0; i < n; i++) {
+        const own = i >= g.n, key = (c) => (own ? 0.5 * g.own[c][i - g.n] : 0.5 * g.keys[c][i]);
+        const number = (c) => (own || i < g.still ? 0 : g.last[c][i - g.still]), value = (c, step) => (key(c) + number(c)) * step;
+        const opacity = Math.min(1 - 1e-7, Math.max(1e-7, value(6, s.opacity)));
+        for (let c = 0; c < 3; c++) out[o++] = value(c, s.place) + clip.centre[c];
+        for (let c = 0; c < 3; c++) out[o++] = (value(3 + c, s.colour) - 0.5) / 0.28209479177387814;
+        for (let c = 0; c < 3; c++) for (let k = 0; k < rest; k++) out[o++] = value(13 + 3 * k + c, s.sh);
+        out[o++] = Math.log(opacity / (1 - opacity));
+        for (let c = 0; c < 3; c++) out[o++] = value(7 + c, s.scale);
+        const q = multiply(turn([10, 11, 12].map((c) => key(c) * s.rotation)), turn([10, 11, 12].map((c) => number(c) * s.rotation)));
+        for (const c of q) out[o++] = c;
+    }
+    const head = `ply\nformat binary_little_endian 1.0\nelement vertex ${n}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
+    fs.writeFileSync(file, Buffer.concat([Buffer.from(head), Buffer.from(out.buffer)]));
+}
+
+let splats = 0, seconds = 0;
+if (opt.ply) fs.mkdirSync(opt.ply, { recursive: true });
+for (let turn = 0; turn < Number(opt.repeat); turn++) {
+    splats = seconds = 0;
+    for (let f = 0; f < v.splats.length; f++) {
+        const t0 = process.cpuUsage(), frame = await worker.decoded(version, f), { user, system } = process.cpuUsage(t0);
+        seconds += (user + system) / 1e6;
+        splats += frame.n;
+        if (!opt.ply) continue;
+        const g = await worker.advance(version, f);
+        writePly(path.join(opt.ply, `frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`), g, f);
+    }
+}
+console.log(`${v.name}: ${v.splats.length} frames, ${splats} splats, ${seconds.toFixed(2)} s, ${(splats / seconds / 1e6).toFixed(2)} million splats a second`);
