@@ -283,16 +283,14 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     p.rgb8 = (uint8_t *)(p.truth + 3 * pixels);
     p.mask = p.rgb8 + 3 * pixels;
     SPIN_TRY_OUT(spin_alloc(m->n_pairs, sizeof *view, (void **)&view));
-    for (size_t i = 0; i < m->n_pairs; i++) {
-        if (spin_cancelled()) {
-            status = spin_fail_cancelled();
-            goto out;
-        }
+    status = SPIN_OK;
+    for (size_t i = 0; i < m->n_pairs && status == SPIN_OK; i++) {
         if (spin_metrics_rank(m->pairs[i].frame) != spin_rank())
             continue;
-        SPIN_TRY_OUT(measure_one(m, i, &p, &view[i]));
+        status = spin_cancelled() ? spin_fail_cancelled() : measure_one(m, i, &p, &view[i]);
         spin_progress_set(&progress, (long long)i + 1, "%.2f dB", view[i].q.psnr);
     }
+    SPIN_TRY_OUT(spin_ranks_agree(status));
     SPIN_TRY_OUT(merge_views(m, view));
     for (size_t i = 0; i < m->n_pairs; i++)
         spin_quality_add(&sum, &view[i].q);

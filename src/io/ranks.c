@@ -33,6 +33,8 @@ int spin_rank(void) { return own_rank; }
 
 int spin_n_ranks(void) { return n_ranks; }
 
+bool spin_ranks_agreed(void) { return n_ranks == 1 || agreed; }
+
 void spin_ranks_spent(uint64_t *bytes, double *seconds)
 {
     *bytes = sent_bytes;

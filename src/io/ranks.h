@@ -24,6 +24,9 @@ spin_status spin_ranks_share(void *at, size_t bytes, int from);
 /* Whether all ranks may go on: the failure of the lowest that cannot, in its own words, at all of them. */
 spin_status spin_ranks_agree(spin_status status);
 
+/* Whether after a failure all ranks know of it, from spin_ranks_agree(), and can still do something together. */
+bool spin_ranks_agreed(void);
+
 /* Bytes that this rank sent so far, and seconds that it spent in these calls. */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);
 

@@ -9,10 +9,10 @@
 
 /* MPI counts in ints: longer messages go in pieces. */
 static const size_t piece_bytes = (size_t)1 << 30;
-enum { TAG_BYTES, TAG_NOTICE, EAGER = 2000, MAX_RANKS = 4096 };
+enum { TAG_BYTES, TAG_NOTICE, EAGER = 2000 };
 
 static int n_ranks, own_rank;
-static MPI_Request notice_request[MAX_RANKS];
+static MPI_Request notice_request[SPIN_MAX_RANKS];
 
 static int start(int *rank, int *n, char *why, size_t n_why)
 {
@@ -29,8 +29,8 @@ static int start(int *rank, int *n, char *why, size_t n_why)
     MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
     MPI_Comm_rank(MPI_COMM_WORLD, &own_rank);
     MPI_Comm_size(MPI_COMM_WORLD, &n_ranks);
-    if (n_ranks > MAX_RANKS) {
-        snprintf(why, n_why, "%d processes are more than %d", n_ranks, MAX_RANKS);
+    if (n_ranks > SPIN_MAX_RANKS) {
+        snprintf(why, n_why, "%d processes are more than %d", n_ranks, SPIN_MAX_RANKS);
         return 0;
     }
     *rank = own_rank;
@@ -57,10 +57,10 @@ static int post(const struct spin_message *m, MPI_Request *request, size_t *n)
         int count = (int)(left < piece_bytes ? left : piece_bytes), code;
         char *at = (char *)m->at + first;
 
-        code = m->receive ? MPI_Irecv(at, count, MPI_BYTE, m->peer, TAG_BYTES, MPI_COMM_WORLD,
-                                      &request[*n])
-                          : MPI_Isend(at, count, MPI_BYTE, m->peer, TAG_BYTES, MPI_COMM_WORLD,
-                                      &request[*n]);
+        code =
+            m->receive
+                ? MPI_Irecv(at, count, MPI_BYTE, m->peer, TAG_BYTES, MPI_COMM_WORLD, &request[*n])
+                : MPI_Isend(at, count, MPI_BYTE, m->peer, TAG_BYTES, MPI_COMM_WORLD, &request[*n]);
         if (code != MPI_SUCCESS)
             return code;
         ++*n;

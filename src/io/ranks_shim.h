@@ -7,6 +7,8 @@
 #define SPIN_RANKS_SHIM_ABI 1
 #define SPIN_RANKS_SHIM_SYMBOL "spin_ranks_shim_table"
 
+#define SPIN_MAX_RANKS 4096
+
 /* Bytes to or from another rank. Messages between two ranks arrive in the order in which they are listed. */
 struct spin_message {
     int peer;
@@ -28,7 +30,7 @@ struct spin_ranks_shim {
     void (*notify)(void *notice, size_t bytes);
     /* A notice that has arrived, and from whom; 0: none. */
     int (*heed)(int *from, void *notice, size_t bytes);
-    void (*stop)(void);     /* all ranks do */
+    void (*stop)(void);      /* all ranks do */
     void (*abort)(int code); /* ends the processes of all ranks */
 };
 

@@ -100,10 +100,8 @@ struct spin_frame_batch spin_one_frame(size_t n, const float SPIN_DEV *means, fl
     return frames;
 }
 
-/* raw = network(means, t) */
-static void run_network(struct spin_field_eval *w, const struct spin_field *field,
-                        const float SPIN_DEV *table, const float SPIN_DEV *heads,
-                        const struct spin_frame_batch *frames)
+void spin_field_encode(struct spin_field_eval *w, const struct spin_field *field,
+                       const float SPIN_DEV *table, const struct spin_frame_batch *frames)
 {
     struct spin_device *d = w->device;
 
@@ -112,12 +110,10 @@ static void run_network(struct spin_field_eval *w, const struct spin_field *fiel
         d->op->lazy_adam_grid(d, w->lazy, frames->n, w->x_u, w->z);
     else
         d->op->grid(d, &field->grid, table, frames->n, w->x_u, w->z);
-    d->op->mlp(d, &field->heads, heads, frames->n, w->z, w->raw);
 }
 
-void spin_field_forward(struct spin_field_eval *w, const struct spin_field *field,
-                        const float SPIN_DEV *table, const float SPIN_DEV *heads,
-                        const struct spin_frame_batch *frames)
+void spin_field_decode(struct spin_field_eval *w, const struct spin_field *field,
+                       const float SPIN_DEV *heads, const struct spin_frame_batch *frames)
 {
     struct spin_device *d = w->device;
     bool residual = false;
@@ -125,7 +121,7 @@ void spin_field_forward(struct spin_field_eval *w, const struct spin_field *fiel
     for (int f = 0; f < frames->n_frames; f++)
         residual |= frames->frame[f].residual != NULL;
     if (field)
-        run_network(w, field, table, heads, frames);
+        d->op->mlp(d, &field->heads, heads, frames->n, w->z, w->raw);
     if (residual && field)
         d->op->residual(d, frames, w->raw);
     else if (residual)
@@ -133,10 +129,18 @@ void spin_field_forward(struct spin_field_eval *w, const struct spin_field *fiel
     d->op->activate(d, frames->n, w->raw, w->attr);
 }
 
-void spin_field_backward(struct spin_field_eval *w, const struct spin_field *field,
-                         const float SPIN_DEV *table, const float SPIN_DEV *heads,
-                         const struct spin_frame_batch *frames, float SPIN_DEV *d_table,
-                         float SPIN_DEV *d_heads)
+void spin_field_forward(struct spin_field_eval *w, const struct spin_field *field,
+                        const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                        const struct spin_frame_batch *frames)
+{
+    if (field)
+        spin_field_encode(w, field, table, frames);
+    spin_field_decode(w, field, heads, frames);
+}
+
+void spin_field_decode_back(struct spin_field_eval *w, const struct spin_field *field,
+                            const float SPIN_DEV *heads, const struct spin_frame_batch *frames,
+                            float SPIN_DEV *d_heads)
 {
     struct spin_device *d = w->device;
     bool regularise = false, residual = false;
@@ -151,13 +155,30 @@ void spin_field_backward(struct spin_field_eval *w, const struct spin_field *fie
     d->op->activate_back(d, &w->active, w->raw, w->d_attr, w->d_raw);
     if (residual)
         d->op->residual_back(d, frames, &w->active, w->d_raw);
-    if (!field)
-        return;
-    d->op->mlp_back(d, &field->heads, heads, &w->active, w->z, w->d_raw, d_heads, w->d_z);
+    if (field)
+        d->op->mlp_back(d, &field->heads, heads, &w->active, w->z, w->d_raw, d_heads, w->d_z);
+}
+
+void spin_field_encode_back(struct spin_field_eval *w, const struct spin_field *field,
+                            const float SPIN_DEV *table, const struct spin_frame_batch *frames,
+                            float SPIN_DEV *d_table)
+{
+    struct spin_device *d = w->device;
+
     d->op->grid_back(d, &field->grid, table, &w->active, w->x_u, w->d_z, d_table,
                      w->still ? NULL : w->d_x_u);
     if (!w->still)
         d->op->contract_back(d, &field->transform, frames, &w->active, w->d_x_u);
+}
+
+void spin_field_backward(struct spin_field_eval *w, const struct spin_field *field,
+                         const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                         const struct spin_frame_batch *frames, float SPIN_DEV *d_table,
+                         float SPIN_DEV *d_heads)
+{
+    spin_field_decode_back(w, field, heads, frames, d_heads);
+    if (field)
+        spin_field_encode_back(w, field, table, frames, d_table);
 }
 
 /* ---- Rows and columns ------------------------------------------------------------------------ */

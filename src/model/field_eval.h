@@ -35,6 +35,11 @@ void spin_field_eval_close(struct spin_field_eval *eval, const struct spin_field
 void spin_field_forward(struct spin_field_eval *eval, const struct spin_field *field,
                         const float SPIN_DEV *table, const float SPIN_DEV *heads,
                         const struct spin_frame_batch *frames);
+/* The same in two halves: z = encode(means, t) of this field's levels; then from z what is left. */
+void spin_field_encode(struct spin_field_eval *eval, const struct spin_field *field,
+                       const float SPIN_DEV *table, const struct spin_frame_batch *frames);
+void spin_field_decode(struct spin_field_eval *eval, const struct spin_field *field,
+                       const float SPIN_DEV *heads, const struct spin_frame_batch *frames);
 /* From d_attr and the d_means gathered so far: d_table +=, d_heads +=, d_means +=, d_residual +=.
  * Without a network only d_residual.
  * Splats without any gradient are skipped, which changes nothing: theirs is exactly zero. */
@@ -42,6 +47,14 @@ void spin_field_backward(struct spin_field_eval *eval, const struct spin_field *
                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
                          const struct spin_frame_batch *frames, float SPIN_DEV *d_table,
                          float SPIN_DEV *d_heads);
+
+/* The same in two halves: to d_z of the active rows; then from there to the table and the positions. */
+void spin_field_decode_back(struct spin_field_eval *eval, const struct spin_field *field,
+                            const float SPIN_DEV *heads, const struct spin_frame_batch *frames,
+                            float SPIN_DEV *d_heads);
+void spin_field_encode_back(struct spin_field_eval *eval, const struct spin_field *field,
+                            const float SPIN_DEV *table, const struct spin_frame_batch *frames,
+                            float SPIN_DEV *d_table);
 
 /* A batch of one frame. Nothing in it has a gradient. */
 struct spin_frame_batch spin_one_frame(size_t n, const float SPIN_DEV *means, float t,

@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "io/claim.h"
+#include "io/ranks.h"
 #include "train/loop.h"
 #include "train/output.h"
 #include "train/test_views.h"
@@ -28,6 +29,7 @@ struct run {
     struct spin_checkpoint checkpoint;
     struct spin_journal journal;
     struct spin_claim claim; /* on the output */
+    bool resume;             /* there is a state to go on from */
 };
 
 static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_EXPLICIT; }
@@ -107,6 +109,25 @@ static spin_status claim_outputs(struct run *r)
     return spin_journal_open(&r->journal, o->log, o->resume);
 }
 
+/* Ranks of unlike processors would part in the last bits. */
+static spin_status check_paths(const struct run *r)
+{
+    char(*path)[16];
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *path, (void **)&path));
+    snprintf(path[spin_rank()], sizeof *path, "%s", r->device.path);
+    status = spin_ranks_gather(path, sizeof *path);
+    for (int i = 1; i < spin_n_ranks() && status == SPIN_OK; i++)
+        if (strcmp(path[i], path[0]) != 0)
+            status = spin_fail(SPIN_E_USAGE,
+                               "rank %d computes with code path '%s' and rank 0 with '%s': give "
+                               "all the same one, with SPIN_CPU",
+                               i, path[i], path[0]);
+    free(path);
+    return spin_ranks_agree(status);
+}
+
 static spin_status plan(struct run *r, const struct spin_retrain_options *o,
                         struct spin_retrain_report *report)
 {
@@ -115,6 +136,7 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
         SPIN_TRY(spin_refinement_open(&r->refinement, &r->plan));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));
     spin_plan_set_device(&r->plan, &r->device);
+    SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);
     /* Where frames are loaded at once, that looks at the points as well. */
     return o->dry_run || o->refine > 0 ? spin_frames_look(&r->plan) : SPIN_OK;
@@ -265,15 +287,16 @@ static spin_status begin_network(struct run *r)
 
     if (!t->network)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(t->table.n + t->heads.n, sizeof(float), &block));
+    SPIN_TRY(spin_alloc(t->field.n_table + t->heads.n, sizeof(float), &block));
     table = block;
-    heads = table + t->table.n;
+    heads = table + t->field.n_table;
     spin_field_init(&t->field, o->seed, o->hash_init_range, r->frames.init_log_scale, table, heads);
     if (o->sh_increase_every > 0)
         spin_field_clear_sh(&t->field, heads);
     if (spin_plan_has_residual(&r->plan))
         spin_field_clear_heads(&t->field, heads);
-    d->op->upload(d, t->table.p, table, t->table.n * sizeof(float));
+    d->op->upload(d, t->table.p, table + spin_share_floats(&t->field.grid, t->levels.first),
+                  t->table.n * sizeof(float));
     d->op->upload(d, t->heads.p, heads, t->heads.n * sizeof(float));
     free(block);
     return SPIN_OK;
@@ -281,7 +304,7 @@ static spin_status begin_network(struct run *r)
 
 static spin_status train_network(struct run *r)
 {
-    bool resume = r->plan.o->resume && spin_path_exists(r->plan.part);
+    bool resume = r->resume;
     struct spin_checkpoint *c = &r->checkpoint;
     struct spin_loop loop = {&r->plan, &r->truth, &r->frames, &r->trainer, c, &r->journal};
 
@@ -356,7 +379,8 @@ static spin_status keep(struct run *r, spin_status failed)
     char why[1024], kept[1024] = "";
 
     snprintf(why, sizeof why, "%s", spin_last_error());
-    if (c->sound && r->trainer.iteration > 0 && r->trainer.iteration != c->saved)
+    if (spin_ranks_agreed() && c->sound && r->trainer.iteration > 0 &&
+        r->trainer.iteration != c->saved)
         lost = spin_checkpoint_save(c, &r->trainer) != SPIN_OK;
     if (lost && strcmp(why, spin_last_error()) != 0)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
@@ -373,26 +397,48 @@ static spin_status keep(struct run *r, spin_status failed)
     return spin_fail(failed, "%s%s", why, kept);
 }
 
+/* Files are rank 0's: one lock, one log, one state. */
+static spin_status take_claim(struct run *r)
+{
+    return spin_ranks_agree(spin_rank() == 0 ? spin_claim_take(r->plan.o->output, &r->claim)
+                                             : SPIN_OK);
+}
+
+static spin_status begin(struct run *r, bool *done)
+{
+    bool found[2] = {false, r->plan.o->resume && spin_path_exists(r->plan.part)};
+    spin_status status = spin_rank() == 0 ? check_output(r, &found[0]) : SPIN_OK;
+
+    if (status == SPIN_OK && !found[0])
+        status = spin_plan_check_memory(&r->plan);
+    if (status == SPIN_OK && !found[0] && spin_rank() == 0)
+        status = claim_outputs(r);
+    SPIN_TRY(spin_ranks_agree(status));
+    SPIN_TRY(spin_ranks_share(found, sizeof found, 0));
+    *done = found[0];
+    r->resume = found[1];
+    return SPIN_OK;
+}
+
 static spin_status work(struct run *r)
 {
     struct spin_plan *p = &r->plan;
     bool done = false;
     spin_status status;
 
-    SPIN_TRY(spin_claim_take(p->o->output, &r->claim));
+    SPIN_TRY(take_claim(r));
     SPIN_TRY(look_at_input(r));
-    SPIN_TRY(check_output(r, &done));
+    SPIN_TRY(begin(r, &done));
     if (done) {
         spin_log(0, "'%s' is already finished", p->o->output);
         return SPIN_OK;
     }
-    SPIN_TRY(spin_plan_check_memory(p));
-    SPIN_TRY(claim_outputs(r));
     status = run(r);
     if (status != SPIN_OK)
         return keep(r, status);
     p->report->bytes_peak = spin_memory_peak();
-    tidy_up(r);
+    if (spin_rank() == 0)
+        tidy_up(r);
     return SPIN_OK;
 }
 

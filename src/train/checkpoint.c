@@ -11,6 +11,8 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "io/npy.h"
+#include "io/ranks.h"
+#include "train/lazy_adam.h"
 #include "train/settings.h"
 
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
@@ -65,8 +67,39 @@ double spin_checkpoint_seconds(const struct spin_checkpoint *c)
 struct piece {
     char name[48];
     float SPIN_DEV *at;
-    size_t n;
+    size_t n; /* here */
+    enum {
+        WHOLE,
+        ROWS,
+        LINES
+    } cut; /* every rank has all of it; or its levels' part of the table, of its lines */
 };
+
+/* Values of a piece that are with a rank. */
+static size_t part_of(const struct spin_trainer *t, const struct piece *piece, int rank)
+{
+    struct spin_levels levels = spin_share_levels(&t->field.grid, rank, spin_n_ranks());
+    struct spin_field part = spin_share_part(&t->field, levels);
+
+    if (piece->cut == WHOLE || !t->network)
+        return piece->n;
+    return piece->cut == ROWS ? part.n_table : spin_lazy_lines(&part);
+}
+
+/* Values before this rank's, and with last those of all ranks. */
+static size_t before(const struct spin_trainer *t, const struct piece *piece, int last)
+{
+    size_t sum = 0;
+
+    for (int r = 0; piece->cut != WHOLE && r < last; r++)
+        sum += part_of(t, piece, r);
+    return sum;
+}
+
+static size_t all_of(const struct spin_trainer *t, const struct piece *piece)
+{
+    return piece->cut == WHOLE || !t->network ? piece->n : before(t, piece, spin_n_ranks());
+}
 
 /* What a frame with tracks has besides, as numbers: tracks of its splats, their places in the output, and how
  * often they were seen. */
@@ -91,10 +124,13 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
             snprintf(piece[k].name, sizeof piece[k].name, "%s/%c", param_name[i], "pmv"[j]);
             piece[k].at = at[j];
             piece[k].n = param[i]->n;
+            piece[k].cut = i == 0 ? ROWS : WHOLE;
         }
     }
     if (t->lazy)
-        piece[k++] = (struct piece){"table/last", t->lazy->last, t->lazy->n_lines};
+        piece[k++] = (struct piece){"table/last", t->lazy->last, t->lazy->n_lines, LINES};
+    else if (t->is_lazy)
+        piece[k++] = (struct piece){"table/last", NULL, 0, LINES};
     for (int f = 0; f < t->n_frames; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
@@ -168,7 +204,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
 out:
     free(piece);
     free(block);
-    return status;
+    return spin_ranks_agree(status);
 }
 
 spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writer *w,
@@ -285,7 +321,57 @@ out:
     return status;
 }
 
-static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w)
+/* A portion of a piece that is with rank `from`, here when this is rank 0. */
+static spin_status fetch(struct spin_trainer *t, const struct piece *piece, int from, size_t first,
+                         size_t n, float *block)
+{
+    struct spin_message m = {from, spin_rank() == 0, block, n * sizeof *block};
+
+    if (spin_rank() == from)
+        SPIN_TRY(t->device->op->download(t->device, block, piece->at + first, m.bytes));
+    m.peer = spin_rank() == 0 ? from : 0;
+    return from == 0 || (spin_rank() != 0 && spin_rank() != from) ? SPIN_OK
+                                                                  : spin_ranks_exchange(&m, 1);
+}
+
+/* A piece of which every rank has a part. w: of rank 0. What it cannot write it still takes, and says so in
+ * *written. */
+static spin_status save_parts(struct spin_trainer *t, const struct piece *piece,
+                              struct spin_zip_writer *w, spin_status *written)
+{
+    uint64_t shape[1] = {all_of(t, piece)};
+    size_t at = 0;
+    float *block;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(PORTION, sizeof *block, (void **)&block));
+    if (w && *written == SPIN_OK)
+        *written = spin_npz_write_begin(w, piece->name, "<f4", 1, shape);
+    for (int r = 0; r < spin_n_ranks(); r++) {
+        size_t end = part_of(t, piece, r);
+
+        for (size_t first = 0; first < end; first += PORTION) {
+            size_t n = end - first < PORTION ? end - first : PORTION;
+
+            SPIN_TRY_OUT(fetch(t, piece, r, first, n, block));
+            if (w && *written == SPIN_OK)
+                *written = check_values(t, piece->name, at + first, block, n);
+            if (w && *written == SPIN_OK)
+                *written = spin_zip_member_write(w, block, n * sizeof *block);
+        }
+        at += end;
+    }
+    if (w && *written == SPIN_OK)
+        *written = spin_zip_member_end(w);
+out:
+    free(block);
+    return status;
+}
+
+/* w NULL: another rank writes. written: how that went so far. After a failure the parts of other ranks are taken
+ * all the same. */
+static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w,
+                               spin_status written)
 {
     struct piece *piece = NULL;
     size_t n = 0;
@@ -295,9 +381,13 @@ static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        SPIN_TRY_OUT(
-            spin_write_device_array(t, w, piece[i].name, 1, shape, piece[i].at, piece[i].n));
+        if (piece[i].cut != WHOLE && spin_n_ranks() > 1)
+            SPIN_TRY_OUT(save_parts(t, &piece[i], w, &written));
+        else if (w && written == SPIN_OK)
+            written =
+                spin_write_device_array(t, w, piece[i].name, 1, shape, piece[i].at, piece[i].n);
     }
+    status = written;
 out:
     free(piece);
     return status;
@@ -332,7 +422,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     struct spin_zip_writer w;
     spin_json *j = spin_json_object(), *steps = spin_json_array();
     char *text;
-    spin_status status;
+    bool writes = spin_rank() == 0;
+    spin_status status = SPIN_OK;
 
     for (int f = 0; f < t->n_frames; f++)
         spin_json_push_number(steps, (double)t->frame[f].steps);
@@ -345,12 +436,15 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     spin_json_set_string(j, "path", c->code_paths->all);
     text = spin_json_text(j, true);
     spin_json_free(j);
-    status = spin_zip_writer_open(c->path, true, &w);
-    if (status == SPIN_OK) {
+    if (writes)
+        status = spin_zip_writer_open(c->path, true, &w);
+    status = spin_ranks_agree(status);
+    if (status == SPIN_OK && !writes) {
+        status = save_pieces(t, NULL, SPIN_OK);
+    } else if (status == SPIN_OK) {
         w.out.sync = true; /* it stands for hours of work */
         status = write_text(&w, "state.json", text ? text : "");
-        if (status == SPIN_OK)
-            status = save_pieces(t, &w);
+        status = save_pieces(t, &w, status);
         if (status == SPIN_OK)
             status = save_numbers(c, t, &w);
         if (status == SPIN_OK)
@@ -359,6 +453,7 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
             spin_zip_writer_abandon(&w);
     }
     free(text);
+    status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot save the unfinished state");
@@ -386,13 +481,14 @@ static spin_status load_pieces(struct spin_trainer *t, struct spin_npz *npz)
     SPIN_TRY_OUT(list_pieces(t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
-        int64_t shape[1] = {(int64_t)piece[i].n};
+        int64_t shape[1] = {(int64_t)all_of(t, &piece[i])};
+        size_t first = before(t, &piece[i], spin_rank());
 
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
-        spin_array_to_f32(&a, 0, piece[i].n, block);
-        SPIN_TRY_OUT(check_values(t, piece[i].name, 0, block, piece[i].n));
-        if (t->lazy && piece[i].at == t->lazy->last)
+        spin_array_to_f32(&a, first, piece[i].n, block);
+        SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, piece[i].n));
+        if (piece[i].cut == LINES)
             SPIN_TRY_OUT(check_last(block, piece[i].n, t->iteration));
         t->device->op->upload(t->device, piece[i].at, block, piece[i].n * sizeof(float));
     }

@@ -11,7 +11,7 @@ static size_t begin_of(const struct spin_field *field)
            (size_t)field->grid.n_features;
 }
 
-static size_t lines_of(const struct spin_field *field)
+size_t spin_lazy_lines(const struct spin_field *field)
 {
     return (field->n_table - begin_of(field)) / SPIN_LINE;
 }
@@ -23,7 +23,7 @@ size_t spin_lazy_pad(const struct spin_field *field)
 
 size_t spin_lazy_bytes(const struct spin_field *field, int64_t steps)
 {
-    return lines_of(field) * sizeof(float) +
+    return spin_lazy_lines(field) * sizeof(float) +
            (size_t)(steps + 1) * (4 * sizeof(float) + 2 * sizeof(double));
 }
 
@@ -34,7 +34,7 @@ bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps
     int level = spin_lazy_level(grid);
     double rows, lines;
 
-    if (level == grid->n_levels || steps > most_steps || lines_of(field) > UINT32_MAX)
+    if (level == grid->n_levels || steps > most_steps || spin_lazy_lines(field) > UINT32_MAX)
         return false;
     rows = (double)grid->offset[level + 1] - grid->offset[level];
     lines = rows * grid->n_features / SPIN_LINE;

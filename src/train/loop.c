@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "io/ranks.h"
 #include "train/densify_tracks.h"
 #include "train/sampler.h"
 #include "train/test_views.h"
@@ -28,15 +29,18 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
 {
     struct spin_trainer *t = l->trainer;
     struct spin_frame_renderer live;
+    float SPIN_DEV *table;
     char label[40];
     spin_status status;
 
+    SPIN_TRY(spin_trainer_take_table(t, &table));
     spin_frame_renderer_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL,
-                                  spin_trainer_take_table(t), t->heads.p, frame_of, t);
+                                  table, t->heads.p, frame_of, t);
     snprintf(label, sizeof label, "iteration_%07lld", (long long)t->iteration);
     status = spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
-    if (status == SPIN_OK)
+    if (status == SPIN_OK && spin_rank() == 0)
         status = spin_test_views_preview(l->plan, l->truth, &live, label);
+    status = spin_ranks_agree(status);
     spin_frame_renderer_close(&live);
     spin_trainer_put_back(t);
     return status;
@@ -126,18 +130,40 @@ static void say_seconds(const struct spent *spent)
 
 static bool due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
+/* A signal to one stops all, and the clock of rank 0 says when to save. */
+static spin_status stop_and_save(const struct spin_loop *l, bool *stop, bool *save)
+{
+    struct wish {
+        bool stop, save;
+    } * all;
+    spin_status status;
+
+    *stop = spin_cancelled();
+    *save = spin_now_s() - l->checkpoint->saved_s > save_seconds;
+    if (spin_n_ranks() == 1)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *all, (void **)&all));
+    all[spin_rank()] = (struct wish){*stop, *save};
+    status = spin_ranks_gather(all, sizeof *all);
+    for (int r = 0; r < spin_n_ranks(); r++)
+        *stop |= all[r].stop;
+    *save = all[0].save;
+    free(all);
+    return status;
+}
+
 static spin_status stop_or_save(const struct spin_loop *l)
 {
-    bool last = l->trainer->iteration == l->plan->o->iterations;
+    bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
 
-    if (spin_cancelled()) {
+    SPIN_TRY(stop_and_save(l, &stop, &save));
+    if (stop) {
         SPIN_TRY(spin_checkpoint_save(l->checkpoint, l->trainer));
-        return spin_fail_cancelled();
+        return spin_ranks_agree(spin_fail_cancelled());
     }
     if (last)
         return SPIN_OK;
-    if (l->plan->o->save_every > 0 ? due(l->trainer->iteration, l->plan->o->save_every)
-                                   : spin_now_s() - l->checkpoint->saved_s > save_seconds)
+    if (l->plan->o->save_every > 0 ? due(l->trainer->iteration, l->plan->o->save_every) : save)
         return spin_checkpoint_save(l->checkpoint, l->trainer);
     return SPIN_OK;
 }

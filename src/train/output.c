@@ -7,6 +7,7 @@
 #include "spin_run.h"
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/ranks.h"
 #include "model/residual.h"
 #include "train/settings.h"
 
@@ -139,12 +140,11 @@ out:
 }
 
 static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w,
-                                 bool *same_rows)
+                                 const float SPIN_DEV *whole, bool *same_rows)
 {
     struct spin_trainer *t = output->trainer;
     uint64_t features = (uint64_t)t->field.grid.n_features;
-    uint64_t table[2] = {t->table.n / features, features}, heads[1] = {t->heads.n};
-    spin_status status;
+    uint64_t table[2] = {t->field.n_table / features, features}, heads[1] = {t->heads.n};
 
     for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY(write_frame(output, w, f, false));
@@ -154,16 +154,15 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
         SPIN_TRY(write_tracks(output, w, same_rows));
     if (!t->network)
         return SPIN_OK;
-    status = spin_write_device_array(t, &w->zip, "network/table", 2, table,
-                                     spin_trainer_take_table(t), t->table.n);
-    spin_trainer_put_back(t);
-    SPIN_TRY(status);
+    SPIN_TRY(
+        spin_write_device_array(t, &w->zip, "network/table", 2, table, whole, t->field.n_table));
     return spin_write_device_array(t, &w->zip, "network/heads", 1, heads, t->heads.p, t->heads.n);
 }
 
 /* The source's columns, those kept of refined frames, the network. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
-                                const struct spin_bundle_meta *meta, bool *same_rows)
+                                const struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
+                                bool *same_rows)
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
@@ -180,7 +179,7 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
     }
     if (plan->o->method != SPIN_METHOD_EXPLICIT)
-        status = write_network(output, w, same_rows);
+        status = write_network(output, w, whole, same_rows);
 out:
     spin_splats_free(&splats);
     return status;
@@ -325,7 +324,7 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
 
 /* ---- The whole ---------------------------------------------------------------------------------- */
 
-spin_status spin_output_write(const struct spin_output *output)
+static spin_status write_whole(const struct spin_output *output, const float SPIN_DEV *whole)
 {
     const struct spin_retrain_options *o = output->plan->o;
     struct spin_bundle_writer w;
@@ -341,7 +340,7 @@ spin_status spin_output_write(const struct spin_output *output)
         return status;
     }
     SPIN_TRY_OUT(fill_meta(output, &meta));
-    SPIN_TRY_OUT(write_splats(output, &w, &meta, &same_rows));
+    SPIN_TRY_OUT(write_splats(output, &w, &meta, whole, &same_rows));
     SPIN_TRY_OUT(describe(output, same_rows, extra));
     status = spin_bundle_writer_finish(&w, &meta, extra);
     spin_bundle_meta_free(&meta);
@@ -351,6 +350,21 @@ out:
     spin_bundle_meta_free(&meta);
     spin_bundle_writer_abandon(&w);
     return status;
+}
+
+spin_status spin_output_write(const struct spin_output *output)
+{
+    struct spin_trainer *t = output->trainer;
+    float SPIN_DEV *whole = NULL;
+    spin_status status = SPIN_OK;
+
+    if (t->network)
+        SPIN_TRY(spin_trainer_take_table(t, &whole));
+    if (spin_rank() == 0)
+        status = write_whole(output, whole);
+    if (t->network)
+        spin_trainer_put_back(t);
+    return spin_ranks_agree(status);
 }
 
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)

@@ -6,6 +6,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/ranks.h"
 #include "math/rng.h"
 
 enum { STREAM_SHUFFLE = 16 }; /* of the random numbers, see math/rng.h */
@@ -80,9 +81,15 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
         item->frame = pair->frame;
         item->camera = &view->camera;
         item->exposure = spin_plan_camera(plan, view->camera_id);
-        if (!spin_image_store_find(&s->images, pair->view, &item->image))
-            SPIN_TRY(spin_truth_put(s->truth, plan, pair->view, &s->images, item->image));
         s->pairs[k] = pair;
+    }
+    for (size_t k = 0; k < batch; k++) {
+        struct spin_train_item *item = &s->items[k];
+        size_t view = s->pairs[k]->view;
+
+        if (spin_trainer_rank(s->items, (int)k, plan->counts) == spin_rank() &&
+            !spin_image_store_find(&s->images, view, &item->image))
+            SPIN_TRY(spin_truth_put(s->truth, plan, view, &s->images, item->image));
     }
     return SPIN_OK;
 }

@@ -1,72 +1,9 @@
-/* One training step of the network, and what it keeps between steps (docs/method.md sections 3 to 7). The
- * loop around it - data, schedule of views, evaluation, checkpoints - is loop.c. */
+/* One training step of the network (docs/method.md sections 3 to 7). The loop around it - data, schedule of views,
+ * evaluation, checkpoints - is loop.c. */
 #ifndef SPIN_TRAIN_STEP_H
 #define SPIN_TRAIN_STEP_H
 
-#include "model/field_eval.h"
-#include "render/raster.h"
-#include "train/image_loss.h"
-#include "train/train_frame.h"
-
-struct spin_train_rates {
-    double table, head[SPIN_HEADS], position, exposure, end;
-    double residual[SPIN_HEADS]; /* 0: residual values stay as they are */
-    double track[SPIN_HEADS], displacement;
-    int64_t warmup, iterations;
-    int64_t network_from; /* the network joins after this many iterations: its rates begin then */
-};
-
-/* What there is memory for. */
-struct spin_trainer_size {
-    int n_frames;
-    const struct spin_frame_size *frame; /* [n_frames] */
-    size_t n_tracks, n_moving, n_varying;
-    bool network;
-    int max_items; /* pictures of a batch */
-    size_t max_pixels, max_tiles;
-    int n_exposures; /* cameras whose exposure is learned */
-};
-
-struct spin_trainer {
-    struct spin_device *device;
-    struct spin_field field;
-    const struct spin_field *network; /* the same, or NULL: there is none */
-    struct spin_param table, heads;   /* empty without a network */
-    struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
-    size_t n_tracks;
-    size_t n_moving, n_varying; /* the first of them: their splats have positions, residual values, of their own */
-    bool gather;               /* what densification goes by */
-    struct spin_exposures exposures;
-    struct spin_train_frame *frame; /* [n_frames] */
-    int n_frames;
-    bool residuals; /* splats have values besides the network's */
-    size_t n_max, max_pixels, max_tiles;
-    struct spin_train_rates rates;
-    struct spin_lazy_adam *lazy; /* of the table, when that pays; else NULL */
-    float lambda_dssim, background[3];
-    float lambda_scale, lambda_opacity; /* on the mean scale and opacity of what a step sees */
-    int sh_increase_every; /* steps until the next degree of SH joins; 0: all from the start */
-    int64_t iteration;     /* steps done */
-    struct spin_field_eval field_eval;
-    struct spin_raster raster;
-    float SPIN_DEV *d_pos;            /* [frames at once][n_max][3] */
-    float SPIN_DEV *d_residual;       /* [frames at once][SPIN_RESIDUAL n_max], when splats have
-                              residual values */
-    float SPIN_DEV *means, *residual; /* the same: of splats with what their tracks add */
-    double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of a step */
-    double *host_values;              /* the same */
-    int *drawn;                       /* [max_items] the item of each row of values */
-    int max_items, n_drawn;
-    bool seen; /* some view of the step shows a splat */
-};
-
-/* One picture of a batch. */
-struct spin_train_item {
-    int frame;
-    const struct spin_camera *camera;
-    int exposure;   /* the camera's place among the exposures */
-    uint32_t image; /* number of its photograph */
-};
+#include "train/step_parts.h"
 
 struct spin_train_values {
     double loss, l1, ssim; /* means over the batch */
@@ -74,41 +11,15 @@ struct spin_train_values {
     double *each;          /* [n] losses, when not NULL */
 };
 
-/* Reserve everything. The caller then fills parameters, positions, residual values, tracks, times and rates
- * through the device. */
-spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
-                              const struct spin_field *field, const struct spin_trainer_size *size);
-/* The number of splats has changed (densify_tracks.c): make the buffers fit. */
-spin_status spin_trainer_resize(struct spin_trainer *t);
-/* Update only the lines of the table that a step needs. Before the first step; rates are set. */
-spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t);
-void spin_trainer_close(struct spin_trainer *t);
-/* Bytes that open will reserve on a device that takes one frame and one view at a time, and about as much as
- * its scratch comes to. */
-size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size);
-
-/* The frame's splats as they are drawn: their own values with those of their tracks. Good until the next call,
- * or the next step. */
-struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame);
+/* The rank that draws an item of a batch; counts: splats of the frames. */
+int spin_trainer_rank(const struct spin_train_item *items, int item, const size_t *counts);
 
 /* One iteration: the mean loss of the n items (at most max_items), its gradient, one Adam step. Items of one
  * frame share one pass through the network. The host reads back the losses, once, at the end, and the number
  * of intersections of the views that are drawn together. Fails only when the rasteriser's lists cannot grow,
- * or the device failed. */
+ * or the device failed. Ranks call it with the same items; images are needed of the rank's own. */
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *images,
                               const struct spin_train_item *items, int n,
                               struct spin_train_values *values);
-
-/* The network, or NULL: there is none, or it has not joined yet. */
-const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
-
-/* The degree of SH that the step under way draws with: the colours of a still scene first, what
- * depends on the direction later. Above it there must be zeros, spin_field_clear_sh(). */
-int spin_trainer_sh_degree(const struct spin_trainer *t);
-
-/* The table as it is now: the parameters, or with lazy Adam a copy in the place of the gradient,
- * until spin_trainer_put_back(). No step may come between. */
-float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t);
-void spin_trainer_put_back(struct spin_trainer *t);
 
 #endif

@@ -3,27 +3,11 @@
 # Several processes share the work of one command, and their outputs are those of one.
 . tests/cli/lib.sh
 
-build=${SPIN_BUILD:-build/release}
-if ! command -v mpirun >/dev/null 2>&1; then
-    skip "ranks" "mpirun is not here: package openmpi-bin"
-    done_testing
-fi
-if [ ! -f "$build/lib/spin-mpi.so" ]; then
-    skip "ranks" "this build is without MPI: package libopenmpi-dev, then make"
-    done_testing
-fi
-ASAN_OPTIONS=${ASAN_OPTIONS:-}:detect_leaks=0 # MPI's own
-export ASAN_OPTIONS
+. tests/cli/ranks.sh
+
 in=$work/in.spin
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
 is "$code" 0 "imports a clip"
-
-# ranks N COMMAND...
-ranks() {
-    n=$1
-    shift
-    run mpirun --oversubscribe --allow-run-as-root --bind-to none -n "$n" "$@"
-}
 
 # Without what differs from run to run.
 timeless() { grep -v '"fps\|"seconds' "$1"; }

@@ -8,7 +8,7 @@
  *
  * Backward: a level belongs to one task, which visits the points in order, so sums into the table
  * do not depend on the number of threads. Gradients to the positions are kept per level and added
- * in level order by a second pass. */
+ * by a binary tree over levels in a second pass, so that some levels alone give a branch of it. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -514,15 +514,18 @@ static void sum_levels_task(void *context, int task, int worker)
     const struct grid_job *job = context;
     size_t first = (size_t)task * CHUNK;
     size_t end = first + CHUNK < job->n ? first + CHUNK : job->n;
+    int n_levels = job->grid->n_levels;
+    quad sum[SPIN_MAX_LEVELS];
 
     (void)worker;
     for (size_t i = first; i < end; i++) {
-        quad sum = {0, 0, 0, 0};
-
-        for (int level = 0; level < job->grid->n_levels; level++)
-            sum += job->d_x[(size_t)level * job->n + i];
-        sum[3] = 0.0f; /* time is not trained */
-        quad_store(job->d_x_u + i * 4, sum, 4);
+        for (int level = 0; level < n_levels; level++)
+            sum[level] = job->d_x[(size_t)level * job->n + i];
+        for (int step = 1; step < n_levels; step *= 2)
+            for (int level = 0; level + step < n_levels; level += 2 * step)
+                sum[level] += sum[level + step];
+        sum[0][3] = 0.0f; /* time is not trained */
+        quad_store(job->d_x_u + i * 4, sum[0], 4);
     }
 }
 

@@ -1,0 +1,529 @@
+/* A round of a step with several ranks (share.h): frame i of the round is drawn by rank i.
+ *
+ *   1. Every rank encodes the splats of all frames with its levels; frame i's features go to rank i.
+ *   2. Rank i decodes and draws its frame, and goes back to the gradient of the features.
+ *   3. That goes to the levels' ranks, of the splats that have one. They add up the table's gradient, frame after
+ *      frame, and send back their branches of the gradient of the positions.
+ *   4. Everybody gets what is left: the gradients of frames, heads and exposures, and the losses. All take the
+ *      same step.
+ *
+ * Messages lie in host memory. */
+#include "train/step_ranks.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/ranks.h"
+
+struct round {
+    struct spin_trainer *t;
+    const struct spin_step_batch *b;
+    const int *first;
+    int n;                        /* frames */
+    struct spin_message *message; /* room for four of each rank */
+    size_t n_messages;
+    uint64_t *active; /* [ranks] splats of each frame that have a gradient */
+    uint32_t *rows;   /* [splats of this rank's frame] these */
+    int first_value;  /* row of the losses */
+};
+
+enum buffer { TO_SEND, RECEIVED, ROWS, BRANCHES, BLOBS };
+
+/* Host memory of this round, until the next call for the same buffer. */
+static spin_status need(struct round *r, enum buffer buffer, size_t bytes, void *out)
+{
+    SPIN_TRY(spin_grow(bytes + 64, 1, &r->t->round[buffer]));
+    memcpy(out, &r->t->round[buffer], sizeof(void *));
+    return SPIN_OK;
+}
+
+static bool has_frame(const struct round *r, int rank) { return rank < r->n; }
+
+static size_t splats_of(const struct round *r, int frame)
+{
+    return r->t->frame[r->b->items[r->first[frame]].frame].size.n;
+}
+
+static int features_of(const struct round *r, struct spin_levels levels)
+{
+    return (levels.end - levels.first) * r->t->field.grid.n_features;
+}
+
+static struct spin_levels levels_of(const struct round *r, int rank)
+{
+    return spin_share_levels(&r->t->field.grid, rank, spin_n_ranks());
+}
+
+static void add_message(struct round *r, int peer, bool receive, void *at, size_t bytes)
+{
+    if (bytes > 0)
+        r->message[r->n_messages++] = (struct spin_message){peer, receive, at, bytes};
+}
+
+static spin_status send_all(struct round *r)
+{
+    size_t n = r->n_messages;
+
+    r->n_messages = 0;
+    return spin_ranks_exchange(r->message, n);
+}
+
+/* One frame of the round alone. */
+static struct spin_frame_batch take_frame(struct round *r, int i)
+{
+    struct spin_frame_batch frames = spin_step_frames(r->t, r->b, &r->first[i], 1);
+
+    spin_step_add_tracks(r->t, &frames);
+    return frames;
+}
+
+/* ---- 1: features --------------------------------------------------------------------------------- */
+
+/* Columns [width] of rows [n][all], from or to a packed array. */
+static void copy_columns(float *rows, size_t n, size_t all, size_t width, float *packed, bool pack)
+{
+    for (size_t i = 0; i < n; i++)
+        memcpy(pack ? packed + i * width : rows + i * all,
+               pack ? rows + i * all : packed + i * width, width * sizeof *rows);
+}
+
+/* This rank's features of every frame, one after the other. */
+static spin_status encode_frames(struct round *r, float *to)
+{
+    struct spin_trainer *t = r->t;
+    size_t width = (size_t)features_of(r, t->levels);
+
+    t->part.transform = t->field.transform;
+    for (int i = 0; i < r->n && width > 0; i++) {
+        struct spin_frame_batch frames = take_frame(r, i);
+        size_t n = frames.n * width;
+
+        spin_field_encode(&t->field_eval, &t->part, t->table.p, &frames);
+        SPIN_TRY(t->device->op->download(t->device, to, t->field_eval.z, n * sizeof *to));
+        if (i != spin_rank())
+            add_message(r, i, false, to, n * sizeof *to);
+        to += n;
+    }
+    return SPIN_OK;
+}
+
+/* The features of this rank's frame, from all ranks, to the device. */
+static spin_status put_features(struct round *r, float *received, const float *own)
+{
+    struct spin_trainer *t = r->t;
+    size_t n = splats_of(r, spin_rank()), all = (size_t)t->field.heads.n_in, at = 0;
+    float *rows;
+
+    SPIN_TRY(need(r, BRANCHES, n * all * sizeof *rows, &rows));
+    for (int k = 0; k < spin_n_ranks(); k++) {
+        size_t width = (size_t)features_of(r, levels_of(r, k));
+
+        copy_columns(rows + at, n, all, width, k == spin_rank() ? (float *)own : received, false);
+        received += k == spin_rank() ? 0 : n * width;
+        at += width;
+    }
+    t->device->op->upload(t->device, t->field_eval.z, rows, n * all * sizeof *rows);
+    return SPIN_OK;
+}
+
+static spin_status share_features(struct round *r)
+{
+    size_t width = (size_t)features_of(r, r->t->levels), before = 0, sum = 0, n = 0, at = 0;
+    float *to_send, *received;
+
+    for (int i = 0; i < r->n; i++) {
+        before += i < spin_rank() ? splats_of(r, i) : 0;
+        sum += splats_of(r, i);
+    }
+    n = has_frame(r, spin_rank()) ? splats_of(r, spin_rank()) : 0;
+    SPIN_TRY(need(r, TO_SEND, sum * width * sizeof *to_send, &to_send));
+    SPIN_TRY(need(r, RECEIVED, n * (size_t)r->t->field.heads.n_in * sizeof *received, &received));
+    for (int k = 0; k < spin_n_ranks() && n > 0; k++) {
+        size_t floats = k == spin_rank() ? 0 : n * (size_t)features_of(r, levels_of(r, k));
+
+        add_message(r, k, true, received + at, floats * sizeof *received);
+        at += floats;
+    }
+    SPIN_TRY(encode_frames(r, to_send));
+    SPIN_TRY(send_all(r));
+    return n > 0 ? put_features(r, received, to_send + before * width) : SPIN_OK;
+}
+
+/* ---- 2: a rank's own frame ----------------------------------------------------------------------- */
+
+static int items_of(const struct round *r, int frame)
+{
+    int n = 0;
+
+    for (int k = r->first[frame]; k < r->b->n; k++)
+        n += r->b->items[k].frame == r->b->items[r->first[frame]].frame;
+    return n;
+}
+
+/* Losses have a row each, in the order of frames, whoever draws them. Returns that of this rank's frame. */
+static int number_values(struct round *r)
+{
+    struct spin_trainer *t = r->t;
+    int own = 0;
+
+    r->first_value = t->n_drawn;
+    for (int i = 0; i < r->n; i++) {
+        own = i == spin_rank() ? t->n_drawn : own;
+        for (int k = r->first[i]; k < r->b->n; k++)
+            if (r->b->items[k].frame == r->b->items[r->first[i]].frame)
+                t->drawn[t->n_drawn++] = k;
+    }
+    return own;
+}
+
+static spin_status draw_own(struct round *r, int first_value)
+{
+    struct spin_trainer *t = r->t;
+    const struct spin_field *network = spin_trainer_network(t);
+    struct spin_frame_batch frames = take_frame(r, spin_rank());
+    int n_drawn = t->n_drawn;
+
+    spin_field_decode(&t->field_eval, network, t->heads.p, &frames);
+    t->n_drawn = first_value;
+    SPIN_TRY(spin_step_draw(t, r->b, &r->first[spin_rank()], &frames));
+    t->n_drawn = n_drawn;
+    spin_field_decode_back(&t->field_eval, network, t->heads.p, &frames, t->heads.g);
+    return SPIN_OK;
+}
+
+/* ---- 3: the table -------------------------------------------------------------------------------- */
+
+/* d_z of the active splats by branches of the ranks' levels, so that a branch is a matrix of its own. */
+static void cut_branches(const struct round *r, const float *d_z, size_t n, float *out)
+{
+    size_t all = (size_t)r->t->field.heads.n_in, features = (size_t)r->t->field.grid.n_features;
+
+    for (int k = 0; k < spin_n_ranks(); k++) {
+        struct spin_levels branch[SPIN_MAX_LEVELS];
+        int n_branches = spin_share_branches(r->t->field.grid.n_levels, levels_of(r, k), branch);
+
+        for (int j = 0; j < n_branches; j++) {
+            size_t width = (size_t)features_of(r, branch[j]);
+
+            copy_columns((float *)d_z + (size_t)branch[j].first * features, n, all, width, out,
+                         true);
+            out += n * width;
+        }
+    }
+}
+
+/* The active splats and their d_z: this rank's go to all, and all frames' come here, for this rank's levels. */
+static spin_status share_gradients(struct round *r, uint32_t **rows, float **d_z)
+{
+    struct spin_trainer *t = r->t;
+    size_t all = (size_t)t->field.heads.n_in, width = (size_t)features_of(r, t->levels), sum = 0;
+    uint64_t own = 0;
+    float *matrix, *cut;
+
+    if (has_frame(r, spin_rank())) {
+        uint32_t n;
+
+        SPIN_TRY(t->device->op->download(t->device, &n, t->field_eval.active.n, sizeof n));
+        own = n;
+    }
+    r->active[spin_rank()] = own;
+    SPIN_TRY(spin_ranks_gather(r->active, sizeof *r->active));
+    for (int i = 0; i < r->n; i++)
+        sum += r->active[i];
+    SPIN_TRY(need(r, TO_SEND, 2 * own * all * sizeof *cut, &cut));
+    matrix = cut + own * all;
+    SPIN_TRY(need(r, ROWS, sum * sizeof **rows, rows));
+    SPIN_TRY(need(r, RECEIVED, sum * width * sizeof **d_z, d_z));
+    r->rows = NULL;
+    for (size_t i = 0, at = 0; i < (size_t)r->n; at += r->active[i++]) {
+        size_t n = r->active[i];
+
+        if ((int)i == spin_rank()) {
+            r->rows = *rows + at;
+        } else if (width > 0) {
+            add_message(r, (int)i, true, *rows + at, n * sizeof **rows);
+            add_message(r, (int)i, true, *d_z + at * width, n * width * sizeof **d_z);
+        }
+    }
+    if (own == 0)
+        return send_all(r);
+    SPIN_TRY(t->device->op->download(t->device, r->rows, t->field_eval.active.row,
+                                     own * sizeof *r->rows));
+    SPIN_TRY(
+        t->device->op->download(t->device, matrix, t->field_eval.d_z, own * all * sizeof *matrix));
+    cut_branches(r, matrix, own, cut);
+    for (int k = 0; k < spin_n_ranks(); k++) {
+        size_t floats = own * (size_t)features_of(r, levels_of(r, k));
+
+        if (k == spin_rank()) {
+            memcpy(*d_z + (size_t)(r->rows - *rows) * width, cut, floats * sizeof *cut);
+        } else if (floats > 0) {
+            add_message(r, k, false, r->rows, own * sizeof *r->rows);
+            add_message(r, k, false, cut, floats * sizeof *cut);
+        }
+        cut += floats;
+    }
+    return send_all(r);
+}
+
+/* One frame's part of the table's gradient; with d_x [branches][n][4] the branches of that of the positions. */
+static spin_status add_to_table(struct round *r, int frame, const uint32_t *rows, const float *d_z,
+                                float *d_x)
+{
+    struct spin_trainer *t = r->t;
+    struct spin_device *d = t->device;
+    struct spin_field_eval *eval = &t->field_eval;
+    struct spin_levels branch[SPIN_MAX_LEVELS];
+    int n_branches = spin_share_branches(t->field.grid.n_levels, t->levels, branch);
+    struct spin_frame_batch frames = take_frame(r, frame);
+    uint32_t n = (uint32_t)r->active[frame];
+
+    d->op->contract(d, &t->field.transform, &frames, eval->x_u);
+    d->op->upload(d, eval->active.row, rows, n * sizeof *rows);
+    d->op->upload(d, eval->active.n, &n, sizeof n);
+    for (int j = 0; j < n_branches; j++) {
+        struct spin_field part = spin_share_part(&t->field, branch[j]);
+        size_t floats = n * (size_t)features_of(r, branch[j]);
+        size_t at = spin_share_floats(&t->field.grid, branch[j].first) -
+                    spin_share_floats(&t->field.grid, t->levels.first);
+
+        d->op->upload(d, eval->d_z, d_z, floats * sizeof *d_z);
+        d->op->grid_back(d, &part.grid, t->table.p + at, &eval->active, eval->x_u, eval->d_z,
+                         t->table.g + at, d_x ? eval->d_x_u : NULL);
+        if (d_x)
+            SPIN_TRY(d->op->download(d, d_x, eval->d_x_u, 4 * n * sizeof *d_x));
+        d_x += d_x ? 4 * (size_t)n : 0;
+        d_z += floats;
+    }
+    return SPIN_OK;
+}
+
+/* The tree's sum over levels [first, first + n) of the branches, in the place of its first one. */
+static float *sum_tree(const struct spin_levels *branch, int n_branches, float *d_x, size_t rows,
+                       int first, int n)
+{
+    int half = 1;
+    float *left, *right;
+
+    for (int j = 0; j < n_branches; j++)
+        if (branch[j].first == first && branch[j].end == first + n)
+            return d_x + 4 * (size_t)j * rows;
+    while (2 * half < n)
+        half *= 2;
+    left = sum_tree(branch, n_branches, d_x, rows, first, half);
+    right = sum_tree(branch, n_branches, d_x, rows, first + half, n - half);
+    for (size_t i = 0; i < 4 * rows; i++)
+        left[i] += right[i];
+    return left;
+}
+
+/* All branches of this rank's frame to its positions. */
+static void finish_positions(struct round *r, float *d_x)
+{
+    struct spin_trainer *t = r->t;
+    struct spin_device *d = t->device;
+    struct spin_levels branch[SPIN_MAX_LEVELS];
+    struct spin_frame_batch frames = take_frame(r, spin_rank());
+    uint32_t n = (uint32_t)r->active[spin_rank()];
+    int n_branches = 0, n_levels = t->field.grid.n_levels;
+
+    for (int k = 0; k < spin_n_ranks(); k++)
+        n_branches += spin_share_branches(n_levels, levels_of(r, k), branch + n_branches);
+    d_x = sum_tree(branch, n_branches, d_x, n, 0, n_levels);
+    d->op->upload(d, t->field_eval.active.row, r->rows, n * sizeof *r->rows);
+    d->op->upload(d, t->field_eval.active.n, &n, sizeof n);
+    d->op->upload(d, t->field_eval.d_x_u, d_x, 4 * n * sizeof *d_x);
+    d->op->contract_back(d, &t->field.transform, &frames, &t->field_eval.active,
+                         t->field_eval.d_x_u);
+}
+
+static int n_branches_of(const struct round *r, int rank)
+{
+    struct spin_levels branch[SPIN_MAX_LEVELS];
+
+    return spin_share_branches(r->t->field.grid.n_levels, levels_of(r, rank), branch);
+}
+
+static spin_status table_back(struct round *r)
+{
+    struct spin_trainer *t = r->t;
+    size_t width = (size_t)features_of(r, t->levels), sum = 0, at = 0, own_n = 0, own_at = 0;
+    size_t mine = (size_t)n_branches_of(r, spin_rank());
+    float *d_z = NULL, *own = NULL, *others = NULL;
+    uint32_t *rows = NULL;
+
+    SPIN_TRY(share_gradients(r, &rows, &d_z));
+    for (int i = 0; i < r->n; i++)
+        sum += r->active[i];
+    own_n = has_frame(r, spin_rank()) ? r->active[spin_rank()] : 0;
+    if (!t->field_eval.still) {
+        size_t all = 0;
+
+        for (int k = 0; k < spin_n_ranks(); k++) {
+            own_at = k == spin_rank() ? all : own_at;
+            all += 4 * own_n * (size_t)n_branches_of(r, k);
+        }
+        SPIN_TRY(need(r, BRANCHES, (all + 4 * sum * mine) * sizeof *own, &own));
+        others = own + all;
+        for (int k = 0; k < spin_n_ranks(); k++) {
+            size_t floats = 4 * own_n * (size_t)n_branches_of(r, k);
+
+            if (k != spin_rank())
+                add_message(r, k, true, own + at, floats * sizeof *own);
+            at += floats;
+        }
+    }
+    for (int i = 0; i < r->n; i++) {
+        size_t n = r->active[i];
+        bool is_own = i == spin_rank();
+        float *d_x = others && is_own ? own + own_at : others;
+
+        SPIN_TRY(add_to_table(r, i, rows, d_z, d_x));
+        if (others && !is_own) {
+            add_message(r, i, false, others, 4 * n * mine * sizeof *others);
+            others += 4 * n * mine;
+        }
+        rows += n;
+        d_z += n * width;
+    }
+    SPIN_TRY(send_all(r));
+    if (others && own_n > 0)
+        finish_positions(r, own);
+    return SPIN_OK;
+}
+
+/* ---- 4: what all need ---------------------------------------------------------------------------- */
+
+/* What a frame's rank tells the others: gradients of positions and of residual values, of what all frames share;
+ * what densification goes by; losses; whether a splat was seen. */
+struct blob {
+    size_t d_pos, d_residual, shared, gather, values, end; /* bytes before each part */
+};
+
+static struct blob blob_of(const struct round *r, int frame)
+{
+    const struct spin_trainer *t = r->t;
+    struct spin_frame_batch frames = spin_step_frames(r->t, r->b, &r->first[frame], 1);
+    size_t n = frames.n;
+    struct blob blob = {.values = 0};
+
+    /* doubles first: they are aligned */
+    blob.d_pos = (1 + (size_t)items_of(r, frame) * SPIN_LOSS_VALUES) * sizeof(double);
+    blob.d_residual = blob.d_pos + 3 * n * sizeof(float);
+    blob.shared = blob.d_residual;
+    if (frames.frame[0].d_residual)
+        blob.shared += SPIN_RESIDUAL * n * sizeof(float);
+    blob.gather = blob.shared + spin_step_shared(t) * sizeof(float);
+    blob.end = blob.gather + (t->gather ? 2 * n * sizeof(float) : 0);
+    blob.end = (blob.end + 63) / 64 * 64;
+    return blob;
+}
+
+static spin_status fill_blob(struct round *r, const struct blob *blob, int first_value, char *at)
+{
+    struct spin_trainer *t = r->t;
+    struct spin_device *d = t->device;
+    struct spin_frame_batch frames = spin_step_frames(t, r->b, &r->first[spin_rank()], 1);
+    const struct spin_frame_of_batch *frame = &frames.frame[0];
+    size_t values = (size_t)items_of(r, spin_rank()) * SPIN_LOSS_VALUES;
+    double *number = (double *)(void *)at;
+
+    number[0] = t->seen;
+    SPIN_TRY(d->op->download(d, number + 1, t->values + first_value * SPIN_LOSS_VALUES,
+                             values * sizeof *number));
+    SPIN_TRY(d->op->download(d, at + blob->d_pos, frame->d_means, blob->d_residual - blob->d_pos));
+    if (frame->d_residual)
+        SPIN_TRY(d->op->download(d, at + blob->d_residual, frame->d_residual,
+                                 blob->shared - blob->d_residual));
+    SPIN_TRY(spin_step_take_shared(t, (float *)(void *)(at + blob->shared)));
+    if (!t->gather)
+        return SPIN_OK;
+    SPIN_TRY(d->op->download(d, at + blob->gather, frame->gradient, frames.n * sizeof(float)));
+    return d->op->download(d, at + blob->gather + frames.n * sizeof(float), frame->seen,
+                           frames.n * sizeof(uint32_t));
+}
+
+/* A frame's step, from what its rank told. */
+static void step_frame(struct round *r, int i, const struct blob *blob, const char *at,
+                       int first_value)
+{
+    struct spin_trainer *t = r->t;
+    struct spin_device *d = t->device;
+    struct spin_frame_batch frames = spin_step_frames(t, r->b, &r->first[i], 1);
+    const struct spin_frame_of_batch *frame = &frames.frame[0];
+    const double *number = (const double *)(const void *)at;
+
+    t->seen |= number[0] != 0;
+    memcpy(t->host_values + first_value * SPIN_LOSS_VALUES, number + 1,
+           (size_t)items_of(r, i) * SPIN_LOSS_VALUES * sizeof *number);
+    d->op->upload(d, frame->d_means, at + blob->d_pos, blob->d_residual - blob->d_pos);
+    if (frame->d_residual)
+        d->op->upload(d, frame->d_residual, at + blob->d_residual, blob->shared - blob->d_residual);
+    spin_step_add_shared(t, (const float *)(const void *)(at + blob->shared));
+    if (t->gather && i != spin_rank()) {
+        d->op->upload(d, frame->gradient, at + blob->gather, frames.n * sizeof(float));
+        d->op->upload(d, frame->seen, at + blob->gather + frames.n * sizeof(float),
+                      frames.n * sizeof(uint32_t));
+    }
+    spin_step_finish(t, r->b, &r->first[i], &frames);
+}
+
+static spin_status share_steps(struct round *r, int own_value)
+{
+    size_t sum = 0;
+    int value = r->first_value;
+    char *all, *at;
+
+    for (int i = 0; i < r->n; i++)
+        sum += blob_of(r, i).end;
+    SPIN_TRY(need(r, BLOBS, sum, &all));
+    at = all;
+    for (int i = 0; i < r->n; i++) {
+        struct blob blob = blob_of(r, i);
+
+        if (i == spin_rank()) {
+            memset(at, 0, blob.end);
+            SPIN_TRY(fill_blob(r, &blob, own_value, at));
+        }
+        for (int k = 0; i == spin_rank() && k < spin_n_ranks(); k++)
+            if (k != i)
+                add_message(r, k, false, at, blob.end);
+        if (i != spin_rank())
+            add_message(r, i, true, at, blob.end);
+        at += blob.end;
+    }
+    SPIN_TRY(send_all(r));
+    at = all;
+    for (int i = 0; i < r->n; i++) {
+        struct blob blob = blob_of(r, i);
+
+        step_frame(r, i, &blob, at, value);
+        value += items_of(r, i);
+        at += blob.end;
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_step_round(struct spin_trainer *t, const struct spin_step_batch *b,
+                            const int *first, int n)
+{
+    struct round r = {.t = t, .b = b, .first = first, .n = n};
+    int own_value = number_values(&r);
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(5 * (size_t)spin_n_ranks(), sizeof *r.message, (void **)&r.message));
+    SPIN_TRY_OUT(spin_alloc((size_t)spin_n_ranks(), sizeof *r.active, (void **)&r.active));
+    if (spin_trainer_network(t))
+        SPIN_TRY_OUT(share_features(&r));
+    if (has_frame(&r, spin_rank()))
+        SPIN_TRY_OUT(draw_own(&r, own_value));
+    if (spin_trainer_network(t))
+        SPIN_TRY_OUT(table_back(&r));
+    status = share_steps(&r, own_value);
+out:
+    free(r.message);
+    free(r.active);
+    return status;
+}

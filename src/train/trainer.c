@@ -1,0 +1,313 @@
+/* What a training keeps between steps: its memory, its rates, and the table as it is now. */
+#include "train/trainer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/ranks.h"
+#include "math/adam.h"
+#include "train/lazy_adam.h"
+
+static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+{
+    return d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
+}
+
+static size_t most_splats(const struct spin_trainer_size *size)
+{
+    size_t most = 0;
+
+    for (int f = 0; f < size->n_frames; f++)
+        most = size->frame[f].n > most ? size->frame[f].n : most;
+    return most;
+}
+
+/* Splats have values besides the network's. */
+static bool has_residual(const struct spin_trainer_size *size)
+{
+    size_t sum = size->n_tracks;
+
+    for (int f = 0; f < size->n_frames; f++)
+        sum += size->frame[f].n_residual;
+    return sum > 0;
+}
+
+size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size)
+{
+    size_t n = most_splats(size), floats = 4 * SPIN_TRACK * size->n_tracks;
+
+    for (int f = 0; f < size->n_frames; f++)
+        floats += 3 * (3 * size->frame[f].n_pos + SPIN_RESIDUAL * size->frame[f].n_residual) +
+                  (size->n_tracks > 0 ? size->frame[f].n : 0);
+    floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->n_tracks > 0 ? 2 : 1);
+    if (size->network)
+        floats += 4 * (field->n_table + field->n_heads);
+    return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
+           spin_raster_bytes(n, size->max_pixels, true);
+}
+
+/* Splats of the frames that go through the device together, at most. */
+static size_t splats_at_once(const struct spin_trainer *t)
+{
+    return t->n_max * (size_t)t->device->frames_at_once;
+}
+
+static spin_status open_values(struct spin_trainer *t, int max_items)
+{
+    size_t n = (size_t)max_items;
+    void *block = NULL;
+
+    t->max_items = max_items;
+    SPIN_TRY(spin_alloc(n, SPIN_LOSS_VALUES * sizeof *t->host_values, &block));
+    t->host_values = block;
+    block = NULL;
+    SPIN_TRY(spin_alloc(n, sizeof *t->drawn, &block));
+    t->drawn = block;
+    return t->device->op->reserve(t->device, n * SPIN_LOSS_VALUES * sizeof *t->values,
+                                  (void SPIN_DEV **)&t->values);
+}
+
+static void close_buffers(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    size_t n = splats_at_once(t);
+
+    d->op->release(d, t->d_pos, n * 3 * sizeof(float));
+    d->op->release(d, t->d_residual, n * SPIN_RESIDUAL * sizeof(float));
+    d->op->release(d, t->means, n * 3 * sizeof(float));
+    d->op->release(d, t->residual, n * SPIN_RESIDUAL * sizeof(float));
+    t->d_pos = t->d_residual = t->means = t->residual = NULL;
+    spin_field_eval_close(&t->field_eval, t->network);
+    spin_raster_close(&t->raster);
+}
+
+/* Buffers of the splats that go through the device together. */
+static spin_status open_buffers(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+    size_t n = splats_at_once(t);
+
+    SPIN_TRY(reserve(d, n * 3, &t->d_pos));
+    if (t->residuals)
+        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->d_residual));
+    if (t->n_tracks > 0) {
+        SPIN_TRY(reserve(d, n * 3, &t->means));
+        SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
+    }
+    SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
+    return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles, d->views_at_once,
+                            true);
+}
+
+spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
+                              const struct spin_field *field, const struct spin_trainer_size *size)
+{
+    spin_status status;
+    void *block = NULL;
+
+    memset(t, 0, sizeof *t);
+    t->device = device;
+    t->field = *field;
+    t->network = size->network ? &t->field : NULL;
+    t->max_pixels = size->max_pixels;
+    t->max_tiles = size->max_tiles;
+    t->n_tracks = size->n_tracks;
+    t->n_moving = size->n_moving;
+    t->n_varying = size->n_varying;
+    t->residuals = has_residual(size);
+    t->n_max = most_splats(size);
+    SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));
+    t->frame = block;
+    t->n_frames = size->n_frames;
+    SPIN_TRY_OUT(open_values(t, size->max_items));
+    t->levels = spin_share_levels(&field->grid, spin_rank(), spin_n_ranks());
+    t->part = spin_share_part(field, t->levels);
+    SPIN_TRY_OUT(spin_param_open(&t->table, device, t->network ? t->part.n_table : 0,
+                                 spin_lazy_pad(&t->part)));
+    SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
+    SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
+    SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_exposures,
+                                     t->max_pixels * (size_t)device->views_at_once));
+    for (int f = 0; f < t->n_frames; f++)
+        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0));
+    SPIN_TRY_OUT(open_buffers(t));
+    if (spin_n_ranks() > 1 || device->frames_at_once == 1)
+        SPIN_TRY_OUT(spin_alloc(2 * (t->heads.n + t->exposures.param.n) + 1, sizeof *t->shared,
+                                (void **)&t->shared));
+    return SPIN_OK;
+out:
+    spin_trainer_close(t);
+    return status;
+}
+
+spin_status spin_trainer_resize(struct spin_trainer *t)
+{
+    size_t n = 0;
+
+    for (int f = 0; f < t->n_frames; f++)
+        n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
+    if (n <= t->n_max)
+        return SPIN_OK;
+    close_buffers(t);
+    t->n_max = n + n / 4;
+    SPIN_TRY(open_buffers(t));
+    t->field_eval.lazy = t->lazy;
+    return SPIN_OK;
+}
+
+spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t)
+{
+    struct spin_param_group table = spin_param_group(&t->table, 0, t->table.n, 0, 0);
+
+    t->is_lazy = true;
+    if (spin_lazy_level(&t->part.grid) == t->part.grid.n_levels)
+        return SPIN_OK; /* this rank has small levels only */
+    SPIN_TRY(t->device->op->lazy_adam_enable(t->device, &t->part.grid, &table, t->rates.iterations,
+                                             &t->lazy));
+    t->field_eval.lazy = t->lazy;
+    return SPIN_OK;
+}
+
+void spin_trainer_close(struct spin_trainer *t)
+{
+    struct spin_device *d = t->device;
+
+    if (!d)
+        return;
+    if (t->lazy)
+        d->op->lazy_adam_close(d, t->lazy);
+    close_buffers(t);
+    d->op->release(d, t->values, (size_t)t->max_items * SPIN_LOSS_VALUES * sizeof *t->values);
+    spin_param_close(&t->table, d);
+    spin_param_close(&t->heads, d);
+    spin_param_close(&t->tracks, d);
+    spin_exposures_close(&t->exposures, d);
+    for (int f = 0; f < t->n_frames; f++)
+        spin_train_frame_close(&t->frame[f], d);
+    free(t->frame);
+    free(t->host_values);
+    free(t->drawn);
+    free(t->shared);
+    for (int i = 0; i < SPIN_ROUND_BUFFERS; i++)
+        free(t->round[i]);
+    memset(t, 0, sizeof *t);
+}
+
+double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
+}
+
+/* The network's steps: those after it joined. */
+int64_t spin_trainer_network_steps(const struct spin_trainer *t)
+{
+    return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
+}
+
+double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    return spin_lr(lr0, r->end, step, r->warmup, r->iterations - r->network_from);
+}
+
+static bool network_works(const struct spin_trainer *t)
+{
+    return t->network && spin_trainer_network_steps(t) > 0;
+}
+
+const struct spin_field *spin_trainer_network(const struct spin_trainer *t)
+{
+    return network_works(t) ? t->network : NULL;
+}
+
+int spin_trainer_sh_degree(const struct spin_trainer *t)
+{
+    int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
+
+    if (!network_works(t) && (t->n_tracks > 0 || !t->network))
+        return 0;
+    if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= t->field.sh_degree)
+        return t->field.sh_degree;
+    return (int)(begun / t->sh_increase_every);
+}
+
+/* ---- The table ------------------------------------------------------------------------------- */
+
+/* After a resume the rates of the steps before it are noted again. */
+void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
+{
+    while (t->lazy && t->lazy->done < done)
+        t->device->op->lazy_adam_advance(
+            t->device, t->lazy, spin_trainer_network_rate(t, t->rates.table, t->lazy->done + 1));
+}
+
+/* This rank's part. */
+static float SPIN_DEV *take_part(struct spin_trainer *t)
+{
+    if (!t->lazy)
+        return t->table.p;
+    spin_trainer_catch_up(t, spin_trainer_network_steps(t));
+    t->device->op->lazy_adam_flush(t->device, t->lazy, t->table.g);
+    return t->table.g;
+}
+
+/* The parts of all ranks, on the host. */
+static spin_status gather_table(struct spin_trainer *t, const float SPIN_DEV *part, float *host)
+{
+    const struct spin_grid *grid = &t->field.grid;
+    int n_ranks = spin_n_ranks();
+    struct spin_message *m = NULL;
+    size_t n = 0;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(2 * (size_t)n_ranks, sizeof *m, (void **)&m));
+    for (int r = 0; r < n_ranks; r++) {
+        struct spin_levels of = spin_share_levels(grid, r, n_ranks);
+        size_t first = spin_share_floats(grid, of.first), end = spin_share_floats(grid, of.end);
+
+        if (r == spin_rank())
+            continue;
+        m[n++] = (struct spin_message){r, 1, host + first, (end - first) * sizeof *host};
+        m[n++] = (struct spin_message){r, 0, host + spin_share_floats(grid, t->levels.first),
+                                       t->table.n * sizeof *host};
+    }
+    status = t->device->op->download(t->device, host + spin_share_floats(grid, t->levels.first),
+                                     part, t->table.n * sizeof *host);
+    if (status == SPIN_OK)
+        status = spin_ranks_exchange(m, n);
+    free(m);
+    return status;
+}
+
+spin_status spin_trainer_take_table(struct spin_trainer *t, float SPIN_DEV **out)
+{
+    size_t n = t->field.n_table;
+    float *host = NULL;
+    spin_status status;
+
+    *out = take_part(t);
+    if (spin_n_ranks() == 1 || !t->network)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n, sizeof *host, (void **)&host));
+    status = gather_table(t, *out, host);
+    if (status == SPIN_OK)
+        status = reserve(t->device, n, &t->whole);
+    if (status == SPIN_OK)
+        t->device->op->upload(t->device, t->whole, host, n * sizeof *host);
+    free(host);
+    *out = t->whole;
+    return status;
+}
+
+void spin_trainer_put_back(struct spin_trainer *t)
+{
+    if (t->lazy)
+        t->device->op->zero(t->device, t->table.g, t->table.n * sizeof(float));
+    t->device->op->release(t->device, t->whole, t->field.n_table * sizeof(float));
+    t->whole = NULL;
+}

@@ -1,0 +1,105 @@
+/* What a training of the network keeps between steps, and where it lies (docs/method.md sections 3 to 7). A step is
+ * in step.h. */
+#ifndef SPIN_TRAIN_TRAINER_H
+#define SPIN_TRAIN_TRAINER_H
+
+#include "model/field_eval.h"
+#include "render/raster.h"
+#include "train/image_loss.h"
+#include "train/share.h"
+#include "train/train_frame.h"
+
+struct spin_train_rates {
+    double table, head[SPIN_HEADS], position, exposure, end;
+    double residual[SPIN_HEADS]; /* 0: residual values stay as they are */
+    double track[SPIN_HEADS], displacement;
+    int64_t warmup, iterations;
+    int64_t network_from; /* the network joins after this many iterations: its rates begin then */
+};
+
+/* What there is memory for. */
+struct spin_trainer_size {
+    int n_frames;
+    const struct spin_frame_size *frame; /* [n_frames] */
+    size_t n_tracks, n_moving, n_varying;
+    bool network;
+    int max_items; /* pictures of a batch */
+    size_t max_pixels, max_tiles;
+    int n_exposures; /* cameras whose exposure is learned */
+};
+
+enum { SPIN_ROUND_BUFFERS = 5 };
+
+struct spin_trainer {
+    struct spin_device *device;
+    struct spin_field field;
+    const struct spin_field *network; /* the same, or NULL: there is none */
+    struct spin_param table, heads;   /* empty without a network; table: the levels of this rank */
+    struct spin_levels levels;        /* these, of all */
+    struct spin_field part;           /* the network with these levels alone */
+    float SPIN_DEV *whole;            /* the table of all ranks, between take_table and put_back */
+    float *shared; /* host: gradients of heads and exposures, summed frame by frame; or NULL */
+    struct spin_param tracks;  /* [SPIN_TRACK n_tracks] in groups (device.h) */
+    size_t n_tracks;
+    size_t n_moving, n_varying; /* the first of them: their splats have positions, residual values, of their own */
+    bool gather;               /* what densification goes by */
+    struct spin_exposures exposures;
+    struct spin_train_frame *frame; /* [n_frames] */
+    int n_frames;
+    bool residuals; /* splats have values besides the network's */
+    size_t n_max, max_pixels, max_tiles;
+    struct spin_train_rates rates;
+    bool is_lazy;                /* the table's Adam is, as that pays */
+    struct spin_lazy_adam *lazy; /* of the table, where this rank has lines; else NULL */
+    float lambda_dssim, background[3];
+    float lambda_scale, lambda_opacity; /* on the mean scale and opacity of what a step sees */
+    int sh_increase_every; /* steps until the next degree of SH joins; 0: all from the start */
+    int64_t iteration;     /* steps done */
+    struct spin_field_eval field_eval;
+    struct spin_raster raster;
+    float SPIN_DEV *d_pos;            /* [frames at once][n_max][3] */
+    float SPIN_DEV *d_residual;       /* [frames at once][SPIN_RESIDUAL n_max], when splats have
+                              residual values */
+    float SPIN_DEV *means, *residual; /* the same: of splats with what their tracks add */
+    double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of a step */
+    double *host_values;              /* the same */
+    int *drawn;                       /* [max_items] the item of each row of values */
+    void *round[SPIN_ROUND_BUFFERS];  /* host memory of step_ranks.c */
+    int max_items, n_drawn;
+    bool seen; /* some view of the step shows a splat */
+};
+
+/* Reserve everything. The caller then fills parameters, positions, residual values, tracks, times and rates
+ * through the device. */
+spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
+                              const struct spin_field *field, const struct spin_trainer_size *size);
+/* The number of splats has changed (densify_tracks.c): make the buffers fit. */
+spin_status spin_trainer_resize(struct spin_trainer *t);
+/* Update only the lines of the table that a step needs. Before the first step; rates are set. */
+spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t);
+void spin_trainer_close(struct spin_trainer *t);
+/* Bytes that open will reserve on a device that takes one frame and one view at a time, and about as much as
+ * its scratch comes to. */
+size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size);
+
+/* The network, or NULL: there is none, or it has not joined yet. */
+const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
+
+/* The degree of SH that the step under way draws with: the colours of a still scene first, what
+ * depends on the direction later. Above it there must be zeros, spin_field_clear_sh(). */
+int spin_trainer_sh_degree(const struct spin_trainer *t);
+
+/* The whole table as it is now: the parameters, or a copy, with lazy Adam in the place of the gradient, until
+ * spin_trainer_put_back(). No step may come between. All ranks call it together. */
+spin_status spin_trainer_take_table(struct spin_trainer *t, float SPIN_DEV **out);
+void spin_trainer_put_back(struct spin_trainer *t);
+
+/* Rates now, of what begins with lr0: of all that is trained, and of the network, which may join later and counts
+ * its own steps. */
+double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration);
+double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step);
+int64_t spin_trainer_network_steps(const struct spin_trainer *t);
+/* After a resume the rates of the steps before it are noted again, for lazy Adam. */
+void spin_trainer_catch_up(struct spin_trainer *t, int64_t done);
+
+#endif

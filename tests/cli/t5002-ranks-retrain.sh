@@ -1,0 +1,101 @@
+#!/bin/sh
+# K: ranks mpi retrain
+# Several processes train one clip. The result is that of one process, to the last bit, also when it was begun
+# with another number of them.
+. tests/cli/lib.sh
+. tests/cli/ranks.sh
+
+in=$work/in.spin
+small='--device cpu --levels 8 --hash-log2 10 --base-resolution 4,4,4,2 --finest-resolution 64 --hidden 16'
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
+is "$code" 0 "imports a clip"
+
+# same NAME N OPTION...: N processes and one. The sizes of batches leave some of them without a frame.
+same() {
+    name=$1
+    n=$2
+    shift 2
+    run "$bin/spin-retrain" "$in" -o "$work/one.spin" --force --threads 2 -q "$@"
+    is "$code" 0 "$name: one process"
+    ranks "$n" "$bin/spin-retrain" "$in" -o "$work/many.spin" --force --threads 1 -q "$@"
+    is "$code" 0 "$name: $n processes"
+    cmp -s "$work/one.spin" "$work/many.spin"
+    ok $? "$name: the same bundle"
+}
+same "network" 2 $small --iterations 12
+same "network with lazy Adam and an odd number of levels" 3 --device cpu --levels 7 --hash-log2 17 \
+    --finest-resolution 512 --hidden 16 --iterations 8 --batch 2
+same "residual values, exposures and more views of a frame" 4 $small --iterations 8 \
+    --residual source --learn-exposure --batch 6 --views-per-frame 2
+same "tracks that are densified, before and with a network" 2 $small --iterations 12 --tracks auto \
+    --densify-every 3 --densify-threshold 1e-6 --network-start 0.5 --batch 5 --eval-every 5
+
+# ---- Go on with another number
+
+# begin N OUTPUT SIGNAL RANK: N processes keep a state, and then a signal goes to one of them.
+begin() {
+    rm -f "$work"/pid.* "$2".part
+    $mpirun -n "$1" sh -c 'echo $$ >"$0.$OMPI_COMM_WORLD_RANK" && exec "$@"' "$work/pid" \
+        "$bin/spin-retrain" "$in" -o "$2" -q --threads 1 $small --iterations 120 --save-every 5 \
+        >"$work/out" 2>"$work/err" </dev/null &
+    job=$!
+    waited=0
+    until [ -f "$2.part" ] || [ $waited = 100 ]; do
+        sleep 0.1
+        waited=$((waited + 1))
+    done
+    began=$(date +%s)
+    kill "-$3" "$(cat "$work/pid.$4")"
+    wait $job
+    code=$?
+    took=$(($(date +%s) - began))
+}
+
+go_on() { # N OUTPUT NAME
+    [ -f "$2.part" ]
+    ok $? "$3: the state is there"
+    ranks "$1" "$bin/spin-retrain" "$in" -o "$2" --threads 1 $small --iterations 120 --save-every 5 --resume
+    is "$code" 0 "$3: $1 processes go on"
+    err_has 'resuming at iteration [1-9]' "$3: from that state"
+    cmp -s "$work/whole.spin" "$2"
+    ok $? "$3: to the same bundle"
+}
+
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q $small --iterations 120
+is "$code" 0 "one process without a stop"
+begin 2 "$work/signal.spin" INT 1
+is "$code" 130 "SIGINT to the second of two ends both"
+is "$(grep -c '^spin-retrain' "$work/err")" 1 "with one message"
+err_has '^spin-retrain: interrupted$' "which says what happened"
+[ "$took" -lt 10 ]
+ok $? "within seconds ($took)"
+go_on 3 "$work/signal.spin" "interrupted"
+begin 3 "$work/kill.spin" KILL 2
+[ "$code" != 0 ] && [ "$took" -lt 10 ]
+ok $? "a killed one ends all, within seconds ($took)"
+is "$(grep -c '^spin-retrain' "$work/err")" 0 "mpirun says so, and nobody else"
+go_on 1 "$work/kill.spin" "killed"
+
+# ---- A disk that is full for one of them: no file beyond 512 bytes, or 20 KB
+
+# full RANK BLOCKS COMMAND...
+full() {
+    rank=$1
+    blocks=$2
+    shift 2
+    began=$(date +%s)
+    run $mpirun --mca btl tcp,self -n 2 sh -c '[ "$OMPI_COMM_WORLD_RANK" != "$0" ] || ulimit -f "$1"; shift; exec "$@"' \
+        "$rank" "$blocks" "$@"
+    took=$(($(date +%s) - began))
+}
+full 0 40 "$bin/spin-retrain" "$in" -o "$work/full.spin" -q --threads 1 $small --iterations 120 --save-every 20
+is "$code" 1 "no room for the state: exit code 1"
+is "$(grep -c '^spin-retrain: .*full.spin.*' "$work/err")" 1 "one message says which file"
+[ "$took" -lt 20 ] && [ ! -e "$work/full.spin" ]
+ok $? "within seconds ($took), and nothing is half-written"
+full 1 1 "$bin/spin-eval" "$in" --source --images "$work/pictures"
+is "$code" 1 "no room for the pictures of the second: exit code 1"
+is "$(grep -c '^spin-eval: .*pictures/.*png' "$work/err")" 1 "one message says which file"
+[ "$took" -lt 20 ]
+ok $? "within seconds ($took)"
+done_testing
