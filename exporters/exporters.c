@@ -9,6 +9,7 @@ extern const struct spin_exporter spin_exporter_ply;
 extern const struct spin_exporter spin_exporter_sog;
 extern const struct spin_exporter spin_exporter_splat;
 extern const struct spin_exporter spin_exporter_spz;
+extern const struct spin_exporter spin_exporter_usd;
 extern const struct spin_exporter spin_exporter_video;
 
 const struct spin_exporter *const spin_exporters[] = {
@@ -20,6 +21,7 @@ const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_sog,
     &spin_exporter_splat,
     &spin_exporter_spz,
+    &spin_exporter_usd,
     &spin_exporter_video,
     NULL,
 };

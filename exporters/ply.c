@@ -8,6 +8,7 @@
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.ply"),
+    SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     {0},
 };

@@ -20,6 +20,7 @@
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.sog"),
+    SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     {"level", "N", "effort of WebP, 0 (fast) to 9 (small)", "3"},
     {0},

@@ -22,6 +22,7 @@
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.spz"),
+    SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
     {"spz-version", "3|4", "version of the format: 3 is a gzip, 4 is zstd streams", "3"},

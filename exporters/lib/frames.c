@@ -12,6 +12,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/option.h"
 #include "base/text.h"
 #include "exporters/lib/roundtrip_check.h"
 #include "io/json.h"
@@ -77,6 +78,7 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     x->fps = job->fps;
     if (x->format->begin)
         SPIN_TRY(x->format->begin(x, job));
+    SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
     SPIN_TRY(spin_pattern_parse(spin_plugin_value(v, "pattern", x->format->pattern), &x->pattern));
     SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
     if (x->format->ready)
@@ -147,10 +149,21 @@ static spin_status write_text(const char *path, const char *text, bool sync)
     return status;
 }
 
+spin_status spin_frames_write_text(struct spin_frames *x, const char *name, const char *text)
+{
+    char *path = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_path_join(x->folder.path, name, &path));
+    status = write_text(path, text, x->job->sync);
+    free(path);
+    return status;
+}
+
 static spin_status write_sequence(struct spin_frames *x)
 {
     spin_json *root = spin_json_object(), *turn = spin_json_array(), *list = spin_json_array();
-    char *path = NULL, *text = NULL;
+    char *text = NULL;
     spin_status status;
 
     spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
@@ -163,12 +176,10 @@ static spin_status write_sequence(struct spin_frames *x)
     spin_json_set(root, "turned_by", turn);
     spin_json_set(root, "frames", list);
     SPIN_TRY_OUT(entries_json(x, list));
-    SPIN_TRY_OUT(spin_path_join(x->folder.path, "sequence.json", &path));
     text = spin_json_text(root, true);
-    status = write_text(path, text, x->job->sync);
+    status = spin_frames_write_text(x, "sequence.json", text);
 out:
     free(text);
-    free(path);
     spin_json_free(root);
     return status;
 }
@@ -230,6 +241,8 @@ spin_status spin_frames_end(void *self)
     spin_status status;
 
     SPIN_TRY_OUT(spin_commit_queue_wait(x->commits));
+    if (x->format->finish)
+        SPIN_TRY_OUT(x->format->finish(x));
     SPIN_TRY_OUT(write_sequence(x));
     if (x->n_skipped > 0)
         spin_log(0, "%zu of %zu frames were complete and are left as they were", x->n_skipped,

@@ -14,6 +14,10 @@
     {                                                                                              \
         "pattern", "PATTERN", "file names; one %d or %0Nd stands for the frame number", fallback   \
     }
+#define SPIN_FRAMES_OPTION_FPS                                                                     \
+    {                                                                                              \
+        "fps", "F", "frames a second of the sequence; otherwise the bundle's", NULL                \
+    }
 #define SPIN_FRAMES_OPTIONS(pattern)                                                               \
     SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS,                                        \
     {                                                                                              \
@@ -43,6 +47,8 @@ struct spin_frames_format {
     spin_status (*read)(void *self, const struct spin_map *map, int frame, struct spin_splats *out);
     /* The chosen rows in the order of the file. NULL: the source's. */
     spin_status (*order)(void *self, const uint32_t **row);
+    /* What else lies beside the frames, of which all are whole now. NULL: nothing. */
+    spin_status (*finish)(void *self);
     /* Release own memory. NULL: none. */
     void (*end)(void *self);
 };
@@ -92,6 +98,9 @@ spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_
                             size_t n);
 /* --check: read all frames back from their files, or from one file with all of them. */
 spin_status spin_frames_check(struct spin_frames *frames, const char *single);
+
+/* For finish(): a file of this name in the folder. */
+spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);
 
 /* ---- For write() ------------------------------------------------------------------------------ */
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: html gltf glb splat compressed-ply spz
+# K: html gltf glb splat compressed-ply spz usd
 # spin-export: the other formats of splats, a file or a folder, and what they say about their error.
 . tests/cli/lib.sh
 
@@ -13,12 +13,12 @@ run "$bin/spin-import" "$run_of" -o "$in" --json
 is "$code" 0 "imports the run"
 frames=$(member frames)
 
-for pair in gltf:glb splat:splat compressed-ply:compressed.ply spz:spz; do
+for pair in gltf:glb splat:splat compressed-ply:compressed.ply spz:spz usd:usda; do
     to=${pair%%:*}
     end=${pair#*:}
     run "$bin/spin-export" "$in" --to "$to" -o "$work/$to" --json
     is "$code" 0 "exports $to"
-    [ "$to" = gltf ] || err_has "error, rms" "$to: says how far it is from the bundle"
+    [ "$to" = gltf ] || [ "$to" = usd ] || err_has "error, rms" "$to: says how far it is from the bundle"
     is_json "$to: --json is one document"
     is "$(find "$work/$to" -name "frame_[0-9][0-9][0-9][0-9][0-9].$end" | wc -l)" "$frames" \
         "$to: one file a frame"
@@ -26,10 +26,16 @@ for pair in gltf:glb splat:splat compressed-ply:compressed.ply spz:spz; do
     fails 1 spin-export "$to: does not overwrite"
     run "$bin/spin-export" --to "$to" --help
     out_has "pattern" "$to: --help names its options"
+    run "$bin/spin-export" "$in" --to "$to" -o "$work/fps-$to" --range 0:1 --fps 12.5
+    grep -q '"fps": 12.5' "$work/fps-$to/sequence.json"
+    ok $? "$to: --fps is said of the sequence"
     run "$bin/spin-export" "$in" --to "$to" -o "$work/never" --pattern x
     fails 2 spin-export "$to: a pattern without a number"
     nothing_at "$work/never" "$to: nothing was written"
 done
+
+run "$bin/spin-export" "$in" --to usd --half -o "$work/half" --range 0:1
+err_has "usd holds few bits; error, rms" "usd: says what half floats cost"
 
 run "$bin/spin-export" "$in" --to gltf -o "$work/clip.glb" --range 0:3
 is "$code" 0 "exports a clip to one file"

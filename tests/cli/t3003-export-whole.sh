@@ -85,6 +85,18 @@ for pair in $formats; do
     cmp -s "$second" "$work/second" && [ -s "$work/$to/frame_00003.$end" ]
     ok $? "$to: one cut short and one missing are written"
 done
+run "$bin/spin-export" "$in" --to usd -o "$work/usd"
+cp "$work/usd/frame_00001.usda" "$work/second"
+cp "$work/usd/clip.usda" "$work/stage"
+head -c 3000 "$work/second" >"$work/usd/frame_00001.usda"
+rm "$work/usd/frame_00003.usda" "$work/usd/clip.usda"
+run "$bin/spin-export" "$in" --to usd -o "$work/usd" --skip-complete
+err_has "2 of $frames frames were complete" "usd: two frames were"
+cmp -s "$work/usd/frame_00001.usda" "$work/second" && cmp -s "$work/usd/clip.usda" "$work/stage" &&
+    [ -s "$work/usd/frame_00003.usda" ]
+ok $? "usd: one cut short, one missing and the stage are written"
+run "$bin/spin-export" "$in" --to usd -o "$work/never" --check
+fails 2 spin-export "usd cannot be checked"
 run "$bin/spin-export" "$in" --to ply -o "$work/ply" --skip-complete --sh 2
 ! grep -q "were complete" "$work/err"
 ok $? "frames of another degree are not complete"
@@ -177,6 +189,11 @@ for end in $videos; do
     fails 1 spin-export "$end: a limit on files"
     nothing_at "$work/full.$end" "$end: a limit on files"
 done
+(ulimit -f 16 && exec "$bin/spin-export" -q "$in" --to usd -o "$work/full-usd" \
+    >"$work/out" 2>"$work/err")
+code=$?
+fails 1 spin-export "usd: a limit on files"
+nothing_half "$work/full-usd" "usd: a limit on files"
 (ulimit -f 16 && exec "$bin/spin-export" -q "$in" --to html -o "$work/full.html" \
     >"$work/out" 2>"$work/err")
 code=$?
@@ -198,6 +215,11 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
     run "$bin/spin-export" -q "$in" --to gltf -o "$work/small/clip.glb"
     is "$code" 1 "one GLB: a full disk: exit code 1"
     nothing_at "$work/small/clip.glb" "one GLB: a full disk"
+    run "$bin/spin-export" -q "$in" --to usd -o "$work/small/usd"
+    is "$code" 1 "usd: a full disk: exit code 1"
+    err_has "^spin-export: .*No space left" "usd: a full disk: says so"
+    nothing_half "$work/small/usd" "usd: a full disk"
+    rm -rf "$work/small/usd"
     run "$bin/spin-export" -q "$in" --to html -o "$work/small/clip.html"
     is "$code" 1 "html: a full disk: exit code 1"
     err_has "^spin-export: .*No space left" "html: a full disk: says so"
