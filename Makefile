@@ -81,7 +81,7 @@ TOOLS    := $(B)/tests/tools/make-video
 endif
 
 # The CUDA device is for who has nvcc (CUDA=1: fail without; 0: leave it out). One object serves every card from
-# sm_75 on, by cubins for the listed ones and PTX of the first and last for others, and is opened only where it is asked for.
+# sm_75 on, by cubins for the listed ones and PTX for all others, and is opened only where it is asked for.
 CUDA      ?= auto
 CUDA_ARCH ?= 80 90 120
 NVCC      ?= $(shell command -v nvcc 2>/dev/null)

@@ -75,7 +75,7 @@ report() {
         if have "${tool%% *}"; then
             found=$($tool --version 2>/dev/null | grep -i -m 1 '[0-9]\.[0-9]')
         elif [ "$tool" = nvcc ]; then
-            found='not found; not needed: this version computes on the CPU'
+            found='not found in PATH; only the CUDA device needs it'
         else
             found='not found: package build-essential'
         fi

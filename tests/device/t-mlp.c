@@ -385,18 +385,18 @@ TAP_MAIN
     for (int i = 0; i < N_NET_PATHS; i++) {
         if (!net_path(net_paths[i]))
             continue;
-        golden_decoder(net_paths[i]);
-        golden_relu(net_paths[i]);
-        against_plain(64, 64, 0, 97);
-        against_plain(16, 16, 0, 12);
-        against_plain(12, 20, 0, 5);
-        against_plain(4, 100, 1, 31);
+        PART(golden_decoder, net_paths[i]);
+        PART(golden_relu, net_paths[i]);
+        PART(against_plain, 64, 64, 0, 97);
+        PART(against_plain, 16, 16, 0, 12);
+        PART(against_plain, 12, 20, 0, 5);
+        PART(against_plain, 4, 100, 1, 31);
     }
     unsetenv("SPIN_CPU");
-    against_plain(20, 256, 0, 3);
-    against_plain(128, 48, 0, 1);
-    threads_same(95);
-    threads_same(7000);
-    rows_are_compact();
-    sane();
+    PART(against_plain, 20, 256, 0, 3);
+    PART(against_plain, 128, 48, 0, 1);
+    PART(threads_same, 95);
+    PART(threads_same, 7000);
+    PART(rows_are_compact);
+    PART(sane);
 }

@@ -116,7 +116,13 @@ static spin_status download(struct spin_device *d, void *host, const void SPIN_D
     return wait(d);
 }
 
-static size_t memory_available(struct spin_device *d) { return gpu_memory_free(gpu_of(d)); }
+/* A sixteenth is kept for what the verbs need for themselves. */
+static size_t memory_available(struct spin_device *d)
+{
+    size_t left = gpu_memory_free(gpu_of(d));
+
+    return left - left / 16;
+}
 
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes)
 {

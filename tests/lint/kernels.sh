@@ -1,0 +1,89 @@
+#!/bin/sh
+# What nvcc made of the kernels, where it is there and `make` has used it: for each listed card a kernel's registers,
+# bytes of shared memory, of stack and of spills stay within tests/lint/kernels.budget; every kernel stands there. The
+# PTX of the hash grid and of the contraction fuses no products and sums, and the table's gradients are added by atomic
+# operations. `sh tests/lint/kernels.sh print` prints what is now, in the form of the budget.
+# B: the build folder (build/release).
+build=${B:-build/release}
+budget=tests/lint/kernels.budget
+nvcc=${NVCC:-$(command -v nvcc)}
+cards=3
+failed=0
+
+# "file kernel registers shared stack spills cards" of all, the worst of the cards
+made() {
+    for log in "$build"/src/device/cuda/*.cu.o.log; do
+        [ -f "$log" ] || continue
+        file=$(basename "$log" .cu.o.log)
+        [ "$file" = gpu ] && continue # CUB's kernels
+        awk -v file="$file" '
+            /Compiling entry function/ {
+                name = $0
+                sub(/.*function .__*Z*/, "", name)
+                match(name, /^[0-9]+/)
+                n = substr(name, 1, RLENGTH)
+                rest = substr(name, RLENGTH + 1 + n)
+                name = substr(name, RLENGTH + 1, n)
+                if (match(rest, /^ILi[0-9]+E/))
+                    name = name "<" substr(rest, 4, RLENGTH - 4) ">"
+                cards[name]++
+            }
+            / bytes stack frame/ {
+                if ($1 > stack[name]) stack[name] = $1
+                if ($5 + $9 > spill[name]) spill[name] = $5 + $9
+            }
+            /Used [0-9]+ registers/ {
+                match($0, /Used [0-9]+/)
+                r = substr($0, RSTART + 5, RLENGTH - 5) + 0
+                if (r > registers[name]) registers[name] = r
+                s = match($0, /[0-9]+ bytes smem/) ? substr($0, RSTART, RLENGTH) + 0 : 0
+                if (s > shared[name]) shared[name] = s
+            }
+            END {
+                for (k in cards)
+                    print file, k, registers[k], shared[k] + 0, stack[k] + 0, spill[k] + 0, cards[k]
+            }' "$log"
+    done | LC_ALL=C sort
+}
+
+if [ -z "$nvcc" ] || [ ! -f "$build/lib/spin-cuda.so" ]; then
+    echo "kernels: nvcc is not here, or was not asked: registers and spills are not looked at"
+    exit 0
+fi
+if [ "$1" = print ]; then
+    made | awk '{ print $1, $2, int(($3 + 7) / 8) * 8, $4, $5, $6 }'
+    exit
+fi
+out=$(made | awk -v cards=$cards -v budget=$budget '
+    BEGIN { while ((getline line < budget) > 0) if (line !~ /^#/) { split(line, b, " "); most[b[1] " " b[2]] = line } }
+    {
+        n++
+        key = $1 " " $2
+        if (!(key in most)) { print "kernels: " key " is not in " budget; next }
+        split(most[key], b, " ")
+        delete most[key]
+        for (i = 3; i <= 6; i++)
+            if ($i + 0 > b[i] + 0)
+                print "kernels: " key " has " $i " " substr("registers shared    stack     spills    ", (i - 3) * 10 + 1, 10) " over its budget of " b[i]
+        if ($7 != cards) print "kernels: " key " was made for " $7 " cards, not " cards
+    }
+    END { for (k in most) print "kernels: " k " is in " budget " and nowhere else"; print "n " n }')
+echo "$out" | grep -v '^n '
+[ "$(echo "$out" | grep -vc '^n ')" = 0 ] || failed=1
+
+ptx=$(mktemp) || exit 1
+trap 'rm -f "$ptx"' EXIT
+for file in grid contract; do
+    "$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -fmad=false -arch=compute_75 -ptx -o "$ptx" \
+        src/device/cuda/$file.cu || failed=1
+    if grep -q 'fma\.rn\.f32' "$ptx"; then
+        echo "kernels: the PTX of $file.cu fuses products and sums"
+        failed=1
+    fi
+    if [ $file = grid ] && ! grep -Eq '(red|atom)\.global\.add\.f32' "$ptx"; then
+        echo "kernels: the PTX of grid.cu does not add to the table by atomic operations"
+        failed=1
+    fi
+done
+[ $failed = 0 ] && echo "kernels: $(echo "$out" | sed -n 's/^n //p') for $cards cards within their budget"
+exit $failed
