@@ -66,6 +66,8 @@ is "$(grep -c '<svg class="chart"' "$work/report.html")" 4 "with four curves"
 greater "$(grep -c 'src="data:image/png;base64,' "$work/report.html")" 15
 ok $? "and pictures"
 sed 's/base64,[^"]*//g' "$work/report.html" >"$work/text.html"
+grep -q 'Trained by spin-retrain --iterations [0-9]* .* in [0-9.]* minutes' "$work/text.html"
+ok $? "how it was trained, and how long, is on top"
 ! grep -q -i -e 'http' -e '[^a-z]nan[^a-z]' "$work/text.html" && grep -q '</html>' "$work/text.html"
 ok $? "nothing from outside, nothing that is not a number"
 run "$bin/spin-eval" "$work/better.spin" --report "$work/report.html"

@@ -20,7 +20,7 @@ static void check_chart(void)
     double none[] = {NAN, NAN, NAN, NAN, NAN};
     struct spin_svg_chart_line line[] = {{"a", x, y, 5, 0, false}, {"b", x, flat, 5, 1, true}};
     struct spin_svg_chart_line empty = {"c", x, none, 5, 0, false};
-    struct spin_svg_chart chart = {"title", "x", "y", line, 2};
+    struct spin_svg_chart chart = {"title", "x", "y", line, 2, false};
     char *text = NULL;
     size_t n = 0;
     FILE *to = open_memstream(&text, &n);
@@ -42,6 +42,19 @@ static void check_chart(void)
     spin_svg_chart_write(to, &chart);
     fclose(to);
     ok(n == 0, "no points, no chart");
+    free(text);
+    to = open_memstream(&text, &n);
+    empty = (struct spin_svg_chart_line){"d", x, y, 1, 0, false};
+    spin_svg_chart_write(to, &chart);
+    fclose(to);
+    ok(n == 0, "one point, no chart");
+    free(text);
+    to = open_memstream(&text, &n);
+    empty.n = 2;
+    chart.whole = true;
+    spin_svg_chart_write(to, &chart);
+    fclose(to);
+    ok(strstr(text, ">1</text>") && !strstr(text, ">0.2</text>"), "whole numbers have whole ticks");
     free(text);
 }
 
@@ -74,7 +87,8 @@ static void check_history(void)
                            100, &h) == SPIN_OK &&
            h.n_steps == 3 && h.n_tests == 1,
        "a resumed run that was cut short");
-    ok(h.loss[1] == 2 && h.loss[2] == 1 && h.psnr[0] == 21 && h.seconds[0] == 8,
+    ok(h.loss[1] == 2 && h.loss[2] == 1 && h.psnr[0] == 21 && h.seconds[0] == 8 &&
+           h.total_seconds == 8,
        "what was done twice counts once");
     spin_train_log_free(&h);
     ok(spin_train_log_read(

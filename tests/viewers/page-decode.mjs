@@ -65,7 +65,7 @@ function writePly(file, g, frame) {
         const q = multiply(turn([10, 11, 12].map((c) => key(c) * s.rotation)), turn([10, 11, 12].map((c) => number(c) * s.rotation)));
         for (const c of q) out[o++] = c;
     }
-    const head = `ply\nformat binary_little_endian 1.0\nelement vertex ${n}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
+    const head = `ply\nformat binary_little_endian 1.0\n${v.antialias ? "comment antialiased 1\n" : ""}element vertex ${n}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
     fs.writeFileSync(file, Buffer.concat([Buffer.from(head), Buffer.from(out.buffer)]));
 }
 

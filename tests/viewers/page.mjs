@@ -160,7 +160,7 @@ try {
         ok(share <= Number(opt['first-share'] ?? 100), `the first picture after ${firstRead} of ${whole} bytes, ${share.toFixed(1)} %`);
     }
     ok(await tab.title() === path.basename(args[0], '.html'), 'has its name');
-    await layout();
+    if (width >= 320) await layout();
     const { numbers, versions } = await tab.evaluate(() => ({ numbers: window.spin4d.clip.numbers, versions: window.spin4d.clip.versions.map((v) => v.name) }));
     const first = await picture('first'), drawn = 100 * drawnShare(first, [0, 0, 0]);
     ok(drawn > 0.5, `opens from the disk: ${numbers.length} frames, ${versions.join(' and ')}, ${drawn.toFixed(1)} % drawn`);

@@ -24,6 +24,7 @@ struct page {
     FILE *to;
     float *picture[PICTURES]; /* truth, before, after, difference, [3][h][w] each */
     uint8_t *rgb;
+    struct spin_train_log history; /* of --log, or empty */
 };
 
 /* ---- Text ---------------------------------------------------------------------------------------- */
@@ -68,6 +69,10 @@ static const char style[] =
     ".row.names{color:var(--soft);font-size:.85rem}\n"
     "pre{border:1px solid var(--rule);border-radius:6px;padding:.8rem;overflow:auto;"
     "font-size:.85rem}\n"
+    ".wide{overflow-x:auto}\n"
+    "@media (max-width:480px){body{margin:1rem auto}.chart text{font-size:19px}"
+    "th,td{padding:.2rem .4rem}.row{grid-template-columns:1fr 1fr!important}"
+    "}\n"
     "</style>\n";
 
 static const char *name_of(const struct page *p)
@@ -114,13 +119,39 @@ static void put_tiles(struct page *p)
     fprintf(p->to, "</div>\n");
 }
 
+/* How it was trained, in a line; all options are at the end. */
+static void put_training(struct page *p)
+{
+    const spin_json *network = spin_json_get(p->r->clip->bundle.json, "network");
+    const spin_json *options = spin_json_get(network, "options");
+    const char *method = spin_json_string(spin_json_get(options, "method"));
+    const char *device = spin_json_string(spin_json_get(network, "device"));
+    double iterations;
+
+    if (!p->r->after->network ||
+        !spin_json_number(spin_json_get(options, "iterations"), &iterations))
+        return;
+    fprintf(p->to, "<p>Trained by spin-retrain --iterations %.0f", iterations);
+    if (method) {
+        fprintf(p->to, " --method ");
+        spin_text_html(p->to, method);
+    }
+    if (device) {
+        fprintf(p->to, " on ");
+        spin_text_html(p->to, device);
+    }
+    if (p->history.total_seconds > 0)
+        fprintf(p->to, " in %.1f minutes", p->history.total_seconds / 60);
+    fprintf(p->to, "; all options are at the end.</p>\n");
+}
+
 static void put_head(struct page *p)
 {
     const struct spin_eval_report *a = p->r->after;
     static const char *const split[] = {"test", "training", ""};
 
     fprintf(p->to, "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n<meta "
-                   "name=\"viewport\" content=\"width=device-width\">\n<title>");
+                   "name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>");
     spin_text_html(p->to, spin_path_name(p->r->options->input));
     fprintf(p->to, " - spin4d</title>\n%s</head><body>\n<h1>", style);
     spin_text_html(p->to, spin_path_name(p->r->options->input));
@@ -132,6 +163,7 @@ static void put_head(struct page *p)
             : a->dynamic == SPIN_DYNAMIC_IMAGES ? " What moves: pixels that differ from their "
                                                   "camera's median over time."
                                                 : "");
+    put_training(p);
     put_tiles(p);
 }
 
@@ -152,8 +184,11 @@ static spin_status put_frames(struct page *p)
 {
     const struct spin_eval_report *report[2] = {p->r->after, p->r->before};
     struct spin_svg_chart_line line[4];
-    struct spin_svg_chart chart = {
-        .title = "PSNR over the frames", .x_name = "frame", .y_name = "PSNR, dB", .line = line};
+    struct spin_svg_chart chart = {.title = "PSNR over the frames",
+                                   .x_name = "frame",
+                                   .y_name = "PSNR, dB",
+                                   .line = line,
+                                   .whole = true};
     static const char *const names[2][2] = {{"after", "after, what moves"},
                                             {"before", "before, what moves"}};
     size_t most = p->r->after->n_views, n;
@@ -182,41 +217,42 @@ static spin_status put_frames(struct page *p)
             line[chart.n_lines++] =
                 (struct spin_svg_chart_line){names[k][1], x, dynamic, n, k, true};
     }
-    fprintf(p->to, "<h2>Over the frames</h2>\n");
+    if (n > 1)
+        fprintf(p->to, "<h2>Over the frames</h2>\n");
     spin_svg_chart_write(p->to, &chart);
     free(block);
     return SPIN_OK;
 }
 
-static spin_status put_history(struct page *p)
+static void put_history(struct page *p)
 {
-    struct spin_train_log h;
+    const struct spin_train_log *h = &p->history;
     struct spin_svg_chart_line line = {.name = "test PSNR"};
-    struct spin_svg_chart chart = {.line = &line, .n_lines = 1, .y_name = "PSNR, dB"};
+    struct spin_svg_chart chart = {
+        .line = &line, .n_lines = 1, .y_name = "PSNR, dB", .whole = true};
 
-    if (!p->r->log)
-        return SPIN_OK;
-    SPIN_TRY(spin_train_log_read(p->r->log, LOSS_POINTS, &h));
+    if (h->n_tests < 2 && h->n_steps < 2)
+        return;
     fprintf(p->to, "<h2>Over the training</h2>\n");
-    line.x = h.test;
-    line.y = h.psnr;
-    line.n = h.n_tests;
+    line.x = h->test;
+    line.y = h->psnr;
+    line.n = h->n_tests;
     chart.title = "Test PSNR over the iterations";
     chart.x_name = "iteration";
     spin_svg_chart_write(p->to, &chart);
-    for (size_t i = 0; i < h.n_tests; i++)
-        h.seconds[i] /= 60;
-    line.x = h.seconds;
+    for (size_t i = 0; i < h->n_tests; i++)
+        h->seconds[i] /= 60;
+    line.x = h->seconds;
     chart.title = "Test PSNR over time";
     chart.x_name = "minutes of training";
+    chart.whole = false;
     spin_svg_chart_write(p->to, &chart);
-    line = (struct spin_svg_chart_line){"loss", h.step, h.loss, h.n_steps, 2, false};
+    chart.whole = true;
+    line = (struct spin_svg_chart_line){"loss", h->step, h->loss, h->n_steps, 2, false};
     chart.title = "Training loss, means over stretches";
     chart.x_name = "iteration";
     chart.y_name = "loss";
     spin_svg_chart_write(p->to, &chart);
-    spin_train_log_free(&h);
-    return SPIN_OK;
 }
 
 /* ---- The cameras --------------------------------------------------------------------------------- */
@@ -255,7 +291,8 @@ static void put_camera_head(struct page *p)
     int two = p->r->before ? 2 : 1;
 
     fprintf(p->to,
-            "<h2>The cameras</h2>\n<table><tr><th>camera</th><th colspan=\"%d\">PSNR</th><th "
+            "<h2>The cameras</h2>\n<div class=\"wide\"><table><tr><th>camera</th><th "
+            "colspan=\"%d\">PSNR</th><th "
             "colspan=\"%d\">SSIM</th>",
             two == 2 ? 3 : 1, two);
     if (p->r->after->dynamic != SPIN_DYNAMIC_OFF)
@@ -288,7 +325,7 @@ static void put_cameras(struct page *p)
             put_camera_row(p, &a->view[i].camera);
     }
     put_camera_row(p, NULL);
-    fprintf(p->to, "</table>\n");
+    fprintf(p->to, "</table></div>\n");
 }
 
 /* ---- Pictures ------------------------------------------------------------------------------------ */
@@ -436,9 +473,11 @@ static spin_status reserve(struct page *p)
 static spin_status write_page(struct page *p)
 {
     SPIN_TRY(reserve(p));
+    if (p->r->log)
+        SPIN_TRY(spin_train_log_read(p->r->log, LOSS_POINTS, &p->history));
     put_head(p);
     SPIN_TRY(put_frames(p));
-    SPIN_TRY(put_history(p));
+    put_history(p);
     put_cameras(p);
     SPIN_TRY(put_pictures(p));
     put_options(p);
@@ -462,6 +501,7 @@ spin_status spin_report_write(const struct spin_report *report)
     for (int k = 0; k < PICTURES; k++)
         free(p.picture[k]);
     free(p.rgb);
+    spin_train_log_free(&p.history);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot write the report '%s'", report->path);
     return status;

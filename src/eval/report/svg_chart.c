@@ -45,7 +45,7 @@ static bool measure(const struct spin_svg_chart *chart, struct frame *f)
             f->y0 = fmin(f->y0, y);
             f->y1 = fmax(f->y1, y);
         }
-    return f->x0 <= f->x1;
+    return f->x1 - f->x0 > 1e-9 * fmax(1, fabs(f->x1));
 }
 
 /* Room above and below, ending on round numbers. */
@@ -56,10 +56,6 @@ static void round_frame(struct frame *f)
     if (f->y1 - f->y0 < 1e-9 * fmax(1, fabs(f->y1))) {
         f->y0 -= 0.5;
         f->y1 += 0.5;
-    }
-    if (f->x1 - f->x0 < 1e-9 * fmax(1, fabs(f->x1))) {
-        f->x0 -= 0.5;
-        f->x1 += 0.5;
     }
     step = spin_svg_chart_step(f->y1 - f->y0, 5);
     f->y0 = floor(f->y0 / step) * step;
@@ -77,6 +73,7 @@ static void write_axes(FILE *to, const struct spin_svg_chart *chart, const struc
                 LEFT, WIDTH - RIGHT, down(f, y), down(f, y), LEFT - 8, down(f, y) + 4,
                 fabs(y) < step / 1e6 ? 0 : y);
     step = spin_svg_chart_step(f->x1 - f->x0, 9);
+    step = chart->whole ? fmax(step, 1) : step;
     for (double x = ceil(f->x0 / step) * step; x < f->x1 + step / 1e6; x += step)
         fprintf(to,
                 "<line class=\"tick\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%d\" y2=\"%d\"/><text "

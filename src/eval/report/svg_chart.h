@@ -18,9 +18,10 @@ struct spin_svg_chart {
     const char *title, *x_name, *y_name;
     const struct spin_svg_chart_line *line;
     int n_lines;
+    bool whole; /* x are whole numbers: so are its ticks */
 };
 
-/* Nothing is written when no line has a point. */
+/* Nothing is written when there are no points, or all at one x. */
 void spin_svg_chart_write(FILE *to, const struct spin_svg_chart *chart);
 
 /* A step of 1, 2 or 5 times a power of ten that cuts `span` into `most` pieces or fewer. */

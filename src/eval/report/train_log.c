@@ -30,6 +30,8 @@ static spin_status add_line(struct spin_train_log *h, const spin_json *j)
 
     if (!spin_json_number(spin_json_get(j, "iteration"), &iteration))
         return spin_fail(SPIN_E_MALFORMED, "no 'iteration'");
+    if (spin_json_number(spin_json_get(j, "seconds"), &seconds))
+        h->total_seconds = seconds;
     if (spin_json_number(spin_json_get(j, "loss"), &value)) {
         while (h->n_steps && h->step[h->n_steps - 1] >= iteration)
             h->n_steps--;
@@ -41,7 +43,6 @@ static spin_status add_line(struct spin_train_log *h, const spin_json *j)
         while (h->n_tests && h->test[h->n_tests - 1] >= iteration)
             h->n_tests--;
         SPIN_TRY(room_for(tests, 4, h->n_tests, &h->room_tests));
-        spin_json_number(spin_json_get(j, "seconds"), &seconds);
         spin_json_number(spin_json_get(j, "test_ssim"), &ssim);
         h->test[h->n_tests] = iteration;
         h->seconds[h->n_tests] = seconds;

@@ -7,6 +7,7 @@
 struct spin_train_log {
     size_t n_steps, n_tests;
     double *step, *loss;                  /* [n_steps] the loss as a mean over a stretch */
+    double total_seconds;                 /* of the run, all of its parts */
     double *test, *seconds, *psnr, *ssim; /* [n_tests] iteration, time, test views */
     size_t room_steps, room_tests;        /* private */
 };

@@ -30,7 +30,7 @@ export function render(s, cam, model = 'plain') {
     const [widen, even] = MODELS[model];
     const { width: W, height: H } = cam;
     const f = unit(sub(cam.target, cam.eye)), r = unit(cross(f, cam.up)), d = cross(f, r); // right, down, forward
-    const tan = Math.tan(cam.fovy * Math.PI / 360), focal = H / 2 / tan, lim = 1.3 * tan;
+    const tan = Math.tan(cam.fovy * Math.PI / 360), focal = H / 2 / tan, limY = 1.3 * tan, limX = limY * W / H;
     const list = [];
     for (let i = 0; i < s.count; i++) {
         const p = sub([s.pos[0][i], s.pos[1][i], s.pos[2][i]], cam.eye);
@@ -39,7 +39,7 @@ export function render(s, cam, model = 'plain') {
         const x = dot(p, r), y = dot(p, d);
         // the projection is taken no further out than 1.3 times the picture, as the original does: beside
         // the camera its slope has no bound
-        const cx = Math.max(-lim, Math.min(lim, x / z)), cy = Math.max(-lim, Math.min(lim, y / z));
+        const cx = Math.max(-limX, Math.min(limX, x / z)), cy = Math.max(-limY, Math.min(limY, y / z));
         let [w, a, b, c] = s.rot.map((v) => v[i]);
         const n = Math.hypot(w, a, b, c);
         w /= n; a /= n; b /= n; c /= n;
