@@ -390,10 +390,6 @@ static spin_status write_stage(struct export *x, bool manifest)
 
 static spin_status usd_finish(void *self)
 {
-    struct export *x = self;
-
-    if (x->half)
-        spin_quant_error_say(&x->frames.quant, "usd");
     SPIN_TRY(write_stage(self, true));
     return write_stage(self, false);
 }
@@ -414,6 +410,15 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
     x->half = spin_plugin_value(v, "half", NULL) != NULL;
     return SPIN_OK;
+}
+
+static spin_status usd_end(void *self)
+{
+    struct export *x = self;
+
+    if (x->half)
+        spin_quant_error_say(&x->frames.quant, "usd");
+    return spin_frames_end(x);
 }
 
 static void end(void *self) { free(((struct export *)self)->text); }
@@ -445,7 +450,7 @@ const struct spin_exporter spin_exporter_usd = {
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .begin = usd_begin,
     .frame = spin_frames_frame,
-    .end = spin_frames_end,
+    .end = usd_end,
     .abort = spin_frames_abort,
     .skip = spin_frames_skip,
 };

@@ -65,6 +65,34 @@ static spin_status open_folder(struct spin_frames *x, const struct spin_export_j
     return SPIN_OK;
 }
 
+/* Whether the output is named as the format's files are: "clip.spz", where no folder has that name. */
+static spin_status choose_file(struct spin_frames *x, const struct spin_export_job *job)
+{
+    const char *ending = strchr(x->format->pattern, '.');
+    size_t n = strlen(job->output), n_ending = strlen(ending);
+
+    if (n <= n_ending || strcmp(job->output + n - n_ending, ending) != 0 ||
+        spin_path_is_folder(job->output))
+        return SPIN_OK;
+    if (job->n_frames != 1)
+        return spin_fail(SPIN_E_USAGE,
+                         "'%s' is the name of one file, but there are %d frames: name a folder "
+                         "('%.*s/'), or choose one frame with --range",
+                         job->output, job->n_frames, (int)(n - n_ending), job->output);
+    if (spin_path_is_taken(job->output) && !x->force)
+        return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
+                         job->output);
+    x->file = job->output;
+    return SPIN_OK;
+}
+
+/* Of a frame; allocated. */
+static spin_status path_of(const struct spin_frames *x, int number, char **out)
+{
+    return x->file ? spin_strdup(x->file, out)
+                   : spin_pattern_path(&x->pattern, x->folder.path, number, out);
+}
+
 static spin_status begin(struct spin_frames *x, const struct spin_export_job *job)
 {
     const struct spin_plugin_values *v = job->values;
@@ -79,12 +107,14 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     if (x->format->begin)
         SPIN_TRY(x->format->begin(x, job));
     SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
+    SPIN_TRY(choose_file(x, job));
     SPIN_TRY(spin_pattern_parse(spin_plugin_value(v, "pattern", x->format->pattern), &x->pattern));
     SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
     if (x->format->ready)
         x->format->ready(x, job);
     SPIN_TRY(spin_commit_queue_create(&x->commits));
-    SPIN_TRY(open_folder(x, job));
+    if (!x->file)
+        SPIN_TRY(open_folder(x, job));
     say_size(x, job);
     return SPIN_OK;
 }
@@ -196,7 +226,7 @@ bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info)
 
     (void)frame;
     if (!x->skip_complete ||
-        spin_pattern_path(&x->pattern, x->folder.path, info->number, &path) != SPIN_OK)
+        path_of(x, info->number, &path) != SPIN_OK)
         return false;
     if (spin_path_exists(path) && spin_map_open(path, &map) == SPIN_OK) {
         whole = x->format->complete(x, info, &map, &n) && n <= info->n &&
@@ -219,7 +249,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
 
     (void)frame;
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
-    SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, info->number, &path));
+    SPIN_TRY(path_of(x, info->number, &path));
     status = spin_out_open(path, x->force, &out);
     free(path);
     SPIN_TRY(status);
@@ -241,9 +271,10 @@ spin_status spin_frames_end(void *self)
     spin_status status;
 
     SPIN_TRY_OUT(spin_commit_queue_wait(x->commits));
-    if (x->format->finish)
+    if (x->format->finish && !x->file)
         SPIN_TRY_OUT(x->format->finish(x));
-    SPIN_TRY_OUT(write_sequence(x));
+    if (!x->file)
+        SPIN_TRY_OUT(write_sequence(x));
     if (x->n_skipped > 0)
         spin_log(0, "%zu of %zu frames were complete and are left as they were", x->n_skipped,
                  x->n_entries);
@@ -310,7 +341,7 @@ spin_status spin_frames_check(struct spin_frames *x, const char *single)
         spin_status status;
 
         if (!single)
-            SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, x->entry[f].number, &path));
+            SPIN_TRY(path_of(x, x->entry[f].number, &path));
         status = check_file(x, &check, (int)f, single ? single : path, single ? (int)f : 0);
         free(path);
         SPIN_TRY(status);

@@ -1,4 +1,5 @@
-/* A folder of one file per frame: what all such exporters do, so that a format says only how its
+/* A folder of one file per frame, or one file for one frame when the output's name has the ending of the format's
+ * files: what all such exporters do, so that a format says only how its
  * bytes are made. begin, frame, skip, end and abort of the plug-in are those below.
  *
  * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. */
@@ -63,6 +64,7 @@ struct spin_frames_entry {
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
+    const char *file; /* the output is this file, for one frame; NULL: a folder */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;

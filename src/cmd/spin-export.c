@@ -13,7 +13,8 @@ static bool wants_list;
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("to", 0, "NAME", "the exporter", SPIN_ARG_STRING, &options.to, 0, 0),
+    SPIN_ARG("to", 0, "NAME", "the exporter; otherwise what the ending of OUT says",
+             SPIN_ARG_STRING, &options.to, 0, 0),
     SPIN_ARG("output", 'o', "OUT", "the folder or file to write", SPIN_ARG_STRING, &options.output,
              0, 0),
     SPIN_ARG("range", 0, "A:B[:STEP]", "export frame numbers A to B-1", SPIN_ARG_RANGE,
@@ -44,7 +45,7 @@ static size_t list_exporters(struct spin_args_plugin *out, size_t room)
 }
 
 static const char *const usage[] = {
-    "spin-export IN.spin --to NAME -o OUT [options]",
+    "spin-export IN.spin [--to NAME] -o OUT [options]",
     "spin-export --list [--json]",
     NULL,
 };
@@ -155,13 +156,35 @@ static void report_text(const struct spin_export_report *r)
         check_text(&r->check);
 }
 
+/* The exporter of files with that ending, or NULL. */
+static const char *exporter_of(const char *output)
+{
+    static const char *const endings[][2] = {
+        {".compressed.ply", "compressed-ply"}, {".ply", "ply"},     {".glb", "gltf"},
+        {".sog", "sog"},                       {".splat", "splat"}, {".spz", "spz"},
+        {".usda", "usd"},                      {".html", "html"},   {".mp4", "video"},
+        {".webm", "video"}};
+    size_t n = strlen(output);
+
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
+        size_t n_ending = strlen(endings[i][0]);
+
+        if (n > n_ending && strcmp(output + n - n_ending, endings[i][0]) == 0)
+            return endings[i][1];
+    }
+    return NULL;
+}
+
 static int check(const struct spin_args_words *words)
 {
+    if (!options.to && options.output)
+        options.to = exporter_of(options.output);
     if (words->n == 0)
         return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.to)
         return spin_args_misuse(&command,
-                                "say what to write with --to; --list shows what there is");
+                                "say what to write with --to, or by the ending of --output; --list "
+                                "shows what there is");
     if (!options.output)
         return spin_args_misuse(&command, "say where to write with --output");
     return SPIN_EXIT_OK;

@@ -30,6 +30,21 @@ spin_status spin_claim_folder(const char *path)
     return spin_fail(SPIN_E_IO, "cannot write to folder '%s': %s", path, strerror(errno));
 }
 
+spin_status spin_claim_empty_folder(const char *path, bool force)
+{
+    char **names = NULL;
+    size_t n = 0;
+
+    if (spin_path_is_folder(path)) {
+        SPIN_TRY(spin_folder_list(path, &names, &n));
+        spin_folder_list_free(names);
+    }
+    if (n > 0 && !force)
+        return spin_fail(SPIN_E_IO, "folder '%s' exists and is not empty; use --force to overwrite",
+                         path);
+    return spin_claim_folder(path);
+}
+
 /* ---- The lock ------------------------------------------------------------------------------ */
 
 /* The file that is open still has this name: its holder has not removed it meanwhile. */

@@ -8,6 +8,8 @@
 spin_status spin_claim_file(const char *path, bool force);
 /* A folder that files can be written to; made when it is not there. */
 spin_status spin_claim_folder(const char *path);
+/* The same, and unless force nothing may be in it. */
+spin_status spin_claim_empty_folder(const char *path, bool force);
 
 /* One process at a time works on an output: a lock on output.lock, which the system gives up when the
  * process ends, however it ends. A file that a killed process left behind is no lock. */

@@ -105,7 +105,7 @@ static spin_status claim_outputs(struct run *r)
         SPIN_TRY(spin_claim_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
     if (o->preview)
-        SPIN_TRY(spin_claim_folder(o->preview));
+        SPIN_TRY(spin_claim_empty_folder(o->preview, o->force || o->resume));
     return spin_journal_open(&r->journal, o->log, o->resume);
 }
 

@@ -66,6 +66,17 @@ done
 rmdir "$work/folder"
 retrain --preview "$work/file"
 fails 1 spin-retrain "--preview is a file"
+mkdir "$work/mine" && echo mine >"$work/mine/picture.png"
+retrain --preview "$work/mine"
+fails 1 spin-retrain "--preview where files are"
+err_has "not empty; use --force" "and names --force"
+run "$bin/spin-eval" "$in" --images "$work/mine" --range 0:1
+fails 1 spin-eval "--images where files are"
+err_has "not empty; use --force" "and names --force"
+is "$(ls "$work/mine")" picture.png "both leave the folder as it was"
+run "$bin/spin-eval" "$in" --images "$work/mine" --range 0:1 --force
+is "$code" 0 "--images with --force"
+is "$(cat "$work/mine/picture.png")" mine "what has another name stays"
 retrain --preview "$work/file/below"
 fails 1 spin-retrain "--preview below a file"
 retrain --log "$work/none/log"

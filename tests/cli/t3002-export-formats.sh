@@ -34,6 +34,32 @@ for pair in gltf:glb splat:splat compressed-ply:compressed.ply spz:spz usd:usda;
     nothing_at "$work/never" "$to: nothing was written"
 done
 
+# The ending of the output decides the format; one frame goes to one file, several ask for a folder.
+for end in ply compressed.ply glb sog splat spz usda html; do
+    if [ $end = sog ] && ! ldconfig -p 2>/dev/null | grep -q 'libwebp\.so\.7'; then
+        skip "one .sog" "no libwebp"
+        continue
+    fi
+    run "$bin/spin-export" "$in" -o "$work/one.$end" --range 1:2
+    is "$code" 0 "one frame as .$end"
+    [ -f "$work/one.$end" ]
+    ok $? "is one file"
+    run "$bin/spin-export" "$in" -o "$work/one.$end" --range 1:2
+    fails 1 spin-export ".$end: does not overwrite"
+done
+cmp -s "$work/one.spz" "$work/spz/frame_00001.spz"
+ok $? "and the same as in a folder"
+is "$(find "$work" -maxdepth 1 -name 'sequence.json' | wc -l)" 0 "nothing lies beside it"
+run "$bin/spin-export" "$in" -o "$work/many.spz"
+fails 2 spin-export "several frames to one file"
+err_has "name a folder ('.*/many/')" "it names a folder"
+nothing_at "$work/many.spz" "and writes nothing"
+run "$bin/spin-export" "$in" -o "$work/many"
+fails 2 spin-export "no ending and no --to"
+run "$bin/spin-export" "$in" -o "$work/one.sog" --to spz --range 1:2 --force
+fails 1 spin-export "--to counts, and a file is no folder"
+run "$bin/spin-export" "$in" -o "$work/checked.spz" --range 1:2 --check --json
+is "$code" 0 "one file is checked"
 run "$bin/spin-export" "$in" --to usd --half -o "$work/half" --range 0:1
 err_has "usd holds few bits; error, rms" "usd: says what half floats cost"
 
@@ -71,24 +97,24 @@ run "$bin/spin-retrain" "$work/clip.spin" -o "$work/anti.spin" --device cpu --sc
     --refine 20 --antialias
 is "$code" 0 "refines antialiased"
 for to in ply compressed-ply spz html; do
-    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti.$to"
+    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to"
     is "$code" 0 "antialiased: exports $to"
     grep -q 'meant to be drawn antialiased' "$work/err"
     is $? 1 "antialiased: $to needs no warning"
 done
-grep -aq '^comment antialiased 1$' "$work/anti.ply/frame_00000.ply"
+grep -aq '^comment antialiased 1$' "$work/anti-ply/frame_00000.ply"
 ok $? "antialiased: PLY says so"
-is "$(gzip -dc "$work/anti.spz/frame_00000.spz" | od -An -tu1 -j14 -N1 | tr -d ' ')" 1 "antialiased: SPZ has the flag"
+is "$(gzip -dc "$work/anti-spz/frame_00000.spz" | od -An -tu1 -j14 -N1 | tr -d ' ')" 1 "antialiased: SPZ has the flag"
 is "$(gzip -dc "$work/spz/frame_00000.spz" | od -An -tu1 -j14 -N1 | tr -d ' ')" 0 "and others have not"
-grep -q '"antialias":true' "$work/anti.html"
+grep -q '"antialias":true' "$work/anti-html"
 ok $? "antialiased: so has the page"
 for to in splat gltf; do
-    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti.$to"
+    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to"
     err_has 'meant to be drawn antialiased' "antialiased: a warning with $to"
 done
 run "$bin/spin-eval" "$work/anti.spin" --scale 0.25 --json
 first=$(member psnr)
-run "$bin/spin-import" --from ply "$work/anti.ply" --data $clip --pair order -o "$work/back.spin"
+run "$bin/spin-import" --from ply "$work/anti-ply" --data $clip --pair order -o "$work/back.spin"
 is "$code" 0 "antialiased: the PLY comes back"
 run "$bin/spin-eval" "$work/back.spin" --pair order --scale 0.25 --json
 is "$(member psnr)" "$first" "antialiased: and looks the same"

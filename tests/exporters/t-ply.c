@@ -280,7 +280,7 @@ static void test_existing(void)
     ok(run(&job, &s, 1) == SPIN_OK, "overwrites when told to");
     ok(spin_folder_list(job.output, &names, &n) == SPIN_OK && n == 2, "leaves no other file");
     spin_folder_list_free(names);
-    job.output = in_folder("twice/frame_00001.ply");
+    job.output = in_folder("twice/sequence.json");
     ok(run(&job, &s, 1) == SPIN_E_IO && strstr(spin_last_error(), "not a folder"),
        "refuses a file as folder");
     spin_splats_free(&s);
