@@ -43,6 +43,7 @@ stopped() {
     nothing_at "$work/stopped.spin." "no unfinished state is left ($1)"
 }
 steps=200
+case ${SPIN_BUILD:-} in *asan* | *tsan* | *ubsan*) steps=60 ;; esac # slower by twenty times
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps
 is "$code" 0 "retrains $steps steps"
 stopped KILL 137
