@@ -189,10 +189,11 @@ struct spin_retrain_options {
 
 /* The paper's defaults. */
 void spin_retrain_defaults(struct spin_retrain_options *o);
-#define SPIN_PRESETS "paper|short"
+#define SPIN_PRESETS "paper|short|tracks"
 /* "paper": these. "short": for minutes of training on a CPU; frames are visited a hundred times instead of
  * thousands, so rates are higher, the views of a step share one evaluation of the network, and splats start from
- * known values. SPIN_E_USAGE when there is no such preset; then the options are those of "paper". */
+ * known values. "tracks": no network; attributes that frames share, one image a step, densified, antialiased.
+ * SPIN_E_USAGE when there is no such preset; then the options are those of "paper". */
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
 
 /* LPIPS networks, and the place of each in arrays. */

@@ -75,6 +75,9 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 #define BOTH_NAMED(name) " (" #name ")"
 #define PAPER_SHORT(paper, shorter) " (" #paper "; short: " #shorter ")"
 #define PAPER_SHORT_NAMED(paper, shorter) PAPER_SHORT(paper, shorter)
+#define EACH(paper, shorter, tracks) " (" #paper "; short: " #shorter "; tracks: " #tracks ")"
+#define EXCEPT_TRACKS(both, tracks) " (" #both "; tracks: " #tracks ")"
+#define EXCEPT_TRACKS_NAMED(both, tracks) EXCEPT_TRACKS(both, tracks)
 #define OPTION(k, field, long_name, argument, low, high, fallback, network, refinement, sentence)  \
     {.name = long_name,                                                                            \
      .arg = argument,                                                                              \
@@ -97,8 +100,8 @@ static const struct spin_args_row rows[] = {
              0),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS,
-             "defaults of all options: the paper's, or those for minutes of training on a CPU "
-             "(paper)",
+             "defaults of all options: the paper's, those for minutes of training on a CPU, or "
+             "those without a network, of attributes that frames share (paper)",
              SPIN_ARG_CHOICE, &preset, 0, 0),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG("data", 0, "DIR", "multi-view video (the one named in the bundle)", SPIN_ARG_STRING,

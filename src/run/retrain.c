@@ -193,7 +193,7 @@ static spin_status find_tracks(struct run *r)
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->truth : NULL));
     if (t->n == 0)
-        spin_log(0, "no splat is found in two frames: no tracks");
+        spin_log(0, "no splat stands at one place in more than half of the frames: no tracks");
     else
         spin_log(0, "%zu tracks%s, %zu move, %zu have attributes of every frame", t->n,
                  t->identity ? "" : " (splats at the same place in several frames)", t->n_moving,

@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum type { BOOL, INT, ENUM, UINT64, FLOAT, DOUBLE };
-enum preset { PAPER, SHORT };
+enum preset { PAPER, SHORT, TRACKS, PRESETS }; /* in the order of SPIN_PRESETS */
 
 struct row {
     enum type type;
@@ -16,8 +16,8 @@ struct row {
     size_t offset, n; /* of the field; numbers in it */
     double min, max;  /* 0, 0: no limit */
     struct {
-        double value[2][4]; /* [preset][number] */
-        const char *name[2];
+        double value[PRESETS][4]; /* [preset][number] */
+        const char *name[PRESETS];
     } fallback;
     struct {
         size_t when;     /* 0: never, 1: always, else the offset of the field that must differ */
@@ -50,11 +50,14 @@ struct row {
 #define WHERE(field) .when = offsetof(struct spin_retrain_options, field)
 
 #define UNSET BOTH(0)
-#define BOTH(...) .value = {{__VA_ARGS__}, {__VA_ARGS__}}
+#define BOTH(...) .value = {{__VA_ARGS__}, {__VA_ARGS__}, {__VA_ARGS__}}
 #define BOTH_SHOWN(text, ...) BOTH(__VA_ARGS__)
-#define BOTH_NAMED(word) .name = {#word, #word}
-#define PAPER_SHORT(paper, shorter) .value = {{paper}, {shorter}}
-#define PAPER_SHORT_NAMED(paper, shorter) .name = {#paper, #shorter}
+#define BOTH_NAMED(word) .name = {#word, #word, #word}
+#define PAPER_SHORT(paper, shorter) .value = {{paper}, {shorter}, {shorter}}
+#define PAPER_SHORT_NAMED(paper, shorter) .name = {#paper, #shorter, #shorter}
+#define EACH(paper, shorter, tracks) .value = {{paper}, {shorter}, {tracks}}
+#define EXCEPT_TRACKS(both, tracks) .value = {{both}, {both}, {tracks}}
+#define EXCEPT_TRACKS_NAMED(both, tracks) .name = {#both, #both, #tracks}
 #define HEADING(text)
 #define OPTION(kind, field, name, argument, min, max, fallback, network, refinement, help)         \
     {kind,                                                                                         \
@@ -171,7 +174,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 {
     size_t preset = place_of(name, SPIN_PRESETS);
 
-    start_from(preset == SHORT ? SHORT : PAPER, o);
+    start_from(preset < PRESETS ? (enum preset)preset : PAPER, o);
     if (preset == SIZE_MAX)
         return spin_fail(SPIN_E_USAGE, "no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;

@@ -227,7 +227,7 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
         memcpy(at + 3 * i, p->place[i].at, 3 * sizeof *at);
     status = spin_morton_order(p->n, at, order);
     for (size_t i = 0; status == SPIN_OK && i < p->n; i++)
-        if (p->place[order[i]].n_frames > 1 || tracks->identity)
+        if (2 * p->place[order[i]].n_frames > (uint32_t)tracks->n_frames || tracks->identity)
             order[(*n)++] = order[i];
     free(block);
     return status;

@@ -152,7 +152,7 @@ run "$bin/spin-retrain" "$in" -o "$work/same.spin" $small --iterations 3 --dynam
     --lambda-opacity 0 --lambda-scale 0 --hash-init-range 1e-4
 cmp -s "$work/as.spin" "$work/same.spin"
 ok $? "spelling out what stands without does nothing"
-for more in '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3' '--hash-init-range 1e-2' --antialias; do
+for more in '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3' '--hash-init-range 1e-2' '--antialias on'; do
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/more.spin" $small --iterations 3 $more --force
     is "$code" 0 "retrains with $more"
@@ -161,7 +161,7 @@ for more in '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3' '--hash
     run "$bin/spin-retrain" "$in" -o "$work/more3.spin" $small --iterations 3 $more --force --threads 3
     same_frames "$work/more.spin" "$work/more3.spin" "$more: the same bits on three threads"
 done
-run "$bin/spin-retrain" "$in" -o "$work/anti.spin" $small --iterations 3 --antialias --force --json
+run "$bin/spin-retrain" "$in" -o "$work/anti.spin" $small --iterations 3 --antialias on --force --json
 learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
 run "$bin/spin-eval" "$work/anti.spin" --json
 awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'

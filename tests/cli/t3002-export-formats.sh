@@ -94,7 +94,7 @@ nothing_at "$work/parts.html" "blocks that are there: no page"
 # written as PLY is drawn the same when it comes back.
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/clip.spin"
 run "$bin/spin-retrain" "$work/clip.spin" -o "$work/anti.spin" --device cpu --scale 0.25 --method explicit \
-    --refine 20 --antialias
+    --refine 20 --antialias on
 is "$code" 0 "refines antialiased"
 for to in ply compressed-ply spz html; do
     run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to"

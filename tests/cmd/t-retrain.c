@@ -312,7 +312,7 @@ static void test_loss(void)
                *ssim = retrain("--lambda-dssim 1"), *white = retrain("--background white"),
                *ones = retrain("--background 1,1,1"), *red = retrain("--background 1,0,0.5"),
                *blue = retrain("--background 0.5,0,1"), *moving = retrain("--dynamic-weight 4"),
-               *anti = retrain("--antialias"), *small = retrain("--scale 0.5"), *other;
+               *anti = retrain("--antialias on"), *small = retrain("--scale 0.5"), *other;
     bool flag = false;
     double opacity, scale;
 
@@ -927,7 +927,7 @@ static void test_refine(void)
                    white = refine("--refine 12 --background white"),
                    dssim = refine("--refine 12 --lambda-dssim 0"),
                    source = refine("--refine 12 --refine-start source"),
-                   anti = refine("--refine 12 --antialias"), seed = refine("--refine 12 --seed 2"),
+                   anti = refine("--refine 12 --antialias on"), seed = refine("--refine 12 --seed 2"),
                    grown = refine("--refine 136"), kept = refine("--refine 136 --densify off");
 
     ok(one.n == 12, "--refine 12: so many lines");
@@ -960,6 +960,18 @@ static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t
     return most;
 }
 
+static double largest(struct run *r, const char *key)
+{
+    size_t n;
+    float *values = array_of(r, key, &n);
+    double most = 0;
+
+    for (size_t i = 0; i < n; i++)
+        most = fmax(most, fabs((double)values[i]));
+    free(values);
+    return most;
+}
+
 static size_t length_of(struct run *r, const char *key)
 {
     size_t n;
@@ -978,6 +990,7 @@ static void test_tracks(void)
                *values = retrain("--method tracks --warmup 0 --lr-displacement 0"),
                *places = retrain("--method tracks --warmup 0 --lr-track 0"),
                *shared = retrain("--method tracks --warmup 0 --dynamic-residual off"),
+               *zero = retrain("--method tracks --warmup 0 --lr-residual 0"),
                *grown =
                    retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1e-9 "
                            "--densify-until 1"),
@@ -1002,7 +1015,7 @@ static void test_tracks(void)
     ok(length_of(all, "network/track/00000") == (size_t)n &&
            !spin_npz_has(&all->npz, "network/track/00001"),
        "whose numbers stand there once for all frames");
-    ok(length_of(all, "network/means/00000") == 3 * (size_t)(n - number(tracks, "static")),
+    ok(length_of(all, "network/means/00000") == 3 * (size_t)number(tracks, "moving"),
        "frames have places of tracks that move");
     ok(all->n_table == off->n_table, "and the network is there");
     ok(!spin_npz_has(&only->npz, "network/table"), "--method tracks: it is not");
@@ -1013,9 +1026,11 @@ static void test_tracks(void)
        "--lr-displacement 0: their places stay");
     ok(farthest_tracks(places, fixed, 3, 14) == 0 && farthest_tracks(places, fixed, 0, 3) > 1e-6,
        "--lr-track 0: their values stay");
-    ok(length_of(only, "network/residual/00000") == 11 * (size_t)(n - number(tracks, "static")) &&
-           length_of(shared, "network/residual/00000") == 0,
+    ok(number(tracks, "varying") > 0 && length_of(shared, "network/residual/00000") == 0 &&
+           length_of(only, "network/residual/00000") == 11 * (size_t)number(tracks, "varying"),
        "--dynamic-residual");
+    ok(largest(only, "network/residual/00000") > 1e-4 && largest(zero, "network/residual/00000") == 0,
+       "--lr-residual 0: values of single frames stay");
     ok(splats_of(grown) > splats_of(only) && splats_of(calm) <= splats_of(only),
        "--densify-every, --densify-threshold: %g splats, %g before", splats_of(grown),
        splats_of(only));
@@ -1027,7 +1042,7 @@ static void test_tracks(void)
     ok(farthest(late->table, never->table, 0, late->n_table) > 0 &&
            farthest(never_two->table, never->table, 0, late->n_table) == 0,
        "then it is trained; with 1 never");
-    drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared);
+    drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared), drop(zero);
     drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
 }
 

@@ -150,6 +150,22 @@ static const struct spin_retrain_options shorter = {
     NULL, /* preview, log */
 };
 
+/* What differs from "short". */
+static const struct spin_retrain_options *tracks_preset(void)
+{
+    static struct spin_retrain_options t;
+
+    t = shorter;
+    t.method = SPIN_METHOD_TRACKS;
+    t.tracks = t.antialias = true;
+    t.iterations = 3000;
+    t.batch = t.views_per_frame = 1;
+    t.lr_position = 1e-4;
+    t.lr_residual = 4;
+    t.densify_every = 150;
+    return &t;
+}
+
 static void same(const char *name, const struct spin_retrain_options *want)
 {
     struct spin_retrain_options got;
@@ -337,6 +353,7 @@ TAP_MAIN
 
     same("paper", &paper);
     same("short", &shorter);
+    same("tracks", tracks_preset());
     memset(&defaults, 0xff, sizeof defaults);
     spin_retrain_defaults(&defaults);
     ok(spin_retrain_preset("paper", &preset) == SPIN_OK &&

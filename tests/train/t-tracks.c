@@ -89,11 +89,11 @@ static void check_identity(void)
     write_clip(place, n, false);
     find(&t);
     ok(!t.identity && t.n == 3 && t.n_moving == 0 && t.of[2][1] == SPIN_NO_TRACK,
-       "without identity, what stands still in two frames");
+       "without identity, what stands still in more than half of the frames");
     spin_tracks_close(&t);
 }
 
-/* Places that occur in two frames or more, each once a frame. */
+/* Places that occur in two of three frames or more, each once a frame. */
 static void check_places(void)
 {
     static const float a[12] = {0, 0, 0, 1, 1, 1, 7, 7, 7, 1, 1, 1},
