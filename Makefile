@@ -223,8 +223,9 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 
 # The same kernels for the host, in tests/emu's emulation: with array bounds checked, and once more with the race
 # detector's calls.
-EMU_FLAGS := -std=c++20 -g -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -include tests/emu/emu.h \
-             $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,-fsanitize=bounds -fno-sanitize-recover=bounds)
+EMU_BASE  := -std=c++20 -g -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -include tests/emu/emu.h
+EMU_BOUND := -fsanitize=bounds -fno-sanitize-recover=bounds
+EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,$(EMU_BOUND))
 EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(CUDA_CU))
 EMU_O     := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/norace.o
 RACE_O    := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/race.o
@@ -239,7 +240,8 @@ $(B)/%.emu.o: %.cu tests/emu/emu.h
 $(B)/%.race.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) RACE $<
-	$(Q)$(CXX) $(CPPFLAGS) -x c++ $(filter-out -fsanitize=address%,$(EMU_FLAGS)) -fsanitize=thread -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) $(CPPFLAGS) -x c++ $(EMU_BASE) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
+$(B)/tests/emu/t-emu: | $(EMU)
 $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
 $(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(B)/%.race.o) $(RACE_O)
 $(B)/tests/emu/faults.so: $(B)/tests/emu/faults.emu.o $(EMU_O)
