@@ -167,6 +167,55 @@ static void test_files(struct spin_export_job job)
        "before to the left of after");
 }
 
+/* Bytes of a file, and the seconds that an MP4 says its track lasts: the box mdhd (ISO 14496-12). */
+static size_t measure(const char *path, double *seconds)
+{
+    struct spin_map map;
+    const unsigned char *at;
+    size_t n;
+    uint32_t word[2] = {0};
+
+    if (spin_map_open(path, &map) != SPIN_OK)
+        return 0;
+    n = map.size;
+    at = memmem(map.data, map.size, "mdhd", 4);
+    for (int k = 0; at && k < 8; k++) /* version 0: flags, two dates, ticks a second, ticks */
+        word[k / 4] = word[k / 4] << 8 | at[16 + k];
+    *seconds = word[0] ? (double)word[1] / word[0] : -1;
+    spin_map_close(&map);
+    return n;
+}
+
+static void test_speed_and_quality(struct spin_export_job job)
+{
+    static const char *const options[][5] = {
+        {NULL}, {"fps", "10", NULL}, {"quality", "2", NULL}, {"quality", "45", NULL}};
+    static const double lasts[] = {FRAMES / 25.0, FRAMES / 10.0, FRAMES / 25.0, FRAMES / 25.0};
+    struct spin_plugin_values values;
+    size_t bytes[4] = {0};
+    double db[4] = {0};
+
+    for (int i = 0; i < 4; i++) {
+        char name[32];
+        double seconds = 0;
+
+        snprintf(name, sizeof name, "how%d.mp4", i);
+        job.output = named(name);
+        values.pairs = options[i];
+        job.values = &values;
+        ok(export_clip(&spin_exporter_video, &job) == SPIN_OK, "writes with %s %s",
+           options[i][0] ? options[i][0] : "neither", options[i][0] ? options[i][1] : "");
+        bytes[i] = measure(job.output, &seconds);
+        near(seconds, lasts[i], 0.02, "it lasts as long as its frames at that speed");
+        for (int f = 0; f < FRAMES; f++)
+            db[i] += quality(job.output, f, f, 9, 0, 1) / FRAMES;
+    }
+    ok(bytes[2] > bytes[0] && bytes[0] > bytes[3], "better is larger: %zu, %zu, %zu bytes",
+       bytes[2], bytes[0], bytes[3]);
+    ok(db[2] > db[0] + 1 && db[0] > db[3] + 1, "and nearer: %.1f, %.1f, %.1f dB", db[2], db[0],
+       db[3]);
+}
+
 /* Distance from the eye to (0, 0, 0), and whether it looks there. */
 static double looks_from(const struct spin_camera *camera, bool *at_middle)
 {
@@ -273,6 +322,7 @@ TAP_MAIN
         skip("videos", spin_last_error());
     } else {
         test_files(job);
+    test_speed_and_quality(job);
         test_refusals(job);
     }
     spin_views_free(&views);
