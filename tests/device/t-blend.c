@@ -335,6 +335,7 @@ TAP_MAIN
             golden(d, names[k]);
         against_plain(d, 2000, 2, "small splats");
         against_plain(d, 150, 40, "large splats");
+        against_plain(d, 600, 40, "more in a tile than any device takes at once");
         differences(d);
         cap_and_stop(d);
         bad_numbers(d);
