@@ -207,10 +207,11 @@ static void test_still(void)
     ok(spin_exporter_sog.begin(&job, &self) == SPIN_OK &&
            spin_exporter_sog.frame(self, 0, &info, &s) == SPIN_OK,
        "writes a frame");
-    for (size_t k = 0; k < 3; k++) /* moves inside the box */
-        s.means[3 * 7 + k] *= 0.5f;
+    for (size_t i = 0; i < s.n; i++) /* the outermost move inside the box */
+        for (size_t k = 0; k < 3; k++)
+            s.means[3 * i + k] = fmaxf(fminf(s.means[3 * i + k], 3.5f), -3.5f);
     info.number = 1;
-    ok(spin_exporter_sog.frame(self, 1, &info, &s) == SPIN_OK, "and one where one moved");
+    ok(spin_exporter_sog.frame(self, 1, &info, &s) == SPIN_OK, "and one where some moved");
     s.means[0] = 1e20f;
     s.log_scales[0] = 3;
     info.number = 2;
