@@ -8,7 +8,9 @@
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "io/ranks.h"
 #include "render/frame_renderer.h"
+#include "run/share_splats.h"
 #include "scene/probe.h"
 
 void spin_set_verbosity(int level) { spin_log_set_level(level); }
@@ -113,7 +115,7 @@ struct export
     struct spin_device device;
     struct spin_frame_renderer frame_renderer;
     struct spin_renderer *renderer;
-    struct spin_splats splats;
+    struct spin_splats splats, received; /* of this process, of another */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     void *self;
@@ -178,6 +180,65 @@ static spin_status write_frames(struct export *x)
         spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
+    return status;
+}
+
+/* Frames that the exporter has no use for, of up to as many as there are ranks: rank 0 asks it. */
+static spin_status ask_skips(struct export *x, int first, int n, bool *skip)
+{
+    for (int r = 0; r < n && spin_rank() == 0; r++) {
+        struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
+
+        info.n = x->counts[first + r];
+        skip[r] = x->exporter->skip && x->exporter->skip(x->self, first + r, &info);
+    }
+    return spin_ranks_share(skip, (size_t)n, 0);
+}
+
+/* Every rank computes a frame of the round, and rank 0 writes them in order. */
+static spin_status write_round(struct export *x, int first, int n, bool *skip)
+{
+    unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    int own = spin_rank();
+
+    if (spin_cancelled())
+        return spin_fail_cancelled();
+    SPIN_TRY(ask_skips(x, first, n, skip));
+    if (own < n && !skip[own])
+        SPIN_TRY(spin_frame_renderer_splats(&x->frame_renderer, x->clip.frame[first + own], columns,
+                                            &x->splats));
+    for (int r = 0; r < n; r++) {
+        struct spin_splats *splats = r == own ? &x->splats : &x->received;
+        struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
+
+        if (skip[r])
+            continue;
+        SPIN_TRY(spin_share_splats(splats, columns, r));
+        info.n = splats->n;
+        if (own == 0)
+            SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
+    }
+    spin_bundle_rest(&x->splats);
+    return SPIN_OK;
+}
+
+static spin_status write_rounds(struct export *x)
+{
+    struct spin_progress progress;
+    bool *skip = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *skip, (void **)&skip));
+    spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
+    status = SPIN_OK;
+    for (int f = 0; f < x->clip.n_frames && status == SPIN_OK; f += spin_n_ranks()) {
+        int left = x->clip.n_frames - f;
+
+        status = write_round(x, f, left < spin_n_ranks() ? left : spin_n_ranks(), skip);
+        spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
+    }
+    spin_progress_end(&progress);
+    free(skip);
     return status;
 }
 
@@ -264,8 +325,10 @@ static spin_status begin_export(struct export *x)
         spin_warn("these splats are meant to be drawn antialiased, and '%s' has no word for it: "
                   "switch it on in the viewer",
                   o->to);
+    if (spin_rank() > 0)
+        return write_rounds(x);
     SPIN_TRY(x->exporter->begin(&job, &x->self));
-    status = write_frames(x);
+    status = spin_n_ranks() > 1 ? write_rounds(x) : write_frames(x);
     if (status != SPIN_OK) {
         x->exporter->abort(x->self);
         return status;
@@ -315,6 +378,7 @@ spin_status spin_export(const struct spin_export_options *o, struct spin_export_
     spin_frame_renderer_close(&x.frame_renderer);
     spin_device_close(&x.device);
     spin_splats_free(&x.splats);
+    spin_splats_free(&x.received);
     spin_clip_close(&x.clip);
     free(x.counts);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)

@@ -16,7 +16,9 @@
 #include "run/camera_overlay.h"
 #include "run/frame_queue.h"
 #include "run/frame_times.h"
+#include "run/share_splats.h"
 #include "io/claim.h"
+#include "io/ranks.h"
 #include "scene/probe.h"
 
 /* A description reads this many frames, evenly from all of them, unless asked for every one. */
@@ -38,7 +40,7 @@ struct import {
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
     struct spin_bundle_writer writer;
-    bool writing;
+    bool stores, writing; /* frames go into a bundle; this process writes it */
     struct spin_splats splats;
     struct spin_views views; /* of the data set, when one is given */
     char *data;              /* its absolute path */
@@ -315,7 +317,7 @@ static spin_status check_cameras(struct import *im)
     struct spin_camera_shares shares;
     spin_status status;
 
-    if (!o->check_cameras)
+    if (!o->check_cameras || spin_rank() > 0)
         return SPIN_OK;
     SPIN_TRY(spin_claim_folder(o->check_cameras));
     for (int k = 0; k < n; k++) {
@@ -374,8 +376,10 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
-/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. */
-static spin_status read_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
+/* One frame, in place i of the bundle: `columns` of it, the others are those of frame 0. Rank `rank` reads it, for
+ * rank 0. */
+static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
+                              struct spin_splats *out)
 {
     struct spin_bundle_meta *meta = &im->meta;
 
@@ -383,9 +387,12 @@ static spin_status read_frame(struct import *im, int i, unsigned columns, struct
         meta->frame[i].n = meta->frame[0].n;
         return SPIN_OK;
     }
-    SPIN_TRY(
-        im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns, out));
-    SPIN_TRY(check_frame(im, i, columns, out));
+    if (rank == spin_rank()) {
+        SPIN_TRY(im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns,
+                                     out));
+        SPIN_TRY(check_frame(im, i, columns, out));
+    }
+    SPIN_TRY(spin_share_splats(out, columns, rank));
     meta->frame[i].n = out->n;
     if (im->writing && meta->static_columns && out->n != meta->frame[0].n)
         return spin_fail(SPIN_E_MALFORMED,
@@ -410,17 +417,21 @@ static spin_status write_frame(void *context, int i, const struct spin_splats *s
 static spin_status relay_frame(struct import *im, int i)
 {
     unsigned again = i == 0 ? 0 : im->meta.static_columns;
+    int rank = i % spin_n_ranks();
     struct spin_splats *slot;
 
+    if (spin_rank() > 0)
+        return rank == spin_rank() ? read_frame(im, i, rank, im->meta.columns & ~again, &im->splats)
+                                   : SPIN_OK;
     SPIN_TRY(spin_frame_queue_slot(&im->relay, &slot));
-    SPIN_TRY(read_frame(im, i, im->meta.columns & ~again, slot));
+    SPIN_TRY(read_frame(im, i, rank, im->meta.columns & ~again, slot));
     spin_frame_queue_send(&im->relay, i);
     return SPIN_OK;
 }
 
 static spin_status describe_frame(struct import *im, int i)
 {
-    SPIN_TRY(read_frame(im, i, im->sequence.columns, &im->splats));
+    SPIN_TRY(read_frame(im, i, spin_rank(), im->sequence.columns, &im->splats));
     spin_column_stats_frame(&im->describe, im->sequence.columns, &im->splats);
     return SPIN_OK;
 }
@@ -454,17 +465,17 @@ static spin_status read_frames(struct import *im)
     struct spin_progress progress;
     spin_status status = SPIN_OK;
 
-    if (!im->writing && !im->o->full && n > DESCRIBED_FRAMES)
+    if (!im->stores && !im->o->full && n > DESCRIBED_FRAMES)
         n = DESCRIBED_FRAMES;
     for (int c = 0; c < 3; c++) {
         report->bounds_min[c] = FLT_MAX;
         report->bounds_max[c] = -FLT_MAX;
     }
     SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
-    spin_progress_begin(&progress, im->writing ? "importing" : "reading", "frames", 0, n);
+    spin_progress_begin(&progress, im->stores ? "importing" : "reading", "frames", 0, n);
     if (im->writing)
         SPIN_TRY_OUT(spin_frame_queue_open(&im->relay, write_frame, im));
-    else
+    else if (!im->stores)
         SPIN_TRY_OUT(spin_column_stats_open(&im->describe, n));
     for (int k = 0; k < n; k++) {
         if (spin_cancelled()) {
@@ -472,14 +483,14 @@ static spin_status read_frames(struct import *im)
             goto out;
         }
         read[k] = n < n_all ? spread(k, n, n_all) : k;
-        SPIN_TRY_OUT(im->writing ? relay_frame(im, read[k]) : describe_frame(im, read[k]));
+        SPIN_TRY_OUT(im->stores ? relay_frame(im, read[k]) : describe_frame(im, read[k]));
         spin_progress_set(&progress, k + 1, "%zu splats", im->meta.frame[read[k]].n);
     }
     if (im->writing)
         SPIN_TRY_OUT(spin_frame_queue_finish(&im->relay));
     report->frames_read = n;
     count_splats(im, read, n);
-    if (!im->writing)
+    if (!im->stores)
         spin_column_stats_ranges(&im->describe, report);
 out:
     spin_frame_queue_close(&im->relay);
@@ -589,7 +600,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_frame_times(o));
     if (o->check_cameras && !o->data)
         return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
-    if (o->output)
+    if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_claim_file(o->output, o->force));
     SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
     SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));
@@ -612,7 +623,8 @@ static spin_status run_import(struct import *im)
     meta->identity = im->sequence.identity;
     meta->sh_degree = meta->columns & SPIN_COL_SH ? im->sequence.sh_degree : -1;
     meta->antialias = im->sequence.antialias && meta->columns & SPIN_COL_ATTRIBUTES;
-    if (o->output) {
+    im->stores = o->output != NULL;
+    if (o->output && spin_rank() == 0) {
         SPIN_TRY(spin_bundle_writer_open(o->output, o->force, o->sync, &im->writer));
         im->writing = true;
     }

@@ -40,7 +40,8 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 static void tidy_up(const struct run *r)
 {
     remove(r->plan.part);
-    spin_frame_cache_clear(r->plan.parts);
+    if (!r->plan.o->cache)
+        spin_frame_cache_clear(r->plan.parts);
     spin_out_sweep(r->plan.part);
     spin_out_sweep(r->plan.o->output);
 }
@@ -48,7 +49,8 @@ static void tidy_up(const struct run *r)
 static spin_status check_output(const struct run *r, bool *done)
 {
     const struct spin_retrain_options *o = r->plan.o;
-    bool part = spin_path_is_taken(r->plan.part), parts = spin_path_is_taken(r->plan.parts);
+    bool part = spin_path_is_taken(r->plan.part),
+         parts = !o->cache && spin_path_is_taken(r->plan.parts);
 
     *done = false;
     if (spin_path_is_taken(o->output) && !o->force) {
@@ -101,7 +103,7 @@ static spin_status claim_outputs(struct run *r)
 
     SPIN_TRY(spin_claim_file(o->output, o->force));
     SPIN_TRY(spin_claim_file(r->plan.part, true));
-    if (o->refine > 0 && spin_path_is_taken(r->plan.parts))
+    if (o->refine > 0 && (o->cache || spin_path_is_taken(r->plan.parts)))
         SPIN_TRY(spin_claim_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
     if (o->preview)
@@ -391,9 +393,8 @@ static spin_status keep(struct run *r, spin_status failed)
                          (long long)c->saved, r->plan.part,
                          c->sound ? ": go on with --resume" : "");
     if (!lost && r->refinement.frame && spin_path_is_folder(r->plan.parts))
-        return spin_fail(failed,
-                         "%s; the frames refined so far are kept in '%s': go on with --resume", why,
-                         r->plan.parts);
+        return spin_fail(failed, "%s; the frames refined so far are kept in '%s'%s", why,
+                         r->plan.parts, r->plan.o->cache ? "" : ": go on with --resume");
     return spin_fail(failed, "%s%s", why, kept);
 }
 

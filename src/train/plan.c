@@ -390,7 +390,8 @@ static spin_status plan_field(struct spin_plan *plan)
 static spin_status name_parts(struct spin_plan *plan)
 {
     const char *output = plan->o->output ? plan->o->output : "";
-    size_t n = strlen(output) + sizeof ".parts";
+    const char *cache = plan->o->cache;
+    size_t n = strlen(output) + sizeof ".parts" + (cache ? strlen(cache) : 0);
     void *block = NULL;
 
     SPIN_TRY(spin_alloc(n, 1, &block));
@@ -399,7 +400,10 @@ static spin_status name_parts(struct spin_plan *plan)
     block = NULL;
     SPIN_TRY(spin_alloc(n, 1, &block));
     plan->parts = block;
-    snprintf(plan->parts, n, "%s.parts", output);
+    if (cache)
+        snprintf(plan->parts, n, "%s", cache);
+    else
+        snprintf(plan->parts, n, "%s.parts", output);
     return SPIN_OK;
 }
 

@@ -18,6 +18,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "io/ranks.h"
 #include "math/sh.h"
 #include "train/refine.h"
 #include "train/settings.h"
@@ -149,7 +150,8 @@ static spin_status read_columns(const struct spin_refinement *r, struct spin_pla
     if (r->frame[f].from_input)
         return spin_bundle_refined_frame(&plan->clip.bundle, spin_plan_index(plan, f), columns,
                                          out);
-    return spin_frame_cache_get(plan->parts, f, r->frame[f].key, columns, out);
+    return spin_frame_cache_get(plan->parts, spin_plan_index(plan, f), r->frame[f].key, columns,
+                                out);
 }
 
 /* rgb is kept by the network's method only; elsewhere it follows from the first coefficient. */
@@ -182,7 +184,8 @@ struct stage {
     struct spin_code_paths *code_paths;
     struct spin_journal *journal;
     struct spin_refine_options options;
-    int *todo, n_todo;        /* frames */
+    int *todo, n_todo;        /* frames that this rank refines */
+    int *all, n_all;          /* and all ranks */
     int first;                /* of those under way */
     int n_hands;              /* frames worked on at a time */
     struct spin_device *hand; /* [n_hands] */
@@ -299,14 +302,15 @@ static spin_status keep(struct job *job, const struct spin_refine_stats *stats)
     struct spin_plan *plan = stage->plan;
 
     SPIN_TRY(spin_refine_to_splats(&job->cloud, &job->splats));
-    SPIN_TRY(spin_frame_cache_put(plan->parts, job->frame, stage->refinement->frame[job->frame].key,
-                                  stage->device->path, &job->splats));
+    SPIN_TRY(spin_frame_cache_put(plan->parts, spin_plan_index(plan, job->frame),
+                                  stage->refinement->frame[job->frame].key, stage->device->path,
+                                  &job->splats));
     pthread_mutex_lock(&stage->lock);
     stage->refinement->counts[job->frame] = job->splats.n;
     stage->done += stage->options.iterations - stats->iterations;
     stage->drawn += stats->iterations;
     stage->blind += stats->blind;
-    plan->report->loss_last += stats->loss_last / stage->n_todo;
+    plan->report->loss_last += stats->loss_last / stage->n_all;
     spin_log(1, "frame %d: %zu splats became %zu, loss %.4f became %.4f",
              spin_plan_info(plan, job->frame)->number, stats->n_first, stats->n_last,
              stats->loss_first, stats->loss_last);
@@ -382,29 +386,77 @@ static void set_options(struct stage *stage)
     o->densify.seed = from->seed;
 }
 
-/* Which frames are still to be done. */
-static spin_status list_todo(struct stage *stage)
+/* Whether the cache has the frame. */
+static spin_status find_cached(struct stage *stage, int f, bool *found)
 {
     struct spin_refinement *r = stage->refinement;
+    struct spin_shelved there;
+
+    SPIN_TRY(spin_frame_cache_find(stage->plan->parts, spin_plan_index(stage->plan, f),
+                                   r->frame[f].key, found, &there));
+    if (*found) {
+        r->counts[f] = there.n;
+        spin_code_paths_add(stage->code_paths, there.path);
+    }
+    return SPIN_OK;
+}
+
+/* Which frames are still to be done: of all, and of those the ones that this rank does. */
+static spin_status list_todo(struct stage *stage)
+{
     struct spin_plan *plan = stage->plan;
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *stage->todo, &block));
+    SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, 2 * sizeof *stage->todo, &block));
     stage->todo = block;
+    stage->all = stage->todo + plan->clip.n_frames;
     for (int f = 0; f < plan->clip.n_frames; f++) {
-        bool found = input_has(r, plan, f), shelved = false;
-        struct spin_shelved there;
+        bool found = input_has(stage->refinement, plan, f);
 
-        if (!found && plan->o->resume)
-            SPIN_TRY(spin_frame_cache_find(plan->parts, f, r->frame[f].key, &shelved, &there));
-        if (shelved) {
-            r->counts[f] = there.n;
-            spin_code_paths_add(stage->code_paths, there.path);
-        }
-        if (!found && !shelved)
+        if (!found && (plan->o->resume || plan->o->cache))
+            SPIN_TRY(find_cached(stage, f, &found));
+        if (found)
+            continue;
+        if (stage->n_all % spin_n_ranks() == spin_rank())
             stage->todo[stage->n_todo++] = f;
+        stage->all[stage->n_all++] = f;
     }
-    return SPIN_OK;
+    return spin_ranks_agree(SPIN_OK); /* before the first of them is put there */
+}
+
+/* Frames of other ranks, once all are there; and what all ranks did. */
+static spin_status join(struct stage *stage)
+{
+    struct work {
+        int64_t drawn, blind;
+        double loss;
+    } * all;
+    spin_status status;
+
+    if (spin_n_ranks() == 1)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *all, (void **)&all));
+    all[spin_rank()] = (struct work){stage->drawn, stage->blind, stage->plan->report->loss_last};
+    status = spin_ranks_gather(all, sizeof *all);
+    for (int i = 0; i < spin_n_ranks(); i++) {
+        stage->drawn += i == spin_rank() ? 0 : all[i].drawn;
+        stage->blind += i == spin_rank() ? 0 : all[i].blind;
+        stage->plan->report->loss_last += i == spin_rank() ? 0 : all[i].loss;
+    }
+    free(all);
+    for (int i = 0; i < stage->n_all && status == SPIN_OK; i++) {
+        bool found = true;
+
+        if (i % spin_n_ranks() != spin_rank())
+            status = find_cached(stage, stage->all[i], &found);
+        if (!found)
+            status =
+                spin_fail(SPIN_E_NOT_FOUND,
+                          "frame %d, which another process refined, is not in '%s': processes "
+                          "on several machines need a folder that all of them see",
+                          spin_plan_info(stage->plan, stage->all[i])->number, stage->plan->parts);
+    }
+    return spin_ranks_agree(status);
 }
 
 /* A device for each of n frames worked on at a time, as far as threads and memory go. */
@@ -508,6 +560,8 @@ static spin_status look(struct stage *stage)
                                      "evaluating the refined frames", q);
     spin_frame_renderer_close(&shown);
     SPIN_TRY(status);
+    if (spin_rank() > 0)
+        return SPIN_OK;
     if (q->valid)
         spin_log(0, "refined: %.1f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
                  q->psnr, q->ssim);
@@ -522,7 +576,7 @@ static spin_status judge_blind(const struct stage *stage)
 {
     if (stage->blind == 0)
         return SPIN_OK;
-    if (stage->blind == stage->drawn && stage->n_todo == stage->plan->clip.n_frames)
+    if (stage->blind == stage->drawn && stage->n_all == stage->plan->clip.n_frames)
         return spin_fail(SPIN_E_MALFORMED,
                          "no splat is visible in any view of any frame: do the cameras belong to "
                          "these points");
@@ -556,16 +610,19 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
                           .start_s = spin_now_s()};
     spin_status status;
 
-    if (!plan->o->resume)
+    if (!plan->o->resume && !plan->o->cache && spin_rank() == 0)
         spin_frame_cache_clear(plan->parts);
+    SPIN_TRY(spin_ranks_agree(SPIN_OK));
     set_options(&stage);
     SPIN_TRY_OUT(list_todo(&stage));
-    spin_log(0, "refining %d of %d frames, %d iterations each", stage.n_todo, plan->clip.n_frames,
+    spin_log(0, "refining %d of %d frames, %d iterations each", stage.n_all, plan->clip.n_frames,
              plan->o->refine);
     spin_progress_begin(&stage.progress, "refining", "it", 0,
                         (long long)stage.n_todo * plan->o->refine);
     status = run(&stage);
     spin_progress_end(&stage.progress);
+    if (status == SPIN_OK)
+        status = join(&stage);
     if (status == SPIN_OK)
         status = judge_blind(&stage);
     plan->report->refine_seconds = spin_now_s() - stage.start_s;

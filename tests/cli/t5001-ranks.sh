@@ -26,4 +26,19 @@ for n in 2 3; do
     diff -r "$work/images-1" "$work/images-$n" >/dev/null
     ok $? "and so are the pictures"
 done
+
+# ---- Import and export: the files are those of one
+
+ranks 2 "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/in-2.spin" --range 0:5
+is "$code" 0 "2 ranks import"
+is "$(grep -c '^written' "$work/out")" 1 "with one report"
+cmp -s "$in" "$work/in-2.spin"
+ok $? "and the same bundle"
+for to in ply gltf; do
+    run "$bin/spin-export" "$in" --to $to -o "$work/$to-1"
+    ranks 2 "$bin/spin-export" "$in" --to $to -o "$work/$to-2"
+    is "$code" 0 "2 ranks export to $to"
+    diff -r "$work/$to-1" "$work/$to-2" >/dev/null && [ -e "$work/$to-1" ]
+    ok $? "the same files"
+done
 done_testing

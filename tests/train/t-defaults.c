@@ -77,7 +77,8 @@ static const struct spin_retrain_options paper = {
     false,
     false, /* resume, force, dry_run */
     NULL,
-    NULL, /* preview, log */
+    NULL,
+    NULL, /* preview, log, cache */
 };
 
 static const struct spin_retrain_options shorter = {
@@ -147,7 +148,8 @@ static const struct spin_retrain_options shorter = {
     false,
     false, /* resume, force, dry_run */
     NULL,
-    NULL, /* preview, log */
+    NULL,
+    NULL, /* preview, log, cache */
 };
 
 /* What differs from "short". */

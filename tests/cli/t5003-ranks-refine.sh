@@ -1,0 +1,37 @@
+#!/bin/sh
+# K: ranks mpi refine
+# Refined frames are shared by processes, and by runs, through a folder.
+. tests/cli/lib.sh
+
+in=$work/in.spin
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
+is "$code" 0 "imports a clip"
+explicit='--device cpu --method explicit --refine 10 --threads 1'
+run "$bin/spin-retrain" "$in" -o "$work/one.spin" $explicit
+is "$code" 0 "one process refines the clip"
+err_has '^refining 5 of 5 frames' "all of it"
+
+# ---- A job array: each run has some of the frames, the last one takes them all
+
+for range in 1:3 3:5; do
+    run "$bin/spin-retrain" "$in" -o "$work/part-$range.spin" $explicit --range $range --cache "$work/cache"
+    is "$code" 0 "refines frames $range into a folder"
+done
+run "$bin/spin-retrain" "$in" -o "$work/array.spin" $explicit --cache "$work/cache"
+is "$code" 0 "then the whole clip"
+err_has '^refining 1 of 5 frames' "of which one frame was left"
+cmp -s "$work/one.spin" "$work/array.spin"
+ok $? "and it is that of one run"
+is "$(ls "$work/cache" | wc -l)" 5 "the folder stays"
+run "$bin/spin-retrain" "$in" -o "$work/other.spin" $explicit --refine 11 --cache "$work/cache"
+fails 2 spin-retrain "frames made with other options"
+
+# ---- Processes
+
+. tests/cli/ranks.sh
+ranks 2 "$bin/spin-retrain" "$in" -o "$work/two.spin" $explicit
+is "$code" 0 "two processes refine the clip"
+cmp -s "$work/one.spin" "$work/two.spin"
+ok $? "and it is that of one"
+nothing_at "$work/two.spin.parts" "nothing is left beside it"
+done_testing
