@@ -222,6 +222,8 @@ struct spin_retrain_report {
     size_t bytes_needed, bytes_available;
     size_t bytes_peak;        /* of this process, when the work is done */
     double seconds_estimated; /* dry run */
+    int ranks;                /* processes that share the work */
+    double bytes_sent;        /* dry run: by all of them in a step, at most */
     double loss_last;
 };
 

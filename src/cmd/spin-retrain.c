@@ -169,6 +169,8 @@ static void report_json(const struct spin_retrain_report *r)
     if (options.dry_run) {
         spin_print_bool("dry_run", true);
         spin_print_number("seconds_estimated", r->seconds_estimated);
+        spin_print_integer("ranks", r->ranks);
+        spin_print_number("bytes_sent", r->bytes_sent);
     } else {
         spin_print_number("seconds", r->seconds);
         spin_print_number("seconds_per_iteration", r->seconds_per_iteration);
@@ -187,7 +189,7 @@ static void report_json(const struct spin_retrain_report *r)
 
 static void report_plan(const struct spin_retrain_report *r)
 {
-    char needed[32], available[32], time[32];
+    char needed[32], available[32], time[32], sent[32];
 
     printf("device      %s\n", r->device);
     printf("work        %d iterations, %d frames, %.1f splats each\n", r->iterations, r->frames,
@@ -195,6 +197,9 @@ static void report_plan(const struct spin_retrain_report *r)
     printf("memory      %s needed, %s available\n",
            spin_print_bytes((double)r->bytes_needed, needed),
            spin_print_bytes((double)r->bytes_available, available));
+    if (r->ranks > 1)
+        printf("processes   %d; each needs that memory, and together they send up to %s a step\n",
+               r->ranks, spin_print_bytes(r->bytes_sent, sent));
     printf("time        about %s\n", spin_print_seconds(r->seconds_estimated, time));
 }
 

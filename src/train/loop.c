@@ -72,6 +72,7 @@ static const char *const op_names[] = SPIN_OP_NAMES;
 /* Seconds of the last step's operations; of all steps: those of each operation, and on the wall. */
 struct spent {
     double step[SPIN_N_OPS], op[SPIN_N_OPS], wall;
+    double exchange_s, sent, steps; /* with other ranks: seconds, bytes that this one sent */
 };
 
 /* One line a step, with the seconds of its ops. */
@@ -124,6 +125,9 @@ static void say_seconds(const struct spent *spent)
     }
     spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in steps", "together", named,
              100 * named / spent->wall, spent->wall);
+    if (spin_n_ranks() > 1)
+        spin_log(1, "  %-13s %9.3f s, %.3f MB sent a step by rank 0", "exchanged",
+                 spent->exchange_s, spent->sent / 1e6 / (spent->steps > 0 ? spent->steps : 1));
 }
 
 /* ---- The loop ----------------------------------------------------------------------------------- */
@@ -256,12 +260,18 @@ static spin_status iterate(const struct spin_loop *l, struct spin_sampler *sampl
                            struct spent *spent, struct blind *blind, struct spin_train_values *v)
 {
     struct spin_device *d = l->trainer->device;
-    double start = spin_now_s(), loaded, seconds;
+    double start = spin_now_s(), loaded, seconds, waited, waited_before;
+    uint64_t sent, sent_before;
 
     take_seconds(spent, d); /* of what was done between steps */
     SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
     loaded = spin_now_s();
+    spin_ranks_spent(&sent_before, &waited_before);
     SPIN_TRY(take_step(l, sampler, v));
+    spin_ranks_spent(&sent, &waited);
+    spent->sent += (double)(sent - sent_before);
+    spent->exchange_s += waited - waited_before;
+    spent->steps++;
     take_seconds(spent, d);
     spent->step[SPIN_OP_PIXELS] += loaded - start;
     seconds = spin_now_s() - start;

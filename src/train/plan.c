@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "io/ranks.h"
 #include "train/lazy_adam.h"
 #include "train/options.h"
 #include "train/point_sample.h"
@@ -256,6 +257,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
     size_t of_device, of_host, available, refining = spin_plan_refine_bytes(plan);
+    double distinct = decodings(plan->o); /* frames of a step */
 
     network_bytes(plan, &of_device, &of_host);
     if (plan->o->refine > 0 &&
@@ -263,6 +265,11 @@ static void plan_memory(struct spin_plan *plan, size_t held)
         of_device = refining;
         of_host = 0;
     }
+    report->ranks = spin_n_ranks();
+    if (plan->o->method != SPIN_METHOD_EXPLICIT)
+        report->bytes_sent =
+            distinct * spin_share_traffic(&plan->field, plan->clip.n_mean,
+                                          spin_plan_has_residual(plan) || plan->o->tracks);
     of_host += program_bytes + (plan->device->is_host ? of_device : 0);
     report->bytes_available = spin_memory_available() + held;
     of_host += plan_pixels(plan, report->bytes_available, of_host, held);

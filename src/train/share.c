@@ -51,6 +51,38 @@ struct spin_field spin_share_part(const struct spin_field *field, struct spin_le
     return part;
 }
 
+size_t spin_share_most(const struct spin_grid *grid)
+{
+    size_t most = 0;
+
+    for (int r = 0; r < spin_n_ranks(); r++) {
+        struct spin_levels levels = spin_share_levels(grid, r, spin_n_ranks());
+        size_t n = spin_share_floats(grid, levels.end) - spin_share_floats(grid, levels.first);
+
+        most = n > most ? n : most;
+    }
+    return most;
+}
+
+double spin_share_traffic(const struct spin_field *field, double n, bool residual)
+{
+    double others = spin_n_ranks() - 1, features = 0, branch_floats = 0, all;
+    struct spin_levels branch[SPIN_MAX_LEVELS];
+
+    for (int r = 0; r < spin_n_ranks(); r++) {
+        struct spin_levels levels = spin_share_levels(&field->grid, r, spin_n_ranks());
+
+        features += (levels.end - levels.first) * field->grid.n_features;
+        branch_floats += 4 * spin_share_branches(field->grid.n_levels, levels, branch);
+    }
+    all =
+        others / spin_n_ranks(); /* of what ranks have equal parts of: a frame's own rank has one */
+    return sizeof(float) * (n * (2 * features + branch_floats) * all + /* z, d_z, d_x */
+                            n * others +                               /* rows */
+                            n * (residual ? 14 : 3) * others +         /* to every rank */
+                            (double)field->n_heads * others);
+}
+
 static int branches(int first, int n, struct spin_levels levels, struct spin_levels *out)
 {
     int half = 1, count;

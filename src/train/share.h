@@ -24,6 +24,13 @@ struct spin_field spin_share_part(const struct spin_field *field, struct spin_le
 /* Floats of the table before a level. */
 size_t spin_share_floats(const struct spin_grid *grid, int level);
 
+/* Floats of the largest part of a table that one of the ranks has. */
+size_t spin_share_most(const struct spin_grid *grid);
+
+/* Bytes that all ranks together send for a frame of n splats, in a step of a network of this field, when all of its
+ * splats have a gradient; residual: they have values of their own. */
+double spin_share_traffic(const struct spin_field *field, double n, bool residual);
+
 /* The largest branches of the tree over n levels that make up these, in order; returns how many. The tree over n
  * adds the first 2^k, 2^k < n, and the others. */
 int spin_share_branches(int n, struct spin_levels levels, struct spin_levels out[SPIN_MAX_LEVELS]);

@@ -43,7 +43,9 @@ size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trai
                   (size->n_tracks > 0 ? size->frame[f].n : 0);
     floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->n_tracks > 0 ? 2 : 1);
     if (size->network)
-        floats += 4 * (field->n_table + field->n_heads);
+        floats += 4 * (spin_share_most(&field->grid) + field->n_heads);
+    if (size->network && spin_n_ranks() > 1) /* messages; the whole table, twice, to look at it */
+        floats += 4 * n * (size_t)field->heads.n_in + 2 * field->n_table;
     return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
            spin_raster_bytes(n, size->max_pixels, true);
 }
