@@ -304,6 +304,16 @@ static spin_status begin_network(struct run *r)
     return SPIN_OK;
 }
 
+/* Densification changes how many there are. */
+static void count_splats(struct run *r)
+{
+    double *mean = &r->plan.report->splats_mean;
+
+    *mean = 0;
+    for (int f = 0; f < r->trainer.n_frames; f++)
+        *mean += (double)r->trainer.frame[f].size.n / r->trainer.n_frames;
+}
+
 static spin_status train_network(struct run *r)
 {
     bool resume = r->resume;
@@ -324,7 +334,9 @@ static spin_status train_network(struct run *r)
     SPIN_TRY(look_at_source(r));
     c->saved_s = spin_now_s();
     c->start_s = c->saved_s - r->plan.report->refine_seconds;
-    return spin_loop_run(&loop);
+    SPIN_TRY(spin_loop_run(&loop));
+    count_splats(r);
+    return SPIN_OK;
 }
 
 /* The explicit method: refined frames are the result. */

@@ -63,6 +63,9 @@ for more in '--tracks auto --network-start 0.5' '--method tracks'; do
     learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
     awk -v a="$learned" -v b="$after" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
     ok $? "$more: the bundle shows what was trained ($learned dB, $after)"
+    told=$(member splats_mean)
+    run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --force --json
+    is "$told" "$(member splats_mean)" "$more: and tells how many splats there are now"
 done
 small=$plain
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
