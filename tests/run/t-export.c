@@ -131,7 +131,7 @@ static void check_check(void)
         .input = bundle, .output = folder, .to = "spz", .check = true, .device = "cpu"};
     struct spin_export_report r;
 
-    snprintf(folder, sizeof folder, "%s.spz", bundle);
+    snprintf(folder, sizeof folder, "%s-spz", bundle);
     if (!ok(spin_export(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check reads all back"))
         return;
     near(r.check.largest[1], 0.03, 1e-4, "--check sees the error of the scales");
