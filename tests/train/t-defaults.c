@@ -162,8 +162,7 @@ static const struct spin_retrain_options *tracks_preset(void)
     t.tracks = t.antialias = true;
     t.iterations = 3000;
     t.batch = t.views_per_frame = 1;
-    t.lr_position = 1e-4;
-    t.lr_residual = 4;
+    t.lr_position = 5e-4;
     t.densify_every = 150;
     return &t;
 }
