@@ -1,4 +1,4 @@
-/* spin.h - the public header of spin4d, and the map of the house. The calls behind
+/* spin.h - the public header of spin4d, and the map of the source. The calls behind
  * the commands are in spin_run.h.
  *
  *     four commands  ->  one library  <-  importers and exporters, one file each

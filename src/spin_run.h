@@ -42,7 +42,7 @@ struct spin_import_options {
     int n_times;
     struct spin_range range;
     bool positions_only, force;
-    bool sync;                       /* the bundle is on the disk before it has its name */
+    bool sync;                       /* write the bundle to the disk (fsync) before it is renamed */
     bool full;                       /* describe: read every frame, not up to 16 of them */
     const char *check_cameras;       /* folder for PNGs of the points over data's images, or NULL */
     const char *const *plugin_pairs; /* see struct spin_plugin_values */

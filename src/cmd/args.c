@@ -566,7 +566,7 @@ static int take_short(struct parser *p, const char *text)
 static int take_word(struct parser *p, const char *text)
 {
     if (p->words->n == p->max_words)
-        return spin_args_misuse(p->command, "one word too many: '%s'", text);
+        return spin_args_misuse(p->command, "unexpected argument '%s'", text);
     p->words->word[p->words->n++] = text;
     return SPIN_EXIT_OK;
 }

@@ -245,7 +245,7 @@ static void print_foot(const struct spin_eval_report *r)
                100 * r->mean.dynamic,
                r->dynamic == SPIN_DYNAMIC_MASKS ? "foreground masks" : "the images",
                r->mean.psnr_dynamic, r->mean.psnr_static);
-    printf("speed    %.2f pictures a second with decoding, %.2f without\n",
+    printf("speed    %.2f frames per second with decoding, %.2f without\n",
            1 / (r->seconds_decode + r->seconds_draw), 1 / r->seconds_draw);
     printf("storage  %s for these attributes, %s a frame; the file has %s\n",
            spin_print_bytes((double)bytes_needed(r), needed),

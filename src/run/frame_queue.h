@@ -34,7 +34,7 @@ spin_status spin_frame_queue_slot(struct spin_frame_queue *relay, struct spin_sp
 void spin_frame_queue_send(struct spin_frame_queue *relay, int frame);
 /* Wait until all that was sent is written, and say how it went. Nothing can be sent after that. */
 spin_status spin_frame_queue_finish(struct spin_frame_queue *relay);
-/* The same for a way out that has its own error; frees. Needed in any case. */
+/* Free the queue, also after a failure; a failure of the writer is dropped. Call it once, always. */
 void spin_frame_queue_close(struct spin_frame_queue *relay);
 
 #endif

@@ -56,7 +56,7 @@ spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, uns
  * used as they lie in the map (out->mapped): to be read only, until the bundle is closed. */
 spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
                              unsigned columns, struct spin_splats *out);
-/* A view that will not be looked at again soon: its pages leave the process. Of others, nothing. */
+/* Release the memory pages of a view that is not needed again soon. A copy (not mapped) stays as it is. */
 void spin_bundle_rest(const struct spin_splats *view);
 /* Splats of a frame: the source's; or else the refined ones where there are some, which are also the
  * network's. */
@@ -68,7 +68,7 @@ uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsig
 struct spin_bundle_writer {
     struct spin_zip_writer zip;
 };
-/* sync: on the disk before it has its name, as struct spin_out has it. */
+/* sync: write the file to the disk (fsync) before it is renamed to its path. */
 spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
                                     struct spin_bundle_writer *w);
 /* Columns in `columns` of frame `index`; those in static_columns are written at index 0 only. */

@@ -18,7 +18,7 @@ misuse "did you mean '--output'" spin-import --ouput x
 misuse "unknown option '--zzz'" spin-import --zzz
 misuse "unknown option '-x'" spin-import -x
 misuse "INPUT is missing" spin-import
-misuse "one word too many" spin-import --info a b
+misuse "unexpected argument" spin-import --info a b
 misuse "with --output" spin-import a
 misuse "needs a value" spin-import a -o
 misuse "needs a value" spin-import a --output --force

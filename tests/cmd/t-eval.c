@@ -206,9 +206,9 @@ static void test_speed(void)
        "six decodings and 48 pictures in %.2f s", whole);
     spin_json_free(e.json);
     shell("%s/spin-eval %s/net.spin --scale 0.25 --threads 1", bin, folder);
-    ok(strstr(said, "pictures a second with decoding") != NULL, "as text too");
+    ok(strstr(said, "frames per second with decoding") != NULL, "as text too");
     shell("%s/spin-eval %s/net.spin --scale 0.25 -q", bin, folder);
-    ok(strstr(said, "pictures a second") == NULL && strstr(said, "12 views"), "-q: only the mean");
+    ok(strstr(said, "frames per second") == NULL && strstr(said, "12 views"), "-q: only the mean");
 }
 
 static void test_data(void)

@@ -110,12 +110,12 @@ static void put_tiles(struct page *p)
     fprintf(p->to, "<div class=\"tiles\">\n");
     put_tile(p->to, "PSNR", after->psnr, before->psnr, 2, " dB");
     put_tile(p->to, "SSIM", after->ssim, before->ssim, 4, "");
-    put_tile(p->to, "PSNR of what moves", after->psnr_dynamic, before->psnr_dynamic, 2, " dB");
-    put_tile(p->to, "PSNR of the rest", after->psnr_static, before->psnr_static, 2, " dB");
+    put_tile(p->to, "PSNR, moving regions", after->psnr_dynamic, before->psnr_dynamic, 2, " dB");
+    put_tile(p->to, "PSNR, elsewhere", after->psnr_static, before->psnr_static, 2, " dB");
     put_tile(p->to, "LPIPS (VGG)", after->lpips[0], before->lpips[0], 4, "");
     put_tile(p->to, "LPIPS (Alex)", after->lpips[1], before->lpips[1], 4, "");
-    put_tile(p->to, "pictures a second", 1 / (a->seconds_decode + a->seconds_draw), NAN, 2, "");
-    put_tile(p->to, "stored a frame", (double)bytes / 1e6 / a->n_frames, NAN, 2, " MB");
+    put_tile(p->to, "frames per second", 1 / (a->seconds_decode + a->seconds_draw), NAN, 2, "");
+    put_tile(p->to, "storage per frame", (double)bytes / 1e6 / a->n_frames, NAN, 2, " MB");
     fprintf(p->to, "</div>\n");
 }
 
