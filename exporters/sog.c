@@ -154,8 +154,7 @@ static spin_status choose_coding(struct export *x)
     if (rows->sh_degree > 0) {
         SPIN_TRY(spin_palette_make(x->rest, n, n_rest(x), spin_sog_palette(n), x->label, x->palette,
                                    &x->sog.n_palette));
-        SPIN_TRY(
-            spin_codebook_make(x->palette, x->sog.n_palette * n_rest(x), x->sog.sh_n));
+        SPIN_TRY(spin_codebook_make(x->palette, x->sog.n_palette * n_rest(x), x->sog.sh_n));
         x->sog.n_palette = x->sog.n_palette > 0 ? x->sog.n_palette : 1;
     }
     x->begun |= n > 0;
@@ -227,8 +226,8 @@ static void code_task(void *context, int task, int worker)
         for (size_t k = 0; k < width; k++) {
             float shown = x->palette[width * x->label[i] + k];
 
-            lost[k] = x->rest[width * i + k] -
-                      x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
+            lost[k] =
+                x->rest[width * i + k] - x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
         }
         spin_quant_error_add_all(&x->quant[task], SPIN_QUANT_SH, lost, width);
     }
@@ -252,8 +251,7 @@ static void pack_task(void *context, int task, int worker)
     (void)worker;
     if (p->width == 0)
         return;
-    p->status =
-        spin_webp_write(p->rgba, p->width, p->height, x->level, &p->file, &p->n_file);
+    p->status = spin_webp_write(p->rgba, p->width, p->height, x->level, &p->file, &p->n_file);
     if (p->status != SPIN_OK)
         snprintf(p->why, sizeof p->why, "%s", spin_last_error());
 }
@@ -284,8 +282,8 @@ static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
             status = spin_fail(from->status, "%s: %s", spin_sog_name((enum spin_sog_picture)p),
                                from->why);
         else if (from->width > 0)
-            status = spin_zip_member_whole(zip, spin_sog_name((enum spin_sog_picture)p),
-                                           from->file, from->n_file, NULL, 0);
+            status = spin_zip_member_whole(zip, spin_sog_name((enum spin_sog_picture)p), from->file,
+                                           from->n_file, NULL, 0);
     }
     return status;
 }

@@ -26,8 +26,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
     {"spz-version", "3|4", "version of the format: 3 is a gzip, 4 is zstd streams", "3"},
-    {"level", "N", "effort of gzip or zstd; 1: hardly a search for repeats, of which there are few; to 9",
-     "1"},
+    {"level", "N",
+     "effort of gzip or zstd; 1: hardly a search for repeats, of which there are few; to 9", "1"},
     {0},
 };
 
@@ -43,8 +43,8 @@ struct export
 
     /* The batch at hand: of version 4 the whole stream. */
     int stream;
-    size_t width, first;            /* bytes a row; block */
-    unsigned char *bytes;           /* [n_bytes_room] */
+    size_t width, first;  /* bytes a row; block */
+    unsigned char *bytes; /* [n_bytes_room] */
     size_t n_bytes_room;
     struct spin_quant_error *quant; /* [blocks] */
 };
@@ -283,7 +283,8 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return spin_fail(SPIN_E_USAGE, "--axes rub takes y down for granted: give it or --up");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
-    return x->version == 4 ? spin_zstd_need() : spin_gzip_create(x->level, job->n_threads, &x->gzip);
+    return x->version == 4 ? spin_zstd_need()
+                           : spin_gzip_create(x->level, job->n_threads, &x->gzip);
 }
 
 static void end(void *self)

@@ -255,8 +255,10 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     if (!to)
         return spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
     print_head(x, number, number, to);
-    fprintf(to, "def ParticleField3DGaussianSplat \"" PRIM "\" (\n    customData = {\n"
-                "        int splats = %zu\n    }\n)\n{\n", n);
+    fprintf(to,
+            "def ParticleField3DGaussianSplat \"" PRIM "\" (\n    customData = {\n"
+            "        int splats = %zu\n    }\n)\n{\n",
+            n);
     print_degree(x, to);
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
@@ -295,8 +297,8 @@ static uint64_t usd_bytes(const void *self, size_t n)
 {
     const struct export *x = self;
 
-    return 2048 + (uint64_t)n * NUMBER *
-                      (11 + 3 * (uint64_t)spin_sh_count(x->frames.rows.sh_degree));
+    return 2048 +
+           (uint64_t)n * NUMBER * (11 + 3 * (uint64_t)spin_sh_count(x->frames.rows.sh_degree));
 }
 
 /* The very head that would be written, and the end of a prim at the end. */
@@ -305,9 +307,9 @@ static bool usd_complete(void *self, const struct spin_frame_info *info, const s
 {
     static const char key[] = "int splats = ", tail[] = "],\n    }\n}\n";
     const struct export *x = self;
-    const char *at = map->size > 0 ? memmem(map->data, map->size < 2048 ? map->size : 2048, key,
-                                            sizeof key - 1)
-                                   : NULL;
+    const char *at =
+        map->size > 0 ? memmem(map->data, map->size < 2048 ? map->size : 2048, key, sizeof key - 1)
+                      : NULL;
     char *head = NULL;
     size_t n_head;
     bool whole;
@@ -382,8 +384,7 @@ static spin_status write_stage(struct export *x, bool manifest)
     if (fclose(to) != 0)
         status = spin_fail(SPIN_E_MEMORY, "no memory for a stage of USD");
     if (status == SPIN_OK)
-        status =
-            spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
+        status = spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
     free(text);
     return status;
 }

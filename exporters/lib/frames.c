@@ -225,8 +225,7 @@ bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info)
     bool whole = false;
 
     (void)frame;
-    if (!x->skip_complete ||
-        path_of(x, info->number, &path) != SPIN_OK)
+    if (!x->skip_complete || path_of(x, info->number, &path) != SPIN_OK)
         return false;
     if (spin_path_exists(path) && spin_map_open(path, &map) == SPIN_OK) {
         whole = x->format->complete(x, info, &map, &n) && n <= info->n &&

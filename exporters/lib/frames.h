@@ -64,7 +64,7 @@ struct spin_frames_entry {
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
-    const char *file; /* the output is this file, for one frame; NULL: a folder */
+    const char *file;   /* the output is this file, for one frame; NULL: a folder */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;

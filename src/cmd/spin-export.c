@@ -159,11 +159,16 @@ static void report_text(const struct spin_export_report *r)
 /* The exporter of files with that ending, or NULL. */
 static const char *exporter_of(const char *output)
 {
-    static const char *const endings[][2] = {
-        {".compressed.ply", "compressed-ply"}, {".ply", "ply"},     {".glb", "gltf"},
-        {".sog", "sog"},                       {".splat", "splat"}, {".spz", "spz"},
-        {".usda", "usd"},                      {".html", "html"},   {".mp4", "video"},
-        {".webm", "video"}};
+    static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
+                                             {".ply", "ply"},
+                                             {".glb", "gltf"},
+                                             {".sog", "sog"},
+                                             {".splat", "splat"},
+                                             {".spz", "spz"},
+                                             {".usda", "usd"},
+                                             {".html", "html"},
+                                             {".mp4", "video"},
+                                             {".webm", "video"}};
     size_t n = strlen(output);
 
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {

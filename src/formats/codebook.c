@@ -7,7 +7,7 @@
 
 #include "base/mem.h"
 
-#define BINS 4096    /* of the histogram that the first places come from */
+#define BINS 4096     /* of the histogram that the first places come from */
 #define MOST_STEPS 60 /* of Lloyd's algorithm */
 #define CUT_STEPS 6   /* of 2-means */
 
@@ -65,9 +65,8 @@ static bool step(const float *sorted, const double *before, size_t n, double pla
     bool moved = false;
 
     for (int k = 0; k < SPIN_CODEBOOK; k++) {
-        size_t to = k + 1 < SPIN_CODEBOOK
-                        ? count_below(sorted, n, (place[k] + place[k + 1]) / 2)
-                        : n;
+        size_t to =
+            k + 1 < SPIN_CODEBOOK ? count_below(sorted, n, (place[k] + place[k + 1]) / 2) : n;
 
         if (to > from) {
             double mean = (before[to] - before[from]) / (double)(to - from);

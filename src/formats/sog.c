@@ -23,8 +23,8 @@ static const struct {
     const char *name, *object;
     size_t place;
 } pictures[SPIN_SOG_PICTURES] = {
-    {"means_l.webp", "means", 0},      {"means_u.webp", "means", 1},   {"quats.webp", "quats", 0},
-    {"scales.webp", "scales", 0},      {"sh0.webp", "sh0", 0},         {"shN_labels.webp", "shN", 1},
+    {"means_l.webp", "means", 0},     {"means_u.webp", "means", 1}, {"quats.webp", "quats", 0},
+    {"scales.webp", "scales", 0},     {"sh0.webp", "sh0", 0},       {"shN_labels.webp", "shN", 1},
     {"shN_centroids.webp", "shN", 0},
 };
 
@@ -268,8 +268,7 @@ static spin_status open_meta(struct reading *r)
 /* Its bytes, and that it has pixels for all it holds and not many more. */
 static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
 {
-    const spin_json *files =
-        spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
+    const spin_json *files = spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
     const char *name = spin_json_string(spin_json_at(files, pictures[p].place));
     const struct spin_zip_member *member = name ? spin_zip_find(&r->zip, name) : NULL;
     int least_width, least_height, width, height;
@@ -280,8 +279,8 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
         return SPIN_OK;
     if (!member)
         return spin_fail(SPIN_E_MALFORMED, "SOG without its picture '%s'", pictures[p].name);
-    SPIN_TRY(spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
-                           &r->file[p].owned));
+    SPIN_TRY(
+        spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data, &r->file[p].owned));
     r->file[p].size = (size_t)member->size;
     SPIN_TRY(spin_webp_size(r->file[p].data, r->file[p].size, &width, &height));
     least = p == SPIN_SOG_CENTROIDS ? (int64_t)least_width * least_height : (int64_t)r->sog.n;

@@ -67,8 +67,7 @@ size_t spin_spz_code_header(const struct spin_spz_header *header, unsigned char 
     return size;
 }
 
-void spin_spz_code_toc_entry(uint64_t packed, uint64_t bytes,
-                             unsigned char out[SPIN_SPZ_TOC_ENTRY])
+void spin_spz_code_toc_entry(uint64_t packed, uint64_t bytes, unsigned char out[SPIN_SPZ_TOC_ENTRY])
 {
     for (int b = 0; b < 8; b++) {
         out[b] = (unsigned char)(packed >> (8 * b));
@@ -249,7 +248,9 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
     if (entry != file[15] || at != size)
         return spin_fail(SPIN_E_MALFORMED, "SPZ with more than its streams");
     SPIN_TRY(check_count(h, size));
-    return file[14] & EXTENDED ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h) : SPIN_OK;
+    return file[14] & EXTENDED
+               ? read_extensions(file + SPIN_SPZ_HEADER_4, toc - SPIN_SPZ_HEADER_4, h)
+               : SPIN_OK;
 }
 
 /* Bytes of the extensions in the gzip of version 2 or 3, by what its end says of its length, which is
@@ -415,7 +416,8 @@ static void read_streams(const struct spin_spz_header *h, const unsigned char *p
 static spin_status inflate_streams(const unsigned char *file, const struct spin_spz_header *h,
                                    unsigned char **out)
 {
-    const unsigned char *entry = file + spin_u32_at(file + 16), *at = entry + file[15] * SPIN_SPZ_TOC_ENTRY;
+    const unsigned char *entry = file + spin_u32_at(file + 16),
+                        *at = entry + file[15] * SPIN_SPZ_TOC_ENTRY;
     unsigned char *to;
 
     SPIN_TRY(spin_alloc((size_t)all_bytes(h) + 1, 1, (void **)out));

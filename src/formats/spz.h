@@ -26,7 +26,7 @@ enum {
     SPIN_SPZ_HEADER = 16,
     SPIN_SPZ_HEADER_4 = 32,  /* of version 4 */
     SPIN_SPZ_TOC_ENTRY = 16, /* likewise */
-    SPIN_SPZ_FRACTION = 12, /* bits, as the reference has it: places reach to 2048 */
+    SPIN_SPZ_FRACTION = 12,  /* bits, as the reference has it: places reach to 2048 */
     /* Streams, and bytes of a row. */
     SPIN_SPZ_PLACE = 0,
     SPIN_SPZ_ALPHA,

@@ -69,11 +69,14 @@ static void start(void)
     const struct {
         const char *name;
         void *into;
-    } functions[] = {
-        {"WebPConfigInitInternal", &config_init},   {"WebPConfigLosslessPreset", &config_lossless},
-        {"WebPPictureInitInternal", &picture_init}, {"WebPPictureImportRGBA", &picture_import},
-        {"WebPPictureFree", &picture_free},         {"WebPEncode", &encode},
-        {"WebPGetInfo", &get_info},                 {"WebPDecodeRGBAInto", &decode_into}};
+    } functions[] = {{"WebPConfigInitInternal", &config_init},
+                     {"WebPConfigLosslessPreset", &config_lossless},
+                     {"WebPPictureInitInternal", &picture_init},
+                     {"WebPPictureImportRGBA", &picture_import},
+                     {"WebPPictureFree", &picture_free},
+                     {"WebPEncode", &encode},
+                     {"WebPGetInfo", &get_info},
+                     {"WebPDecodeRGBAInto", &decode_into}};
     const char *name = getenv("SPIN_WEBP");
     void *library = dlopen(name ? name : LIBRARY, RTLD_NOW | RTLD_LOCAL);
 
@@ -120,7 +123,8 @@ static int take(const uint8_t *data, size_t size, const struct picture *picture)
 }
 
 /* The library may be another than the one whose interface stands above: what it made must be the picture. */
-static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width, int height)
+static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
+                                 int height)
 {
     size_t n = (size_t)width * (size_t)height * 4;
     uint8_t *again = NULL;

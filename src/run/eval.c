@@ -171,8 +171,8 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(open_players(e));
     SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, (void **)&report->view));
     if (o->images)
-        SPIN_TRY(spin_ranks_agree(
-            spin_rank() == 0 ? spin_claim_empty_folder(o->images, o->force) : SPIN_OK));
+        SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_claim_empty_folder(o->images, o->force)
+                                                   : SPIN_OK));
     m.source = e->has_source ? &e->source : NULL;
     m.pairs = e->pairs;
     m.n_pairs = e->n_pairs;

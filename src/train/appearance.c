@@ -9,9 +9,9 @@
 #include "base/mem.h"
 
 enum {
-    FRAMES = 32,    /* of the clip, evenly */
-    THRESHOLD = 5,  /* of 255: noise and JPEG move the mean of nine pixels by less */
-    CAMERAS = 2,    /* that see a change, at least */
+    FRAMES = 32,      /* of the clip, evenly */
+    THRESHOLD = 5,    /* of 255: noise and JPEG move the mean of nine pixels by less */
+    CAMERAS = 2,      /* that see a change, at least */
     NONE = UINT8_MAX, /* no brightness: the camera does not see the place */
 };
 
@@ -20,9 +20,9 @@ struct look {
     struct spin_truth *truth;
     size_t n;
     const float *place;
-    int n_frames;    /* looked at */
-    uint8_t *image;  /* [max pixels][3] */
-    uint8_t *bright; /* [n][n_frames] of one camera */
+    int n_frames;            /* looked at */
+    uint8_t *image;          /* [max pixels][3] */
+    uint8_t *bright;         /* [n][n_frames] of one camera */
     uint8_t *seen, *changed; /* [n][n_frames] cameras, at most 255 */
 };
 
@@ -44,7 +44,8 @@ static uint8_t brightness(const struct spin_camera *camera, const uint8_t *image
     x = (int)p[0];
     y = (int)p[1];
     for (int j = -1; j <= 1; j++) {
-        const uint8_t *row = image + 3 * ((size_t)(y + j) * (size_t)camera->width + (size_t)(x - 1));
+        const uint8_t *row =
+            image + 3 * ((size_t)(y + j) * (size_t)camera->width + (size_t)(x - 1));
 
         for (int i = 0; i < 9; i += 3)
             sum += row[i] + 2 * row[i + 1] + row[i + 2];
@@ -133,8 +134,7 @@ spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_tru
         SPIN_TRY_OUT(look_through(&l, plan->camera[c]));
     memset(varies, 0, n);
     for (size_t k = 0; k < cells; k++)
-        varies[k / (size_t)l.n_frames] |=
-            l.changed[k] >= CAMERAS && 2 * l.changed[k] > l.seen[k];
+        varies[k / (size_t)l.n_frames] |= l.changed[k] >= CAMERAS && 2 * l.changed[k] > l.seen[k];
     status = SPIN_OK;
 out:
     free(block);

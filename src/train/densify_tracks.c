@@ -13,7 +13,8 @@ struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    struct spin_refine_cloud tracks; /* the new ones, in the order of kinds: moving, varying, others */
+    struct spin_refine_cloud
+        tracks; /* the new ones, in the order of kinds: moving, varying, others */
     size_t n_before, n_moving, n_varying;
     uint32_t *row; /* [n_before] a frame's splat of an old track, or SPIN_NO_TRACK */
 };

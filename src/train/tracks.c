@@ -25,7 +25,8 @@ struct place {
 /* Where a track by identity goes, from its first place. */
 struct motion {
     float last[3];
-    double sum[3], square, step; /* sums of offsets, of their squares, of squares from frame to frame */
+    double sum[3], square,
+        step; /* sums of offsets, of their squares, of squares from frame to frame */
 };
 
 struct places {

@@ -8,12 +8,13 @@
 #include "train/truth.h"
 
 struct spin_tracks {
-    size_t n;         /* tracks; 0: none were looked for, or found */
-    size_t n_moving;  /* the first of them move: a position in every frame */
-    size_t n_varying; /* the first of them have residual values in every frame: those that move, and those that
+    size_t n;        /* tracks; 0: none were looked for, or found */
+    size_t n_moving; /* the first of them move: a position in every frame */
+    size_t
+        n_varying; /* the first of them have residual values in every frame: those that move, and those that
                          stand still and look different over time; or 0: none are wanted */
-    float *place;     /* [n][3] where those that stand still are: the mean over the frames */
-    uint32_t **of;    /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
+    float *place;  /* [n][3] where those that stand still are: the mean over the frames */
+    uint32_t **of; /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
     int n_frames;
     bool identity; /* row i is track of[0][i] in every frame */
 };

@@ -39,10 +39,11 @@ struct spin_trainer {
     struct spin_field part;           /* the network with these levels alone */
     float SPIN_DEV *whole;            /* the table of all ranks, between take_table and put_back */
     float *shared; /* host: gradients of heads and exposures, summed frame by frame; or NULL */
-    struct spin_param tracks;  /* [SPIN_TRACK n_tracks] in groups (device.h) */
+    struct spin_param tracks; /* [SPIN_TRACK n_tracks] in groups (device.h) */
     size_t n_tracks;
-    size_t n_moving, n_varying; /* the first of them: their splats have positions, residual values, of their own */
-    bool gather;               /* what densification goes by */
+    size_t n_moving,
+        n_varying; /* the first of them: their splats have positions, residual values, of their own */
+    bool gather;   /* what densification goes by */
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;

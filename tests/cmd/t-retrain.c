@@ -927,8 +927,9 @@ static void test_refine(void)
                    white = refine("--refine 12 --background white"),
                    dssim = refine("--refine 12 --lambda-dssim 0"),
                    source = refine("--refine 12 --refine-start source"),
-                   anti = refine("--refine 12 --antialias on"), seed = refine("--refine 12 --seed 2"),
-                   grown = refine("--refine 136"), kept = refine("--refine 136 --densify off");
+                   anti = refine("--refine 12 --antialias on"),
+                   seed = refine("--refine 12 --seed 2"), grown = refine("--refine 136"),
+                   kept = refine("--refine 136 --densify off");
 
     ok(one.n == 12, "--refine 12: so many lines");
     ok(sees_only(&one, training, TRAINING),
@@ -1029,7 +1030,8 @@ static void test_tracks(void)
     ok(number(tracks, "varying") > 0 && length_of(shared, "network/residual/00000") == 0 &&
            length_of(only, "network/residual/00000") == 11 * (size_t)number(tracks, "varying"),
        "--dynamic-residual");
-    ok(largest(only, "network/residual/00000") > 1e-4 && largest(zero, "network/residual/00000") == 0,
+    ok(largest(only, "network/residual/00000") > 1e-4 &&
+           largest(zero, "network/residual/00000") == 0,
        "--lr-residual 0: values of single frames stay");
     ok(splats_of(grown) > splats_of(only) && splats_of(calm) <= splats_of(only),
        "--densify-every, --densify-threshold: %g splats, %g before", splats_of(grown),
@@ -1042,7 +1044,8 @@ static void test_tracks(void)
     ok(farthest(late->table, never->table, 0, late->n_table) > 0 &&
            farthest(never_two->table, never->table, 0, late->n_table) == 0,
        "then it is trained; with 1 never");
-    drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared), drop(zero);
+    drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared),
+        drop(zero);
     drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
 }
 

@@ -22,8 +22,9 @@ struct sog {
     int bands;
 };
 
-static const char *const names[7] = {"means_l.webp", "means_u.webp", "quats.webp", "scales.webp",
-                                     "sh0.webp", "shN_centroids.webp", "shN_labels.webp"};
+static const char *const names[7] = {"means_l.webp",   "means_u.webp", "quats.webp",
+                                     "scales.webp",    "sh0.webp",     "shN_centroids.webp",
+                                     "shN_labels.webp"};
 
 static int load(const char *path, struct sog *out)
 {
@@ -71,8 +72,7 @@ static double number_in(const struct sog *f, const char *object, const char *lis
 {
     double value = NAN;
 
-    spin_json_number(
-        spin_json_at(spin_json_get(spin_json_get(f->meta, object), list), i), &value);
+    spin_json_number(spin_json_at(spin_json_get(spin_json_get(f->meta, object), list), i), &value);
     return value;
 }
 
@@ -125,7 +125,8 @@ static size_t find(const struct spin_splats *s, const double place[3])
 /* Root mean square of what SH lost. */
 static double sh_error(const struct sog *f, const struct spin_splats *s)
 {
-    size_t n_vec = (size_t)((f->bands + 1) * (f->bands + 1) - 1), n_from = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+    size_t n_vec = (size_t)((f->bands + 1) * (f->bands + 1) - 1),
+           n_from = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
     double sum = 0;
 
     for (size_t i = 0; i < f->n; i++) {

@@ -320,8 +320,7 @@ static void test_without_zstd(void)
 {
     static const char *const pairs[] = {"spz-version", "4", NULL};
     struct spin_plugin_values values = {pairs};
-    struct spin_export_job job = {
-        .output = in_folder("nozstd"), .n_frames = 1, .values = &values};
+    struct spin_export_job job = {.output = in_folder("nozstd"), .n_frames = 1, .values = &values};
     int status = 0;
     pid_t child = fork();
 
@@ -341,9 +340,9 @@ static void test_without_zstd(void)
 
 TAP_MAIN
 {
-    static const char *const bad[][2] = {
-        {"axes", "gltf"}, {"level", "0"}, {"level", "10"},      {"spz-version", "2"},
-        {"sh", "-1"},     {"min-opacity", "x"}};
+    static const char *const bad[][2] = {{"axes", "gltf"}, {"level", "0"},
+                                         {"level", "10"},  {"spz-version", "2"},
+                                         {"sh", "-1"},     {"min-opacity", "x"}};
 
     spin_log_set_level(-2);
     test_without_zstd();

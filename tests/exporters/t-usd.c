@@ -69,8 +69,8 @@ static const char sh_signs[] = "+--+-++-+-+--+-+";
 
 static void test_values(int degree, const char *sh, int to, int half, const char *axes)
 {
-    const char *pairs[] = {"sh", sh, "axes", axes, "fps", "24", half ? "half" : "fps",
-                           half ? NULL : "24", NULL, NULL};
+    const char *pairs[] = {
+        "sh", sh, "axes", axes, "fps", "24", half ? "half" : "fps", half ? NULL : "24", NULL, NULL};
     struct spin_plugin_values values = {pairs};
     struct spin_export_job job = {.output = in_folder("v"),
                                   .n_frames = 1,
@@ -86,14 +86,15 @@ static void test_values(int degree, const char *sh, int to, int half, const char
 
     make_frame(&s, n, degree, 77);
     s.log_scales[5] = -19; /* below the smallest half */
-    if (!ok(run(&spin_exporter_usd, &job, &s, 7) == SPIN_OK, "writes degree %d as %s, axes %s%s: %s",
-            degree, sh, axes, half ? ", half" : "", spin_last_error()))
+    if (!ok(run(&spin_exporter_usd, &job, &s, 7) == SPIN_OK,
+            "writes degree %d as %s, axes %s%s: %s", degree, sh, axes, half ? ", half" : "",
+            spin_last_error()))
         return;
     text = slurp(in_folder("v/frame_00007.usda"));
     ok(!strncmp(text, "#usda 1.0\n(\n", 12) && strstr(text, "    defaultPrim = \"Splats\"\n") &&
            strstr(text, "    upAxis = \"Y\"\n") && strstr(text, "    metersPerUnit = 1\n") &&
-           strstr(text, "    timeCodesPerSecond = 24\n") && strstr(text, "    startTimeCode = 7\n") &&
-           strstr(text, "    endTimeCode = 7\n") &&
+           strstr(text, "    timeCodesPerSecond = 24\n") &&
+           strstr(text, "    startTimeCode = 7\n") && strstr(text, "    endTimeCode = 7\n") &&
            strstr(text, "\ndef ParticleField3DGaussianSplat \"Splats\" ("),
        "the stage's metadata and the prim");
     snprintf(line, sizeof line, "\n    uniform int radiance:sphericalHarmonicsDegree = %d\n", to);
@@ -103,14 +104,13 @@ static void test_values(int degree, const char *sh, int to, int half, const char
                    &q) == 4 * (long)n &&
            samples(text, half ? "half3[] scalesh" : "float3[] scales", 3, &time[2], &scale) ==
                3 * (long)n &&
-           samples(text, half ? "half[] opacitiesh" : "float[] opacities", 1, &time[3],
-                   &opacity) == (long)n &&
+           samples(text, half ? "half[] opacitiesh" : "float[] opacities", 1, &time[3], &opacity) ==
+               (long)n &&
            samples(text,
                    half ? "half3[] radiance:sphericalHarmonicsCoefficientsh"
                         : "float3[] radiance:sphericalHarmonicsCoefficients",
                    3, &time[4], &coef) == 3 * (long)(n * n_sh) &&
-           samples(text, "float3[] extent", 3, &time[5], &extent) == 6 &&
-           all_within(time, 6, 7, 7),
+           samples(text, "float3[] extent", 3, &time[5], &extent) == 6 && all_within(time, 6, 7, 7),
        "all attributes, of the right lengths, at the frame's time");
     ok(all_within(scale, 3 * (long)n, 5e-9, 65504) && all_within(opacity, (long)n, 0, 1) &&
            (!half || all_within(scale, 3 * (long)n, 5.9e-8, 65504)),
@@ -131,7 +131,8 @@ static void test_values(int degree, const char *sh, int to, int half, const char
         good[0] &= fabs(sqrt(length) - 1) < (half ? 1e-3 : 1e-6);
         good[1] &= degrees_between(q + 4 * i, want.q) < (half ? 0.1 : 0.01);
         for (size_t c = 0; c < 3; c++) {
-            double reach = 3 * exp(fmax(fmax(want.log_scale[0], want.log_scale[1]), want.log_scale[2]));
+            double reach =
+                3 * exp(fmax(fmax(want.log_scale[0], want.log_scale[1]), want.log_scale[2]));
             double was = exp(want.log_scale[c]);
 
             good[2] &= fabs(place[3 * i + c] - want.place[c]) < 1e-6;
@@ -201,9 +202,9 @@ static void test_stage(void)
     text = slurp(in_folder("clip/manifest.usda"));
     for (int a = 0; a < 6; a++) {
         static const char *const names[] = {
-            "float3[] extent",   "point3f[] positions", "quatf[] orientations",
-            "float3[] scales",   "float[] opacities",
-            "float3[] radiance:sphericalHarmonicsCoefficients"};
+            "float3[] extent",      "point3f[] positions",
+            "quatf[] orientations", "float3[] scales",
+            "float[] opacities",    "float3[] radiance:sphericalHarmonicsCoefficients"};
         char line[100];
 
         snprintf(line, sizeof line, "\n    %s\n", names[a]);
@@ -242,8 +243,10 @@ static void test_edges(void)
 
 TAP_MAIN
 {
-    static const char *const bad[][2] = {{"axes", "gltf"},      {"pattern", "a@%d.usda"},
-                                         {"fps", "0"},          {"sh", "4"},
+    static const char *const bad[][2] = {{"axes", "gltf"},
+                                         {"pattern", "a@%d.usda"},
+                                         {"fps", "0"},
+                                         {"sh", "4"},
                                          {"min-opacity", "x"}};
 
     spin_log_set_level(-2);

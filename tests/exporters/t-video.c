@@ -322,7 +322,7 @@ TAP_MAIN
         skip("videos", spin_last_error());
     } else {
         test_files(job);
-    test_speed_and_quality(job);
+        test_speed_and_quality(job);
         test_refusals(job);
     }
     spin_views_free(&views);

@@ -11,8 +11,11 @@ static spin_status read_spz(const unsigned char *bytes, size_t n_bytes, struct s
 /* What is packed, of n rows. */
 static unsigned char *make_streams(size_t n, int degree, struct spin_gaussian *row, size_t *n_bytes)
 {
-    const struct spin_spz_header header = {
-        .n = n, .sh_degree = degree, .fraction = SPIN_SPZ_FRACTION, .antialias = true, .version = 3};
+    const struct spin_spz_header header = {.n = n,
+                                           .sh_degree = degree,
+                                           .fraction = SPIN_SPZ_FRACTION,
+                                           .antialias = true,
+                                           .version = 3};
     unsigned char *bytes, *at;
     uint32_t seed = 9;
     float shown[45], sh[48];
@@ -343,7 +346,8 @@ static void test_extensions(void)
 /* A gzip that unpacks to more than 32 times itself. */
 static void test_bomb(void)
 {
-    const struct spin_spz_header header = {.n = 1000000, .fraction = SPIN_SPZ_FRACTION, .version = 3};
+    const struct spin_spz_header header = {
+        .n = 1000000, .fraction = SPIN_SPZ_FRACTION, .version = 3};
     size_t n = (size_t)spin_spz_bytes(header.n, 0), n_packed;
     unsigned char *bytes = calloc(n, 1), *packed;
     struct spin_splats s = {0};

@@ -25,8 +25,9 @@ static void test_pictures(void)
         }
         ok(spin_webp_write(rgba, w, h, (int)k * 3, &file, &n_file) == SPIN_OK, "writes %dx%d: %s",
            w, h, spin_last_error());
-        ok(spin_webp_size(file, n_file, &back_w, &back_h) == SPIN_OK && back_w == w && back_h == h &&
-               spin_webp_read(file, n_file, w, h, back) == SPIN_OK && !memcmp(rgba, back, n),
+        ok(spin_webp_size(file, n_file, &back_w, &back_h) == SPIN_OK && back_w == w &&
+               back_h == h && spin_webp_read(file, n_file, w, h, back) == SPIN_OK &&
+               !memcmp(rgba, back, n),
            "every value comes back");
         ok(!memcmp(file, "RIFF", 4) && !memcmp(file + 8, "WEBPVP8L", 8), "it is a lossless WebP");
         free(rgba);

@@ -27,7 +27,8 @@ static const struct change sound = {{NONE, 0, 2, NONE}, 3, 2, TRACKS, 1, 0, fals
 static void write_bundle(const struct change *c)
 {
     struct spin_bundle_writer w;
-    struct spin_bundle_meta meta = {.columns = SPIN_COL_MEANS, .sh_degree = -1, .n_source_frames = 1};
+    struct spin_bundle_meta meta = {
+        .columns = SPIN_COL_MEANS, .sh_degree = -1, .n_source_frames = 1};
     struct spin_splats s = {.n = N, .means = means[0]};
     spin_json *extra = spin_json_object(), *network = spin_json_object(), *t = spin_json_object();
     uint64_t of_tracks[2] = {TRACKS, W}, of_track[1] = {N}, of_means[2] = {c->n_means, 3},
@@ -101,8 +102,8 @@ static void check_refused(struct change c, const char *why, const char *what)
     float m[N][3], r[N][ROW];
 
     write_bundle(&c);
-    ok(read_bundle(m[0], r[0]) == SPIN_E_MALFORMED && strstr(spin_last_error(), why), "%s: %s", what,
-       spin_last_error());
+    ok(read_bundle(m[0], r[0]) == SPIN_E_MALFORMED && strstr(spin_last_error(), why), "%s: %s",
+       what, spin_last_error());
 }
 
 TAP_MAIN

@@ -64,12 +64,13 @@ static void paint(int frame, int c, double x, int grey)
 TAP_MAIN
 {
     enum { SHADOW, PASSING, LEFT, FAINT, STILL, BEHIND, N };
-    static const float place[N][3] = {{1.5f, 0, 0},  {1, 0, 0},     {-1, 0, 0},
+    static const float place[N][3] = {{1.5f, 0, 0}, {1, 0, 0},     {-1, 0, 0},
                                       {0.5f, 0, 0}, {-1.7f, 0, 0}, {0, 0, -3}};
     uint8_t varies[N];
 
     open_views();
-    for (int c = 0; c < CAMERAS; c++) { /* all see it, one after it has been so for most of the clip */
+    for (int c = 0; c < CAMERAS;
+         c++) { /* all see it, one after it has been so for most of the clip */
         paint(3, c, 1.5, 80);
         paint(2, c, 0.5, 104);
     }

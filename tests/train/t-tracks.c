@@ -141,7 +141,8 @@ static void check_noise(void)
     find(&t);
     ok(t.n == 4 && t.n_moving == 2 && t.of[0][1] < 2 && t.of[0][2] < 2,
        "noise alone does not move a track; a slow way, and noise as large as the scene, do");
-    ok(fabs((double)t.place[3 * t.of[0][0] + 1] - mean) < 1e-6, "it stands at the mean of its places");
+    ok(fabs((double)t.place[3 * t.of[0][0] + 1] - mean) < 1e-6,
+       "it stands at the mean of its places");
     spin_tracks_close(&t);
     n_frames = 7;
     write_clip(place, n, true);
