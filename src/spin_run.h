@@ -167,6 +167,7 @@ struct spin_retrain_options {
     double lr_head_factor; /* on the four head rates */
     bool tracks;           /* learn once what frames share, where splats keep their identity */
     double lr_track;       /* on 3DGS's rates for what they share */
+    double lr_tracked;     /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
     bool dynamic_residual;  /* splats that move have residual values of every frame as well */
     int densify_every;      /* iterations between densifications of tracks; 0: none */

@@ -228,7 +228,7 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
     for (int f = 0; f < size.n_frames; f++) {
         size_t n = p->counts[f];
 
-        frame[f] = (struct spin_frame_size){n, n, spin_plan_has_residual(p) ? n : 0};
+        frame[f] = (struct spin_frame_size){n, n, n, spin_plan_has_residual(p) ? n : 0};
         if (r->tracks.n > 0)
             frame[f] = spin_tracks_size(&r->tracks, f, n);
     }
@@ -259,6 +259,7 @@ static spin_status open_trainer(struct run *r, bool resume)
                  [SPIN_HEAD_SH] = o->lr_sh * o->lr_head_factor,
                  [SPIN_HEAD_OPACITY] = o->lr_opacity * o->lr_head_factor},
         .position = o->lr_position * p->extent,
+        .tracked = o->lr_tracked,
         .displacement = o->lr_displacement * p->extent,
         .exposure = o->lr_exposure,
         .end = 1e-7,

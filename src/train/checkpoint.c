@@ -277,6 +277,7 @@ static spin_status check_numbers(const struct spin_trainer *t, int f, int which,
         bool none = which == 0 && number[i] == SPIN_NO_TRACK;
 
         wrong = !none && (number[i] >= (which == 0 ? t->n_tracks : size->n) || taken[number[i]]);
+        wrong |= which == 0 && none != (i < size->n_free);
         wrong |= which == 0 && (none || number[i] < t->n_moving) != (i < size->n_pos);
         wrong |= which == 0 && (none || number[i] < t->n_varying) != (i < size->n_residual);
         if (!wrong && !none)
@@ -408,6 +409,7 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
 
     for (int f = 0; f < t->n_frames; f++) {
         spin_json_push_number(sizes, (double)t->frame[f].size.n);
+        spin_json_push_number(sizes, (double)t->frame[f].size.n_free);
         spin_json_push_number(sizes, (double)t->frame[f].size.n_pos);
         spin_json_push_number(sizes, (double)t->frame[f].size.n_residual);
     }
@@ -578,11 +580,12 @@ static spin_status read_sizes(const spin_json *j, struct spin_frame_size *frame,
     SPIN_TRY(get_count(spin_json_get(j, "moving_tracks"), n, &size->n_moving));
     SPIN_TRY(get_count(spin_json_get(j, "varying_tracks"), n, &size->n_varying));
     for (int f = 0; f < size->n_frames; f++) {
-        size_t at = 3 * (size_t)f;
+        size_t at = 4 * (size_t)f;
 
         SPIN_TRY(get_count(spin_json_at(sizes, at), INT32_MAX, &frame[f].n));
-        SPIN_TRY(get_count(spin_json_at(sizes, at + 1), (int64_t)frame[f].n, &frame[f].n_pos));
-        SPIN_TRY(get_count(spin_json_at(sizes, at + 2), (int64_t)frame[f].n, &frame[f].n_residual));
+        SPIN_TRY(get_count(spin_json_at(sizes, at + 1), (int64_t)frame[f].n, &frame[f].n_free));
+        SPIN_TRY(get_count(spin_json_at(sizes, at + 2), (int64_t)frame[f].n, &frame[f].n_pos));
+        SPIN_TRY(get_count(spin_json_at(sizes, at + 3), (int64_t)frame[f].n, &frame[f].n_residual));
     }
     return SPIN_OK;
 }

@@ -173,16 +173,6 @@ static spin_status carry_frame(struct spin_device *d, struct spin_train_frame *f
     return SPIN_OK;
 }
 
-/* Splats without a track are the first ones. */
-static size_t count_free(const struct seen_frame *seen, size_t n)
-{
-    size_t k = 0;
-
-    while (k < n && seen->track[k] == SPIN_NO_TRACK)
-        k++;
-    return k;
-}
-
 /* Densify the splats without a track. */
 static spin_status change_free(struct change *c, int f, const struct seen_frame *seen,
                                const struct spin_refine_point *before, size_t n_free,
@@ -222,7 +212,7 @@ static spin_status add_tracked(struct change *c, const struct seen_frame *seen, 
     rows->track = block;
     for (size_t i = 0; i < to->n; i++)
         rows->track[i] = SPIN_NO_TRACK;
-    rows->size.n_pos = rows->size.n_residual = to->n;
+    rows->size.n_free = rows->size.n_pos = rows->size.n_residual = to->n;
     for (size_t k = 0; k < c->tracks.n; k++) {
         const struct spin_refine_point *track = &c->tracks.point[k];
         uint32_t row = c->row[track->origin];
@@ -303,7 +293,7 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
                                 struct spin_densify_change *sum)
 {
     struct spin_train_frame *frame = &c->t->frame[f];
-    size_t n = frame->size.n, n_free;
+    size_t n = frame->size.n;
     struct spin_refine_cloud before = {0};
     struct rows rows = {0};
     struct seen_frame seen = {0};
@@ -313,8 +303,7 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     SPIN_TRY_OUT(spin_refine_cloud_reserve(&before, n + 1));
     memset(before.point, 0, (n + 1) * sizeof *before.point);
     SPIN_TRY_OUT(carry_frame(c->t->device, frame, before.point, false));
-    n_free = count_free(&seen, n);
-    SPIN_TRY_OUT(change_free(c, f, &seen, before.point, n_free, &rows.cloud, sum));
+    SPIN_TRY_OUT(change_free(c, f, &seen, before.point, frame->size.n_free, &rows.cloud, sum));
     SPIN_TRY_OUT(add_tracked(c, &seen, n, before.point, &rows));
     SPIN_TRY_OUT(permute(&rows, permutation));
     status = replace_frame(c, f, &rows);

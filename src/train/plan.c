@@ -206,7 +206,7 @@ static size_t trainer_bytes(const struct spin_plan *plan)
 {
     bool residual = spin_plan_has_residual(plan);
     size_t n = 0, most = plan->clip.n_max;
-    const struct spin_frame_size frame = {most, most, residual ? most : 0};
+    const struct spin_frame_size frame = {most, most, most, residual ? most : 0};
     const struct spin_trainer_size size = {.n_frames = 1,
                                            .frame = &frame,
                                            .network = plan->o->method == SPIN_METHOD_NETWORK,

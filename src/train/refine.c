@@ -190,7 +190,7 @@ static spin_status reserve(struct refine *r, size_t n)
     if (n > r->frame.capacity.n) {
         release(r);
         SPIN_TRY(spin_train_frame_open(
-            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity}, false));
+            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity, capacity}, false));
         r->frame.steps = steps;
         SPIN_TRY(spin_field_eval_open(&r->field_eval, d, NULL, capacity, true));
         SPIN_TRY(spin_raster_open(&r->raster, d, capacity, r->max_pixels, r->max_tiles, 1, true));
@@ -198,7 +198,7 @@ static spin_status reserve(struct refine *r, size_t n)
         for (int i = 0; i < N_ARRAYS; i++)
             SPIN_TRY(d->op->reserve(d, capacity * bytes[i], list[i]));
     }
-    r->frame.size = (struct spin_frame_size){n, n, n};
+    r->frame.size = (struct spin_frame_size){n, n, n, n};
     return SPIN_OK;
 }
 
@@ -372,7 +372,7 @@ static void step(struct refine *r, int iteration)
     frame->d_scale = (float)(o->lambda_scale / (3 * extent * n));
     frame->d_opacity = (float)(o->lambda_opacity / n);
     spin_field_backward(&r->field_eval, NULL, NULL, NULL, &r->frames, NULL, NULL);
-    n_groups = spin_train_frame_step(&r->frame, lr_pos, lr, r->d_pos, r->d_residual, group);
+    n_groups = spin_train_frame_step(&r->frame, lr_pos, lr, 1, r->d_pos, r->d_residual, group);
     r->device->op->adam(r->device, n_groups, group);
 }
 

@@ -77,8 +77,8 @@ static void step_frames(struct spin_trainer *t, const struct spin_step_batch *b,
         lr[k] = spin_trainer_rate(t, t->rates.residual[k], t->iteration);
     for (int f = 0; f < frames->n_frames; f++)
         n_groups += spin_train_frame_step(
-            &t->frame[b->items[first[f]].frame], lr_pos, lr, frames->frame[f].d_means,
-            fixed ? NULL : frames->frame[f].d_residual, group + n_groups);
+            &t->frame[b->items[first[f]].frame], lr_pos, lr, t->rates.tracked,
+            frames->frame[f].d_means, fixed ? NULL : frames->frame[f].d_residual, group + n_groups);
     t->device->op->adam(t->device, n_groups, group);
 }
 

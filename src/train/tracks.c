@@ -335,6 +335,7 @@ struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int fr
     for (size_t i = 0; i < n; i++) {
         uint32_t track = tracks->of[frame][i];
 
+        size.n_free += track == SPIN_NO_TRACK;
         size.n_pos += track == SPIN_NO_TRACK || track < tracks->n_moving;
         size.n_residual += track == SPIN_NO_TRACK || track < tracks->n_varying;
     }

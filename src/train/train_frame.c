@@ -121,9 +121,32 @@ out:
     return status;
 }
 
+/* n rows of one width, of which the first n_free have the rate lr and the others `tracked` times that. */
+static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
+                       double tracked, struct spin_param_group *group)
+{
+    int n_groups = 0;
+
+    for (int part = 0; part < 2; part++) {
+        size_t first = part == 0 ? 0 : n_free, end = part == 0 ? n_free : n;
+        double lr = part == 0 ? all.lr : tracked * all.lr;
+
+        if (end == first)
+            continue;
+        group[n_groups] = all;
+        group[n_groups].p += width * first;
+        group[n_groups].g += width * first;
+        group[n_groups].m += width * first;
+        group[n_groups].v += width * first;
+        group[n_groups].n = width * (end - first);
+        group[n_groups++].lr = lr;
+    }
+    return n_groups;
+}
+
 int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,
-                          const double lr_residual[SPIN_HEADS], float SPIN_DEV *d_pos,
-                          float SPIN_DEV *d_residual,
+                          const double lr_residual[SPIN_HEADS], double tracked,
+                          float SPIN_DEV *d_pos, float SPIN_DEV *d_residual,
                           struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS])
 {
     const struct spin_frame_size *size = &frame->size;
@@ -132,23 +155,25 @@ int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,
     frame->steps++;
     for (size_t k = 0, sum = 0; d_residual && k < SPIN_HEADS; sum += spin_residual_width[k++]) {
         size_t at = sum * size->n_residual;
+        struct spin_param_group all = {.p = frame->residual + at,
+                                       .g = d_residual + sum * size->n,
+                                       .m = frame->residual_m + at,
+                                       .v = frame->residual_v + at,
+                                       .lr = lr_residual[k],
+                                       .step = frame->steps};
 
-        group[n_groups++] =
-            (struct spin_param_group){.p = frame->residual + at,
-                                      .g = d_residual + sum * size->n,
-                                      .m = frame->residual_m + at,
-                                      .v = frame->residual_v + at,
-                                      .n = spin_residual_width[k] * size->n_residual,
-                                      .lr = lr_residual[k],
-                                      .step = frame->steps};
+        n_groups += split_group(all, spin_residual_width[k], size->n_residual, size->n_free,
+                                tracked, group + n_groups);
     }
-    if (lr_pos > 0)
-        group[n_groups++] = (struct spin_param_group){.p = frame->pos,
-                                                      .g = d_pos,
-                                                      .m = frame->m,
-                                                      .v = frame->v,
-                                                      .n = 3 * size->n_pos,
-                                                      .lr = lr_pos,
-                                                      .step = frame->steps};
+    if (lr_pos > 0) {
+        struct spin_param_group all = {.p = frame->pos,
+                                       .g = d_pos,
+                                       .m = frame->m,
+                                       .v = frame->v,
+                                       .lr = lr_pos,
+                                       .step = frame->steps};
+
+        n_groups += split_group(all, 3, size->n_pos, size->n_free, tracked, group + n_groups);
+    }
     return n_groups;
 }

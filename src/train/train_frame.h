@@ -11,6 +11,7 @@
 struct spin_train_frame {
     struct spin_frame_size {
         size_t n;                /* splats; what follows counts from the first of them */
+        size_t n_free;           /* without a track; without tracks all of them */
         size_t n_pos;            /* with a position of their own */
         size_t n_residual;       /* with residual values of their own */
     } size, capacity;            /* in use; that there is memory for */
@@ -50,11 +51,11 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
 
 /* Begin a step of the frame's own parameters with the gradients of all its splats, d_pos [n][3] and d_residual
  * [SPIN_RESIDUAL n]: the groups that the caller hands to the device's adam(). Returns how many. lr_pos 0: positions stay.
- * d_residual NULL: residual values stay. */
-enum { SPIN_TRAIN_FRAME_GROUPS = SPIN_HEADS + 1 };
+ * d_residual NULL: residual values stay. Splats with a track learn at `tracked` times these rates. */
+enum { SPIN_TRAIN_FRAME_GROUPS = 2 * (SPIN_HEADS + 1) };
 int spin_train_frame_step(struct spin_train_frame *frame, double lr_pos,
-                          const double lr_residual[SPIN_HEADS], float SPIN_DEV *d_pos,
-                          float SPIN_DEV *d_residual,
+                          const double lr_residual[SPIN_HEADS], double tracked,
+                          float SPIN_DEV *d_pos, float SPIN_DEV *d_residual,
                           struct spin_param_group group[SPIN_TRAIN_FRAME_GROUPS]);
 
 #endif

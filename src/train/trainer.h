@@ -12,6 +12,7 @@
 struct spin_train_rates {
     double table, head[SPIN_HEADS], position, exposure, end;
     double residual[SPIN_HEADS]; /* 0: residual values stay as they are */
+    double tracked; /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
     int64_t network_from; /* the network joins after this many iterations: its rates begin then */

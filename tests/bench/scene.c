@@ -141,7 +141,7 @@ static spin_status open_trainer(struct bench_scene *s, int log2_rows)
     static const int base[4] = {16, 16, 16, 8}, finest[4] = {2048, 2048, 2048, 128};
     struct spin_field field;
     struct spin_param_group table;
-    const struct spin_frame_size frame = {s->n, s->n, 0};
+    const struct spin_frame_size frame = {s->n, s->n, s->n, 0};
     const struct spin_trainer_size size = {
         .n_frames = 1,
         .frame = &frame,

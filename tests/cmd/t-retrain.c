@@ -992,6 +992,7 @@ static void test_tracks(void)
                *places = retrain("--method tracks --warmup 0 --lr-track 0"),
                *shared = retrain("--method tracks --warmup 0 --dynamic-residual off"),
                *zero = retrain("--method tracks --warmup 0 --lr-residual 0"),
+               *slow = retrain("--method tracks --warmup 0 --lr-tracked 0"),
                *grown =
                    retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1e-9 "
                            "--densify-until 1"),
@@ -1033,6 +1034,8 @@ static void test_tracks(void)
     ok(largest(only, "network/residual/00000") > 1e-4 &&
            largest(zero, "network/residual/00000") == 0,
        "--lr-residual 0: values of single frames stay");
+    ok(largest(slow, "network/residual/00000") == 0 && farthest_tracks(slow, fixed, 3, 14) > 1e-3,
+       "--lr-tracked 0: those of tracks stay");
     ok(splats_of(grown) > splats_of(only) && splats_of(calm) <= splats_of(only),
        "--densify-every, --densify-threshold: %g splats, %g before", splats_of(grown),
        splats_of(only));
@@ -1045,7 +1048,7 @@ static void test_tracks(void)
            farthest(never_two->table, never->table, 0, late->n_table) == 0,
        "then it is trained; with 1 never");
     drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared),
-        drop(zero);
+        drop(zero), drop(slow);
     drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
 }
 

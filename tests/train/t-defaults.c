@@ -54,7 +54,8 @@ static const struct spin_retrain_options paper = {
     1,      /* lr_head_factor */
     false,  /* tracks */
     2,
-    2.5e-4, /* lr_track, lr_displacement */
+    1,
+    2.5e-4, /* lr_track, lr_tracked, lr_displacement */
     true,   /* dynamic_residual */
     0,      /* densify_every */
     6e-4,
@@ -125,7 +126,8 @@ static const struct spin_retrain_options shorter = {
     4,     /* lr_head_factor */
     false, /* tracks */
     2,
-    2.5e-4, /* lr_track, lr_displacement */
+    1,
+    2.5e-4, /* lr_track, lr_tracked, lr_displacement */
     true,   /* dynamic_residual */
     0,      /* densify_every */
     6e-4,
@@ -163,6 +165,7 @@ static const struct spin_retrain_options *tracks_preset(void)
     t.iterations = 3000;
     t.batch = t.views_per_frame = 1;
     t.lr_position = 5e-4;
+    t.lr_tracked = 0.3;
     t.densify_every = 150;
     return &t;
 }
@@ -246,6 +249,7 @@ static void test_limits(void)
     LIMIT(save_every, 0, -1);
     LIMIT(method, SPIN_METHOD_NETWORK, SPIN_METHOD_TRACKS + 1);
     LIMIT(lr_track, 0, -1);
+    LIMIT(lr_tracked, 1000, 1001);
     LIMIT(lr_displacement, 1, 2);
     LIMIT(densify_every, 0, -1);
     LIMIT(densify_threshold, 1, 2);
@@ -336,7 +340,7 @@ static void test_json(void)
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':true,"
             "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
-            "'lr_displacement':0.00025,'dynamic_residual':true,'densify_every':0,"
+            "'lr_tracked':1,'lr_displacement':0.00025,'dynamic_residual':true,'densify_every':0,"
             "'densify_threshold':0.0006,'densify_until':0.6,'network_start':0.25,"
             "'hash_log2':21,'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"

@@ -247,7 +247,7 @@ static void run(struct fixture *f, struct spin_device *d, struct result *r)
                                       .max_pixels = pixels,
                                       .max_tiles = tiles};
     for (int i = 0; i < f->frames; i++)
-        frame[i] = (struct spin_frame_size){f->points[i], f->points[i], 0};
+        frame[i] = (struct spin_frame_size){f->points[i], f->points[i], f->points[i], 0};
     ok(spin_trainer_open(&t, d, &r->field, &size) == SPIN_OK &&
            spin_image_store_open(&photos, d, (size_t)n_photos, pixels, SPIN_IMAGE_F32, false) ==
                SPIN_OK,

@@ -157,7 +157,7 @@ static void check_noise(void)
 /* Two frames, three tracks: two move, and in the first frame there is a splat without a track. */
 enum { TRACKS = 3 };
 static const uint32_t track_of[2][4] = {{SPIN_NO_TRACK, 0, 1, 2}, {1, 2}};
-static const struct spin_frame_size size_of[2] = {{4, 3, 1}, {2, 1, 0}};
+static const struct spin_frame_size size_of[2] = {{4, 1, 3, 1}, {2, 0, 1, 0}};
 
 static void open_trainer(struct spin_device *d, struct spin_trainer *t)
 {
