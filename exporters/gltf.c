@@ -5,6 +5,8 @@
  * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after the
  * last frame repeats its value, or players would cut it. --visibility switches KHR_node_visibility
  * by KHR_animation_pointer instead, which is what they are for; of the players only Babylon.js knows it.
+ * With --still-apart the splats that are the same in all frames (lib/still_rows.h) are in one node more,
+ * which nothing switches; it comes first in the scene, for players that draw mesh after mesh.
  *
  * Against 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are finished (after
  * exp and sigmoid), one accessor holds one SH coefficient. glTF's axes are x left, y up, z forward;
@@ -19,10 +21,11 @@
 #include <string.h>
 
 #include "exporters/lib/frames.h"
+#include "exporters/lib/still_rows.h"
 #include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
-#include "formats/glb.h"
+#include "formats/glb_scene.h"
 
 #define DEFAULT_FPS 30
 #define BLOCK SPIN_ROWS_BLOCK
@@ -35,6 +38,9 @@ static const struct spin_plugin_option options[] = {
     {"fps", "F", "frames a second of a clip in one file; otherwise the bundle's, else 30", NULL},
     {"visibility", NULL,
      "of a clip in one file: switch frames by KHR_node_visibility, which few players know", NULL},
+    {"still-apart", NULL,
+     "of a clip in one file: what is the same in all frames lies in it once, in a node of its own",
+     NULL},
     {"no-fallback", NULL, "leave out COLOR_0, for viewers that draw plain points", NULL},
     {0},
 };
@@ -54,6 +60,8 @@ struct export
     struct spin_glb glb;
     int n_frames, n_done;
     struct spin_gltf_frame *frame; /* [n_frames] */
+    struct spin_gltf_frame shared; /* what all frames show */
+    struct spin_still_rows still;  /* the same, as rows */
 };
 
 /* ---- The clip -------------------------------------------------------------------------------- */
@@ -71,6 +79,7 @@ static struct spin_gltf_clip describe(const struct export *x, const struct spin_
         .n_attributes = x->layout.n,
         .frame = frame,
         .n_frames = n_frames,
+        .still = x->still.n > 0 ? &x->shared : NULL,
         .animated = x->single && n_frames > 1,
         .visibility = x->visibility,
         .n_bytes = x->n_bytes,
@@ -225,13 +234,31 @@ static bool gltf_complete(void *self, const struct spin_frame_info *info,
            memmem(map->data + 20, n_json, number, strlen(number)) != NULL;
 }
 
+/* A frame of a file where all frames share some. */
+static spin_status read_scene(const struct spin_map *map, int frame, struct spin_splats *out)
+{
+    struct spin_gs_glb_scene scene = {0};
+    spin_status status = spin_gs_glb_scene_open(map->data, map->size, &scene);
+
+    if (status == SPIN_OK && (size_t)frame >= scene.n_frames)
+        status = spin_fail(SPIN_E_MALFORMED, "frame %d of %zu", frame, scene.n_frames);
+    if (status == SPIN_OK)
+        status = spin_gs_glb_scene_read(&scene, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                                        out);
+    spin_gs_glb_scene_close(&scene);
+    return status;
+}
+
 static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
                              struct spin_splats *out)
 {
+    const struct export *x = self;
     struct spin_glb_file glb = {0};
-    spin_status status = spin_glb_open(map->data, map->size, &glb);
+    spin_status status;
 
-    (void)self;
+    if (x->still.n > 0)
+        return read_scene(map, frame, out);
+    status = spin_glb_open(map->data, map->size, &glb);
     if (status == SPIN_OK)
         status =
             spin_gs_glb_read_node(&glb, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
@@ -239,29 +266,55 @@ static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
     return status;
 }
 
+/* The node of what all frames share lies behind those of the frames. */
+static spin_status gltf_order(void *self, const uint32_t **row)
+{
+    struct export *x = self;
+
+    *row = NULL;
+    return x->still.n > 0 ? spin_still_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
+}
+
 /* All frames of one size would not fit: said before the hours of writing, not after. */
 static void warn_if_large(const struct export *x, uint64_t n_bytes)
 {
-    if (x->n_done == 0 && (double)n_bytes * x->n_frames > (double)UINT32_MAX)
+    double all = (double)x->still.n * (double)x->layout.row + (double)n_bytes * x->n_frames;
+
+    if (x->n_done == 0 && all > (double)UINT32_MAX)
         spin_warn("%d frames like the first are %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
                   "and --min-opacity, or give a folder",
-                  x->n_frames, (double)n_bytes * x->n_frames / 1e9);
+                  x->n_frames, all / 1e9);
 }
 
+/* Rows chosen, behind what is there. */
+static spin_status append_rows(struct export *x, const struct spin_frame_info *info,
+                               struct spin_gltf_frame *frame)
+{
+    *frame = begin_frame(x, info);
+    SPIN_TRY(write_rows(x, &x->glb, frame));
+    x->n_bytes += frame->n * x->layout.row;
+    return SPIN_OK;
+}
+
+/* The rows that this frame alone has; what all frames share goes with the first. */
 static spin_status add_to_file(struct export *x, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
-    struct spin_gltf_frame *frame = &x->frame[x->n_done];
-    uint64_t n_bytes;
+    struct spin_splat_filter *rows = &x->frames.rows;
+    size_t n;
 
-    SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, s, info->number));
-    *frame = begin_frame(x, info);
-    n_bytes = frame->n * x->layout.row;
-    warn_if_large(x, n_bytes);
-    SPIN_TRY(write_rows(x, &x->glb, frame));
-    x->n_bytes += n_bytes;
+    SPIN_TRY(spin_splat_filter_choose(rows, s, info->number));
+    n = rows->n_kept;
+    if (x->still.n > 0)
+        SPIN_TRY(spin_still_rows_leave_out(&x->still, rows, info->number));
+    warn_if_large(x, rows->n_kept * x->layout.row);
+    SPIN_TRY(append_rows(x, info, &x->frame[x->n_done]));
+    if (x->n_done == 0 && x->still.n > 0) {
+        spin_still_rows_only(&x->still, rows);
+        SPIN_TRY(append_rows(x, info, &x->shared));
+    }
     x->n_done++;
-    return spin_frames_add(&x->frames, info, frame->n);
+    return spin_frames_add(&x->frames, info, n);
 }
 
 /* Frame f is shown from its own key on; the last one also at the last key. */
@@ -337,6 +390,8 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->visibility = spin_plugin_value(v, "visibility", NULL) != NULL;
     if (x->visibility && !x->single)
         return spin_fail(SPIN_E_USAGE, "--visibility is for a clip in one file, OUT.glb");
+    if (spin_plugin_value(v, "still-apart", NULL) && !x->single)
+        return spin_fail(SPIN_E_USAGE, "--still-apart is for a clip in one file, OUT.glb");
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
     return spin_option_number(v, "fps", 0.001, 1e6, &x->frames.fps);
 }
@@ -370,11 +425,13 @@ static const struct spin_frames_format format = {
     .write = gltf_write,
     .complete = gltf_complete,
     .read = gltf_read,
+    .order = gltf_order,
 };
 
 static void finish(struct export *x)
 {
     free(x->frame);
+    spin_still_rows_free(&x->still);
     spin_frames_free(&x->frames);
 }
 
@@ -383,7 +440,8 @@ static void say_size(const struct export *x, const struct spin_export_job *job)
     uint64_t bytes = 0;
 
     for (int f = 0; f < job->n_frames && job->counts; f++)
-        bytes += gltf_bytes(x, job->counts[f]);
+        bytes += gltf_bytes(x, job->counts[f] - x->still.n);
+    bytes += x->still.n * x->layout.row;
     if (job->counts)
         spin_frames_say_size(job->output, job->n_frames, bytes,
                              x->frames.rows.min_logit > -INFINITY);
@@ -398,6 +456,10 @@ static spin_status open_single(struct export *x, const struct spin_export_job *j
     ready(x, job);
     x->n_frames = job->n_frames;
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
+    if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
+        SPIN_TRY(spin_still_rows_find(&x->still, &x->frames.rows, job));
+        spin_log(0, "%zu splats are the same in all frames", x->still.n);
+    }
     worst = describe(x, x->frame, x->n_frames);
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;

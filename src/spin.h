@@ -307,7 +307,8 @@ struct spin_export_job {
                                         * says how many frames when it takes some only; or NULL */
 
     /* Read back what was written, in end(), and say in report->check what was found; only asked of an
-     * exporter that `checks`. again() gives a frame, 0..n_frames-1, once more, until its next call. */
+     * exporter that `checks`. again() gives a frame, 0..n_frames-1, until its next call or that of frame():
+     * once more for a check, or in begin() for an exporter that looks at all frames first. */
     bool check;
     spin_status (*again)(void *context, int frame, const struct spin_splats **out);
     void *context;

@@ -200,6 +200,16 @@ static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
         spin_warn("frame %d: %zu of %zu splats left out: %s", number, sum, n, text);
 }
 
+/* Kept rows of the frame, and before each block, from those of the blocks. */
+static void add_up(struct spin_splat_filter *rows)
+{
+    rows->n_kept = 0;
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
+        rows->block[b].n_before = rows->n_kept;
+        rows->n_kept += rows->block[b].n_kept;
+    }
+}
+
 spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
                                      int number)
 {
@@ -211,13 +221,11 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
                          number, s->n, UINT32_MAX);
     SPIN_TRY(make_room(rows, s->n));
     rows->splats = s;
-    rows->n_kept = 0;
     spin_splat_filter_each(rows, measure_block, &choice);
     choice.limit = limit_of(rows);
     spin_splat_filter_each(rows, choose_block, &choice);
+    add_up(rows);
     for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
-        rows->block[b].n_before = rows->n_kept;
-        rows->n_kept += rows->block[b].n_kept;
         for (int r = 0; r < SPIN_ROWS_REASONS; r++)
             n_bad[r] += rows->block[b].n_bad[r];
     }
@@ -227,6 +235,16 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
         rows->n_left_out[r] += n_bad[r];
     say(n_bad, s->n, number);
     return SPIN_OK;
+}
+
+void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char *keep)
+{
+    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
+        rows->block[b].n_kept = 0;
+        for (size_t i = b * SPIN_ROWS_BLOCK; i < end_of(rows, b); i++)
+            rows->block[b].n_kept += rows->keep[i] = keep[i];
+    }
+    add_up(rows);
 }
 
 /* ---- One row ---------------------------------------------------------------------------------- */

@@ -72,6 +72,8 @@ void spin_splat_filter_end(struct spin_splat_filter *rows);
 /* Mark the rows of a frame that are written, and count them; say how many cannot be drawn. */
 spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s,
                                      int number);
+/* Mark others of the frame at hand instead: keep[i] is 1 or 0 for each of its rows. */
+void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char *keep);
 /* Kept rows before a block of the frame. */
 size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);
 size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows);

@@ -46,7 +46,7 @@ static spin_status longest_json(const char *path, const struct spin_gltf_clip *w
     spin_status status;
 
     SPIN_TRY(spin_alloc((size_t)worst->n_frames + 1, sizeof *frame, (void **)&frame));
-    for (int f = 0; f < worst->n_frames; f++) {
+    for (int f = 0; f <= worst->n_frames; f++) {
         frame[f] = (struct spin_gltf_frame){.n = MAX_BYTES,
                                             .offset = MAX_BYTES - 1,
                                             .number = INT_MIN,
@@ -55,6 +55,7 @@ static spin_status longest_json(const char *path, const struct spin_gltf_clip *w
             frame[f].low[c] = frame[f].high[c] = -FLT_MIN * (1 + 1.0f / 3);
     }
     clip.frame = frame;
+    clip.still = worst->still ? &frame[worst->n_frames] : NULL;
     clip.keys_offset = MAX_BYTES - 1;
     clip.n_bytes = MAX_BYTES;
     status = make_json(path, &clip, &text, n);

@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-#define SPIN_GLTF_SHIM_ABI 2
+#define SPIN_GLTF_SHIM_ABI 3
 #define SPIN_GLTF_SHIM_SYMBOL "spin_gltf_shim_table"
 
 /* Numbers of glTF's own. */
@@ -44,6 +44,9 @@ struct spin_gltf_clip {
     int n_attributes;
     const struct spin_gltf_frame *frame;
     int n_frames;
+    /* Points of all frames, in a node of their own: the last of the list and the first of the scene, as some
+     * viewers draw mesh after mesh. Its number and time say nothing. NULL, or n 0: none. */
+    const struct spin_gltf_frame *still;
     /* Frames take turns, by STEP keys on the scale of their nodes. At keys_offset: n_frames + 1 times
      * (floats), then for each frame n_frames + 1 scales (three floats). */
     bool animated;

@@ -124,6 +124,14 @@ void add_nodes(tinygltf::Model &model, const spin_gltf_clip &clip)
         model.nodes.push_back(node);
         scene.nodes.push_back(f);
     }
+    if (clip.still && clip.still->n > 0) {
+        tinygltf::Node node;
+
+        node.name = "still";
+        node.mesh = add_mesh(model, clip, *clip.still);
+        model.nodes.push_back(node);
+        scene.nodes.insert(scene.nodes.begin(), clip.n_frames);
+    }
     model.scenes.push_back(scene);
     model.defaultScene = 0;
 }

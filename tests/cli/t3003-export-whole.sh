@@ -53,6 +53,8 @@ for pair in $formats; do
 done
 run "$bin/spin-export" "$in" --to gltf -o "$work/clip.glb" --check --json
 checked "one GLB" 90
+run "$bin/spin-export" "$in" --to gltf -o "$work/apart.glb" --still-apart --check --json
+checked "one GLB, what stands apart" 90
 run "$bin/spin-export" "$in" --to ply -o "$work/turned" --up -y --rotate 10,20,30 --check --json
 checked "turned" 80
 run "$bin/spin-export" "$in" --to spz -o "$work/rub" --axes rub --check --json

@@ -1,0 +1,231 @@
+#include "exporters/lib/still_rows.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+#define NONE UINT32_MAX
+
+/* The values of a row that are written: n floats each. */
+struct column {
+    const float *at;
+    size_t width, n;
+};
+
+static void columns_of(const struct spin_splats *s, int n_sh, struct column c[5])
+{
+    c[0] = (struct column){s->means, 3, 3};
+    c[1] = (struct column){s->quats, 4, 4};
+    c[2] = (struct column){s->log_scales, 3, 3};
+    c[3] = (struct column){s->logit_opacities, 1, 1};
+    c[4] = (struct column){s->sh, 3 * (size_t)spin_sh_count(s->sh_degree), 3 * (size_t)n_sh};
+}
+
+static uint64_t hash_of(const struct column c[5], size_t i)
+{
+    uint64_t h = 0;
+
+    for (int k = 0; k < 5; k++) {
+        for (size_t j = 0; j < c[k].n; j++) {
+            uint32_t bits;
+
+            memcpy(&bits, c[k].at + i * c[k].width + j, sizeof bits);
+            h = (h ^ bits) * 0x9e3779b97f4a7c15ULL;
+            h ^= h >> 29;
+        }
+    }
+    return h;
+}
+
+static bool are_same(const struct column a[5], size_t i, const struct column b[5], size_t j)
+{
+    for (int k = 0; k < 5; k++) {
+        if (memcmp(a[k].at + i * a[k].width, b[k].at + j * b[k].width,
+                   a[k].n * sizeof(float)) != 0)
+            return false;
+    }
+    return true;
+}
+
+static int by_hash(const void *a, const void *b)
+{
+    const struct spin_still_row *x = a, *y = b;
+
+    if (x->hash != y->hash)
+        return x->hash < y->hash ? -1 : 1;
+    return (x->row > y->row) - (x->row < y->row);
+}
+
+static spin_status make_room(struct spin_still_rows *s, size_t n)
+{
+    if (n < s->room)
+        return SPIN_OK;
+    s->room = 0;
+    SPIN_TRY(spin_grow(n + 1, sizeof *s->now, (void **)&s->now));
+    SPIN_TRY(spin_grow(n + 1, 1, (void **)&s->keep));
+    SPIN_TRY(spin_grow(n + 1, sizeof *s->order, (void **)&s->order));
+    s->room = n + 1;
+    return SPIN_OK;
+}
+
+/* The chosen rows of the frame at hand into s->now. */
+static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+{
+    struct column c[5];
+    size_t n = 0;
+
+    SPIN_TRY(make_room(s, rows->splats->n));
+    columns_of(rows->splats, spin_splat_filter_n_sh(rows), c);
+    for (size_t i = 0; i < rows->splats->n; i++) {
+        if (rows->keep[i])
+            s->now[n++] = (struct spin_still_row){hash_of(c, i), (uint32_t)i};
+    }
+    qsort(s->now, n, sizeof *s->now, by_hash);
+    return SPIN_OK;
+}
+
+/* A row of the frame at hand for each of s->kept, or NONE. Of several alike each takes another one. */
+static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+{
+    struct column a[5], b[5];
+    size_t at = s->first.sh_degree == rows->splats->sh_degree ? 0 : rows->n_kept;
+
+    columns_of(&s->first, spin_splat_filter_n_sh(rows), a);
+    columns_of(rows->splats, spin_splat_filter_n_sh(rows), b);
+    for (size_t k = 0; k < s->n; k++) {
+        const struct spin_still_row *kept = &s->kept[k];
+
+        s->mate[kept->row] = NONE;
+        while (at < rows->n_kept && s->now[at].hash < kept->hash)
+            at++;
+        if (at < rows->n_kept && s->now[at].hash == kept->hash &&
+            are_same(a, kept->row, b, s->now[at].row))
+            s->mate[kept->row] = s->now[at++].row;
+    }
+}
+
+static spin_status take_first(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+{
+    const struct spin_splats *from = rows->splats;
+    struct spin_splats *to = &s->first;
+    size_t n_sh = 3 * (size_t)spin_sh_count(from->sh_degree);
+
+    SPIN_TRY(spin_splats_reserve(to, from->n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                                 from->sh_degree));
+    SPIN_TRY(spin_alloc(from->n + 1, sizeof *s->mate, (void **)&s->mate));
+    SPIN_TRY(spin_alloc(rows->n_kept + 1, sizeof *s->kept, (void **)&s->kept));
+    if (from->n > 0) {
+        memcpy(to->means, from->means, 3 * from->n * sizeof(float));
+        memcpy(to->quats, from->quats, 4 * from->n * sizeof(float));
+        memcpy(to->log_scales, from->log_scales, 3 * from->n * sizeof(float));
+        memcpy(to->logit_opacities, from->logit_opacities, from->n * sizeof(float));
+        memcpy(to->sh, from->sh, n_sh * from->n * sizeof(float));
+    }
+    memset(s->mate, 0xff, (from->n + 1) * sizeof *s->mate);
+    s->n = rows->n_kept;
+    memcpy(s->kept, s->now, s->n * sizeof *s->kept);
+    return SPIN_OK;
+}
+
+/* Those that the frame at hand has too. */
+static void narrow(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+{
+    size_t n = 0;
+
+    pair(s, rows);
+    for (size_t k = 0; k < s->n; k++) {
+        if (s->mate[s->kept[k].row] != NONE)
+            s->kept[n++] = s->kept[k];
+    }
+    s->n = n;
+}
+
+spin_status spin_still_rows_find(struct spin_still_rows *s, struct spin_splat_filter *rows,
+                                 const struct spin_export_job *job)
+{
+    bool quiet = rows->quiet;
+    spin_status status = SPIN_OK;
+
+    rows->quiet = true; /* they are counted when they are written */
+    for (int f = 0; f < job->n_frames && (f == 0 || s->n > 0); f++) {
+        const struct spin_splats *splats;
+
+        SPIN_TRY_OUT(job->again(job->context, f, &splats));
+        SPIN_TRY_OUT(spin_splat_filter_choose(rows, splats, f));
+        SPIN_TRY_OUT(list_rows(s, rows));
+        if (f == 0)
+            SPIN_TRY_OUT(take_first(s, rows));
+        else
+            narrow(s, rows);
+    }
+out:
+    rows->quiet = quiet;
+    return status;
+}
+
+/* s->mate and s->keep of the frame at hand. */
+static spin_status match(struct spin_still_rows *s, const struct spin_splat_filter *rows, int number)
+{
+    SPIN_TRY(list_rows(s, rows));
+    pair(s, rows);
+    if (rows->splats->n > 0)
+        memcpy(s->keep, rows->keep, rows->splats->n);
+    for (size_t k = 0; k < s->n; k++) {
+        uint32_t row = s->mate[s->kept[k].row];
+
+        if (row == NONE)
+            return spin_fail(SPIN_E_IO,
+                             "frame %d: a splat that was the same in all frames is not there when "
+                             "the frame is read again",
+                             number);
+        s->keep[row] = 0;
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_still_rows_leave_out(struct spin_still_rows *s, struct spin_splat_filter *rows,
+                                      int number)
+{
+    SPIN_TRY(match(s, rows, number));
+    spin_splat_filter_keep(rows, s->keep);
+    return SPIN_OK;
+}
+
+void spin_still_rows_only(const struct spin_still_rows *s, struct spin_splat_filter *rows)
+{
+    memset(s->keep, 0, s->room);
+    for (size_t k = 0; k < s->n; k++)
+        s->keep[s->kept[k].row] = 1;
+    spin_splat_filter_keep(rows, s->keep);
+}
+
+spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_splat_filter *rows,
+                                  int number, const uint32_t **order)
+{
+    size_t n = 0;
+
+    SPIN_TRY(match(s, rows, number));
+    for (size_t i = 0; i < rows->splats->n; i++) {
+        if (s->keep[i])
+            s->order[n++] = (uint32_t)i;
+    }
+    for (size_t i = 0; i < s->first.n; i++) {
+        if (s->mate[i] != NONE)
+            s->order[n++] = s->mate[i];
+    }
+    *order = s->order;
+    return SPIN_OK;
+}
+
+void spin_still_rows_free(struct spin_still_rows *s)
+{
+    spin_splats_free(&s->first);
+    free(s->kept);
+    free(s->now);
+    free(s->keep);
+    free(s->mate);
+    free(s->order);
+    *s = (struct spin_still_rows){0};
+}
