@@ -18,6 +18,9 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PANELS,
     {"compare", NULL, "the same as --panels truth,after", NULL},
     SPIN_DRAWING_OPTION_REPEAT,
+    SPIN_DRAWING_OPTION_SIZE,
+    SPIN_DRAWING_OPTION_DURATION,
+    {"fps", "F", "pictures a second of --duration; otherwise the bundle's, else 30", NULL},
     {0},
 };
 
@@ -95,6 +98,10 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY_OUT(spin_camera_path_begin(
         &x->drawing, job,
         spin_plugin_value(job->values, "compare", NULL) ? "truth,after" : "after"));
+    if (x->drawing.path == SPIN_PATH_CAMERA && spin_plugin_value(job->values, "duration", NULL)) {
+        status = spin_fail(SPIN_E_USAGE, "--duration is for a camera that moves: see --path");
+        goto out;
+    }
     SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
     if (x->drawing.path == SPIN_PATH_CAMERA && !any_chosen(x)) {
@@ -115,14 +122,15 @@ static spin_status export_moving(struct export *x, int frame, const struct spin_
 {
     struct spin_camera_path *d = &x->drawing;
 
-    for (int j = 0; j < d->repeat; j++) {
+    for (int64_t p = spin_camera_path_first(d, frame); p < spin_camera_path_first(d, frame + 1);
+         p++) {
         struct spin_camera camera;
 
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(spin_camera_path_camera(d, frame, j, splats, &camera));
-        SPIN_TRY(export_picture(x, d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral",
-                                frame * d->repeat + j, frame, splats, &camera, NULL));
+        SPIN_TRY(spin_camera_path_camera(d, frame, p, splats, &camera));
+        SPIN_TRY(export_picture(x, d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral", (int)p, frame,
+                                splats, &camera, NULL));
     }
     return SPIN_OK;
 }
@@ -141,6 +149,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
         return export_moving(x, frame, splats);
     for (size_t i = 0; i < views->n; i++) {
         const struct spin_view *view = &views->view[i];
+        struct spin_camera camera = view->camera;
 
         if (row < 0 || view->dataset_frame != row || !is_chosen(x, view))
             continue;
@@ -148,7 +157,8 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
         if (spin_cancelled())
             return spin_fail_cancelled();
         snprintf(name, sizeof name, "%d", view->camera_id);
-        SPIN_TRY(export_picture(x, name, info->number, frame, splats, &view->camera, view->path));
+        spin_camera_path_resize(&x->drawing, &camera);
+        SPIN_TRY(export_picture(x, name, info->number, frame, splats, &camera, view->path));
     }
     x->n_unseen += !seen;
     return SPIN_OK;

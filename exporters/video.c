@@ -10,13 +10,13 @@
 #include "exporters/lib/camera_path.h"
 #include "io/video_encode.h"
 
-#define DEFAULT_FPS 30
-
 static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
     {"camera", "ID", "the data set's camera to look from; otherwise the first held-out one", NULL},
     SPIN_DRAWING_OPTION_PANELS,
     SPIN_DRAWING_OPTION_REPEAT,
+    SPIN_DRAWING_OPTION_SIZE,
+    SPIN_DRAWING_OPTION_DURATION,
     {"fps", "F", "frames a second of the video; otherwise the bundle's, else 30", NULL},
     {"quality", "Q", "0 (best) to 51 (least)", "18"},
     {0},
@@ -27,6 +27,7 @@ struct export
     struct spin_camera_path drawing;
     struct spin_video_out *video;
     const struct spin_view *first; /* whose camera_id the video keeps */
+    int size[2];                   /* of a panel */
 };
 
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
@@ -65,17 +66,20 @@ static spin_status choose_camera(struct export *x)
 static spin_status open_video(struct export *x)
 {
     const struct spin_export_job *job = x->drawing.job;
-    const struct spin_camera *camera = &x->first->camera;
+    struct spin_camera camera = x->first->camera;
     const char *codec = "";
-    double fps = job->fps > 0 ? job->fps : DEFAULT_FPS, quality = 18;
-    int width = camera->width * x->drawing.n_panels;
+    double fps = x->drawing.fps, quality = 18;
+    int width;
 
-    SPIN_TRY(spin_option_number(job->values, "fps", 0.01, 1000, &fps));
+    spin_camera_path_resize(&x->drawing, &camera);
+    width = camera.width * x->drawing.n_panels;
     SPIN_TRY(spin_option_number(job->values, "quality", 0, 51, &quality));
-    SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera->height, fps,
+    SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera.height, fps,
                                (int)quality, &x->video, &codec));
-    spin_log(0, "video: %d frames of %dx%d, %.4g a second, %s", job->n_frames * x->drawing.repeat,
-             width, camera->height, fps, codec);
+    spin_log(0, "video: %d frames of %dx%d, %.4g a second, %s", (int)x->drawing.n_pictures, width,
+             camera.height, fps, codec);
+    x->size[0] = camera.width;
+    x->size[1] = camera.height;
     return SPIN_OK;
 }
 
@@ -101,25 +105,26 @@ out:
     return status;
 }
 
-static spin_status draw_one(struct export *x, int frame, int j, const struct spin_frame_info *info,
-                            const struct spin_splats *splats)
+static spin_status draw_one(struct export *x, int frame, int64_t picture,
+                            const struct spin_frame_info *info, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;
     const struct spin_view *view = view_of(x, frame, x->first->camera_id);
     struct spin_camera camera;
 
     if (d->path != SPIN_PATH_CAMERA) {
-        SPIN_TRY(spin_camera_path_camera(d, frame, j, splats, &camera));
+        SPIN_TRY(spin_camera_path_camera(d, frame, picture, splats, &camera));
     } else if (!view) {
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %d for frame %d",
                          x->first->camera_id, info->number);
     } else {
         camera = view->camera;
+        spin_camera_path_resize(d, &camera);
     }
-    if (camera.width != x->first->camera.width || camera.height != x->first->camera.height)
+    if (camera.width != x->size[0] || camera.height != x->size[1])
         return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: camera %d is %dx%d there, %dx%d before",
-                         info->number, x->first->camera_id, camera.width, camera.height,
-                         x->first->camera.width, x->first->camera.height);
+                         info->number, x->first->camera_id, camera.width, camera.height, x->size[0],
+                         x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     return spin_video_put(x->video, d->wide);
 }
@@ -130,10 +135,11 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
     struct export *x = self;
 
     SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
-    for (int j = 0; j < x->drawing.repeat; j++) {
+    for (int64_t p = spin_camera_path_first(&x->drawing, frame);
+         p < spin_camera_path_first(&x->drawing, frame + 1); p++) {
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(draw_one(x, frame, j, info, splats));
+        SPIN_TRY(draw_one(x, frame, p, info, splats));
     }
     return SPIN_OK;
 }

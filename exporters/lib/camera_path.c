@@ -41,6 +41,69 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
     }
 }
 
+#define DEFAULT_FPS 30
+enum { LEAST_SIDE = 16, MOST_SIDE = 16384, MOST_PICTURES = 10000000 };
+
+static spin_status parse_size(struct spin_camera_path *d)
+{
+    const char *text = spin_plugin_value(d->job->values, "size", NULL);
+    int end = 0;
+
+    if (!text)
+        return SPIN_OK;
+    if (sscanf(text, "%5dx%5d%n", &d->size[0], &d->size[1], &end) != 2 || text[end] ||
+        d->size[0] < LEAST_SIDE || d->size[1] < LEAST_SIDE || d->size[0] > MOST_SIDE ||
+        d->size[1] > MOST_SIDE)
+        return spin_fail(SPIN_E_USAGE, "--size '%s': expected WxH, both from %d to %d", text,
+                         LEAST_SIDE, MOST_SIDE);
+    for (int p = 0; p < d->n_panels; p++)
+        if (d->panel[p] == SPIN_PANEL_TRUTH)
+            return spin_fail(SPIN_E_USAGE, "--size: the data set's images keep theirs, leave it "
+                                           "out or choose other --panels");
+    return SPIN_OK;
+}
+
+/* How many pictures, at which speed. */
+static spin_status parse_pace(struct spin_camera_path *d)
+{
+    const struct spin_plugin_values *v = d->job->values;
+    double seconds = 0;
+    int repeat = 1;
+
+    d->fps = d->job->fps > 0 ? d->job->fps : DEFAULT_FPS;
+    SPIN_TRY(spin_option_number(v, "fps", 0.01, 1000, &d->fps));
+    SPIN_TRY(spin_option_count(v, "repeat", 1, 10000, &repeat));
+    SPIN_TRY(spin_option_number(v, "duration", 0.001, 1e6, &seconds));
+    d->n_pictures = (int64_t)d->job->n_frames * repeat;
+    if (seconds <= 0)
+        return SPIN_OK;
+    if (spin_plugin_value(v, "repeat", NULL))
+        return spin_fail(SPIN_E_USAGE, "--duration and --repeat: give one of them");
+    if (seconds * d->fps > MOST_PICTURES)
+        return spin_fail(SPIN_E_USAGE, "--duration: more than %d pictures", MOST_PICTURES);
+    d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
+    return SPIN_OK;
+}
+
+int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame)
+{
+    return (frame * d->n_pictures + d->job->n_frames - 1) / d->job->n_frames;
+}
+
+void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera)
+{
+    double scale = (double)d->size[1] / camera->height;
+
+    if (d->size[0] == 0)
+        return;
+    camera->cx = 0.5 * d->size[0] + (camera->cx - 0.5 * camera->width) * scale;
+    camera->cy *= scale;
+    camera->fx *= scale;
+    camera->fy *= scale;
+    camera->width = d->size[0];
+    camera->height = d->size[1];
+}
+
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job,
                                    const char *panels)
 {
@@ -50,9 +113,9 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     d->source_frame = -1;
     SPIN_TRY(spin_option_word(job->values, "path", "camera|orbit|spiral", &path));
     d->path = (enum spin_camera_path_path)path;
-    d->repeat = 1;
-    SPIN_TRY(spin_option_count(job->values, "repeat", 1, 10000, &d->repeat));
+    SPIN_TRY(parse_pace(d));
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
+    SPIN_TRY(parse_size(d));
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
     return SPIN_OK;
@@ -130,12 +193,29 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
                                 (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
 }
 
-spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int j,
+/* About the place that the cameras look at, and no farther from it than half of them are. */
+static void move_into_rig(struct spin_camera_path *d, int row)
+{
+    double pivot[3], median, distance = 0;
+
+    if (!spin_initial_view_pivot(d->job->views, row, pivot, &median))
+        return;
+    for (int c = 0; c < 3; c++)
+        distance += (d->look.eye[c] - pivot[c]) * (d->look.eye[c] - pivot[c]);
+    distance = sqrt(distance);
+    for (int c = 0; c < 3; c++) {
+        d->look.target[c] = pivot[c];
+        if (distance > median)
+            d->look.eye[c] = pivot[c] + (d->look.eye[c] - pivot[c]) * median / distance;
+    }
+}
+
+spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out)
 {
     int row = d->job->dataset_frame_of ? d->job->dataset_frame_of[frame] : frame;
     double middle[3], size, eye[3], axis[3][3];
-    double turn = (double)(frame * d->repeat + j) / (d->job->n_frames * d->repeat);
+    double turn = (double)picture / (double)d->n_pictures;
 
     if (!d->looked) {
         SPIN_TRY(spin_initial_view_middle(splats, middle, &size));
@@ -144,6 +224,8 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int j
                        ? spin_initial_view_view(d->job->views, row, true)
                        : &d->job->views->view[0])
                       ->camera;
+        move_into_rig(d, row);
+        spin_camera_path_resize(d, &d->lens);
         d->looked = true;
     }
     eye_of(d, turn, eye);

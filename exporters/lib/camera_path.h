@@ -24,6 +24,20 @@
         "repeat", "N", "draw each frame N times while the camera moves on", "1"                    \
     }
 
+#define SPIN_DRAWING_OPTION_SIZE                                                                   \
+    {                                                                                              \
+        "size", "WxH", "pixels of a picture, of the camera's height of view; otherwise its own",   \
+            NULL                                                                                   \
+    }
+
+#define SPIN_DRAWING_OPTION_DURATION                                                               \
+    {                                                                                              \
+        "duration", "S",                                                                           \
+            "seconds that the clip takes, instead of --repeat: frames are drawn as often as that " \
+            "needs, or left out",                                                                  \
+            NULL                                                                                   \
+    }
+
 enum spin_camera_path_path { SPIN_PATH_CAMERA, SPIN_PATH_ORBIT, SPIN_PATH_SPIRAL };
 
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
@@ -33,7 +47,9 @@ struct spin_camera_path {
     enum spin_camera_path_path path;
     enum spin_camera_path_panel panel[3];
     int n_panels;
-    int repeat;                    /* pictures of each frame */
+    int64_t n_pictures;            /* of all frames */
+    double fps;                    /* pictures a second */
+    int size[2];                   /* of a picture, instead of the cameras'; 0: theirs */
     bool looked;                   /* the next two are set */
     struct spin_initial_view look; /* a moving camera begins here */
     struct spin_camera lens;
@@ -55,8 +71,15 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
 
 void spin_camera_path_free(struct spin_camera_path *d);
 
-/* Picture j of a frame of a moving camera. The first frame's splats say where the scene is. */
-spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int j,
+/* Pictures of frame f are those from this one up to that of frame f + 1. */
+int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
+
+/* --size: the same height of view, square pixels stay square; the sides show more or less. */
+void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
+
+/* A moving camera at a picture of a frame. It turns about the place that is nearest to the axes of all cameras,
+ * no farther away than half of them are; where these are parallel, the first view's target. */
+spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 
 /* Begin a frame: *splats become those to draw. */

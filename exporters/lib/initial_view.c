@@ -2,9 +2,13 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+
+/* Of the determinant of the mean of I - d d^T, which is 0 where all axes are parallel: some 3 degrees of spread. */
+#define LEAST_SPREAD 2e-3
 
 static int by_value(const void *a, const void *b)
 {
@@ -75,6 +79,79 @@ static bool mean_up(const struct spin_views *views, int row, double up[3])
     for (int c = 0; c < 3; c++)
         up[c] /= sqrt(length) + 1e-300;
     return length > 1e-6;
+}
+
+static double det3(const double a[3], const double b[3], const double c[3])
+{
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
+           a[2] * (b[0] * c[1] - b[1] * c[0]);
+}
+
+/* Sum over cameras of I - d d^T (its columns) and of (I - d d^T) e, of axes d and centres e. */
+static int sum_axes(const struct spin_views *views, int row, double a[3][3], double b[3])
+{
+    int n = 0;
+
+    for (size_t i = 0; i < views->n; i++) {
+        const double *axis = views->view[i].camera.w2c + 8;
+        double eye[3];
+
+        if (row >= 0 && views->view[i].dataset_frame != row)
+            continue;
+        spin_initial_view_eye(&views->view[i].camera, eye);
+        n++;
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) {
+                double part = (r == c) - axis[r] * axis[c];
+
+                a[c][r] += part;
+                b[r] += part * eye[c];
+            }
+    }
+    return n;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
+bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
+                             double *median)
+{
+    double a[3][3] = {{0}}, b[3] = {0}, det, at[3], *away = NULL;
+    int n = views ? sum_axes(views, row, a, b) : 0, n_away = 0, n_behind = 0;
+
+    det = det3(a[0], a[1], a[2]);
+    if (n < 2 || !(det > LEAST_SPREAD * n * n * n) ||
+        spin_alloc((size_t)n, sizeof *away, (void **)&away) != SPIN_OK)
+        return false;
+    at[0] = det3(b, a[1], a[2]) / det;
+    at[1] = det3(a[0], b, a[2]) / det;
+    at[2] = det3(a[0], a[1], b) / det;
+    for (size_t i = 0; i < views->n; i++) {
+        const double *axis = views->view[i].camera.w2c + 8;
+        double eye[3], along = 0, square = 0;
+
+        if (row >= 0 && views->view[i].dataset_frame != row)
+            continue;
+        spin_initial_view_eye(&views->view[i].camera, eye);
+        for (int c = 0; c < 3; c++) {
+            along += (at[c] - eye[c]) * axis[c];
+            square += (at[c] - eye[c]) * (at[c] - eye[c]);
+        }
+        n_behind += along <= 0;
+        away[n_away++] = sqrt(square);
+    }
+    qsort(away, (size_t)n, sizeof *away, by_size);
+    if (2 * n_behind < n) {
+        memcpy(pivot, at, sizeof at);
+        *median = away[n / 2];
+    }
+    free(away);
+    return 2 * n_behind < n;
 }
 
 /* From a third of the nearest camera's distance to a little beyond the farthest one. */

@@ -22,6 +22,11 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
 /* Centre of a camera: -R^T t. */
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
 
+/* The place nearest to the axes of all cameras of this row (all rows: -1), least squares, and the median distance
+ * of these cameras from it. False, and nothing is set: the axes are about parallel, or it lies behind most of them. */
+bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
+                             double *median);
+
 /* The view to begin with: a held-out one of this row before others, or a training view. */
 const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test);
 

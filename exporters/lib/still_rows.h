@@ -16,8 +16,8 @@ struct spin_still_rows {
     struct spin_still_row *kept; /* [n] of the first frame, by hash */
     struct spin_still_row *now;  /* [room] rows of the frame at hand, by hash */
     unsigned char *keep;         /* [room] 1: a row of the frame at hand that is not one of them */
-    uint32_t *mate;              /* [first.n] which row of the frame at hand each is; UINT32_MAX: none */
-    uint32_t *order;             /* [room] see spin_still_rows_order() */
+    uint32_t *mate;  /* [first.n] which row of the frame at hand each is; UINT32_MAX: none */
+    uint32_t *order; /* [room] see spin_still_rows_order() */
     size_t room;
 };
 
@@ -27,14 +27,14 @@ spin_status spin_still_rows_find(struct spin_still_rows *still, struct spin_spla
                                  const struct spin_export_job *job);
 /* The chosen rows of a frame without those that stay. SPIN_E_IO when one of them is not there: the frame
  * was another one when it was read first. */
-spin_status spin_still_rows_leave_out(struct spin_still_rows *still,
-                                      struct spin_splat_filter *rows, int number);
+spin_status spin_still_rows_leave_out(struct spin_still_rows *still, struct spin_splat_filter *rows,
+                                      int number);
 /* After it, of the first frame: only those that stay, instead. */
 void spin_still_rows_only(const struct spin_still_rows *still, struct spin_splat_filter *rows);
 /* All chosen rows of a frame: those that move, then those that stay, in the first frame's order. */
 spin_status spin_still_rows_order(struct spin_still_rows *still,
-                                  const struct spin_splat_filter *rows,
-                                  int number, const uint32_t **order);
+                                  const struct spin_splat_filter *rows, int number,
+                                  const uint32_t **order);
 void spin_still_rows_free(struct spin_still_rows *still);
 
 #endif

@@ -263,6 +263,110 @@ static void test_orbit(struct spin_export_job job)
     ok(still, "near the first view, towards the middle");
 }
 
+/* Four cameras that look at (1, 2, 3) from the sides of a square, 2 away, but the first, which is held out: 5. */
+static void test_rig(struct spin_export_job job)
+{
+    static const char *const orbit[] = {"path", "orbit", "repeat", "4", NULL};
+    static const double axis[4][2] = {{0, 1}, {1, 0}, {0, -1}, {-1, 0}}; /* x, z of what is ahead */
+    struct spin_plugin_values values = {orbit};
+    struct spin_views views = {0};
+    double pivot[3] = {0}, median = 0, worst = 0, near_by = 0;
+
+    for (int k = 0; k < 4; k++) {
+        double x = axis[k][0], z = axis[k][1], away = k ? 2 : 5;
+        struct spin_view v = {.camera_id = k, .test = k == 0, .path = (char *)"none"};
+        double m[12] = {z, 0, -x, -z + 3 * x, 0, 1, 0, -2, x, 0, z, -x - 3 * z + away};
+
+        v.camera = (struct spin_camera){W, H, 40, 40, W / 2.0, H / 2.0, {0}};
+        memcpy(v.camera.w2c, m, sizeof m);
+        if (spin_views_add(&views, &v) != SPIN_OK)
+            exit(1);
+    }
+    ok(spin_initial_view_pivot(&views, 0, pivot, &median) && fabs(pivot[0] - 1) < 1e-9 &&
+           fabs(pivot[1] - 2) < 1e-9 && fabs(pivot[2] - 3) < 1e-9 && median == 2,
+       "the place that all cameras look at, and how far away half of them are");
+    views.n = 1;
+    ok(!spin_initial_view_pivot(&views, 0, pivot, &median), "one camera has none");
+    views.n = 4;
+    job.views = &views;
+    job.values = &values;
+    job.n_frames = 1;
+    job.output = named("rig");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 4, "once around");
+    for (int i = 0; i < 4; i++) {
+        const double *m = seen[i].w2c;
+        double eye[3], away = 0;
+
+        spin_initial_view_eye(&seen[i], eye);
+        for (int c = 0; c < 3; c++)
+            away += (eye[c] - (1 + c)) * (eye[c] - (1 + c));
+        worst = fmax(worst, fabs(sqrt(away) - 2));
+        near_by = fmax(near_by, fabs(m[0] * 1 + m[1] * 2 + m[2] * 3 + m[3]));
+    }
+    ok(worst < 1e-9 && near_by < 1e-9, "about that place, and not from beyond the other cameras");
+    views.n = 4;
+    spin_views_free(&views);
+}
+
+/* --size keeps the height of view; --duration draws frames as often as it takes, or not at all. */
+static void test_size_and_duration(struct spin_export_job job)
+{
+    static const char *const pairs[] = {"path", "orbit", "size", "64x16", "duration",
+                                        "0.56", "fps",   "25",   NULL};
+    static const char *const few[] = {"path", "orbit", "duration", "0.12", NULL};
+    static const char *const still[] = {"size", "96x64", NULL};
+    struct spin_plugin_values values = {pairs};
+
+    job.values = &values;
+    job.output = named("sized");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 14 &&
+           spin_path_exists(named("sized/orbit/00013.png")),
+       "0.56 seconds at 25 a second are 14 pictures of 5 frames");
+    ok(seen[0].width == 64 && seen[0].height == 16 && seen[0].fx == 20 && seen[0].fy == 20 &&
+           seen[0].cx == 32 && seen[0].cy == 8,
+       "of the size asked for, with square pixels, the same height of view");
+    near(fabs(atan2(seen[7].w2c[8], seen[7].w2c[10])) * 57.29577951308232, 180, 1e-6,
+         "half-way round with half of the pictures");
+    values.pairs = few;
+    job.output = named("few");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 3 &&
+           spin_path_exists(named("few/orbit/00002.png")),
+       "three pictures of five frames");
+    values.pairs = still;
+    job.output = named("still");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && seen[0].width == 96 &&
+           seen[0].fx == 80 && seen[0].cx == 48,
+       "the data set's cameras too");
+}
+
+static void test_drawing_refusals(struct spin_export_job job)
+{
+    static const char *const bad[][5] = {{"size", "64", NULL},
+                                         {"size", "64x8", NULL},
+                                         {"size", "64x64x3", NULL},
+                                         {"size", "20000x64", NULL},
+                                         {"duration", "0", NULL},
+                                         {"duration", "2", NULL},
+                                         {"size", "64x64", "panels", "truth,after", NULL}};
+    static const char *const both[] = {"path", "orbit", "duration", "2", "repeat", "2", NULL};
+    struct spin_plugin_values values;
+    void *self = NULL;
+
+    job.values = &values;
+    job.output = named("never");
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        values.pairs = bad[i];
+        ok(spin_exporter_images.begin(&job, &self) == SPIN_E_USAGE && !self &&
+               strstr(spin_last_error(), bad[i][0]),
+           "refuses --%s %s%s", bad[i][0], bad[i][1], bad[i][2] ? " with truth" : "");
+    }
+    values.pairs = both;
+    ok(spin_exporter_images.begin(&job, &self) == SPIN_E_USAGE &&
+           strstr(spin_last_error(), "--repeat"),
+       "refuses --duration with --repeat");
+    ok(!spin_path_exists(job.output), "and makes no folder");
+}
+
 static void test_refusals(struct spin_export_job job)
 {
     static const char *const bad[][2] = {{"path", "round"}, {"panels", "now"}, {"panels", ""},
@@ -318,6 +422,9 @@ TAP_MAIN
     ok(spin_image_write(named("source.png"), 1, 1, colour, false) == SPIN_OK, "makes an image");
     make_views(&views, named("source.png"));
     test_orbit(job);
+    test_rig(job);
+    test_size_and_duration(job);
+    test_drawing_refusals(job);
     if (spin_video_start() != SPIN_OK) {
         skip("videos", spin_last_error());
     } else {
