@@ -15,6 +15,7 @@ static const struct spin_plugin_option options[] = {
     {"camera", "ID", "the data set's camera to look from; otherwise the first held-out one", NULL},
     SPIN_DRAWING_OPTION_PANELS,
     SPIN_DRAWING_OPTION_REPEAT,
+    SPIN_DRAWING_OPTION_NO_LABELS,
     SPIN_DRAWING_OPTION_SIZE,
     SPIN_DRAWING_OPTION_DURATION,
     {"fps", "F", "frames a second of the video; otherwise the bundle's, else 30", NULL},

@@ -16,13 +16,13 @@ static int word_of(const char *text, size_t n, const char *const *words, int n_w
     return -1;
 }
 
+static const char *const panel_words[] = {"truth", "before", "after"};
+
 static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 {
-    static const char *const words[] = {"truth", "before", "after"};
-
     for (const char *at = list;; at++) {
         size_t n = strcspn(at, ",");
-        int word = word_of(at, n, words, 3);
+        int word = word_of(at, n, panel_words, 3);
 
         if (word < 0 || d->n_panels == 3)
             return spin_fail(SPIN_E_USAGE,
@@ -116,6 +116,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     SPIN_TRY(parse_pace(d));
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
     SPIN_TRY(parse_size(d));
+    d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
     return SPIN_OK;
@@ -324,6 +325,42 @@ static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_
                        job->background, d->image);
 }
 
+/* The letters of the words of the panels, 5 x 7: a byte a row, the leftmost pixel is its highest of 5 bits. */
+static const struct {
+    char letter;
+    unsigned char row[7];
+} glyphs[] = {
+    {'a', {0, 0, 14, 1, 15, 17, 15}},    {'b', {16, 16, 22, 25, 17, 17, 30}},
+    {'e', {0, 0, 14, 17, 31, 16, 14}},   {'f', {6, 9, 8, 28, 8, 8, 8}},
+    {'h', {16, 16, 22, 25, 17, 17, 17}}, {'o', {0, 0, 14, 17, 17, 17, 14}},
+    {'r', {0, 0, 22, 25, 16, 16, 16}},   {'t', {8, 8, 28, 8, 8, 9, 6}},
+    {'u', {0, 0, 17, 17, 17, 19, 13}},
+};
+
+static bool is_ink(const char *word, int x, int y)
+{
+    for (size_t g = 0; x >= 0 && y >= 0 && y < 7 && g < sizeof glyphs / sizeof *glyphs; g++) {
+        if (glyphs[g].letter == word[x / 6])
+            return x % 6 < 5 && glyphs[g].row[y] >> (4 - x % 6) & 1;
+    }
+    return false;
+}
+
+/* The panel's word in its upper left corner, white on black, where the picture is large enough for it. */
+static void write_label(const char *word, int width, int height, float *image)
+{
+    int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);
+    int wide = (6 * n + 3) * dot, high = 11 * dot;
+
+    if (height < 4 * high || width < wide)
+        return;
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < high; y++)
+            for (int x = 0; x < wide; x++)
+                image[((size_t)c * (size_t)height + (size_t)y) * (size_t)width + (size_t)x] =
+                    x / dot < 6 * n + 2 && is_ink(word, x / dot - 2, y / dot - 2);
+}
+
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
@@ -333,6 +370,8 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
     SPIN_TRY(reserve(d, w * h));
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
+        if (n > 1 && d->labels)
+            write_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(d->wide + (row * n + p) * w, d->image + row * w, w * sizeof *d->image);
     }

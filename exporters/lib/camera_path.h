@@ -24,6 +24,11 @@
         "repeat", "N", "draw each frame N times while the camera moves on", "1"                    \
     }
 
+#define SPIN_DRAWING_OPTION_NO_LABELS                                                              \
+    {                                                                                              \
+        "no-labels", NULL, "do not write the name of each of several panels into it", NULL         \
+    }
+
 #define SPIN_DRAWING_OPTION_SIZE                                                                   \
     {                                                                                              \
         "size", "WxH", "pixels of a picture, of the camera's height of view; otherwise its own",   \
@@ -47,6 +52,7 @@ struct spin_camera_path {
     enum spin_camera_path_path path;
     enum spin_camera_path_panel panel[3];
     int n_panels;
+    bool labels;
     int64_t n_pictures;            /* of all frames */
     double fps;                    /* pictures a second */
     int size[2];                   /* of a picture, instead of the cameras'; 0: theirs */

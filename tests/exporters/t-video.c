@@ -339,6 +339,53 @@ static void test_size_and_duration(struct spin_export_job job)
        "the data set's cameras too");
 }
 
+/* Whether a t stands third in a panel ("after"), white in a black box. */
+static bool has_label(const char *name, int panel, int width)
+{
+    static const char *const rows[7] = {".#...", ".#...", "###..", ".#...",
+                                        ".#...", ".#..#", "..##."};
+    int w = 0, h = 0;
+    bool good = true;
+    uint8_t *rgb = NULL;
+
+    if (spin_image_read(named(name), NULL, &w, &h, &rgb) != SPIN_OK || w % width != 0)
+        return false;
+    for (int y = -2; y < 9; y++)
+        for (int x = 0; x < 5; x++) {
+            bool ink = y >= 0 && y < 7 && rows[y][x] == '#';
+            const uint8_t *at = rgb + 3 * ((y + 2) * w + panel * width + 12 + x + 2);
+
+            good = good && at[0] == 255 * ink && at[1] == 255 * ink && at[2] == 255 * ink;
+        }
+    free(rgb);
+    return good;
+}
+
+static void test_labels(struct spin_export_job job)
+{
+    static const char *const sized[] = {"size", "80x60", "panels", "before,after", NULL};
+    static const char *const plain[] = {"size",      "80x60", "panels", "before,after",
+                                        "no-labels", "1",     NULL};
+    static const char *const alone[] = {"size", "80x60", NULL};
+    struct spin_plugin_values values = {sized};
+
+    job.values = &values;
+    job.output = named("labels");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK &&
+           has_label("labels/4/00010.png", 1, 80),
+       "the names of panels that stand side by side");
+    values.pairs = plain;
+    job.output = named("unlabelled");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK &&
+           !has_label("unlabelled/4/00010.png", 1, 80),
+       "are left out by --no-labels");
+    values.pairs = alone;
+    job.output = named("alone");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK &&
+           !has_label("alone/4/00010.png", 0, 80),
+       "and a picture by itself has none");
+}
+
 static void test_drawing_refusals(struct spin_export_job job)
 {
     static const char *const bad[][5] = {{"size", "64", NULL},
@@ -424,6 +471,7 @@ TAP_MAIN
     test_orbit(job);
     test_rig(job);
     test_size_and_duration(job);
+    test_labels(job);
     test_drawing_refusals(job);
     if (spin_video_start() != SPIN_OK) {
         skip("videos", spin_last_error());
