@@ -267,10 +267,12 @@ struct spin_eval_view {
 
 /* Bytes of a bundle, by what they are for. */
 struct spin_bundle_bytes {
-    uint64_t file;                    /* the whole file */
-    uint64_t source;                  /* as imported, positions and attributes */
-    uint64_t refined;                 /* frames refined on their own */
-    uint64_t positions, table, heads; /* of the network: what the paper counts */
+    uint64_t file;         /* the whole file */
+    uint64_t source;       /* as imported, positions and attributes */
+    uint64_t refined;      /* frames refined on their own */
+    uint64_t positions;    /* retrained positions and residual values, frame by frame */
+    uint64_t tracks;       /* values that frames share, and which splat has which */
+    uint64_t table, heads; /* of the network */
 };
 
 struct spin_eval_report {

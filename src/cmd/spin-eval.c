@@ -122,7 +122,7 @@ static uint64_t bytes_needed(const struct spin_eval_report *r)
     const struct spin_bundle_bytes *s = &r->storage;
 
     if (r->network)
-        return s->positions + s->table + s->heads;
+        return s->positions + s->tracks + s->table + s->heads;
     return r->refined ? s->refined : s->source;
 }
 
@@ -135,6 +135,7 @@ static void print_storage(const struct spin_eval_report *r)
     spin_print_integer("source", (long long)s->source);
     spin_print_integer("refined", (long long)s->refined);
     spin_print_integer("positions", (long long)s->positions);
+    spin_print_integer("tracks", (long long)s->tracks);
     spin_print_integer("table", (long long)s->table);
     spin_print_integer("heads", (long long)s->heads);
     spin_print_integer("measured", (long long)bytes_needed(r));

@@ -157,7 +157,9 @@ static void print_quality(const char *key, const struct spin_quality *q)
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
-    spin_print_string("method", options.method == SPIN_METHOD_EXPLICIT ? "explicit" : "network");
+    spin_print_string("method", options.method == SPIN_METHOD_EXPLICIT ? "explicit"
+                                : options.method == SPIN_METHOD_TRACKS ? "tracks"
+                                                                       : "network");
     spin_print_integer("iterations", r->iterations);
     spin_print_integer("refine", options.refine);
     spin_print_integer("frames", r->frames);
@@ -254,7 +256,7 @@ int main(int argc, char **argv)
     if (code != SPIN_EXIT_OK)
         return code;
     options.input = words.word[0];
-    if (options.method == SPIN_METHOD_TRACKS)
+    if (options.method == SPIN_METHOD_TRACKS && !spin_args_find(argc, argv, "tracks"))
         options.tracks = true;
     if (options.method == SPIN_METHOD_EXPLICIT && options.refine == 0)
         options.refine = 2000;

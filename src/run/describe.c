@@ -50,7 +50,8 @@ static const struct {
 } parts[] = {
     {"source", "source", offsetof(struct spin_bundle_bytes, source)},
     {"refined", "refined", offsetof(struct spin_bundle_bytes, refined)},
-    {"positions", "network's positions", offsetof(struct spin_bundle_bytes, positions)},
+    {"positions", "values of frames", offsetof(struct spin_bundle_bytes, positions)},
+    {"tracks", "tracks", offsetof(struct spin_bundle_bytes, tracks)},
     {"table", "table", offsetof(struct spin_bundle_bytes, table)},
     {"heads", "heads", offsetof(struct spin_bundle_bytes, heads)},
 };
@@ -256,7 +257,9 @@ static void write_stage(const struct description *d, const struct stage *stage, 
 
     write_splats(out, stage->name, count(&d->bundle, stage->from));
     fprintf(out, ", %lld iterations", integer_of(options, "iterations"));
-    if (stage->from == SPIN_FROM_NETWORK)
+    if (stage->from == SPIN_FROM_NETWORK && !spin_npz_has(&d->bundle.npz, "network/table"))
+        fprintf(out, " on %s, no network\n", text_of(json, "device"));
+    else if (stage->from == SPIN_FROM_NETWORK)
         fprintf(out, " on %s; %lld levels of %lld features, %lld rows, hidden width %lld\n",
                 text_of(json, "device"), integer_of(json, "levels"), integer_of(json, "features"),
                 rows_of(json), integer_of(json, "hidden"));

@@ -163,7 +163,7 @@ static void say_plan(const struct run *r)
     spin_log(0, "%d frames, %.0f splats a frame, %zu training and %zu test views, %s",
              r->plan.clip.n_frames, r->plan.clip.n_mean, r->plan.n_train, r->plan.n_test,
              r->device.description);
-    if (!trains_clip(r))
+    if (!trains_clip(r) || r->plan.o->method == SPIN_METHOD_TRACKS)
         return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);

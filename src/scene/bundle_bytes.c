@@ -37,6 +37,8 @@ void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_byte
         else if (begins(member->name, "network/means/") ||
                  begins(member->name, "network/residual/"))
             out->positions += member->packed_size;
+        else if (begins(member->name, "network/track"))
+            out->tracks += member->packed_size;
         else if (begins(member->name, "network/table"))
             out->table += member->packed_size;
         else if (begins(member->name, "network/"))

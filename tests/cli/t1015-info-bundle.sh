@@ -56,7 +56,7 @@ out_has "attributes: means quats log_scales logit_opacities sh (SH degree 2)$" "
 out_has "held-out views before: [0-9.]* dB, SSIM 0[.0-9]*$" "how good the source was"
 out_has "held-out views after: [0-9.]* dB, SSIM 0[.0-9]*$" "how good it is"
 out_has "hash_log2: 14" "its settings"
-out_has "^size .*source .*refined .*network's positions .*table .*heads " "the sizes of all its parts"
+out_has "^size .*source .*refined .*values of frames .*table .*heads " "the sizes of all its parts"
 run "$bin/spin-import" --info --json "$work/net.spin"
 is_json "as JSON"
 network=$(tr -d ' \n' <"$work/out" | sed 's/.*"network"://')
@@ -67,9 +67,23 @@ for word in '"levels":8,"features":4,"hidden":32,' '"device":"cpu"' '"options":{
     esac
     ok $? "the network as JSON: $word"
 done
-is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),"source":\([0-9]*\),"refined":\([0-9]*\),"positions":\([0-9]*\),"table":\([0-9]*\),"heads":\([0-9]*\)}.*/\2+\3+\4+\5+\6 \1/' |
+is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),"source":\([0-9]*\),"refined":\([0-9]*\),"positions":\([0-9]*\),"tracks":\([0-9]*\),"table":\([0-9]*\),"heads":\([0-9]*\)}.*/\2+\3+\4+\5+\6+\7 \1/' |
     awk '{ n = split($1, part, "+"); for (i = 1; i <= n; i++) sum += part[i]; print (sum > 0.97 * $2 && sum < $2) }')" \
     1 "the parts are nearly all of the file"
+
+run "$bin/spin-retrain" "$work/moved.spin" -o "$work/tracks.spin" --device cpu --iterations 6 --preset tracks \
+    --scale 0.25 --force
+is "$code" 0 "is retrained without a network"
+grep -q "in the table" "$work/err"
+is $? 1 "of which nothing is said then"
+run "$bin/spin-import" --info "$work/tracks.spin"
+out_has "^network .*, 6 iterations on cpu, no network$" "nor here"
+out_has "^size .*source .*values of frames .*tracks [0-9]" "its sizes"
+run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/tracks.spin" --device cpu --preset tracks --tracks off --force
+fails 2 spin-retrain "--method tracks, and --tracks off"
+err_has "method tracks needs tracks auto" "is told what it lacks"
+run "$bin/spin-retrain" "$work/moved.spin" --dry-run --json --device cpu --preset tracks
+is "$(member method)" tracks "the method as JSON"
 
 run "$bin/spin-import" "$work/net.spin" -o "$work/again.spin"
 fails 1 spin-import "a bundle as input"

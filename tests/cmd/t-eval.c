@@ -165,6 +165,7 @@ static void weigh(const char *bundle, const char *more, const char *const measur
     near(number(s, "positions"),
          bytes_of(&zip, "network/means/") + bytes_of(&zip, "network/residual/"), 0,
          "the positions'");
+    near(number(s, "tracks"), bytes_of(&zip, "network/track"), 0, "the tracks'");
     near(number(s, "table"), bytes_of(&zip, "network/table.npy"), 0, "the table's");
     near(number(s, "heads"), bytes_of(&zip, "network/heads.npy"), 0, "the heads'");
     for (int i = 0; i < 3; i++)

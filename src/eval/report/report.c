@@ -103,7 +103,7 @@ static void put_tiles(struct page *p)
     const struct spin_quality *after = &a->mean;
     const struct spin_quality *before = p->r->before ? &p->r->before->mean : &none;
     const struct spin_bundle_bytes *s = &a->storage;
-    uint64_t bytes = a->network   ? s->positions + s->table + s->heads
+    uint64_t bytes = a->network   ? s->positions + s->tracks + s->table + s->heads
                      : a->refined ? s->refined
                                   : s->source;
 
