@@ -106,9 +106,10 @@ static spin_status choose_convention(struct model *m, const char *asked,
     m->reading.older = strcmp(asked, "auto") == 0 ? hint : strcmp(asked, "older") == 0;
     if (strcmp(asked, "auto") == 0)
         spin_note(sequence,
-                  "the convention of rotations is not in the file: guessed '%s' from the sizes of "
-                  "the Gaussians (median %.3g; %.3g with the other); --convention decides",
-                  m->reading.older ? "older" : "today", m->reading.older ? older : today,
+                  "the rotation convention is not in the file: assumed the one used %s September "
+                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); "
+                  "--convention today|older sets it",
+                  m->reading.older ? "before" : "since", m->reading.older ? older : today,
                   m->reading.older ? today : older);
     else if (hint != m->reading.older)
         spin_note(sequence,

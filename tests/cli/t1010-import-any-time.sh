@@ -20,7 +20,7 @@ fi
 run "$bin/spin-import" --info --json "$run_in"
 is "$code" 0 "a run is described without a word on where to sample it"
 is "$(member from)" realtime4dgs "from realtime4dgs"
-out_has "guessed 'today'" "the notes say what was guessed"
+out_has "assumed the one used since September 2024" "the notes say what was assumed"
 run "$bin/spin-import" "$run_in" -o "$work/none.spin"
 fails 2 spin-import "an import needs to know where"
 err_has "--frames, --times or --data" "and says how to tell"

@@ -221,12 +221,13 @@ static void test_conventions(const char *root)
         if (!has(root, names[i]))
             continue;
         ok(run_open(FROM, path, &run) == SPIN_OK &&
-               strstr(run.sequence.notes, i == 2 ? "guessed 'older'" : "guessed 'today'"),
+               strstr(run.sequence.notes,
+                      i == 2 ? "used before September" : "used since September"),
            "%s: the convention is guessed right, and the notes say that it is a guess", names[i]);
         run_close(&run);
         ok(open_with(FROM, path, i == 2 ? today : older, &run) == SPIN_OK &&
                strstr(run.sequence.notes, "speak for the other") &&
-               !strstr(run.sequence.notes, "guessed '"),
+               !strstr(run.sequence.notes, "assumed the one"),
            "%s: the wrong one may be asked for, and is doubted", names[i]);
         run_close(&run);
         ok(open_with(FROM, path, i == 2 ? older : today, &run) == SPIN_OK &&
