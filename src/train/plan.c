@@ -30,7 +30,7 @@ static spin_status check_options(const struct spin_retrain_options *o)
         return spin_fail(SPIN_E_USAGE, "the explicit method needs iterations for every frame: say "
                                        "how many with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
-        return spin_fail(SPIN_E_USAGE, "method tracks needs tracks auto");
+        return spin_fail(SPIN_E_USAGE, "--method tracks needs --tracks auto");
     if (o->method == SPIN_METHOD_TRACKS && o->refine > 0)
         return spin_fail(SPIN_E_USAGE, "refined frames share nothing: --method tracks goes without "
                                        "--refine");
