@@ -23,8 +23,9 @@ static struct counts count(const struct spin_bundle *b, enum spin_splat_source f
 
         c.least = n < c.least ? n : c.least;
         c.most = n > c.most ? n : c.most;
-        c.mean += (double)n / b->meta.n_frames;
+        c.mean += (double)n;
     }
+    c.mean /= b->meta.n_frames;
     return c;
 }
 

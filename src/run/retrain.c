@@ -312,7 +312,8 @@ static void count_splats(struct run *r)
 
     *mean = 0;
     for (int f = 0; f < r->trainer.n_frames; f++)
-        *mean += (double)r->trainer.frame[f].size.n / r->trainer.n_frames;
+        *mean += (double)r->trainer.frame[f].size.n;
+    *mean /= r->trainer.n_frames;
 }
 
 static spin_status train_network(struct run *r)

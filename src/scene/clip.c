@@ -134,8 +134,9 @@ spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *
         size_t n = clip->bundle.meta.frame[clip->frame[i]].n;
 
         clip->n_max = n > clip->n_max ? n : clip->n_max;
-        clip->n_mean += (double)n / clip->n_frames;
+        clip->n_mean += (double)n;
     }
+    clip->n_mean /= clip->n_frames;
     SPIN_TRY_OUT(open_views(o, clip));
     SPIN_TRY_OUT(pair_rows(o, clip));
     return SPIN_OK;

@@ -456,8 +456,9 @@ spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size
     for (int f = 0; f < clip->n_frames; f++) {
         plan->counts[f] = counts[f];
         clip->n_max = counts[f] > clip->n_max ? counts[f] : clip->n_max;
-        clip->n_mean += (double)counts[f] / clip->n_frames;
+        clip->n_mean += (double)counts[f];
     }
+    clip->n_mean /= clip->n_frames;
     if (clip->n_max == 0)
         return spin_fail(SPIN_E_MALFORMED, "refining left no splat in any frame");
     plan->report->splats_mean = clip->n_mean;
