@@ -22,6 +22,8 @@ greater "$(member bytes_needed)" 0
 ok $? "--dry-run knows the memory needed"
 greater "$(member bytes_available)" 0
 ok $? "--dry-run knows the memory available"
+splats=$(sed -n 's/^    "mean": \([0-9.]*\),*$/\1/p' "$work/import.json")
+is "$(member splats_mean)" "$splats" "--dry-run knows the splats of a frame"
 
 run "$bin/spin-retrain" "$in" -o "$work/one.spin" $small --iterations 6 --json --threads 1 \
     --log "$work/log.jsonl" --preview "$work/preview"
@@ -30,7 +32,7 @@ is_json "--json at the end is one document"
 is "$(member iterations)" 6 "reports its iterations"
 frames=$(member frames "$work/import.json")
 is "$(member frames)" "$frames" "reports the frames of the run"
-is "$(member splats_mean)" "$(sed -n 's/^    "mean": \([0-9.]*\),*$/\1/p' "$work/import.json")" "and its splats"
+is "$(member splats_mean)" "$splats" "and its splats"
 is "$(member output)" "$work/one.spin" "and its output"
 is "$(sed -n 's/^  "device": "\(cpu\) (.*, 1 thread)",*$/\1/p' "$work/out")" cpu "and on what it ran"
 greater "$(member seconds)" 0 && greater 600 "$(member seconds)"

@@ -32,6 +32,10 @@ is "$code" 0 "refines two frames on one thread"
 is_json "--json at the end is one document"
 is "$(member method)" explicit "which names the method"
 out_has '"refined": {' "and has the quality of the refined frames"
+told=$(member splats_mean)
+splats_of "$work/one.spin" >/dev/null
+is "$told" "$(grep -a -h -m 1 '^element vertex' "$work"/ply/frame_*.ply | awk '{ n += $3 } END { print n / NR }')" \
+    "and how many splats a refined frame has"
 is "$(grep -c '"refine": [0-9]*, "frame": 1,' "$work/log.jsonl")" 136 "--log has every iteration"
 grep -q '"clones": ' "$work/log.jsonl"
 ok $? "and what densification did"
