@@ -5,21 +5,24 @@
 
 #include "spin_run.h"
 
-bool spin_bundle_looks_like(const char *path)
-{
-    struct spin_zip zip;
-    bool found;
-
-    if (spin_zip_open(path, &zip) != SPIN_OK)
-        return false;
-    found = spin_zip_find(&zip, "meta.json") != NULL;
-    spin_zip_close(&zip);
-    return found;
-}
-
 static bool begins(const char *text, const char *with)
 {
     return strncmp(text, with, strlen(with)) == 0;
+}
+
+/* SOG is a zip with a meta.json, too. */
+bool spin_bundle_looks_like(const char *path)
+{
+    struct spin_zip zip;
+    bool meta, source = false;
+
+    if (spin_zip_open(path, &zip) != SPIN_OK)
+        return false;
+    meta = spin_zip_find(&zip, "meta.json") != NULL;
+    for (size_t i = 0; i < zip.n; i++)
+        source = source || begins(zip.member[i].name, "source/");
+    spin_zip_close(&zip);
+    return meta && source;
 }
 
 void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out)

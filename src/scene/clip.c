@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "scene/probe.h"
 
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
                               int n, int **index, int *n_index)
@@ -122,12 +123,33 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     return status;
 }
 
+/* What is there and is no bundle: who reads it. Of a zip that no importer knows: what is wrong with it as a bundle. */
+static spin_status open_bundle(const char *path, struct spin_bundle *out)
+{
+    const struct spin_importer *importer;
+    unsigned char head[4];
+    char why[4096];
+    size_t n = 0;
+    spin_status status = spin_bundle_open(path, out);
+
+    if (status == SPIN_OK || !spin_path_exists(path))
+        return status;
+    snprintf(why, sizeof why, "%s", spin_last_error());
+    if (spin_importer_find(path, NULL, false, &importer) == SPIN_OK)
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: spin-import reads it (%s)",
+                         path, importer->name);
+    if (!spin_path_is_folder(path) && spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
+        n > 0 && !spin_zip_looks_like(head, n))
+        return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle", path);
+    return spin_fail(status, "%s", why);
+}
+
 spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     spin_status status;
 
     memset(clip, 0, sizeof *clip);
-    SPIN_TRY(spin_bundle_open(o->input, &clip->bundle));
+    SPIN_TRY(open_bundle(o->input, &clip->bundle));
     SPIN_TRY_OUT(spin_range_select(&o->range, clip->bundle.meta.frame, clip->bundle.meta.n_frames,
                                    &clip->frame, &clip->n_frames));
     for (int i = 0; i < clip->n_frames; i++) {

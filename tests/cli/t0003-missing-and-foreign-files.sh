@@ -24,4 +24,29 @@ for file in "$work/absent.spin" "$work/text.spin" "$work/empty.spin" "$work/holl
     nothing_at "$work/new" "export $word: nothing was written"
 done
 
+# What an importer knows: who reads it, and as what.
+for pair in ply:fixtures/ply/brush_sh1/00001.ply gltf:fixtures/splats/glb/frame_00000.glb \
+    spz:fixtures/splats/spz4/frame_00000.spz tc3dgs:fixtures/tc3dgs/trained/params.npz d3dgs:$clip; do
+    file=${pair#*:}
+    for command in "spin-export $file -o $work/new.glb" "spin-eval $file" "spin-retrain $file -o $work/new.spin"; do
+        # shellcheck disable=SC2086
+        run "$bin/"$command
+        fails 1 "${command%% *}" "${command%% *} of ${pair%%:*}"
+        err_has "'$file' is not a bundle: spin-import reads it (${pair%%:*})" "${command%% *}: who reads ${pair%%:*}"
+    done
+done
+nothing_at "$work/new" "what is not a bundle: nothing was written"
+run "$bin/spin-export" "$work/text.spin" -o "$work/new.glb"
+err_has "'$work/text.spin' is not a bundle\$" "text is not a bundle"
+
+# SOG is a zip with a meta.json as well.
+cp fixtures/splats/splat/frame_00000.splat "$work/one.splat"
+"$bin/spin-import" -q "$work/one.splat" -o "$work/one.spin" && "$bin/spin-export" -q "$work/one.spin" -o "$work/one.sog"
+run "$bin/spin-import" "$work/one.sog" -o "$work/new.spin"
+fails 1 spin-import "import of SOG"
+err_has "no importer knows it" "import of SOG: no bundle"
+run "$bin/spin-export" "$work/one.sog" -o "$work/new.glb"
+fails 1 spin-export "export of SOG"
+nothing_at "$work/new" "SOG: nothing was written"
+
 done_testing
