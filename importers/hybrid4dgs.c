@@ -284,7 +284,7 @@ static spin_status hybrid4dgs_frame(void *self, int frame, double time, unsigned
 
 static const struct spin_plugin_option options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (else one beside the checkpoint)", NULL},
+    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

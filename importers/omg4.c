@@ -595,7 +595,7 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
 
 static const struct spin_plugin_option options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (else one beside the file)", NULL},
+    {"config", "FILE", "the training YAML (the one beside the file)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -296,7 +296,7 @@ static spin_status realtime4dgs_frame(void *self, int frame, double time, unsign
 
 static const struct spin_plugin_option options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (else one beside the checkpoint)", NULL},
+    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
     {"convention", "WORD", "of rotations: auto, today, or older (before 2024-09)", "auto"},
     {NULL, NULL, NULL, NULL},
 };

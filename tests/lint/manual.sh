@@ -1,6 +1,7 @@
 #!/bin/sh
-# Every option of --help stands in the manual page and the other way round; the pages are well formed.
-# Of spin-retrain they also have the same argument and the same default.
+# Every option of --help stands in the manual page and the other way round. Options of spin-retrain, of importers and
+# of exporters also have the same argument and the same default there. Every environment variable stands in
+# man/spin4d.7. Where mandoc is, the pages have no warning and no line above 80 columns, and SEE ALSO names all pages.
 # B: the build folder (build/release).
 bin=${B:-build/release}/bin
 failed=0
@@ -43,57 +44,101 @@ lines_of_page() {
         /^Default: .*\.$/ { fallback = "(" substr($0, 10, length($0) - 10) ")" }'
 }
 
+# The options of one part of a page: "" is the whole page, else its .Ss.
+part_of_page() { awk -v part="$2" '/^\.S[hs]/ { on = $0 == ".Ss " part } on' "$1"; }
+
+complain() {
+    echo "manual: $*"
+    failed=1
+}
+
+# compare_plugins COMMAND SELECTOR PAGE SHARED...: each plug-in's help and its part of the page have the same
+# options; some of them may stand in a part that several share.
+compare_plugins() {
+    name=$1
+    selector=$2
+    of=$3
+    shift 3
+    lines_of_shared=$(for part in "$@"; do part_of_page "$of" "$part" | lines_of_page; done)
+    all_help=
+    for plugin in $("$bin/$name" --list | awk '/^[a-z0-9]/ { print $1 }'); do
+        grep -qx "\.Ss $plugin" "$of" || complain "$of has no part '$plugin'"
+        help=$("$bin/$name" "$selector" "$plugin" --help | sed -n '/^Options of/,$p' | lines_of_help |
+            sed 's/(frame_%05d\.[a-z.]*)/(frame_%05d.ENDING)/')
+        own=$(part_of_page "$of" "$plugin" | lines_of_page)
+        all_help="$all_help
+$help"
+        lacks=$(printf '%s\n' "$help" | grep -vxF -e "$own" -e "$lines_of_shared")
+        [ -z "$lacks" ] || complain "$of lacks of $plugin, or has with another argument or default: $lacks"
+        more=$(printf '%s\n' "$own" | grep -vxF -e "$help")
+        [ -z "$more" ] || complain "$of has of $plugin, and its --help has not: $more"
+        checked=$((checked + $(printf '%s' "$help" | grep -c .)))
+    done
+    more=$(printf '%s\n' "$lines_of_shared" | grep -vxF -e "$all_help")
+    [ -z "$more" ] || complain "$of has among what exporters share, and no --help has: $more"
+}
+
+for page in man/*.[157]; do
+    name=$(basename "$page")
+    name=${name%.*}
+    if command -v mandoc >/dev/null 2>&1; then
+        mandoc -T lint -W warning "$page" || failed=1
+        wide=$(mandoc -T ascii "$page" | col -bx | awk 'length > 80')
+        [ -z "$wide" ] || complain "$page has lines above 80 columns: $wide"
+    fi
+    for other in man/*.[157]; do
+        other=$(basename "$other")
+        case $(basename "$page") in
+        "$other") continue ;;
+        *.7 | *.1) ;; # all pages of commands
+        *) case $other in *.[57]) continue ;; esac ;;
+        esac
+        case $other in
+        spin-*.1 | spin4d.7) ;;
+        *) continue ;;
+        esac
+        sed -n '/^\.Sh SEE ALSO/,$p' "$page" | grep -q "^\.Xr ${other%.*} ${other##*.}" ||
+            complain "SEE ALSO of $page lacks ${other%.*}(${other##*.})"
+    done
+    for reference in $(sed -n 's/.*\.Xr \([^ ]*\) \([0-9]\).*/\1.\2/p' "$page"); do
+        [ -f "man/$reference" ] || complain "$page names $reference, which is not there"
+    done
+done
+for variable in $(grep -rhoE '"(SPIN|OMPI|PMI|PMIX|SLURM)_[A-Z_]+"' src importers exporters --include='*.c' |
+    grep -v -e _SYMBOL -e _ABI | tr -d '"' | sort -u); do
+    grep -qE "^\.(It )?Ev (.* )?$variable( |\$)" man/spin4d.7 || complain "man/spin4d.7 lacks the variable $variable"
+done
+
 for page in man/spin-*.1; do
     name=$(basename "$page" .1)
-    if command -v mandoc >/dev/null 2>&1 && ! mandoc -T lint -W error "$page" >/dev/null; then
-        mandoc -T lint -W error "$page"
-        failed=1
-    fi
     if [ ! -x "$bin/$name" ]; then
         echo "manual: $name is not built in $bin, its options are not compared"
         continue
     fi
     help=$("$bin/$name" --help | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | sort)
-    plugins= # options that only some exporter or importer has
-    case $name in
-    spin-export) selector=--to ;;
-    spin-import) selector=--from ;;
-    *) selector= ;;
-    esac
-    for plugin in $([ -n "$selector" ] && "$bin/$name" --list | awk '/^[a-z0-9]/ { print $1 }'); do
-        plugins="$plugins $("$bin/$name" $selector "$plugin" --help | sed -n 's/^ *--\([a-z0-9-]*\).*/\1/p')"
-    done
     manual=$(sed -n 's/^\.It .*Fl Fl \([a-z0-9-]*\).*/\1/p' "$page" | sort)
     for option in $help; do
-        if ! echo "$manual" | grep -qx -e "$option"; then
-            echo "manual: $page lacks --$option"
-            failed=1
-        fi
+        echo "$manual" | grep -qx -e "$option" || complain "$page lacks --$option"
         checked=$((checked + 1))
     done
     for option in $manual; do
-        if ! printf '%s\n' "$help" $plugins | grep -qx -e "$option"; then
-            echo "manual: $page has --$option, which $name --help lacks"
-            failed=1
-        fi
+        echo "$help" | grep -qx -e "$option" || complain "$page has --$option, which $name --help lacks"
     done
-    if [ "$name" = spin-retrain ]; then
+    case $name in
+    spin-retrain)
         differences=$({
             "$bin/$name" --help | lines_of_help
             lines_of_page <"$page"
         } | sort | uniq -u)
-        if [ -n "$differences" ]; then
-            echo "manual: $page and --help differ:"
-            printf '%s\n' "$differences"
-            failed=1
-        fi
-    fi
-    short=$("$bin/$name" --help | sed -n 's/^  -\(.\), --.*/\1/p')
-    for option in $short; do
-        if ! grep -q "^\.It Fl $option ," "$page"; then
-            echo "manual: $page lacks -$option"
-            failed=1
-        fi
+        [ -z "$differences" ] || complain "$page and --help differ: $differences"
+        ;;
+    spin-import) compare_plugins spin-import --from man/spin-importers.7 ;;
+    spin-export)
+        compare_plugins spin-export --to man/spin-exporters.7 "All formats of splats" "Images and video"
+        ;;
+    esac
+    for option in $("$bin/$name" --help | sed -n 's/^  -\(.\), --.*/\1/p'); do
+        grep -q "^\.It Fl $option ," "$page" || complain "$page lacks -$option"
     done
 done
 [ $failed = 0 ] && echo "manual: $checked options in help and manual agree"
