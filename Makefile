@@ -1,25 +1,40 @@
 # spin4d: every build, test and check. `make help` lists the targets.
 #
-# Knobs: CONFIG=release|debug|asan|ubsan|tsan|cov (each its own build/ folder)  V=1 (show commands)
-#        CC=clang  PREFIX=/usr/local  DESTDIR=  K=word (tests to run)
+# Knobs: CONFIG=release|debug|asan|ubsan|tsan|cov (each its own folder in BUILD)  V=1 (show commands)
+#        BUILD=build (where all that is built goes; or, from any folder: make -f /path/to/spin4d/Makefile)
+#        CC=clang CXX= CPPFLAGS= CFLAGS= CXXFLAGS= LDFLAGS= (yours, after those that spin4d needs)
+#        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=  K=word (tests to run)  SETUP=0 (install nothing)
 # Private settings go into an untracked local.mk.
+HERE := $(patsubst %/,%,$(dir $(realpath $(firstword $(MAKEFILE_LIST)))))
+ifneq ($(HERE),$(CURDIR))
+# Called from another folder: what is built goes into its build/.
+BUILD   ?= build
+.PHONY: all
+$(sort all $(MAKECMDGOALS)): elsewhere ; @:
+.PHONY: elsewhere
+elsewhere: ; @$(MAKE) --no-print-directory -C $(HERE) BUILD=$(abspath $(BUILD)) $(MAKECMDGOALS)
+else
 -include local.mk
 
 CONFIG  ?= release
 PREFIX  ?= /usr/local
-B       := build/$(CONFIG)
+LIBDIR  ?= $(PREFIX)/lib
+BUILD   ?= build
+B       := $(BUILD)/$(CONFIG)
+SETUP   ?= 1
 JOBS    ?= $(shell nproc 2>/dev/null || echo 2)
 CXX     ?= g++
 ifeq ($(origin CC),default)
 CC      := gcc
 endif
-ifeq ($(V),1)
-Q :=
-SAY := @:
-else
-Q := @
+Q   := $(if $(filter 1,$(V)),,@)
 SAY := @printf '  %-8s %s\n'
+ifneq ($(filter 1,$(V))$(findstring s,$(filter-out --%,$(firstword -$(MAKEFLAGS)))),)
+SAY := @:
 endif
+VERSION := $(shell sed -n 's/^\#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)
+# Goes up when a program that was linked with the shared library would not run with the new one.
+SOVERSION := 0
 
 OPT.release := -O3 -DNDEBUG
 OPT.debug   := -O1
@@ -32,12 +47,20 @@ ifeq ($(OPT),)
 $(error CONFIG=$(CONFIG) is not one of release debug asan ubsan tsan cov)
 endif
 
-WARN     := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror=vla
-CPPFLAGS += -Isrc -I. -D_GNU_SOURCE
-CFLAGS   += -std=gnu11 -g $(OPT) $(WARN) -fno-trapping-math -fno-math-errno -fPIC -pthread
-CXXFLAGS += -std=c++17 -g -O2 -fPIC -Wall -Wextra
-LDFLAGS  += $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
-LDLIBS   += -lz -llzma -ljansson -ldl -lm
+# What spin4d needs; yours come after these. Paths of this machine stay out of what is built.
+WARN          := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror=vla
+PREFIX_MAP    := -ffile-prefix-map=$(CURDIR)=. $(if $(filter /%,$(BUILD)),-ffile-prefix-map=$(BUILD)=build)
+SPIN_CPPFLAGS := -Isrc -I. -D_GNU_SOURCE
+SPIN_CFLAGS   := -std=gnu11 -g $(OPT) $(WARN) -fno-trapping-math -fno-math-errno -fPIC -pthread $(PREFIX_MAP)
+SPIN_CXXFLAGS := -std=c++17 -g -O2 -fPIC -Wall -Wextra $(PREFIX_MAP)
+SPIN_LDFLAGS  := $(filter -fsanitize%,$(OPT)) $(filter --coverage,$(OPT)) -pthread
+SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
+SPIN_DEFINES  :=
+COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(CFLAGS)
+# FFmpeg's and MPI's objects are loaded by programs with and without sanitisers.
+COMPILE_SHIM   = $(SPIN_CPPFLAGS) $(CPPFLAGS) $(filter-out -fsanitize%,$(SPIN_CFLAGS)) $(CFLAGS) $(LDFLAGS)
+COMPILE_CXX    = $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_CXXFLAGS) $(CXXFLAGS) $(LDFLAGS)
+LINK           = $(CC) $(SPIN_LDFLAGS) $(CFLAGS) $(LDFLAGS)
 
 # The CPU device is compiled once per code path; device.c picks one at run time.
 MACHINE  := $(shell $(CC) -dumpmachine)
@@ -51,17 +74,18 @@ FLAGS.v4   := -march=x86-64-v4 -mprefer-vector-width=512
 
 ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
             exporters exporters/lib
-LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c,$(wildcard $(addsuffix /*.c,$(ROOMS)))) src/device/device.c
-CPU_C    := $(wildcard src/device/cpu/*.c)
+LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c,$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
+CPU_C    := $(sort $(wildcard src/device/cpu/*.c))
 LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
-CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin-%,$(wildcard src/cmd/*.c)))
+CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin-%,$(sort $(wildcard src/cmd/*.c))))
 COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
+LIB_SO   := $(B)/libspin.so.$(VERSION)
 SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
 # Only LPIPS needs oneDNN; a build without it does all else.
 DNNL     ?= $(shell printf '\043if __has_include(<oneapi/dnnl/dnnl.hpp>)\nfound\n\043endif\n' | \
-            $(CXX) $(CPPFLAGS) -E -P -x c++ - 2>/dev/null)
+            $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c++ - 2>/dev/null)
 ifneq ($(filter found 1,$(DNNL)),)
 SHIMS    += $(B)/lib/spin-conv.so
 endif
@@ -74,7 +98,7 @@ endif
 
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
-            $(CC) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
+            $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
 ifeq ($(VIDEO),yes)
 SHIMS    += $(B)/lib/spin-video.so
 TOOLS    := $(B)/tests/tools/make-video
@@ -85,7 +109,7 @@ endif
 CUDA      ?= auto
 CUDA_ARCH ?= 80 90 120
 NVCC      ?= $(shell command -v nvcc 2>/dev/null)
-CUDA_CU   := $(wildcard src/device/cuda/*.cu)
+CUDA_CU   := $(sort $(wildcard src/device/cuda/*.cu))
 ifeq ($(CUDA),1)
 ifeq ($(NVCC),)
 $(error CUDA=1 needs nvcc in PATH, or NVCC=/path/to/nvcc)
@@ -108,14 +132,15 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install clean format
+.PHONY: all help config setup setup-video setup-lint demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
-all: $(BINS) $(SHIMS) bin ## library and the four commands (default)
+all: $(BINS) $(LIB_SO) $(SHIMS) $(if $(filter build,$(BUILD)),bin) ## both libraries and the four commands (default)
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | awk -F'|' '{printf "%-22s %s\n", $$1, $$2}'
+	@sed -n '/^# Knobs:/,/^# Private/ s/^# *//p' Makefile
 
 config: ## what was found, and if not, why
 	@sh tests/setup.sh --report "$(CC)" "$(CXX)"
@@ -131,14 +156,14 @@ setup-lint: ## install clang, for the lint of device pointers
 	@sh tests/setup.sh --lint
 
 demo: ## import, retrain, evaluate and export the bundled clip; under five minutes
-	@sh tests/setup.sh
+	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/demo.sh $(B)/bin
 
 # What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
-test: ## all tests; K=word selects
-	@sh tests/setup.sh $(if $(wildcard build/test-needs),,--tests)
-	@mkdir -p build && touch build/test-needs
+test: ## all tests; K=word selects; SETUP=0 installs nothing
+	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
+	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 
@@ -149,7 +174,16 @@ bin:
 
 $(LIB): $(LIB_O)
 	$(SAY) AR $@
-	$(Q)rm -f $@ && $(AR) rcs $@ $(LIB_O)
+	$(Q)rm -f $@ && $(AR) rcsD $@ $(LIB_O)
+
+# The shared library shows what the public headers declare, and nothing else.
+$(LIB_SO): $(LIB_O) src/spin.h src/spin_run.h
+	$(SAY) LINK $@
+	$(Q){ echo '{ global: spin_importers; spin_exporters;'; \
+	    $(CC) $(SPIN_CPPFLAGS) -E -P src/spin_run.h | grep -o 'spin_[a-z0-9_]*(' | sort -u | tr '(' ';'; \
+	    echo 'local: *; };'; } >$(B)/libspin.map
+	$(Q)$(LINK) -shared -Wl,-soname,libspin.so.$(SOVERSION) -Wl,--version-script=$(B)/libspin.map \
+	    -o $@ $(LIB_O) $(SPIN_LDLIBS) $(LDLIBS)
 
 # What a plug-in may call: kept in every command and open to what it loads, and nothing else is.
 PLUGIN_SYM := src/plugin.sym
@@ -159,7 +193,7 @@ PLUGIN_LD  := -Wl,--dynamic-list=$(PLUGIN_SYM) \
 $(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	@mkdir -p $(@D)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(LDFLAGS) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(LDLIBS)
+	$(Q)$(LINK) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
 # The page of the html exporter as C strings, one for each of its files, without indents and lines of comment.
 PAGE := head:head.html css:page.css body:body.html vertex:shader.vert fragment:shader.frag \
@@ -173,40 +207,40 @@ $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(la
 	    echo '    ;'; done; } >$@
 $(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
 	$(SAY) CC $@
-	$(Q)$(CC) $(CPPFLAGS) $(CFLAGS) -c -o $@ $<
+	$(Q)$(COMPILE_C) -c -o $@ $<
 
 # What stands before a C++ library is an object of its own: who does not need it does not load it.
 $(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
-	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
+	$(Q)$(COMPILE_CXX) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
 
 $(B)/lib/spin-gltf.so: src/io/gltf_tiny.cpp src/io/gltf_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
-	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -shared -o $@ $< -ltinygltf
+	$(Q)$(COMPILE_CXX) -shared -o $@ $< -ltinygltf
 
 $(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
-	$(Q)$(CXX) $(CPPFLAGS) $(CXXFLAGS) -fopenmp -shared -o $@ $< -ldnnl
+	$(Q)$(COMPILE_CXX) -fopenmp -shared -o $@ $< -ldnnl
 
 $(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
-	$(Q)$(MPICC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -shared -o $@ $<
+	$(Q)OMPI_CC="$(CC)" MPICH_CC="$(CC)" $(MPICC) $(COMPILE_SHIM) -shared -o $@ $<
 
 FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
 $(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_encode_ffmpeg.c \
     src/io/video_encode_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
-	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -shared -o $@ $(filter %.c,$^) $(FFMPEG)
+	$(Q)$(CC) $(COMPILE_SHIM) -shared -o $@ $(filter %.c,$^) $(FFMPEG)
 
 $(B)/tests/tools/make-video: tests/tools/make-video.c
 	@mkdir -p $(@D)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(CPPFLAGS) $(filter-out -fsanitize%,$(CFLAGS)) -o $@ $< $(FFMPEG)
+	$(Q)$(CC) $(COMPILE_SHIM) -o $@ $< $(FFMPEG)
 
 # Kernels for cards. Without contraction of products and sums where the CPU has none, see below.
 NVCCFLAGS := -std=c++20 -O3 -DNDEBUG -Xcompiler -fPIC,-fvisibility=hidden -gencode arch=compute_75,code=compute_75 \
@@ -215,7 +249,7 @@ $(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o: FMAD := -fmad
 $(B)/%.cu.o: %.cu
 	@mkdir -p $(@D)
 	$(SAY) NVCC $<
-	$(Q)$(NVCC) $(CPPFLAGS) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
+	$(Q)$(NVCC) $(SPIN_CPPFLAGS) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
 $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
@@ -232,15 +266,15 @@ RACE_O    := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/race.o
 $(B)/tests/emu/%.o: tests/emu/%.cpp
 	@mkdir -p $(@D)
 	$(SAY) CXX $<
-	$(Q)$(CXX) $(CPPFLAGS) $(EMU_FLAGS) -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) $(SPIN_CPPFLAGS) $(EMU_FLAGS) -MMD -MP -c -o $@ $<
 $(B)/%.emu.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) EMU $<
-	$(Q)$(CXX) $(CPPFLAGS) -x c++ $(EMU_FLAGS) -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) $(SPIN_CPPFLAGS) -x c++ $(EMU_FLAGS) -MMD -MP -c -o $@ $<
 $(B)/%.race.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) RACE $<
-	$(Q)$(CXX) $(CPPFLAGS) -x c++ $(EMU_BASE) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) $(SPIN_CPPFLAGS) -x c++ $(EMU_BASE) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
 $(B)/tests/emu/t-emu: | $(EMU)
 $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
 $(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(B)/%.race.o) $(RACE_O)
@@ -259,20 +293,32 @@ define CPU_RULE
 $(B)/%.$(1).o: %.c
 	@mkdir -p $$(@D)
 	$$(SAY) CC "$$< ($(1))"
-	$$(Q)$$(CC) $$(CPPFLAGS) -DSPIN_CPU_PATH=$(1) $$(CFLAGS) $$(FLAGS.$(1)) $$(CONTRACT) -MMD -MP -c -o $$@ $$<
+	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) $$(CONTRACT) -MMD -MP -c -o $$@ $$<
 endef
 $(foreach p,$(PATHS),$(eval $(call CPU_RULE,$(p))))
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)
 	$(SAY) CC $<
-	$(Q)$(CC) $(CPPFLAGS) -DSPIN_CPU_PATHS_$(words $(PATHS)) -DSPIN_PREFIX='"$(PREFIX)"' $(CFLAGS) -MMD -MP -c -o $@ $<
+	$(Q)$(COMPILE_C) -MMD -MP -c -o $@ $<
+
+# Where an installed library finds the plug-ins that it does not find from its program's folder. Another PREFIX
+# with lib/ below it does not need another build; another LIBDIR does.
+$(B)/src/device/device.o: SPIN_DEFINES := -DSPIN_CPU_PATHS_$(words $(PATHS))
+$(B)/src/base/shim.o: SPIN_DEFINES := -DSPIN_LIBDIR='"$(LIBDIR)"'
+$(B)/src/base/shim.o: $(B)/libdir
+LIBDIR_IS := $(patsubst $(PREFIX)/lib,default,$(LIBDIR))
+ifneq ($(shell cat $(B)/libdir 2>/dev/null),$(LIBDIR_IS))
+.PHONY: $(B)/libdir
+endif
+$(B)/libdir:
+	@mkdir -p $(@D) && echo $(LIBDIR_IS) >$@
 
 # What tests share.
 TEST_O := $(B)/tests/check.o $(B)/tests/device/strict.o
 $(B)/tests/%: $(B)/tests/%.o $(TEST_O) $(LIB) | $(SHIMS)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(TEST_O) $(LIB) $(LDLIBS)
+	$(Q)$(LINK) -o $@ $< $(TEST_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
 # Fuzz targets: replayed by a plain main in every build; `make fuzz F=npy` links libFuzzer (clang).
 FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
@@ -280,7 +326,7 @@ FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
 fuzz-bins: $(FUZZ_BIN)
 $(B)/tests/fuzz/fuzz-%: $(B)/tests/fuzz/fuzz-%.o $(B)/tests/fuzz/replay.o $(LIB)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(LDLIBS)
+	$(Q)$(LINK) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
 T ?= 60
 fuzz: ## one libFuzzer target: make fuzz F=npy [T=60], T in seconds
@@ -308,36 +354,51 @@ test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1 
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
 lint: ## includes, circles, headers, lists, manual, device pointers, plug-ins
-	@for s in tests/lint/*.sh; do sh $$s "$(CC)" "$(CXX)" || exit 1; done
+	@for s in tests/lint/*.sh; do B=$(BUILD)/release sh $$s "$(CC)" "$(CXX)" || exit 1; done
 
 $(BENCH): $(BENCH_O) $(LIB)
 	$(SAY) LINK $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $(BENCH_O) $(LIB) $(LDLIBS)
+	$(Q)$(LINK) -o $@ $(BENCH_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
 bench: $(BENCH) ## time every stage of a step: make bench [A="--gaussians 50000 --table 21"]
 	@$(BENCH) $(A)
 
-INSTALL := $(DESTDIR)$(PREFIX)
+DEST    := $(DESTDIR)$(PREFIX)
+DESTLIB := $(DESTDIR)$(LIBDIR)
 EXAMPLE := share/doc/spin4d/example-plugin
-install: all ## into DESTDIR/PREFIX
-	install -d $(addprefix $(INSTALL)/,bin lib/spin4d lib/pkgconfig include/spin4d $(EXAMPLE))
-	install -d $(addprefix $(INSTALL)/share/man/,man1 man5 man7)
-	install $(BINS) $(INSTALL)/bin
-	install -m 644 $(SHIMS) $(INSTALL)/lib/spin4d
-	install -m 644 $(LIB) $(INSTALL)/lib
-	install -m 644 src/spin.h src/spin_run.h $(INSTALL)/include/spin4d
-	sed 's|@PREFIX@|$(PREFIX)|; s|@LIBS@|$(LDLIBS)|' src/spin4d.pc.in | \
-		sed "s|@VERSION@|$$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)|" \
-		>$(INSTALL)/lib/pkgconfig/spin4d.pc
-	install -m 644 man/*.1 $(INSTALL)/share/man/man1
-	install -m 644 man/*.5 $(INSTALL)/share/man/man5
-	install -m 644 man/*.7 $(INSTALL)/share/man/man7
-	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(INSTALL)/$(EXAMPLE)
+SHARED  := $(notdir $(LIB_SO)) libspin.so.$(SOVERSION) libspin.so
+PAGES   := $(sort $(wildcard man/*.[157]))
+install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTDIR
+	install -d $(addprefix $(DEST)/,bin include/spin4d $(EXAMPLE)) $(addprefix $(DEST)/share/man/man,1 5 7)
+	install -d $(DESTLIB)/spin4d $(DESTLIB)/pkgconfig
+	install $(BINS) $(DEST)/bin
+	install -m 644 $(SHIMS) $(DESTLIB)/spin4d
+	install -m 644 $(LIB) $(LIB_SO) $(DESTLIB)
+	for link in $(filter-out $(notdir $(LIB_SO)),$(SHARED)); do ln -sf $(notdir $(LIB_SO)) $(DESTLIB)/$$link; done
+	install -m 644 src/spin.h src/spin_run.h $(DEST)/include/spin4d
+	sed -e 's|@PREFIX@|$(PREFIX)|; s|@LIBDIR@|$(LIBDIR:$(PREFIX)/%=$${prefix}/%)|' -e 's|@VERSION@|$(VERSION)|' \
+	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
+	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
+	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
+
+uninstall: ## take away what install put there, with the same PREFIX, LIBDIR and DESTDIR
+	rm -f $(COMMANDS:%=$(DEST)/bin/%) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
+	rm -f $(addprefix $(DEST)/include/spin4d/,spin.h spin_run.h)
+	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
+	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
+	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
+
+dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit: the same bytes for the same commit
+	@mkdir -p $(BUILD)
+	$(Q)git archive --prefix=spin4d-$(VERSION)/ HEAD | gzip -9n >$(BUILD)/spin4d-$(VERSION).tar.gz
+	$(SAY) DIST $(BUILD)/spin4d-$(VERSION).tar.gz
 
 format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
-clean: ## remove build/ and bin
-	rm -rf build bin
+clean: ## remove what was built, in BUILD, and bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz test-needs *.tar.gz) bin
+	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)
+endif

@@ -9,8 +9,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#ifndef SPIN_PREFIX
-#define SPIN_PREFIX "/usr/local"
+#ifndef SPIN_LIBDIR
+#define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
 /* Folders above the program's in which lib/ is looked for: tests lie two below the build's. */
@@ -84,7 +84,7 @@ static const void *find(struct spin_shim *shim)
         return s.table;
     }
     if (!load_beside_program(&s))
-        load_below(&s, SPIN_PREFIX, "lib/spin4d");
+        load_below(&s, SPIN_LIBDIR, "spin4d");
     return s.table;
 }
 

@@ -8,12 +8,13 @@ prefix=$work/usr
 stage=$work/stage
 
 # This very build, installed below a DESTDIR; `make install` copies, nothing is compiled.
-run make -s CONFIG="$(basename "${SPIN_BUILD:-build/release}")" DESTDIR="$stage" PREFIX="$prefix" install
+build=${SPIN_BUILD:-build/release}
+run make -s BUILD="$(dirname "$build")" CONFIG="$(basename "$build")" DESTDIR="$stage" PREFIX="$prefix" install
 is "$code" 0 "make install with DESTDIR and PREFIX"
 [ ! -e "$prefix" ]
 ok $? "writes below DESTDIR only"
 mv "$stage$prefix" "$prefix"
-for file in bin/spin-import lib/libspin.a lib/spin4d/spin-image.so include/spin4d/spin.h \
+for file in bin/spin-import lib/libspin.a lib/libspin.so.0 lib/spin4d/spin-image.so include/spin4d/spin.h \
     share/man/man1/spin-import.1 share/man/man5/spin-bundle.5 share/man/man7/spin-plugin.7 \
     lib/pkgconfig/spin4d.pc share/doc/spin4d/example-plugin/Makefile; do
     [ -s "$prefix/$file" ]
@@ -223,7 +224,13 @@ if command -v pkg-config >/dev/null 2>&1 && [ "$(basename "${SPIN_BUILD:-release
     export PKG_CONFIG_PATH="$prefix/lib/pkgconfig"
     run $CC -o "$work/use" "$work/use.c" $(pkg-config --cflags --libs spin4d)
     is "$code" 0 "a program links the installed library"
-    run "$work/use"
+    run env LD_LIBRARY_PATH="$prefix/lib" "$work/use"
     is "$(cat "$work/out")" "2 splats" "and reads a bundle"
+    run "$work/use"
+    err_has 'libspin\.so\.0' "it is the shared one, by its soname"
+    run $CC -o "$work/use" "$work/use.c" $(pkg-config --static --cflags --libs spin4d | sed 's/-lspin/-l:libspin.a/')
+    is "$code" 0 "a program links the static library"
+    run "$work/use"
+    is "$(cat "$work/out")" "2 splats" "and does without the shared one"
 fi
 done_testing

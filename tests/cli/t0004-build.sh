@@ -1,0 +1,111 @@
+#!/bin/sh
+# K: build install make
+# The Makefile as a packager uses it: own flags, other folders, silence, the same bytes, and all taken away again.
+. tests/cli/lib.sh
+build=${SPIN_BUILD:-build/release}
+config=$(basename "$build")
+objects='src/base/shim.o exporters/html_page.o src/device/cpu/contract.base.o'
+unset MAKEFLAGS MFLAGS MAKELEVEL
+
+# make in this tree, for its own objects
+own_make() { make --no-print-directory BUILD="$(dirname "$build")" CONFIG="$config" CUDA=0 "$@"; }
+
+# ---- Flags of the packager ---------------------------------------------------------------------------
+
+run own_make -n -B V=1 CC=mycc CXX=my++ CPPFLAGS=-DMINE_P CFLAGS=-DMINE_C CXXFLAGS=-DMINE_X LDFLAGS=-Wl,--mine all
+is "$code" 0 "make -n with the packager's flags"
+compiled=$(grep -c '^mycc .* -c ' "$work/out")
+greater "$compiled" 200
+ok $? "compiles with their CC"
+is "$(grep '^mycc .* -c ' "$work/out" | grep -- '-std=gnu11 .*-fPIC .* -DMINE_C' | grep -c -- '-D_GNU_SOURCE.* -DMINE_P')" \
+    "$compiled" "CPPFLAGS and CFLAGS come after those that spin4d needs"
+is "$(grep -c '^mycc .*-Wl,--mine.*libspin.a' "$work/out")" 4 "LDFLAGS reach the four commands"
+is "$(grep '^mycc .*-shared' "$work/out" | grep -c -- '-Wl,--mine .*-soname,libspin.so.0')" 1 "and the shared library"
+is "$(grep '^my++ .*-shared' "$work/out" | grep -cv -- '-std=c++17.* -DMINE_X -Wl,--mine ')" 0 \
+    "CXX, CXXFLAGS and LDFLAGS reach what is C++"
+is "$(grep -c 'march=x86-64-v3.*-DMINE_C' "$work/out")" 0 "a path of the CPU has the last word on its -march"
+run env CFLAGS=-DMINE_C make -n -B V=1 CUDA=0 BUILD="$work/env" CONFIG="$config" "$work/env/$config/src/base/text.o"
+out_has '-DMINE_C' "CFLAGS of the environment"
+
+# ---- Other folders -----------------------------------------------------------------------------------
+
+top=$(pwd)
+mkdir "$work/else"
+run make -s -C "$work/else" -f "$top/Makefile" CUDA=0 CONFIG="$config" "$work/else/build/$config/src/base/text.o"
+is "$code $(wc -c <"$work/out") $(wc -c <"$work/err")" "0 0 0" "make -s from another folder says nothing"
+[ -s "$work/else/build/$config/src/base/text.o" ]
+ok $? "and builds there"
+
+# ---- The same bytes ----------------------------------------------------------------------------------
+
+# Two trees in folders of different length, one built inside and one outside.
+mkdir "$work/a" "$work/a-longer-name"
+for tree in a a-longer-name; do
+    cp -R Makefile src importers exporters man "$work/$tree"
+done
+for object in $objects; do
+    set -- "$@" "$config/$object"
+done
+# shellcheck disable=SC2046
+run make -s -C "$work/a" CUDA=0 CONFIG="$config" $(printf 'build/%s ' "$@")
+is "$code" 0 "builds in one tree"
+# shellcheck disable=SC2046
+run make -s -C "$work/a-longer-name" CUDA=0 CONFIG="$config" BUILD="$work/out-of-it" $(printf "$work/out-of-it/%s " "$@")
+is "$code" 0 "builds outside another"
+for object in "$@"; do
+    cmp -s "$work/a/build/$object" "$work/out-of-it/$object"
+    ok $? "$object is the same"
+done
+[ ! -e "$work/a-longer-name/build" ]
+ok $? "BUILD leaves the tree alone"
+
+if [ "$(git rev-parse --show-toplevel 2>/dev/null)" = "$(pwd -P)" ]; then
+    run make -s BUILD="$work/dist1" dist
+    is "$code $(wc -c <"$work/out")" "0 0" "make dist"
+    run make -s BUILD="$work/dist2" dist
+    tar=$(basename "$work"/dist1/spin4d-*.tar.gz)
+    cmp -s "$work/dist1/$tar" "$work/dist2/$tar"
+    ok $? "twice the same tarball"
+    is "$(tar -tzf "$work/dist1/$tar" | sed "s|^${tar%.tar.gz}/||" | grep -v '/$' | grep . | LC_ALL=C sort | cksum)" \
+        "$(git ls-tree -r --name-only HEAD | LC_ALL=C sort | cksum)" "with every file of the last commit"
+else
+    skip "make dist" "not a clone of the repository"
+fi
+
+# ---- The shared library ------------------------------------------------------------------------------
+
+nm -D --defined-only "$build"/libspin.so.*.*.* | sed 's/.* //' | LC_ALL=C sort >"$work/shown"
+grep -o 'spin_[a-z0-9_]*' src/spin.h src/spin_run.h | sed 's/.*://' | LC_ALL=C sort -u >"$work/declared"
+greater "$(wc -l <"$work/shown")" 40
+ok $? "the shared library has the public functions"
+is "$(LC_ALL=C comm -23 "$work/shown" "$work/declared")" "" "and shows nothing else"
+
+# ---- Installed and taken away ------------------------------------------------------------------------
+
+for libdir in lib lib/some-machine; do
+    run own_make -s BUILD="$work/none" DESTDIR="$work/d" PREFIX=/p LIBDIR=/p/$libdir -o all -n install
+    is "$code" 0 "make -n install, LIBDIR=/p/$libdir"
+    out_has "install -d $work/d/p/$libdir/spin4d" "libraries into /p/$libdir"
+done
+mkdir -p "$work/d/p/bin" "$work/d/p/lib/pkgconfig"
+echo mine >"$work/d/p/bin/other"
+run own_make -s DESTDIR="$work/d" PREFIX=/p install
+is "$code $(wc -c <"$work/out")" "0 0" "make -s install says nothing"
+greater "$(find "$work/d/p" -type f | wc -l)" 20
+ok $? "make install"
+run own_make -s DESTDIR="$work/d" PREFIX=/p uninstall
+is "$code $(find "$work/d/p" ! -type d -print)" "0 $work/d/p/bin/other" \
+    "make uninstall takes all that, and nothing else"
+is "$(find "$work/d/p" -name '*spin4d*')" "" "and its folders"
+
+# ---- SETUP=0 -------------------------------------------------------------------------------------------
+
+run own_make -n BUILD="$work/none" SETUP=0 test
+is "$code" 0 "make -n SETUP=0 test"
+mkdir "$work/fake"
+printf '#!/bin/sh\necho called >>%s/called\n' "$work" >"$work/fake/apt-get"
+chmod +x "$work/fake/apt-get"
+PATH=$work/fake:$PATH run own_make BUILD="$work/none" SETUP=0 -o all -o test-bins CC=no-such-compiler K=no-such-test test
+[ ! -e "$work/called" ] && [ ! -e "$work/none/test-needs" ]
+ok $? "make test SETUP=0 does not call apt-get"
+done_testing
