@@ -183,6 +183,7 @@ struct spin_retrain_options {
     float background[3];
     const char *device;         /* "auto", "cpu" or "cuda" */
     int n_threads;              /* 0: all */
+    bool deterministic;         /* sums on a card repeat bit for bit; the CPU's always do */
     int eval_every, save_every; /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
     const char *preview, *log; /* folder, file; or NULL */

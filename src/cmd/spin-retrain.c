@@ -122,6 +122,9 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG("device", 0, "auto|cpu|cuda", "device that computes (auto)", SPIN_ARG_CHOICE,
              &options.device, 0, 0),
+    SPIN_ARG("deterministic", 0, NULL,
+             "on a card: the same run gives the same bits, at some cost; on the cpu it always does",
+             SPIN_ARG_FLAG, &options.deterministic, 0, 0),
     SPIN_ARG_COMMON_ROWS(common),
 };
 

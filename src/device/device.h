@@ -435,6 +435,8 @@ struct spin_device {
     char description[64]; /* "cpu (avx-512, 2 threads)" */
     int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
     bool is_host; /* its memory is the host's: what the plan needs is one sum */
+    bool deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
+                         * calls give the same bits. The CPU does always. */
 };
 
 /* name: "auto" (cuda when there is one), "cpu", "cuda". The environment variable SPIN_CPU = base, v3 or

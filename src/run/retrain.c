@@ -137,6 +137,7 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     if (o->refine > 0)
         SPIN_TRY(spin_refinement_open(&r->refinement, &r->plan));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));
+    r->device.deterministic = o->deterministic;
     spin_plan_set_device(&r->plan, &r->device);
     SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);

@@ -225,7 +225,10 @@ static void network_bytes(const struct spin_plan *plan, size_t *of_device, size_
     *of_device = trainer_bytes(plan) +
                  spin_field_eval_bytes(&plan->field, plan->clip.n_max, false) + /* evaluation */
                  (size_t)o->batch * image +
-                 (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0);
+                 (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0) +
+                 (plan->device->deterministic && !plan->device->is_host
+                      ? spin_share_most(&plan->field.grid) * sizeof(uint64_t) /* fixed-point sums */
+                      : 0);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
 }
 

@@ -402,6 +402,50 @@ static void rows_are_compact(void)
     check_device_free(d);
 }
 
+/* ---- deterministic --------------------------------------------------------------------------- */
+
+/* Gradients of any size: the same bits every time, and the sums of floats to their rounding. What is not finite
+ * stays so, where it falls. */
+static void sums_repeat(float size)
+{
+    struct spin_grid grid = make_grid(5, 4, 8, 0);
+    struct spin_device *d = check_device(2);
+    size_t n = 700, width = 20, n_table = grid.offset[5] * 4u, lost = 0, wanted = 0;
+    float *table = net_random(n_table, 51, -1, 1), *x = net_random(n * 4, 52, 0, 1);
+    float *g = net_random(n * width, 53, -size, size), *plain = net_floats(n_table);
+    float *first = net_random(n_table, 54, -size, size), *start = net_copy(first, n_table);
+    char what[64];
+
+    for (size_t i = 0; i < n_table; i++)
+        plain[i] = start[i];
+    on_grid_back(d, &grid, table, n, NULL, x, g, plain, NULL);
+    d->deterministic = true;
+    on_grid_back(d, &grid, table, n, NULL, x, g, first, NULL);
+    snprintf(what, sizeof what, "gradients to %g: sums of whole numbers", (double)size);
+    check_same_sums(first, plain, n_table, what);
+    for (int k = 0; k < 3; k++) {
+        float *again = net_copy(start, n_table);
+
+        on_grid_back(d, &grid, table, n, NULL, x, g, again, NULL);
+        check_same_bits(again, first, n_table * 4, "deterministic: the same bits again");
+        free(again);
+    }
+    for (size_t i = 0; i < n; i += 100)
+        g[i * width] = i % 200 ? NAN : -INFINITY;
+    memcpy(first, start, n_table * sizeof *first);
+    memcpy(plain, start, n_table * sizeof *plain);
+    on_grid_back(d, &grid, table, n, NULL, x, g, first, NULL);
+    d->deterministic = false;
+    on_grid_back(d, &grid, table, n, NULL, x, g, plain, NULL);
+    for (size_t i = 0; i < n_table; i++) {
+        wanted += !isfinite(plain[i]);
+        lost += isfinite(plain[i]) != isfinite(first[i]);
+    }
+    ok(wanted > 0 && lost == 0, "what is not finite is not lost, %zu", wanted);
+    free(table), free(x), free(g), free(plain), free(first), free(start);
+    check_device_free(d);
+}
+
 /* ---- sane ------------------------------------------------------------------------------------ */
 
 static void sane(void)
@@ -496,6 +540,9 @@ TAP_MAIN
             against_plain(f, odd);
     threads_and_paths();
     rows_are_compact();
+    sums_repeat(1);
+    sums_repeat(1e-18f);
+    sums_repeat(1e12f);
     sane();
     level_sizes();
 }

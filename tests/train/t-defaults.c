@@ -72,6 +72,7 @@ static const struct spin_retrain_options paper = {
     {0, 0, 0}, /* background */
     "auto",    /* device */
     0,         /* n_threads */
+    false,     /* deterministic */
     0,
     0, /* eval_every, save_every */
     false,
@@ -144,6 +145,7 @@ static const struct spin_retrain_options shorter = {
     {0, 0, 0}, /* background */
     "auto",    /* device */
     0,         /* n_threads */
+    false,     /* deterministic */
     0,
     0, /* eval_every, save_every */
     false,

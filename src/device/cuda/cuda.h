@@ -14,6 +14,7 @@ enum cuda_scratch_of {
     CUDA_SCRATCH_SORT, /* of gpu_sort() and gpu_scan() */
     CUDA_SCRATCH_ROWS,
     CUDA_SCRATCH_GRID,
+    CUDA_SCRATCH_FIXED,
     CUDA_SCRATCH_MLP,
     CUDA_SCRATCH_TILE,
     CUDA_SCRATCH_BLEND,

@@ -1,6 +1,7 @@
 /* The 4-D hash grid, forward and backward: a thread has one point in one level, and the blocks of a level follow
  * each other, so that the level stays in the cache. Compiled without contraction of products and sums, as on the
- * CPU. Rows of the table gather their gradients by atomic additions: equal to rounding from run to run. */
+ * CPU. Rows of the table gather their gradients by atomic additions: equal to rounding from run to run, or, when
+ * the device is to be deterministic, of whole numbers, whose sum is the same in any order. */
 #include "device/cuda/cuda.h"
 #include "math/grid.h"
 
@@ -135,11 +136,30 @@ static __device__ void add_slopes(const struct cell &cell, const float v[CORNERS
     d_x[2] += mix(mix(dz[0], dz[1], cell.w[0]), mix(dz[2], dz[3], cell.w[0]), cell.w[1]) * g;
 }
 
+/* Sums in whole numbers: sum [rows][features] has the table's gradient times factor[level], a power of two. The
+ * weights of a point add up to 1, so no sum is larger than those of all |d_z| of its level, and this is below 2^61
+ * times factor. */
+struct fixed {
+    unsigned long long *sum; /* NULL: plain sums of floats */
+    double *factor;          /* [levels] */
+};
+
+static __device__ void add_to_table(const struct fixed &fixed, int level, float *d_table, size_t at,
+                                    float value)
+{
+    if (fixed.sum && isfinite(value))
+        atomicAdd(&fixed.sum[at],
+                  (unsigned long long)llrint((double)value * fixed.factor[level]));
+    else /* a sum with what is not finite is not finite, in any order */
+        atomicAdd(&d_table[at], value);
+}
+
 /* d_x [levels][most][3], or NULL. */
 template <int WIDTH>
 static __global__ void grid_back_kernel(struct spin_grid grid, const float *table,
                                         struct cuda_rows rows, size_t most, const float *x_u,
-                                        const float *d_z, float *d_table, float *d_x)
+                                        const float *d_z, float *d_table, struct fixed fixed,
+                                        float *d_x)
 {
     size_t i = GPU_INDEX(), row;
     int level = (int)blockIdx.y;
@@ -152,11 +172,11 @@ static __global__ void grid_back_kernel(struct spin_grid grid, const float *tabl
         const float *g = d_z + (i * (size_t)grid.n_levels + (size_t)level) * WIDTH;
 
         for (int k = 0; k < CORNERS; k++) {
-            float *to = d_table + corner_row(cell, k) * WIDTH;
+            size_t to = corner_row(cell, k) * WIDTH;
             float weight = corner_weight(cell, k);
 
             for (int f = 0; f < WIDTH; f++)
-                atomicAdd(&to[f], weight * g[f]);
+                add_to_table(fixed, level, d_table, to + (size_t)f, weight * g[f]);
         }
         for (int f = 0; d_x && f < WIDTH; f++) {
             float v[CORNERS];
@@ -189,6 +209,87 @@ static __global__ void sum_levels_kernel(int n_levels, struct cuda_rows rows, si
     d_x_u[4 * i + 3] = 0; /* time is not trained */
 }
 
+/* partial [levels][blocks] = sums of |d_z| of a block's rows, where that is finite. */
+static __global__ void size_kernel(int n_levels, int width, struct cuda_rows rows, const float *d_z,
+                                   double *partial)
+{
+    __shared__ double sum[GPU_BLOCK];
+    size_t i = GPU_INDEX();
+    double own = 0;
+
+    for (int f = 0; i < *rows.count && f < width; f++) {
+        float g = fabsf(d_z[(i * (size_t)n_levels + blockIdx.y) * (size_t)width + (size_t)f]);
+
+        own += isfinite(g) ? (double)g : 0;
+    }
+    own = cuda_block_sum(sum, own);
+    if (threadIdx.x == 0)
+        partial[(size_t)blockIdx.y * gridDim.x + blockIdx.x] = own;
+}
+
+/* A block has a level. */
+static __global__ void factor_kernel(unsigned n_blocks, const double *partial, double *factor)
+{
+    __shared__ double sum[GPU_BLOCK];
+    double own = 0;
+    int exponent = 0;
+
+    for (unsigned b = threadIdx.x; b < n_blocks; b += GPU_BLOCK)
+        own += partial[(size_t)blockIdx.x * n_blocks + b];
+    own = cuda_block_sum(sum, own);
+    if (threadIdx.x > 0)
+        return;
+    frexp(own, &exponent); /* below 2^exponent */
+    factor[blockIdx.x] = own > 0 ? ldexp(1.0, 61 - exponent) : 1;
+}
+
+/* The sums to where they belong. Blocks of a level follow each other. */
+static __global__ void add_fixed_kernel(struct spin_grid grid, struct fixed fixed, float *d_table)
+{
+    size_t width = (size_t)grid.n_features, i = GPU_INDEX();
+    int level = (int)blockIdx.y;
+    size_t at = grid.offset[level] * width + i, end = grid.offset[level + 1] * width;
+
+    if (at < end && fixed.sum[at] != 0)
+        d_table[at] += (float)((double)(long long)fixed.sum[at] / fixed.factor[level]);
+}
+
+/* Zeros for the sums, and how fine they are. False: there is no memory. */
+static bool begin_fixed(struct spin_device *d, const struct spin_grid *grid,
+                        const struct cuda_rows &rows, size_t most, const float *d_z,
+                        struct fixed *fixed)
+{
+    size_t n = (size_t)grid->offset[grid->n_levels] * (size_t)grid->n_features;
+    unsigned blocks = gpu_blocks(most), levels = (unsigned)grid->n_levels;
+    size_t partials = (size_t)blocks * levels;
+    char *at = (char *)cuda_scratch(d, CUDA_SCRATCH_FIXED,
+                                    n * sizeof *fixed->sum + (partials + levels) * sizeof(double));
+    double *partial = (double *)(at + n * sizeof *fixed->sum);
+
+    if (!at)
+        return false;
+    fixed->sum = (unsigned long long *)at;
+    fixed->factor = partial + partials;
+    gpu_zero(gpu_of(d), at, n * sizeof *fixed->sum);
+    GPU_LAUNCH(gpu_of(d), size_kernel, dim3(blocks, levels), GPU_BLOCK, grid->n_levels,
+               grid->n_features, rows, d_z, partial);
+    GPU_LAUNCH(gpu_of(d), factor_kernel, levels, GPU_BLOCK, blocks, partial, fixed->factor);
+    return true;
+}
+
+static void end_fixed(struct spin_device *d, const struct spin_grid &grid,
+                      const struct fixed &fixed, float *d_table)
+{
+    size_t widest = 0;
+
+    for (int l = 0; l < grid.n_levels; l++)
+        if (grid.offset[l + 1] - grid.offset[l] > widest)
+            widest = grid.offset[l + 1] - grid.offset[l];
+    GPU_LAUNCH(gpu_of(d), add_fixed_kernel,
+               dim3(gpu_blocks(widest * (size_t)grid.n_features), (unsigned)grid.n_levels),
+               GPU_BLOCK, grid, fixed, d_table);
+}
+
 void cuda_grid_back(struct spin_device *d, const struct spin_grid *grid, const float *table,
                     const struct spin_active *active, const float *x_u, const float *d_z,
                     float *d_table, float *d_x_u)
@@ -197,6 +298,7 @@ void cuda_grid_back(struct spin_device *d, const struct spin_grid *grid, const f
     dim3 blocks(gpu_blocks(most), (unsigned)grid->n_levels);
     struct cuda_rows rows = cuda_rows_of(active, 0, SIZE_MAX);
     struct spin_grid g = *grid;
+    struct fixed fixed = {};
     float *d_x = NULL;
 
     if (d_x_u) {
@@ -208,23 +310,29 @@ void cuda_grid_back(struct spin_device *d, const struct spin_grid *grid, const f
     if (most == 0)
         return;
     cuda_begin(d, SPIN_OP_GRID_BACK);
+    if (d->deterministic && !begin_fixed(d, grid, rows, most, d_z, &fixed)) {
+        cuda_end(d, SPIN_OP_GRID_BACK);
+        return;
+    }
     switch (grid->n_features) {
     case 1:
         GPU_LAUNCH(gpu_of(d), grid_back_kernel<1>, blocks, GPU_BLOCK, g, table, rows, most, x_u,
-                   d_z, d_table, d_x);
+                   d_z, d_table, fixed, d_x);
         break;
     case 2:
         GPU_LAUNCH(gpu_of(d), grid_back_kernel<2>, blocks, GPU_BLOCK, g, table, rows, most, x_u,
-                   d_z, d_table, d_x);
+                   d_z, d_table, fixed, d_x);
         break;
     case 4:
         GPU_LAUNCH(gpu_of(d), grid_back_kernel<4>, blocks, GPU_BLOCK, g, table, rows, most, x_u,
-                   d_z, d_table, d_x);
+                   d_z, d_table, fixed, d_x);
         break;
     default:
         GPU_LAUNCH(gpu_of(d), grid_back_kernel<8>, blocks, GPU_BLOCK, g, table, rows, most, x_u,
-                   d_z, d_table, d_x);
+                   d_z, d_table, fixed, d_x);
     }
+    if (fixed.sum)
+        end_fixed(d, g, fixed, d_table);
     if (d_x)
         GPU_EACH(gpu_of(d), most, sum_levels_kernel, grid->n_levels, rows, most, d_x, d_x_u);
     cuda_end(d, SPIN_OP_GRID_BACK);

@@ -9,7 +9,8 @@ struct spin_device_ops;
 /* Of a build with other structs it is another number. Whoever uses it includes device/device.h. */
 #define SPIN_CUDA_SHIM_ABI                                                                         \
     (int)(1 + 16 * (sizeof(struct spin_device_ops) + sizeof(struct spin_frame_batch) +             \
-                    sizeof(struct spin_view_batch) + sizeof(struct spin_images)))
+                    sizeof(struct spin_view_batch) + sizeof(struct spin_images) +                  \
+                    sizeof(struct spin_device)))
 #define SPIN_CUDA_SHIM_SYMBOL "spin_cuda_shim_table"
 
 typedef spin_status spin_fail_fn(spin_status status, const char *format, ...);
