@@ -21,7 +21,9 @@ SPIN_BUILD=$B
 : "${ASAN_OPTIONS:=detect_leaks=1:abort_on_error=0:allocator_may_return_null=1:exitcode=99}"
 : "${UBSAN_OPTIONS:=print_stacktrace=1}"
 : "${TSAN_OPTIONS:=halt_on_error=0:exitcode=66}"
-export SPIN_FIXTURES SPIN_BIN SPIN_BUILD ASAN_OPTIONS UBSAN_OPTIONS TSAN_OPTIONS
+# Tests look at what stands on stderr, and a slow machine may take a minute for them.
+: "${SPIN_PROGRESS:=0}"
+export SPIN_PROGRESS SPIN_FIXTURES SPIN_BIN SPIN_BUILD ASAN_OPTIONS UBSAN_OPTIONS TSAN_OPTIONS
 
 out=$(mktemp) || exit 1
 skips=$(mktemp) || exit 1

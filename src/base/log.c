@@ -5,6 +5,7 @@
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
@@ -14,7 +15,7 @@
 static atomic_int log_level;
 static atomic_int line_shown; /* a progress line is on the screen and must go before other text */
 
-static const double progress_period_s = 1.0 / 6.0;
+static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60;
 static const char erase_line[] = "\r\033[K";
 
 void spin_log_set_level(int level) { atomic_store(&log_level, level); }
@@ -94,6 +95,24 @@ void spin_warn(const char *fmt, ...)
     va_end(args);
 }
 
+/* Seconds between plain lines, as SPIN_PROGRESS has them. */
+static double plain_period(void)
+{
+    static atomic_int warned;
+    const char *text = getenv("SPIN_PROGRESS");
+    char *end;
+    double seconds;
+
+    if (!text || !*text)
+        return plain_period_s;
+    seconds = strtod(text, &end);
+    if (!*end && seconds >= 0 && seconds < 1e9)
+        return seconds;
+    if (!atomic_exchange(&warned, 1))
+        spin_warn("SPIN_PROGRESS is '%.40s', not a number of seconds; it is taken as %g", text, plain_period_s);
+    return plain_period_s;
+}
+
 void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit,
                          long long from, long long total)
 {
@@ -103,21 +122,25 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
     p->from = from;
     p->total = total;
     p->start_s = spin_now_s();
-    p->shown = spin_log_level() >= 0 && isatty(STDERR_FILENO);
+    p->terminal = isatty(STDERR_FILENO);
+    if (!p->terminal)
+        p->shown_s = p->start_s;
+    if (spin_log_level() >= 0)
+        p->period_s = p->terminal ? terminal_period_s : plain_period();
 }
 
 void spin_progress_set(struct spin_progress *p, long long done, const char *fmt, ...)
 {
-    double now = p->shown ? spin_now_s() : 0;
+    double now = p->period_s > 0 ? spin_now_s() : 0;
     double elapsed = now - p->start_s;
     char left[32];
     va_list args;
 
-    if (!p->shown || (p->shown_s > 0 && now - p->shown_s < progress_period_s))
+    if (!(p->period_s > 0) || (p->shown_s > 0 && now - p->shown_s < p->period_s))
         return;
     p->shown_s = now;
     flockfile(stderr);
-    fprintf(stderr, "%s%s  %lld", erase_line, p->what, done);
+    fprintf(stderr, "%s%s  %lld", p->terminal ? erase_line : "", p->what, done);
     if (p->total > 0)
         fprintf(stderr, "/%lld  %.1f%%", p->total, 100.0 * (double)done / (double)p->total);
     if (done > p->from && elapsed > 0) {
@@ -135,18 +158,20 @@ void spin_progress_set(struct spin_progress *p, long long done, const char *fmt,
         vfprintf(stderr, fmt, args);
         va_end(args);
     }
+    if (!p->terminal)
+        fputc('\n', stderr);
     fflush(stderr);
-    atomic_store(&line_shown, 1);
+    atomic_store(&line_shown, p->terminal);
     funlockfile(stderr);
 }
 
 void spin_progress_end(struct spin_progress *p)
 {
     flockfile(stderr);
-    if (p->shown && atomic_exchange(&line_shown, 0)) {
+    if (p->terminal && atomic_exchange(&line_shown, 0)) {
         fputs(erase_line, stderr);
         fflush(stderr);
     }
     funlockfile(stderr);
-    p->shown = false;
+    p->period_s = 0;
 }

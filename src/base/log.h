@@ -15,14 +15,17 @@ void spin_log(int level, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* Warnings go to the sink first, without "warning: ", and to stderr when it returns true. NULL: none. */
 void spin_log_set_sink(bool (*sink)(const char *line));
 
-/* A progress line: only on a terminal, at most six times a second, with rate and time left:
+/* Progress with rate and time left:
  *     retraining  1234/40000  3.1%  4.12 it/s  2:36:12 left  loss 0.0312
- * begin; set as often as wanted; end clears the line. `from` is where counting starts (resume). */
+ * On a terminal one line that is written anew, at most six times a second; elsewhere a line of its own every
+ * SPIN_PROGRESS seconds (60; 0: none), the first one after that time. Nothing below level 0.
+ * begin; set as often as wanted; end clears the terminal's line. `from` is where counting starts (resume). */
 struct spin_progress {
     const char *what, *unit;
     double start_s, shown_s;
+    double period_s; /* 0: nothing is shown */
     long long from, total;
-    bool shown;
+    bool terminal;
 };
 void spin_progress_begin(struct spin_progress *p, const char *what, const char *unit,
                          long long from, long long total);

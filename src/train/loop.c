@@ -295,7 +295,11 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     while (l->trainer->iteration < o->iterations) {
         SPIN_TRY_OUT(iterate(l, sampler, spent, &blind, &v));
         smooth = smooth > 0 ? 0.98 * smooth + 0.02 * v.loss : v.loss;
-        spin_progress_set(&progress, l->trainer->iteration, "loss %.4f", smooth);
+        if (l->plan->report->test.valid) /* of the last --eval-every */
+            spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB", smooth,
+                              l->plan->report->test.psnr);
+        else
+            spin_progress_set(&progress, l->trainer->iteration, "loss %.4f", smooth);
         SPIN_TRY_OUT(stop_or_save(l));
         if (due(l->trainer->iteration, o->eval_every) && l->trainer->iteration < o->iterations)
             SPIN_TRY_OUT(look(l));

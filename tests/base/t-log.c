@@ -65,15 +65,56 @@ TAP_MAIN
     is_text(captured(), "", "below that, nothing");
 
     spin_log_set_level(0);
+    unsetenv("SPIN_PROGRESS");
     capture();
     spin_progress_begin(&p, "retraining", "it", 0, 100);
+    p.shown_s -= 58;
     spin_progress_set(&p, 50, "loss %g", 0.5);
     spin_progress_end(&p);
-    is_text(captured(), "", "no progress line where there is no terminal");
+    is_text(captured(), "", "no progress line in the first minute where there is no terminal");
+    capture();
+    spin_progress_begin(&p, "retraining", "it", 0, 100);
+    p.start_s = p.shown_s -= 61;
+    spin_progress_set(&p, 50, "loss %g", 0.5);
+    spin_progress_set(&p, 51, "loss %g", 0.5);
+    spin_progress_end(&p);
+    is_text(captured(), "retraining  50/100  50.0%  0.82 it/s  1:01 left  loss 0.5\n",
+            "then a plain line a minute");
+    spin_log_set_level(-1);
+    capture();
+    spin_progress_begin(&p, "retraining", "it", 0, 100);
+    p.shown_s -= 1e6;
+    spin_progress_set(&p, 50, NULL);
+    is_text(captured(), "", "none when quiet");
+    spin_log_set_level(0);
+    setenv("SPIN_PROGRESS", "2.5", 1);
+    capture();
+    spin_progress_begin(&p, "reading", "frames", 0, 0);
+    p.start_s = p.shown_s -= 2.4;
+    spin_progress_set(&p, 6, NULL);
+    p.start_s = p.shown_s -= 0.1;
+    spin_progress_set(&p, 5, NULL);
+    is_text(captured(), "reading  5  2 frames/s\n", "SPIN_PROGRESS is the time between");
+    setenv("SPIN_PROGRESS", "0", 1);
+    capture();
+    spin_progress_begin(&p, "reading", "frames", 0, 0);
+    p.shown_s -= 1e6;
+    spin_progress_set(&p, 5, NULL);
+    is_text(captured(), "", "0: none");
+    setenv("SPIN_PROGRESS", "often", 1);
+    capture();
+    spin_progress_begin(&p, "reading", "frames", 0, 0);
+    spin_progress_begin(&p, "reading", "frames", 0, 0);
+    is_text(captured(),
+            "warning: SPIN_PROGRESS is 'often', not a number of seconds; it is taken as 60\n",
+            "another word is said, once");
+    unsetenv("SPIN_PROGRESS");
 
-    capture(); /* as on a terminal: the struct says whether it is one */
+    capture(); /* as on a terminal */
     spin_progress_begin(&p, "retraining", "it", 100, 400);
-    p.shown = true;
+    p.terminal = true;
+    p.shown_s = 0;
+    p.period_s = 1;
     p.start_s -= 10;
     spin_progress_set(&p, 200, "loss %g", 0.5);
     spin_progress_set(&p, 201, "loss %g", 0.25);

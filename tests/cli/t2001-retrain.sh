@@ -169,6 +169,20 @@ run "$bin/spin-eval" "$work/anti.spin" --json
 awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
 ok $? "what was trained antialiased is measured so"
 
+# Where stderr is no terminal.
+run "$bin/spin-retrain" "$in" -o "$work/lines.spin" $small --iterations 6 --eval-every 3
+! grep -q '^retraining' "$work/err"
+ok $? "a short run writes no line of progress"
+run env SPIN_PROGRESS=1e-9 "$bin/spin-retrain" "$in" -o "$work/lines.spin" $small --iterations 6 --eval-every 3 --force
+is "$(grep -c '^retraining  [1-6]/6  [0-9.]*%  [0-9.e+]* it/s  [0-9:]* left  loss [0-9.]*' "$work/err")" 6 \
+    "SPIN_PROGRESS asks for more of them: done, rate, time left, loss"
+is "$(grep -c '^retraining  [45]/6 .*loss [0-9.]*, test PSNR [0-9.]* dB$' "$work/err") $(grep -c '^retraining.*dB' "$work/err")" \
+    "2 3" "and the PSNR, once it was measured"
+! grep -q "$(printf '\033')" "$work/err"
+ok $? "without the escapes of a terminal"
+run env SPIN_PROGRESS=1e-9 "$bin/spin-retrain" "$in" -o "$work/lines.spin" $small --iterations 2 --quiet --force
+is "$code $(grep -vc '^warning: ' "$work/err")" "0 0" "--quiet: none"
+
 # A preset is where options start: what stands before it on the line counts as well.
 run "$bin/spin-retrain" "$in" -o "$work/preset.spin" $small --iterations 2 --preset short
 is "$code" 0 "retrains with a preset"
