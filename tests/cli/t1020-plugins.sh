@@ -9,7 +9,9 @@ stage=$work/stage
 
 # This very build, installed below a DESTDIR; `make install` copies, nothing is compiled.
 build=${SPIN_BUILD:-build/release}
-run make -s BUILD="$(dirname "$build")" CONFIG="$(basename "$build")" DESTDIR="$stage" PREFIX="$prefix" install
+cuda=0 # a build without the object for cards stays one
+[ -f "$build/lib/spin-cuda.so" ] && cuda=auto
+run make -s BUILD="$(dirname "$build")" CONFIG="$(basename "$build")" CUDA=$cuda DESTDIR="$stage" PREFIX="$prefix" install
 is "$code" 0 "make install with DESTDIR and PREFIX"
 [ ! -e "$prefix" ]
 ok $? "writes below DESTDIR only"
