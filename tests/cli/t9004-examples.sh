@@ -1,0 +1,170 @@
+#!/bin/sh
+# K: documents
+# Every example of README, docs and the manual pages: run on small fixtures, or named in examples.list with the reason
+# why not. Of all of them the options are compared with those that the commands have.
+. tests/cli/lib.sh
+root=$PWD
+bin=$(cd "$bin" && pwd)
+blocks=$work/blocks
+mkdir "$blocks" "$work/place" "$work/path"
+documents="README.md $(ls docs/*.md docs/*/*.md man/*.[157] tests/viewers/README.md)"
+
+# shellcheck disable=SC2086
+awk -v into="$blocks" -v first=1 -f tests/cli/examples.awk $documents >"$work/index"
+is "$(grep '^stray' "$work/index")" "" "every line that begins with a command is in an example that does"
+[ "$(grep -vc '^stray' "$work/index")" -gt 40 ]
+ok $? "finds the examples"
+
+# ---- Options -------------------------------------------------------------------------------------
+
+for name in spin-import spin-retrain spin-eval spin-export; do
+    "$bin/$name" --help | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/--\2/p' >"$work/$name.options"
+done
+for plugin in $("$bin/spin-import" --list | awk '/^[a-z0-9]/ { print $1 }'); do
+    "$bin/spin-import" --from "$plugin" --help
+done | sed -n 's/^ *\(--[a-z0-9-]*\).*/\1/p' | sort -u >>"$work/spin-import.options"
+for plugin in $("$bin/spin-export" --list | awk '/^[a-z0-9]/ { print $1 }'); do
+    "$bin/spin-export" --to "$plugin" --help
+done | sed -n 's/^ *\(--[a-z0-9-]*\).*/\1/p' | sort -u >>"$work/spin-export.options"
+
+# An example as one line for each command: continued lines joined, comments and what follows && or | apart.
+commands() {
+    sed -e ':a' -e '/\\$/{N;s/ *\\\n */ /;ba' -e '}' "$1" | sed -e '/^#/d' -e 's/  *# .*//' -e 's/ *$//' -e '/^$/d'
+}
+# wrong COMMAND-LINE: the options in it that its command does not have.
+wrong() {
+    echo "$1" | sed 's/&&\|[|;]/\n/g' | while read -r line; do
+        name=$(echo "$line" | grep -o 'spin-\(import\|retrain\|eval\|export\)' | head -n 1)
+        [ -n "$name" ] || continue
+        echo "${line#*"$name"}" | tr ' ' '\n' | grep '^--[a-z]' | sed 's/=.*//' |
+            grep -vxF -f "$work/$name.options" | sed "s/^/$name /"
+    done
+}
+while read -r number kind place; do
+    [ "$kind" = sh ] || continue
+    commands "$blocks/$number.sh" >"$work/lines"
+    while IFS= read -r line; do
+        bad=$(wrong "$line")
+        [ -z "$bad" ] || is "$bad" "" "$place: options that are there"
+        case $line in
+        make*)
+            target=$(echo "$line" | awk '$2 ~ /^[a-z]/ { print $2 }')
+            grep -q "^${target:-all}:" Makefile || is "$target" "" "$place: a target that is there"
+            ;;
+        'sh tests'*)
+            file=$(echo "$line" | awk '{ print $2 }')
+            [ -f "$file" ] || is "$file" "" "$place: a file that is there"
+            ;;
+        esac
+    done <"$work/lines"
+done <"$work/index"
+[ "$failed" = 0 ]
+ok $? "the options, targets and scripts in examples are there"
+
+# And those named in the text, each in some command: `--word`, or Fl Fl word.
+sort -u "$work"/spin-*.options >"$work/all.options"
+# shellcheck disable=SC2086
+grep -ohE '`--[a-z0-9-]+' README.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
+    grep -vxF -f "$work/all.options" | grep -vxE -e '--(mca|bind-to|expect-motion|max-frames|matrix|deterministic|alone|bound-)' >"$work/strangers"
+is "$(cat "$work/strangers")" "" "options named in the text of documents are there"
+
+# ---- Running -------------------------------------------------------------------------------------
+
+# What examples take: each name in them is the same small clip.
+here=$work/place
+cp -r fixtures/court-mini "$here/court"
+for link in runs/ball data/ball data basketball run; do
+    mkdir -p "$here/$(dirname "$link")"
+    [ -e "$here/$link" ] || ln -s "$here/court" "$here/$link"
+done
+ln -s "$root/fixtures" "$here/fixtures"
+mkdir -p "$here/output"
+ln -s "$root/fixtures/4dgaussian/coarse_and_fine/model" "$here/output/balls"
+ln -s "$root/fixtures/datasets/blender_mini" "$here/data/balls"
+ln -s "$root/fixtures/4dgaussian/coarse_and_fine/model" "$here/output/steak"
+ln -s "$root/fixtures/datasets/dynerf_mini" "$here/data/steak"
+(
+    cd "$here" && "$bin/spin-import" court -o court.spin --data court -q &&
+        for copy in ball in clip bball; do cp court.spin $copy.spin; done &&
+        "$bin/spin-retrain" court.spin -o better.spin --preset tracks --iterations 20 --log train.jsonl -q &&
+        "$bin/spin-export" court.spin --to ply -o frames -q && cp -r frames ply &&
+        for i in 0 1 2 3 4 5; do mv ply/frame_0000$i.ply ply/$((i + 8)).ply; done
+) >"$work/out" 2>"$work/err"
+is "$?" 0 "a place with what the examples take"
+
+cat >"$work/path/spin-retrain" <<RETRAIN
+#!/bin/sh
+case "\$*" in
+*'--method explicit'*--refine* | *--refine*'--method explicit'* | *--iterations*) ;;
+*'--method explicit'*) set -- "\$@" --refine 10 ;;
+*) set -- "\$@" --iterations 20 ;;
+esac
+exec "$bin/spin-retrain" "\$@"
+RETRAIN
+cat >"$work/path/mpirun" <<MPIRUN
+#!/bin/sh
+exec $(command -v mpirun || echo mpirun) --oversubscribe --allow-run-as-root "\$@"
+MPIRUN
+for name in import eval export; do
+    ln -s "$bin/spin-$name" "$work/path/spin-$name"
+done
+chmod +x "$work"/path/*
+
+# lacks SCRIPT: what this machine has not and the example needs.
+lacks() {
+    grep -q '^mpirun' "$1" && { command -v mpirun >/dev/null && [ -f "$bin/../lib/spin-mpi.so" ] || echo "Open MPI"; }
+    grep -q -e '--to video\|\.mp4\|\.webm' "$1" && { [ -f "$bin/../lib/spin-video.so" ] || echo FFmpeg; }
+    grep -q '| jq' "$1" && { command -v jq >/dev/null || echo jq; }
+    grep -q '^import .*numpy' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
+    grep -q 'spin4d.load' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
+}
+
+sed -n 's/^\([^#].*\) | .*/\1/p' tests/cli/examples.list >"$work/listed"
+: >"$work/met"
+: >"$work/seen"
+while read -r number kind place; do
+    [ "$kind" = stray ] && continue
+    file=$blocks/$number.$kind
+    if [ "$kind" = sh ]; then
+        commands "$file" >"$work/lines"
+        {
+            echo set -e
+            while IFS= read -r line; do
+                begin=$(while IFS= read -r begin; do
+                    case $line in "$begin"*) echo "$begin" && break ;; esac
+                done <"$work/listed")
+                if [ -n "$begin" ]; then
+                    echo "$begin" >>"$work/met"
+                else
+                    printf '%s\n' "$line"
+                fi
+            done <"$work/lines"
+        } | sed -f tests/cli/examples.sed >"$work/script"
+        [ "$(wc -l <"$work/script")" -gt 1 ] || continue
+    else
+        cp "$file" "$work/script"
+    fi
+    sum=$(cksum <"$work/script")
+    grep -qxF "$sum" "$work/seen" && continue # the same example elsewhere
+    echo "$sum" >>"$work/seen"
+    lacking=$(lacks "$work/script")
+    if [ -n "$lacking" ]; then
+        skip "$place" "needs $(echo $lacking)"
+        continue
+    fi
+    # A copy without what the example writes.
+    rm -rf "$work/fresh"
+    cp -al "$here" "$work/fresh"
+    for out in $(grep -oE '(-o|--output|--images|--preview) [^ ]+' "$work/script" | awk '{ print $2 }'); do
+        rm -rf "$work/fresh/${out%/}"
+    done
+    if [ "$kind" = py ]; then
+        (cd "$work/fresh" && PYTHONPATH=$root/exporters/python python3 "$work/script") >"$work/out" 2>"$work/err" </dev/null
+    else
+        (cd "$work/fresh" && SLURM_ARRAY_TASK_ID=0 PATH=$work/path:$PATH sh "$work/script") \
+            >"$work/out" 2>"$work/err" </dev/null
+    fi
+    is "$?" 0 "$place: $(sed '/^set -e$/d; q' "$work/script" | cut -c 1-60)"
+done <"$work/index"
+is "$(sort -u "$work/met" | grep -vxF -f - "$work/listed")" "" "examples.list names no example that is not there"
+done_testing
