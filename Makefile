@@ -4,6 +4,7 @@
 #        BUILD=build (where all that is built goes; or, from any folder: make -f /path/to/spin4d/Makefile)
 #        CC=clang CXX= CPPFLAGS= CFLAGS= CXXFLAGS= LDFLAGS= (yours, after those that spin4d needs)
 #        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=  K=word (tests to run)  SETUP=0 (install nothing)
+#        RUN='qemu-aarch64 -L /usr/aarch64-linux-gnu' (what runs programs of another machine)
 # Private settings go into an untracked local.mk.
 HERE := $(patsubst %/,%,$(dir $(realpath $(firstword $(MAKEFILE_LIST)))))
 ifneq ($(HERE),$(CURDIR))
@@ -367,6 +368,9 @@ DEST    := $(DESTDIR)$(PREFIX)
 DESTLIB := $(DESTDIR)$(LIBDIR)
 EXAMPLE := share/doc/spin4d/example-plugin
 SHARED  := $(notdir $(LIB_SO)) libspin.so.$(SOVERSION) libspin.so
+BASH    := $(COMMANDS:%=share/bash-completion/completions/%)
+ZSH     := $(COMMANDS:%=share/zsh/site-functions/_%)
+COMPLETION = env -u SPIN_PLUGIN_PATH $(RUN) $(B)/bin/$$c --completion
 PAGES   := $(sort $(wildcard man/*.[157]))
 install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTDIR
 	install -d $(addprefix $(DEST)/,bin include/spin4d $(EXAMPLE)) $(addprefix $(DEST)/share/man/man,1 5 7)
@@ -380,9 +384,14 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
 	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
+	install -d $(sort $(dir $(addprefix $(DEST)/,$(BASH) $(ZSH))))
+	for c in $(COMMANDS); do \
+	    $(COMPLETION) bash >$(DEST)/share/bash-completion/completions/$$c && \
+	    $(COMPLETION) zsh >$(DEST)/share/zsh/site-functions/_$$c || exit 1; \
+	done
 
 uninstall: ## take away what install put there, with the same PREFIX, LIBDIR and DESTDIR
-	rm -f $(COMMANDS:%=$(DEST)/bin/%) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
+	rm -f $(addprefix $(DEST)/,$(COMMANDS:%=bin/%) $(BASH) $(ZSH)) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
 	rm -f $(addprefix $(DEST)/include/spin4d/,spin.h spin_run.h)
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))

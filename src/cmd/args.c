@@ -671,9 +671,11 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
         *exit_code = read_all(&p);
     if (*exit_code != SPIN_EXIT_OK)
         return false;
-    if (common->version) {
-        if (speaks)
+    if (common->version || common->completion) {
+        if (speaks && common->version)
             printf("%s %s\n", command->name, SPIN_VERSION);
+        else if (speaks)
+            spin_args_print_completion(command, p.plugin, p.n_plugins, common->completion);
         *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
         return false;
     }

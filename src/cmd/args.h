@@ -77,6 +77,7 @@ struct spin_args_row {
 /* Options that every command has. */
 struct spin_args_common {
     bool help, version, json, force;
+    const char *completion; /* name of a shell, or NULL */
     int quiet, verbose;
     int n_threads; /* 0: all */
 };
@@ -91,6 +92,8 @@ struct spin_args_common {
         SPIN_ARG("quiet", 'q', NULL, "say less", SPIN_ARG_COUNT, &(c).quiet, 0, 0),                \
         SPIN_ARG("verbose", 'v', NULL, "say more; up to four times", SPIN_ARG_COUNT, &(c).verbose, \
                  0, 0),                                                                            \
+        SPIN_ARG("completion", 0, "bash|zsh", "print the script that completes this command's "     \
+                 "options in that shell", SPIN_ARG_CHOICE, &(c).completion, 0, 0),                 \
         SPIN_ARG("help", 'h', NULL, "this text", SPIN_ARG_FLAG, &(c).help, 0, 0),                  \
         SPIN_ARG("version", 0, NULL, "name and version", SPIN_ARG_FLAG, &(c).version, 0, 0),       \
         SPIN_ARG_END
@@ -154,6 +157,10 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
 /* The --help text; with the options of a plug-in, or NULL. */
 void spin_args_print_help(const struct spin_args_command *command,
                           const struct spin_args_plugin *chosen);
+
+/* A script that completes the command's options, their values and those of its n plug-ins; shell: bash or zsh. */
+void spin_args_print_completion(const struct spin_args_command *command, const struct spin_args_plugin *plugin,
+                                size_t n_plugins, const char *shell);
 
 /* One line "name: message (try 'name --help')" on stderr; returns SPIN_EXIT_USAGE. */
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)

@@ -1,0 +1,82 @@
+#!/bin/sh
+# K: completion bash zsh
+# The completion scripts: what bash offers for a line, and that zsh can read them.
+. tests/cli/lib.sh
+unset SPIN_PLUGIN_PATH
+
+for name in spin-import spin-retrain spin-eval spin-export; do
+    for shell in bash zsh; do
+        run "$bin/$name" --completion $shell
+        is "$code $(wc -c <"$work/err")" "0 0" "$name --completion $shell"
+        cp "$work/out" "$work/$name.$shell"
+        if command -v $shell >/dev/null 2>&1; then
+            run $shell -n "$work/$name.$shell"
+            is "$code $(wc -c <"$work/err")" "0 0" "$shell reads it"
+        else
+            skip "$shell reads it" "no $shell"
+        fi
+    done
+    run "$bin/$name" --completion fish
+    fails 2 "$name" "$name --completion of another shell"
+    "$bin/$name" --completion bash >/dev/full 2>"$work/err"
+    is $? 1 "$name --completion to a full disk fails"
+done
+
+# offered COMMAND WORD...: what bash offers for the last word of this line, in $work/out, one a line
+offered() {
+    bash -c '. "$1/$2.bash"
+        shift
+        COMP_WORDS=("$@")
+        COMP_CWORD=$(($# - 1))
+        "_${1//-/_}"
+        printf "%s\n" "${COMPREPLY[@]}"' bash "$work" "$@" >"$work/out" 2>"$work/err"
+    is "$? $(wc -c <"$work/err")" "0 0" "completes '$*'"
+}
+# offers WORDS COMMAND WORD...: exactly these, on one line
+offers() {
+    wanted=$1
+    shift
+    offered "$@"
+    is "$(tr '\n' ' ' <"$work/out" | sed 's/ *$//')" "$wanted" "as: $wanted"
+}
+
+if command -v bash >/dev/null 2>&1; then
+    for name in spin-import spin-retrain spin-eval spin-export; do
+        offered $name --
+        is "$(LC_ALL=C sort "$work/out")" \
+            "$("$bin/$name" --help | sed -n 's/^  \(-., \|    \)\(--[a-z0-9-]*\).*/\2/p' | LC_ALL=C sort)" \
+            "$name: every option of --help"
+    done
+    offers "--positions-only" spin-import in.npz --pos
+    # shellcheck disable=SC2046
+    offers "$(echo $("$bin/spin-import" --list | sed -n 's/^\([a-z0-9-]*\) .*/\1/p'))" spin-import --from ""
+    offers "deformable3dgs" spin-import x --from=d --from = de
+    offers "colmap" spin-retrain --data-from c
+    offers "short" spin-retrain in.spin --preset s
+    offers "auto cpu cuda" spin-eval --device ""
+    offers "off auto none" spin-retrain --scene-normalise ""
+    offers "" spin-retrain --iterations ""
+    offers "" spin-retrain in.spin --output ""
+    offers "" spin-retrain in.spin -o ""
+    offers "" spin-export in.spin --pat
+    offers "--path" spin-export in.spin --to images --pat
+    offers "--path" spin-export --pat --to = images --pat
+    offers "orbit" spin-export in.spin --to images --path o
+    offers "black white" spin-export --background ""
+else
+    skip "what bash offers" "no bash"
+fi
+
+# zsh: the options that _arguments is given.
+if command -v zsh >/dev/null 2>&1; then
+    for line in 'spin-export --to=images --' 'spin-export --to images --'; do
+        # shellcheck disable=SC2016
+        run zsh -fc '_arguments() { print -rl -- "$@" }; words=(${=1}); . "$2"' zsh "$line" "$work/spin-export.zsh"
+        is "$code $(wc -c <"$work/err")" "0 0" "zsh runs it: $line"
+        out_has '^--path=\[whence.*\]:camera|orbit|spiral:(camera orbit spiral)$' "with the exporter's own options"
+        out_has '^(-o --output)-o+\[the folder' "and the common ones"
+    done
+else
+    skip "what zsh is given" "no zsh"
+fi
+done_testing
