@@ -1,9 +1,8 @@
 /* Renders of every frame as PNG, for looking and for measuring with other programs: from the data set's
- * cameras, OUT/<camera>/<frame>.png, or from one that moves, OUT/orbit/<number>.png; several versions
- * side by side on demand. */
+ * cameras or from one that moves, with the names of spin_picture_name(); several versions side by side on
+ * demand. */
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/err.h"
 #include "base/log.h"
@@ -11,6 +10,7 @@
 #include "base/option.h"
 #include "exporters/lib/camera_path.h"
 #include "io/output_folder.h"
+#include "scene/dataset.h"
 
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
@@ -50,32 +50,19 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-static spin_status write_view(struct export *x, int frame, const struct spin_splats *splats,
-                              const struct spin_camera *camera, const char *truth, const char *path)
-{
-    SPIN_TRY(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
-    return spin_image_save(path, x->drawing.n_panels * camera->width, camera->height,
-                           x->drawing.wide, x->job->sync);
-}
-
-/* Render a picture into its place in a folder of this name, making the folder first. */
-static spin_status export_picture(struct export *x, const char *in, int number, int frame,
+static spin_status export_picture(struct export *x, const char *name, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
 {
-    char name[32], *folder = NULL, *path = NULL;
+    char *path = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_path_join(x->folder.path, in, &folder));
-    SPIN_TRY_OUT(spin_folder_make(folder));
-    snprintf(name, sizeof name, "%05d.png", number);
-    SPIN_TRY_OUT(spin_path_join(folder, name, &path));
-    status = write_view(x, frame, splats, camera, truth, path);
+    SPIN_TRY(spin_path_join(x->folder.path, name, &path));
+    SPIN_TRY_OUT(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
+    status = spin_image_save(path, x->drawing.n_panels * camera->width, camera->height,
+                             x->drawing.wide, x->job->sync);
 out:
-    if (status != SPIN_OK && folder)
-        (void)rmdir(folder); /* only when nothing is in it */
     free(path);
-    free(folder);
     return status;
 }
 
@@ -126,12 +113,13 @@ static spin_status export_moving(struct export *x, int frame, const struct spin_
     for (int64_t p = spin_camera_path_first(d, frame); p < spin_camera_path_first(d, frame + 1);
          p++) {
         struct spin_camera camera;
+        char name[SPIN_PICTURE_NAME];
 
         if (spin_cancelled())
             return spin_fail_cancelled();
         SPIN_TRY(spin_camera_path_camera(d, frame, p, splats, &camera));
-        SPIN_TRY(export_picture(x, d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral", (int)p, frame,
-                                splats, &camera, NULL));
+        spin_picture_name_moving(d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral", (int)p, name);
+        SPIN_TRY(export_picture(x, name, frame, splats, &camera, NULL));
     }
     return SPIN_OK;
 }
@@ -143,7 +131,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     const struct spin_views *views = x->job->views;
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : frame;
     bool seen = false;
-    char name[32];
+    char name[SPIN_PICTURE_NAME];
 
     SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
     if (x->drawing.path != SPIN_PATH_CAMERA)
@@ -157,9 +145,9 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
         seen = true;
         if (spin_cancelled())
             return spin_fail_cancelled();
-        snprintf(name, sizeof name, "%d", view->camera_id);
+        spin_picture_name(views, i, info->number, NULL, name);
         spin_camera_path_resize(&x->drawing, &camera);
-        SPIN_TRY(export_picture(x, name, info->number, frame, splats, &camera, view->path));
+        SPIN_TRY(export_picture(x, name, frame, splats, &camera, view->path));
     }
     x->n_unseen += !seen;
     return SPIN_OK;

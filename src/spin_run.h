@@ -59,7 +59,7 @@ struct spin_import_range {
 struct spin_import_camera {
     int frame, camera;       /* frame number, camera_id */
     double in_front, inside; /* share of the points before the camera; in its image. 0..1 */
-    char file[48];           /* the PNG, in the folder that was asked for */
+    char file[128];          /* the PNG, in the folder that was asked for */
 };
 
 /* A camera in the view in which it sees the fewest points of a frame. */

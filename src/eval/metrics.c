@@ -49,13 +49,13 @@ static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pai
 {
     const struct spin_view *view = &m->clip->views.view[pair->view];
     const float *picture[3];
-    char name[64];
+    char name[SPIN_PICTURE_NAME];
     char *path = NULL;
     float *source = NULL;
     int n = 0;
     spin_status status;
 
-    snprintf(name, sizeof name, "cam_%02d_frame_%05d.png", view->camera_id, number);
+    spin_picture_name(&m->clip->views, pair->view, number, NULL, name);
     SPIN_TRY_OUT(draw_source(m, pair, &source));
     SPIN_TRY_OUT(spin_path_join(m->images, name, &path));
     picture[n++] = truth;

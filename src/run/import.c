@@ -194,18 +194,6 @@ static int spread(int k, int most, int n)
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
 }
 
-/* "frame00008_cam012.png", or with _2, _3 when a data set has that camera more than once. */
-static void name_picture(const struct spin_import_report *report, struct spin_import_camera *out)
-{
-    int before = 0;
-
-    for (int i = 0; i < report->n_cameras; i++)
-        before += report->camera[i].frame == out->frame && report->camera[i].camera == out->camera;
-    snprintf(out->file, sizeof out->file,
-             before ? "frame%05d_cam%03d_%d.png" : "frame%05d_cam%03d.png", out->frame, out->camera,
-             before + 1);
-}
-
 static spin_status check_view(struct import *im, int frame, size_t view)
 {
     struct spin_import_report *report = im->report;
@@ -217,7 +205,7 @@ static spin_status check_view(struct import *im, int frame, size_t view)
 
     out->frame = im->meta.frame[frame].number;
     out->camera = v->camera_id;
-    name_picture(report, out);
+    spin_picture_name(&im->views, view, out->frame, NULL, out->file);
     SPIN_TRY(spin_path_join(im->o->check_cameras, out->file, &path));
     if (!im->o->force && spin_path_is_taken(path))
         status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);

@@ -49,7 +49,7 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_truth *truth
     const struct spin_view *view = &plan->clip.views.view[pair->view];
     size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
     const float *picture[3];
-    char name[96];
+    char name[SPIN_PICTURE_NAME];
     char *path = NULL;
     void *block = NULL;
     float *values;
@@ -69,8 +69,8 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_truth *truth
     SPIN_TRY_OUT(
         spin_frame_renderer_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
     picture[n++] = values + 2 * pixels;
-    snprintf(name, sizeof name, "frame_%05d_cam_%02d_%s.png",
-             spin_plan_info(plan, pair->frame)->number, view->camera_id, label);
+    spin_picture_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number,
+                      label, name);
     SPIN_TRY_OUT(spin_path_join(plan->o->preview, name, &path));
     SPIN_TRY_OUT(spin_write_beside(path, view->camera.width, view->camera.height, picture, n));
 out:

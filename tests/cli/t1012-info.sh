@@ -40,7 +40,7 @@ run "$bin/spin-import" --check-cameras "$work/check" --data "$clip" "$clip" --js
 is "$code" 0 "--check-cameras alone"
 is_json "says what it saw as JSON"
 is "$(grep -c '"file"' "$work/out")" 12 "four cameras of three frames"
-is "$(find "$work/check" -name 'frame0000[025]_cam*.png' | wc -l)" 12 "one picture each"
+is "$(find "$work/check" -name 'cam_*_frame_0000[025].png' | wc -l)" 12 "one picture each"
 low=$(sed -n 's/^ *"inside": \([0-9.e-]*\),*/\1/p' "$work/out" | sort -g | head -n 1)
 greater "$low" 0.6
 ok $? "most points are inside every view: $low or more"

@@ -44,7 +44,7 @@ err_has "^warning: camera 12 has [0-9] % of the points in front and 0 % inside i
 of_camera 12 | grep -q 'far fewer'
 ok $? "its line says so"
 is "$(grep -c 'far fewer' "$work/out")" 1 "no other line does"
-[ -s "$work/seen/frame00000_cam012.png" ]
+[ -s "$work/seen/cam_12_frame_00000.png" ]
 ok $? "it is drawn, though it is none of the four"
 out_has "^check .*frame 0, camera 12: " "and listed"
 run "$bin/spin-import" --check-cameras "$work/seen" --data "$work/turned" "$clip" --force --json
@@ -57,14 +57,14 @@ s/$z/-0.769752713, -0.545526135, -0.331484535, -3.540686501/2"
 run "$bin/spin-import" --check-cameras "$work/once.seen" --data "$work/once" "$clip"
 is "$code" 0 "a camera that is wrong in one frame"
 err_has "^warning: camera 12 has .* in frame 1, " "is named with the frame"
-[ -s "$work/once.seen/frame00001_cam012.png" ]
+[ -s "$work/once.seen/cam_12_frame_00001.png" ]
 ok $? "and drawn"
 
 variant twice 's/\[3, 7, 12, 19,/[7, 7, 7, 7,/g'
 run "$bin/spin-import" --check-cameras "$work/both" --data "$work/twice" "$clip" --json
 is "$code" 0 "a camera that is there more than once"
 err_has "^warning: .* are both camera 7 of frame 0" "is a warning"
-for file in frame00000_cam007.png frame00000_cam007_2.png; do
+for file in cam_07_2_frame_00000.png cam_07_4_frame_00000.png; do
     [ -s "$work/both/$file" ] && grep -q "\"file\": \"$file\"" "$work/out"
     ok $? "$file is drawn and listed"
 done

@@ -58,7 +58,7 @@ run "$bin/spin-eval" "$in" --json
 as_measured before "and the same before"
 is "$(grep -c '"views": \[\[[0-9]*, [0-9]*\], \[[0-9]*, [0-9]*\], \[[0-9]*, [0-9]*\]\]' "$work/log.jsonl")" 6 \
     "--log has a line for every step"
-greater "$(find "$work/preview" -name 'frame_*_cam_*_iteration_0000006.png' | wc -l)" 0
+greater "$(find "$work/preview" -name 'cam_*_frame_*_iteration_0000006.png' | wc -l)" 0
 ok $? "--preview has pictures"
 nothing_at "$work/one.spin." "no unfinished state is left"
 run "$bin/spin-retrain" "$in" -o "$work/one.spin" $small --iterations 6

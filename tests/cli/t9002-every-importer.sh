@@ -83,7 +83,7 @@ retrained() { # IMPORTER RADIUS LAST_TIME
     is "$code" 0 "$1: is rendered"
     for camera in 0 1 2 3 4 5; do
         for frame in 0 1 2; do
-            mv "$work/$1-images/$camera/0000$frame.png" "$data/images/cam0${camera}_000$frame.png"
+            mv "$work/$1-images/cam_0${camera}_frame_0000$frame.png" "$data/images/cam0${camera}_000$frame.png"
         done
     done
     run "$bin/spin-import" "$in" --data "$data" -o "$work/$1-b.spin" --json

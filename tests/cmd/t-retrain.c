@@ -745,7 +745,7 @@ static void test_files(void)
         for (int c = 0; c < TESTING; c++) {
             char name[80];
 
-            snprintf(name, sizeof name, "frame_00002_cam_%02d_iteration_%07d.png", testing[c],
+            snprintf(name, sizeof name, "cam_%02d_frame_00002_iteration_%07d.png", testing[c],
                      i < 6 ? i : 5);
             ok(is_png("preview", name, 3 * 40 + 2 * 4, 23), "--preview: %s", name);
         }

@@ -226,7 +226,7 @@ static void check_overlays(void)
             uint8_t *rgb = NULL;
             int w, h, last = 3 * (W * H - 1);
             double dark = 0.45;
-            const char *path = in("overlays/frame%05d_cam%03d.png", FIRST + row, camera_id[k]);
+            const char *path = in("overlays/cam_%02d_frame_%05d.png", camera_id[k], FIRST + row);
 
             if (spin_image_read(path, NULL, &w, &h, &rgb) != SPIN_OK)
                 continue;
@@ -911,9 +911,9 @@ static void check_before(void)
     o.output = one;
     o.range = (struct spin_range){true, 3, 4, 1};
     ok(spin_export(&o, &r) == SPIN_OK && r.frames == 1, "or one of them");
-    if (spin_image_read(in("all/15/%05d.png", 3, 0), NULL, &w, &h, &rgb[0]) != SPIN_OK ||
-        spin_image_read(in("one/15/%05d.png", 3, 0), NULL, &w, &h, &rgb[1]) != SPIN_OK ||
-        spin_image_read(in("all/15/%05d.png", 0, 0), NULL, &w, &h, &rgb[2]) != SPIN_OK)
+    if (spin_image_read(in("all/cam_15_frame_%05d.png", 3, 0), NULL, &w, &h, &rgb[0]) != SPIN_OK ||
+        spin_image_read(in("one/cam_15_frame_%05d.png", 3, 0), NULL, &w, &h, &rgb[1]) != SPIN_OK ||
+        spin_image_read(in("all/cam_15_frame_%05d.png", 0, 0), NULL, &w, &h, &rgb[2]) != SPIN_OK)
         exit(1);
     ok(difference(rgb[0], rgb[1], 3 * w * h) == 0, "the same picture");
     ok(difference(rgb[0], rgb[2], 3 * w * h) > 0.1, "which is not that of another frame");

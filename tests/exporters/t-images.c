@@ -109,8 +109,8 @@ static void test_renders(const struct spin_views *views)
 
     ok(export_clip(&job) == SPIN_OK && n_renders == 2,
        "renders the held-out views of paired frames");
-    ok(pixel_is(job.output, "0/00040.png", 6, 3, 6, 9, 255) &&
-           pixel_is(job.output, "0/00042.png", 4, 0, 4, 9, 255),
+    ok(pixel_is(job.output, "cam_00_frame_00040.png", 6, 3, 6, 9, 255) &&
+           pixel_is(job.output, "cam_00_frame_00042.png", 4, 0, 4, 9, 255),
        "under camera and frame number, from the cameras of their rows");
     ok(export_clip(&job) == SPIN_E_IO && strstr(spin_last_error(), "--force"),
        "refuses a used folder");
@@ -119,13 +119,36 @@ static void test_renders(const struct spin_views *views)
     n_renders = 0;
     job = make_job(views, "all", &values);
     ok(export_clip(&job) == SPIN_OK && n_renders == 4 &&
-           pixel_is(job.output, "3/00040.png", 7, 4, 7, 9, 255),
+           pixel_is(job.output, "cam_03_frame_00040.png", 7, 4, 7, 9, 255),
        "renders all views");
     values.pairs = compare;
     job = make_job(views, "compare", &values);
-    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "3/00042.png", 10, 0, 10, 20, 30) &&
-           pixel_is(job.output, "3/00042.png", 10, 9, 5, 9, 255),
+    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "cam_03_frame_00042.png", 10, 0, 10, 20, 30) &&
+           pixel_is(job.output, "cam_03_frame_00042.png", 10, 9, 5, 9, 255),
        "puts the data set's image to the left");
+}
+
+/* Cameras of one number keep a picture each. */
+static void test_twins(void)
+{
+    static const char *const all[] = {"views", "all", NULL};
+    struct spin_plugin_values values = {all};
+    struct spin_views views = {0};
+    struct spin_export_job job = make_job(&views, "twins", &values);
+
+    for (int k = 0; k < 3; k++) {
+        struct spin_view v = {.camera_id = 123, .path = (char *)"none"};
+
+        v.camera = (struct spin_camera){.width = 4 + k, .height = 2};
+        if (spin_views_add(&views, &v) != SPIN_OK)
+            exit(1);
+    }
+    ok(export_clip(&job) == SPIN_OK &&
+           pixel_is(job.output, "cam_123_frame_00042.png", 4, 0, 4, 9, 255) &&
+           pixel_is(job.output, "cam_123_2_frame_00042.png", 5, 0, 5, 9, 255) &&
+           pixel_is(job.output, "cam_123_3_frame_00042.png", 6, 0, 6, 9, 255),
+       "three cameras of one number: three pictures");
+    spin_views_free(&views);
 }
 
 /* What the rasteriser could not draw does not come to it, and is counted; what is only large does. */
@@ -143,7 +166,7 @@ static void test_bad_rows(const struct spin_views *views)
     splats.log_scales[3 * 8] = 60;
     splats.log_scales[3 * 9] = 5;
     job.report = &report;
-    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "0/00040.png", 6, 0, 6, 9, 255),
+    ok(export_clip(&job) == SPIN_OK && pixel_is(job.output, "cam_00_frame_00040.png", 6, 0, 6, 9, 255),
        "draws without NaN, infinity, no rotation and scales beyond float: 4 of 13");
     ok(report.left_out == 3 * 4, "and counts them, in every frame");
     spin_splats_free(&splats);
@@ -192,6 +215,7 @@ TAP_MAIN
     make_views(&views, image);
     make_frame(&splats, 9, 0, 3);
     test_renders(&views);
+    test_twins();
     test_bad_rows(&views);
     test_failures(&views);
     spin_views_free(&views);

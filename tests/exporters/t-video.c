@@ -238,8 +238,8 @@ static void test_orbit(struct spin_export_job job)
     job.output = named("orbit");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 4 * FRAMES,
        "pictures all around the scene");
-    ok(spin_path_exists(named("orbit/orbit/00019.png")) &&
-           !spin_path_exists(named("orbit/orbit/00020.png")),
+    ok(spin_path_exists(named("orbit/orbit_frame_00019.png")) &&
+           !spin_path_exists(named("orbit/orbit_frame_00020.png")),
        "numbered from 0");
     for (int i = 0; i < n_renders; i++) {
         const double *m = seen[i].w2c;
@@ -320,7 +320,7 @@ static void test_size_and_duration(struct spin_export_job job)
     job.values = &values;
     job.output = named("sized");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 14 &&
-           spin_path_exists(named("sized/orbit/00013.png")),
+           spin_path_exists(named("sized/orbit_frame_00013.png")),
        "0.56 seconds at 25 a second are 14 pictures of 5 frames");
     ok(seen[0].width == 64 && seen[0].height == 16 && seen[0].fx == 20 && seen[0].fy == 20 &&
            seen[0].cx == 32 && seen[0].cy == 8,
@@ -330,7 +330,7 @@ static void test_size_and_duration(struct spin_export_job job)
     values.pairs = few;
     job.output = named("few");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 3 &&
-           spin_path_exists(named("few/orbit/00002.png")),
+           spin_path_exists(named("few/orbit_frame_00002.png")),
        "three pictures of five frames");
     values.pairs = still;
     job.output = named("still");
@@ -372,17 +372,17 @@ static void test_labels(struct spin_export_job job)
     job.values = &values;
     job.output = named("labels");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK &&
-           has_label("labels/4/00010.png", 1, 80),
+           has_label("labels/cam_04_frame_00010.png", 1, 80),
        "the names of panels that stand side by side");
     values.pairs = plain;
     job.output = named("unlabelled");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK &&
-           !has_label("unlabelled/4/00010.png", 1, 80),
+           !has_label("unlabelled/cam_04_frame_00010.png", 1, 80),
        "are left out by --no-labels");
     values.pairs = alone;
     job.output = named("alone");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK &&
-           !has_label("alone/4/00010.png", 0, 80),
+           !has_label("alone/cam_04_frame_00010.png", 0, 80),
        "and a picture by itself has none");
 }
 
