@@ -10,7 +10,7 @@
 #include "base/option.h"
 #include "exporters/lib/camera_path.h"
 #include "io/output_folder.h"
-#include "scene/dataset.h"
+#include "io/picture_name.h"
 
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
@@ -72,27 +72,40 @@ static void finish(struct export *x)
     free(x);
 }
 
+/* An option that would do nothing is a mistake. */
+static spin_status check_options(const struct export *x)
+{
+    static const char *const moving[] = {"duration", "repeat"};
+    const struct spin_plugin_values *v = x->job->values;
+
+    for (int i = 0; i < 2 && x->drawing.path == SPIN_PATH_CAMERA; i++)
+        if (spin_plugin_value(v, moving[i], NULL))
+            return spin_fail(SPIN_E_USAGE, "--%s is for a camera that moves: see --path",
+                             moving[i]);
+    if (spin_plugin_value(v, "fps", NULL) && !spin_plugin_value(v, "duration", NULL))
+        return spin_fail(SPIN_E_USAGE, "--fps: pictures have no speed without --duration");
+    if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
+        return spin_fail(SPIN_E_USAGE, "--views: %s", x->job->views
+                         ? "a camera that moves is none of the data set's"
+                         : "there is no data set, give --data DIR");
+    return SPIN_OK;
+}
+
 static spin_status images_begin(const struct spin_export_job *job, void **self)
 {
     struct export *x = NULL;
     int which;
     spin_status status;
 
-    if (!job->views)
-        return spin_fail(SPIN_E_USAGE,
-                         "rendering images needs the cameras of a data set; give --data DIR");
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
     SPIN_TRY_OUT(spin_camera_path_begin(
         &x->drawing, job,
         spin_plugin_value(job->values, "compare", NULL) ? "truth,after" : "after"));
-    if (x->drawing.path == SPIN_PATH_CAMERA && spin_plugin_value(job->values, "duration", NULL)) {
-        status = spin_fail(SPIN_E_USAGE, "--duration is for a camera that moves: see --path");
-        goto out;
-    }
+    SPIN_TRY_OUT(check_options(x));
     SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
-    if (x->drawing.path == SPIN_PATH_CAMERA && !any_chosen(x)) {
+    if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x)) {
         status = spin_fail(SPIN_E_NOT_FOUND, "the data set has no %s views; try --views all",
                            x->which == TEST ? "test" : "train");
         goto out;
@@ -105,8 +118,8 @@ out:
     return status;
 }
 
-/* The pictures of a moving camera are numbered by themselves. */
-static spin_status export_moving(struct export *x, int frame, const struct spin_splats *splats)
+/* The pictures of a camera that is none of the data set's are numbered by themselves. */
+static spin_status export_own(struct export *x, int frame, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;
 
@@ -117,8 +130,8 @@ static spin_status export_moving(struct export *x, int frame, const struct spin_
 
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(spin_camera_path_camera(d, frame, p, splats, &camera));
-        spin_picture_name_moving(d->path == SPIN_PATH_ORBIT ? "orbit" : "spiral", (int)p, name);
+        SPIN_TRY(spin_camera_path_camera(d, p, splats, &camera));
+        spin_picture_name_moving(spin_camera_path_name(d), (int)p, name);
         SPIN_TRY(export_picture(x, name, frame, splats, &camera, NULL));
     }
     return SPIN_OK;
@@ -134,8 +147,8 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     char name[SPIN_PICTURE_NAME];
 
     SPIN_TRY(spin_camera_path_frame(&x->drawing, info, &splats));
-    if (x->drawing.path != SPIN_PATH_CAMERA)
-        return export_moving(x, frame, splats);
+    if (spin_camera_path_is_own(&x->drawing))
+        return export_own(x, frame, splats);
     for (size_t i = 0; i < views->n; i++) {
         const struct spin_view *view = &views->view[i];
         struct spin_camera camera = view->camera;
@@ -177,7 +190,7 @@ extern const struct spin_exporter spin_exporter_images;
 const struct spin_exporter spin_exporter_images = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "images",
-    .summary = "PNG renders from the data set's cameras or around the scene",
+    .summary = "PNG renders from the data set's cameras or one that moves",
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .antialias = true,

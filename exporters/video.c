@@ -27,7 +27,7 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    const struct spin_view *first; /* whose camera_id the video keeps */
+    const struct spin_view *first; /* whose camera_id the video keeps; NULL: a camera of its own */
     int size[2];                   /* of a panel */
 };
 
@@ -49,8 +49,12 @@ static spin_status choose_camera(struct export *x)
     int row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
     int id = 0;
 
-    if (!job->views || job->views->n == 0)
-        return spin_fail(SPIN_E_USAGE, "a video needs the cameras of a data set; give --data DIR");
+    if (text && spin_camera_path_is_own(&x->drawing))
+        return spin_fail(SPIN_E_USAGE, "--camera: %s", job->views
+                         ? "the camera of --path is none of the data set's"
+                         : "there is no data set, give --data DIR");
+    if (spin_camera_path_is_own(&x->drawing))
+        return SPIN_OK;
     x->first = spin_initial_view_view(job->views, row, true);
     if (!x->first)
         x->first = &job->views->view[0];
@@ -67,12 +71,15 @@ static spin_status choose_camera(struct export *x)
 static spin_status open_video(struct export *x)
 {
     const struct spin_export_job *job = x->drawing.job;
-    struct spin_camera camera = x->first->camera;
+    struct spin_camera camera = x->drawing.lens;
     const char *codec = "";
     double fps = x->drawing.fps, quality = 18;
     int width;
 
-    spin_camera_path_resize(&x->drawing, &camera);
+    if (x->first) {
+        camera = x->first->camera;
+        spin_camera_path_resize(&x->drawing, &camera);
+    }
     width = camera.width * x->drawing.n_panels;
     SPIN_TRY(spin_option_number(job->values, "quality", 0, 51, &quality));
     SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera.height, fps,
@@ -110,11 +117,11 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
                             const struct spin_frame_info *info, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;
-    const struct spin_view *view = view_of(x, frame, x->first->camera_id);
+    const struct spin_view *view = x->first ? view_of(x, frame, x->first->camera_id) : NULL;
     struct spin_camera camera;
 
-    if (d->path != SPIN_PATH_CAMERA) {
-        SPIN_TRY(spin_camera_path_camera(d, frame, picture, splats, &camera));
+    if (!x->first) {
+        SPIN_TRY(spin_camera_path_camera(d, picture, splats, &camera));
     } else if (!view) {
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %d for frame %d",
                          x->first->camera_id, info->number);
@@ -124,7 +131,7 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
     }
     if (camera.width != x->size[0] || camera.height != x->size[1])
         return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: camera %d is %dx%d there, %dx%d before",
-                         info->number, x->first->camera_id, camera.width, camera.height, x->size[0],
+                         info->number, view ? view->camera_id : -1, camera.width, camera.height, x->size[0],
                          x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     return spin_video_put(x->video, d->wide);

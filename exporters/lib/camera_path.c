@@ -3,7 +3,9 @@
 #include <string.h>
 
 #include "exporters/lib/initial_view.h"
+#include "exporters/lib/panel_label.h"
 #include "exporters/lib/splat_filter.h"
+#include "base/log.h"
 #include "base/option.h"
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -32,6 +34,8 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
         d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
         if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
             return spin_fail(SPIN_E_USAGE, "--panels truth: a moving camera has no images");
+        if (word == SPIN_PANEL_TRUTH && !d->job->views)
+            return spin_fail(SPIN_E_USAGE, "--panels truth: there is no data set, give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
             return spin_fail(SPIN_E_NOT_FOUND, "--panels before: the bundle does not hold imported "
                                                "and retrained splats both");
@@ -42,7 +46,7 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 }
 
 #define DEFAULT_FPS 30
-enum { LEAST_SIDE = 16, MOST_SIDE = 16384, MOST_PICTURES = 10000000 };
+enum { FRONT_HEIGHT = 640, LEAST_SIDE = 16, MOST_SIDE = 16384, MOST_PICTURES = 10000000 };
 
 static spin_status parse_size(struct spin_camera_path *d)
 {
@@ -104,6 +108,41 @@ void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camer
     camera->height = d->size[1];
 }
 
+/* Of a camera that the data set does not say all of: the view that a page begins with. */
+static void set_lens(struct spin_camera_path *d)
+{
+    const struct spin_views *views = d->job->views;
+    const struct spin_view *view =
+        spin_initial_view_view(views, d->row, d->path != SPIN_PATH_TRAIN);
+    struct spin_initial_view front;
+
+    if (!view && views && views->n > 0)
+        view = &views->view[0];
+    if (view) {
+        d->lens = view->camera;
+    } else {
+        static const double middle[3] = {0};
+        double focal;
+
+        spin_initial_view_first(NULL, 0, false, middle, 1, &front);
+        focal = 0.5 * FRONT_HEIGHT / tan(front.fovy_deg * 3.141592653589793 / 360);
+        d->lens = (struct spin_camera){.width = (int)lrint(FRONT_HEIGHT * front.aspect),
+                                       .height = FRONT_HEIGHT,
+                                       .fx = focal,
+                                       .fy = focal,
+                                       .cx = 0.5 * FRONT_HEIGHT * front.aspect,
+                                       .cy = 0.5 * FRONT_HEIGHT};
+    }
+    spin_camera_path_resize(d, &d->lens);
+}
+
+const char *spin_camera_path_name(const struct spin_camera_path *d)
+{
+    static const char *const name[] = {"front", "orbit", "spiral", "train"};
+
+    return name[d->path];
+}
+
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job,
                                    const char *panels)
 {
@@ -111,11 +150,19 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
 
     d->job = job;
     d->source_frame = -1;
-    SPIN_TRY(spin_option_word(job->values, "path", "camera|orbit|spiral", &path));
+    SPIN_TRY(spin_option_word(job->values, "path", "camera|orbit|spiral|train", &path));
     d->path = (enum spin_camera_path_path)path;
+    d->row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
     SPIN_TRY(parse_pace(d));
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
     SPIN_TRY(parse_size(d));
+    if (d->path == SPIN_PATH_TRAIN && !job->views)
+        return spin_fail(SPIN_E_USAGE, "--path train: there is no data set, give --data DIR");
+    if (d->path == SPIN_PATH_TRAIN)
+        SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
+    set_lens(d);
+    if (!job->views)
+        spin_log(0, "no data set: looking from the front, as a page does");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
@@ -124,6 +171,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
 
 void spin_camera_path_free(struct spin_camera_path *d)
 {
+    spin_rig_path_free(&d->rig);
     free(d->image);
     free(d->wide);
     spin_splats_free(&d->source);
@@ -181,6 +229,10 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
         distance += away[c] * away[c];
     }
     distance = sqrt(distance);
+    if (d->path == SPIN_PATH_CAMERA) {
+        memcpy(eye, from, 3 * sizeof *eye);
+        return;
+    }
     if (d->path == SPIN_PATH_ORBIT) {
         turn_about(away, d->look.up, angle, eye);
         for (int c = 0; c < 3; c++)
@@ -211,27 +263,27 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int64_t picture,
+spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out)
 {
-    int row = d->job->dataset_frame_of ? d->job->dataset_frame_of[frame] : frame;
     double middle[3], size, eye[3], axis[3][3];
     double turn = (double)picture / (double)d->n_pictures;
 
+    *out = d->lens;
+    if (d->path == SPIN_PATH_TRAIN) {
+        double last = d->n_pictures > 1 ? (double)(d->n_pictures - 1) : 1;
+
+        spin_rig_path_camera(&d->rig, (double)picture / last, out->w2c);
+        return SPIN_OK;
+    }
     if (!d->looked) {
         SPIN_TRY(spin_initial_view_middle(splats, middle, &size));
-        spin_initial_view_first(d->job->views, row, true, middle, size, &d->look);
-        d->lens = (spin_initial_view_view(d->job->views, row, true)
-                       ? spin_initial_view_view(d->job->views, row, true)
-                       : &d->job->views->view[0])
-                      ->camera;
-        move_into_rig(d, row);
-        spin_camera_path_resize(d, &d->lens);
+        spin_initial_view_first(d->job->views, d->row, true, middle, size, &d->look);
+        move_into_rig(d, d->row);
         d->looked = true;
     }
     eye_of(d, turn, eye);
     aim(eye, d->look.target, d->look.up, axis);
-    *out = d->lens;
     for (int r = 0; r < 3; r++) {
         out->w2c[4 * r + 3] = 0;
         for (int c = 0; c < 3; c++) {
@@ -325,42 +377,6 @@ static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_
                        job->background, d->image);
 }
 
-/* The letters of the words of the panels, 5 x 7: a byte a row, the leftmost pixel is its highest of 5 bits. */
-static const struct {
-    char letter;
-    unsigned char row[7];
-} glyphs[] = {
-    {'a', {0, 0, 14, 1, 15, 17, 15}},    {'b', {16, 16, 22, 25, 17, 17, 30}},
-    {'e', {0, 0, 14, 17, 31, 16, 14}},   {'f', {6, 9, 8, 28, 8, 8, 8}},
-    {'h', {16, 16, 22, 25, 17, 17, 17}}, {'o', {0, 0, 14, 17, 17, 17, 14}},
-    {'r', {0, 0, 22, 25, 16, 16, 16}},   {'t', {8, 8, 28, 8, 8, 9, 6}},
-    {'u', {0, 0, 17, 17, 17, 19, 13}},
-};
-
-static bool is_ink(const char *word, int x, int y)
-{
-    for (size_t g = 0; x >= 0 && y >= 0 && y < 7 && g < sizeof glyphs / sizeof *glyphs; g++) {
-        if (glyphs[g].letter == word[x / 6])
-            return x % 6 < 5 && glyphs[g].row[y] >> (4 - x % 6) & 1;
-    }
-    return false;
-}
-
-/* The panel's word in its upper left corner, white on black, where the picture is large enough for it. */
-static void write_label(const char *word, int width, int height, float *image)
-{
-    int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);
-    int wide = (6 * n + 3) * dot, high = 11 * dot;
-
-    if (height < 4 * high || width < wide)
-        return;
-    for (int c = 0; c < 3; c++)
-        for (int y = 0; y < high; y++)
-            for (int x = 0; x < wide; x++)
-                image[((size_t)c * (size_t)height + (size_t)y) * (size_t)width + (size_t)x] =
-                    x / dot < 6 * n + 2 && is_ink(word, x / dot - 2, y / dot - 2);
-}
-
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
@@ -371,7 +387,7 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
         if (n > 1 && d->labels)
-            write_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
+            spin_panel_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(d->wide + (row * n + p) * w, d->image + row * w, w * sizeof *d->image);
     }

@@ -5,12 +5,13 @@
 #include <string.h>
 
 #include "exporters/lib/initial_view.h"
+#include "exporters/lib/rig_path.h"
 #include "exporters/lib/splat_filter.h"
 
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \
-        "path", "camera|orbit|spiral",                                                             \
-            "whence to look: cameras of the data set, or one that moves around the scene",         \
+        "path", "camera|orbit|spiral|train",                                                             \
+            "whence to look: cameras of the data set, or one that moves; without one, the front",         \
             "camera"                                                                               \
     }
 
@@ -43,7 +44,7 @@
             NULL                                                                                   \
     }
 
-enum spin_camera_path_path { SPIN_PATH_CAMERA, SPIN_PATH_ORBIT, SPIN_PATH_SPIRAL };
+enum spin_camera_path_path { SPIN_PATH_CAMERA, SPIN_PATH_ORBIT, SPIN_PATH_SPIRAL, SPIN_PATH_TRAIN };
 
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
 
@@ -56,9 +57,11 @@ struct spin_camera_path {
     int64_t n_pictures;            /* of all frames */
     double fps;                    /* pictures a second */
     int size[2];                   /* of a picture, instead of the cameras'; 0: theirs */
-    bool looked;                   /* the next two are set */
-    struct spin_initial_view look; /* a moving camera begins here */
-    struct spin_camera lens;
+    int row;                       /* the data set's, of the first frame */
+    struct spin_rig_path rig;      /* of SPIN_PATH_TRAIN */
+    struct spin_camera lens;       /* all but the pose of a camera that is not a view's */
+    bool looked;                   /* the next is set */
+    struct spin_initial_view look; /* such a camera begins here */
     float *image;                  /* [3][h][w] of a panel */
     float *wide;                   /* [3][h][n_panels w] */
     size_t n_pixels;               /* of a panel, there is room for */
@@ -83,9 +86,18 @@ int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 /* --size: the same height of view, square pixels stay square; the sides show more or less. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
-/* A moving camera at a picture of a frame. It turns about the place that is nearest to the axes of all cameras,
- * no farther away than half of them are; where these are parallel, the first view's target. */
-spin_status spin_camera_path_camera(struct spin_camera_path *d, int frame, int64_t picture,
+/* Whether the pictures come from another camera than the data set's: it moves, or there are none. */
+static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
+{
+    return d->path != SPIN_PATH_CAMERA || !d->job->views || d->job->views->n == 0;
+}
+/* What such pictures are called by. */
+const char *spin_camera_path_name(const struct spin_camera_path *d);
+
+/* Such a camera at a picture. It turns about the place that is nearest to the axes of all cameras, no farther
+ * away than half of them are; where these are parallel, the first view's target. Without a data set it begins at the
+ * front, as a page does. */
+spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 
 /* Begin a frame: *splats become those to draw. */

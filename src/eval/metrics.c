@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "io/picture_name.h"
 #include "io/ranks.h"
 #include "math/loss.h"
 

@@ -18,6 +18,7 @@
 #include "run/frame_times.h"
 #include "run/share_splats.h"
 #include "io/claim.h"
+#include "io/picture_name.h"
 #include "io/ranks.h"
 #include "scene/probe.h"
 

@@ -82,20 +82,24 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
             from = clip->bundle.meta.data_from;
     }
     if (!path) {
-        if (o->needs_views)
+        if (o->needs_views || o->data_from)
             return spin_fail(SPIN_E_USAGE,
                              "'%s' names no data set: say where the images are with --data",
                              o->input);
         return SPIN_OK;
     }
     if (!o->needs_views && !o->data && !spin_path_exists(path)) {
+        if (o->wants_views)
+            spin_warn("the data set of '%s', '%s', is not there: its cameras are not used; --data "
+                      "says where it is",
+                      o->input, path);
         free(path);
         return SPIN_OK;
     }
     clip->data_path = path;
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
-    if (o->needs_views)
+    if (o->needs_views || o->wants_views)
         SPIN_TRY(spin_views_check_cameras(&clip->views));
     if (o->n_test_cameras > 0)
         SPIN_TRY(spin_views_split(&clip->views, o->test_cameras, o->n_test_cameras));

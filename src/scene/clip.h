@@ -16,6 +16,7 @@ struct spin_clip_options {
     int n_test_cameras;
     double image_scale; /* 0 or 1: as stored */
     bool needs_views;   /* a missing data set is an error */
+    bool wants_views;   /* it is a warning */
 };
 
 struct spin_clip {

@@ -38,15 +38,6 @@ spin_status spin_views_check_cameras(const struct spin_views *views);
 /* Whether an image of this size can be that of the view: the shape of its camera. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height);
 
-/* The file name of a picture drawn from a view, the same wherever pictures are written: "cam_07_frame_00012.png".
- * label: goes before the ending, or NULL. The second camera that a row has with the same number, which happens, is
- * "cam_07_2". */
-enum { SPIN_PICTURE_NAME = 128 };
-void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
-                       char name[SPIN_PICTURE_NAME]);
-/* The same of a camera that moves: the number is the picture's, "orbit_frame_00012.png". */
-void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);
-
 /* Pixels of the largest picture, at least 1. */
 size_t spin_views_pixels(const struct spin_views *views);
 /* The first view of a row of the data set, by which views are sorted, or where it would be. */

@@ -7,6 +7,7 @@
 #include "spin_run.h"
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/picture_name.h"
 
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_truth *truth,
                                     struct spin_frame_renderer *shown, const size_t *live_counts,

@@ -46,6 +46,21 @@ is "$code" 0 "exports pictures"
 find "$work/images" -name '*.png' | grep -q png
 ok $? "they are PNG"
 
+# Without a data set, or where it is gone: from the front.
+run "$bin/spin-import" fixtures/splats/splat/frame_00000.splat -o "$work/alone.spin"
+run "$bin/spin-export" "$work/alone.spin" --to images --size 60x40 -o "$work/alone"
+is "$code $(ls "$work/alone")" "0 front_frame_00000.png" "pictures without a data set"
+run "$bin/spin-export" "$work/alone.spin" --to images --data-from panoptic -o "$work/never"
+fails 2 spin-export "--data-from without a data set"
+cp -r "$clip" "$work/run"
+run "$bin/spin-import" "$work/run" --data "$work/run" -o "$work/moved.spin"
+run "$bin/spin-export" "$work/moved.spin" --to images --path train --size 60x40 --range 0:2 -o "$work/rig"
+is "$code $(ls "$work/rig" | tr '\n' ' ')" "0 train_frame_00000.png train_frame_00001.png " "a path through the training cameras"
+rm -r "$work/run"
+run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/gone"
+is "$code $(ls "$work/gone")" "0 front_frame_00000.png" "a data set that is gone"
+err_has "^warning: the data set .*$work/run.* is not there" "is a warning"
+
 run "$bin/spin-import" "$run_of" -o "$work/places.spin" --positions-only
 is "$code" 0 "imports positions only"
 run "$bin/spin-export" "$work/places.spin" --to ply -o "$work/never"

@@ -264,8 +264,20 @@ static void test_orbit(struct spin_export_job job)
 }
 
 /* Four cameras that look at (1, 2, 3) from the sides of a square, 2 away, but the first, which is held out: 5. */
+static double worst_of(const double a[12], const double b[12])
+{
+    double worst = 0;
+
+    for (int k = 0; k < 12; k++)
+        worst = fmax(worst, fabs(a[k] - b[k]));
+    return worst;
+}
+
 static void test_rig(struct spin_export_job job)
 {
+    static const char *const train[] = {"path", "train", "repeat", "4", NULL};
+    double beyond = 0, off = 0, step[2] = {INFINITY, 0};
+    void *self = NULL;
     static const char *const orbit[] = {"path", "orbit", "repeat", "4", NULL};
     static const double axis[4][2] = {{0, 1}, {1, 0}, {0, -1}, {-1, 0}}; /* x, z of what is ahead */
     struct spin_plugin_values values = {orbit};
@@ -304,8 +316,107 @@ static void test_rig(struct spin_export_job job)
         near_by = fmax(near_by, fabs(m[0] * 1 + m[1] * 2 + m[2] * 3 + m[3]));
     }
     ok(worst < 1e-9 && near_by < 1e-9, "about that place, and not from beyond the other cameras");
+    job.n_frames = FRAMES;
+    values.pairs = train;
+    job.output = named("train");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == 4 * FRAMES &&
+           spin_path_exists(named("train/train_frame_00019.png")),
+       "through the training cameras");
+    for (int i = 0; i < n_renders; i++) {
+        const double *m = seen[i].w2c;
+        double eye[3];
+
+        spin_initial_view_eye(&seen[i], eye);
+        beyond = fmax(beyond, hypot(eye[0] - 1, eye[2] - 3));
+        off = fmax(off, fabs(m[0] + 2 * m[1] + 3 * m[2] + m[3]));
+        if (i > 0) {
+            double was[3];
+
+            spin_initial_view_eye(&seen[i - 1], was);
+            step[0] = fmin(step[0], hypot(eye[0] - was[0], eye[2] - was[2]));
+            step[1] = fmax(step[1], hypot(eye[0] - was[0], eye[2] - was[2]));
+        }
+    }
+    ok(worst_of(seen[0].w2c, views.view[1].camera.w2c) < 1e-9, "from the first of them");
+    ok(worst_of(seen[n_renders - 1].w2c, views.view[3].camera.w2c) < 1e-9, "to the last");
+    ok(beyond < 2.2 && off < 0.2, "within the rig, towards its middle: %g, %g", beyond, off);
+    ok(step[1] < 1.8 * step[0], "at about even speed: %g to %g", step[0], step[1]);
+    views.n = 2;
+    ok(spin_exporter_images.begin(&(struct spin_export_job){.output = named("never"),
+                                                            .n_frames = 1,
+                                                            .views = &views,
+                                                            .values = &values},
+                                  &self) == SPIN_E_NOT_FOUND &&
+           strstr(spin_last_error(), "1 training camera"),
+       "one training camera is no path");
     views.n = 4;
     spin_views_free(&views);
+}
+
+/* Ten cameras on a ring, in a wild order, and each of them twice. */
+static void test_rig_order(void)
+{
+    struct spin_views views = {0};
+    struct spin_rig_path path;
+    double w2c[12];
+
+    for (int k = 0; k < 20; k++) {
+        double a = 0.6 * (k % 10 * 7 % 10);
+        struct spin_view v = {.camera_id = k, .path = (char *)"none"};
+        double m[12] = {cos(a), 0, -sin(a), 0, 0, 1, 0, 0, sin(a), 0, cos(a), 4};
+
+        memcpy(v.camera.w2c, m, sizeof m);
+        if (spin_views_add(&views, &v) != SPIN_OK)
+            exit(1);
+    }
+    ok(spin_rig_path_open(&views, 0, &path) == SPIN_OK && path.n == 10, "each place once");
+    near(path.stop[9].at, 9 * 8 * sin(0.3), 1e-9, "along the ring, not across");
+    spin_rig_path_camera(&path, 0.5, w2c);
+    near(w2c[0] * w2c[5] * w2c[10] + w2c[4] * w2c[9] * w2c[2] + w2c[8] * w2c[1] * w2c[6] -
+             w2c[8] * w2c[5] * w2c[2] - w2c[4] * w2c[1] * w2c[10] - w2c[0] * w2c[9] * w2c[6],
+         1, 1e-9, "a rotation between two of them");
+    near(w2c[11], 4, 0.02, "as far from the middle");
+    spin_rig_path_free(&path);
+    spin_views_free(&views);
+}
+
+/* Without a data set: from the front, as a page begins. */
+static void test_front(struct spin_export_job job)
+{
+    static const char *const orbit[] = {"path", "orbit", NULL};
+    static const char *const bad[][2] = {{"path", "train"}, {"panels", "truth"}, {"views", "all"}};
+    struct spin_plugin_values values = {NULL};
+    struct spin_initial_view front;
+    static const double middle[3] = {0};
+    double eye[3];
+    void *self = NULL;
+
+    job.views = NULL;
+    job.values = &values;
+    job.output = named("front");
+    spin_initial_view_first(NULL, 0, false, middle, 1, &front); /* as export_clip has them */
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == FRAMES &&
+           spin_path_exists(named("front/front_frame_00004.png")),
+       "pictures without a data set");
+    spin_initial_view_eye(&seen[0], eye);
+    ok(fabs(eye[0] - front.eye[0]) + fabs(eye[1] - front.eye[1]) + fabs(eye[2] - front.eye[2]) <
+           1e-5,
+       "from where a page begins");
+    near(2 * atan(0.5 * seen[0].height / seen[0].fy) * 57.29577951308232, front.fovy_deg, 1e-6,
+         "as high a view");
+    near((double)seen[0].width / seen[0].height, front.aspect, 1e-9, "as wide");
+    values.pairs = orbit;
+    job.output = named("front-orbit");
+    ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == FRAMES, "around it, too");
+    for (int i = 0; i < 3; i++) {
+        const char *pairs[] = {bad[i][0], bad[i][1], NULL};
+
+        values.pairs = pairs;
+        job.output = named("never");
+        ok(spin_exporter_images.begin(&job, &self) == SPIN_E_USAGE &&
+               strstr(spin_last_error(), "--data DIR"),
+           "--%s %s asks for --data", bad[i][0], bad[i][1]);
+    }
 }
 
 /* --size keeps the height of view; --duration draws frames as often as it takes, or not at all. */
@@ -470,6 +581,8 @@ TAP_MAIN
     make_views(&views, named("source.png"));
     test_orbit(job);
     test_rig(job);
+    test_rig_order();
+    test_front(job);
     test_size_and_duration(job);
     test_labels(job);
     test_drawing_refusals(job);
