@@ -246,7 +246,7 @@ $(B)/tests/tools/make-video: tests/tools/make-video.c
 # Kernels for cards. Without contraction of products and sums where the CPU has none, see below.
 NVCCFLAGS := -std=c++20 -O3 -DNDEBUG -Xcompiler -fPIC,-fvisibility=hidden -gencode arch=compute_75,code=compute_75 \
              $(foreach a,$(CUDA_ARCH),-gencode arch=compute_$a,code=sm_$a) -Xptxas -v
-$(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o: FMAD := -fmad=false
+$(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o $(B)/src/device/cuda/lazy_adam.cu.o: FMAD := -fmad=false
 $(B)/%.cu.o: %.cu
 	@mkdir -p $(@D)
 	$(SAY) NVCC $<

@@ -222,7 +222,8 @@ struct spin_retrain_report {
     struct spin_quality before, refined, test;
     double refine_seconds; /* part of seconds */
     double outside_ball;   /* share of points outside the unit ball at the encoder */
-    size_t bytes_needed, bytes_available;
+    size_t bytes_needed, bytes_available; /* available 0: it is not known */
+    char fitting[96];         /* options that would fit, when these do not; empty: none were found */
     size_t bytes_peak;        /* of this process, when the work is done */
     double seconds_estimated; /* dry run */
     int ranks;                /* processes that share the work */

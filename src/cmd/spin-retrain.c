@@ -157,6 +157,11 @@ static void print_quality(const char *key, const struct spin_quality *q)
     spin_print_close('}');
 }
 
+static bool fits(const struct spin_retrain_report *r)
+{
+    return r->bytes_available == 0 || r->bytes_needed <= r->bytes_available;
+}
+
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
@@ -173,6 +178,8 @@ static void report_json(const struct spin_retrain_report *r)
     spin_print_integer("bytes_available", (long long)r->bytes_available);
     if (options.dry_run) {
         spin_print_bool("dry_run", true);
+        spin_print_bool("fits", fits(r));
+        spin_print_string("fitting", r->fitting);
         spin_print_number("seconds_estimated", r->seconds_estimated);
         spin_print_integer("ranks", r->ranks);
         spin_print_number("bytes_sent", r->bytes_sent);
@@ -201,7 +208,12 @@ static void report_plan(const struct spin_retrain_report *r)
            r->splats_mean);
     printf("memory      %s needed, %s available\n",
            spin_print_bytes((double)r->bytes_needed, needed),
-           spin_print_bytes((double)r->bytes_available, available));
+           r->bytes_available > 0 ? spin_print_bytes((double)r->bytes_available, available)
+                                  : "an unknown amount");
+    if (!fits(r))
+        printf("            it does not fit: %s%s\n",
+               *r->fitting ? r->fitting : "nothing smaller was found that does",
+               *r->fitting ? " fits" : "");
     if (r->ranks > 1)
         printf("processes   %d; each needs that memory, and together they send up to %s a step\n",
                r->ranks, spin_print_bytes(r->bytes_sent, sent));

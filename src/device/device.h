@@ -409,7 +409,7 @@ struct spin_device_ops {
     /* One step of Adam for all groups, math/adam.h: p -= ...; m, v updated; g is left zeroed. */
     void (*adam)(struct spin_device *d, int n_groups, const struct spin_param_group *group);
 
-    /* The same for a table of which a step touches little; all NULL on a device that has no use for it.
+    /* The same for a table of which a step touches little; all NULL on a device that has not got it.
      * enable: of the group's arrays, for this many steps at most (now). grid: as grid(), after the lines
      * that these points need were brought to step done, and marked. step: with rate lr, of the marked lines
      * and of all levels before them. advance: a step was taken before the run was resumed; only its rate is

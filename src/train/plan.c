@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "base/text.h"
 #include "io/ranks.h"
 #include "train/lazy_adam.h"
 #include "train/options.h"
@@ -169,6 +170,31 @@ static spin_status plan_extent(struct spin_plan *plan)
     return SPIN_OK;
 }
 
+/* The network's geometry. */
+static spin_status plan_field(struct spin_plan *plan)
+{
+    const struct spin_retrain_options *o = plan->o;
+    int finest[4];
+
+    memcpy(finest, o->finest_resolution, sizeof finest);
+    if (finest[3] == 0)
+        finest[3] = plan->clip.n_frames > 16 ? plan->clip.n_frames : 16;
+    SPIN_TRY(spin_field_plan(&plan->field, o->levels, o->features, o->hash_log2, o->hidden,
+                             o->method == SPIN_METHOD_TRACKS ? 0 : o->sh_degree, o->base_resolution,
+                             finest));
+    plan->field.heads.relu = o->relu;
+    plan->field.antialias = o->antialias;
+    plan->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;
+    plan->field.time_first = plan->field.time_last = spin_plan_info(plan, 0)->time;
+    for (int f = 1; f < plan->clip.n_frames; f++) {
+        double time = spin_plan_info(plan, f)->time;
+
+        plan->field.time_first = fmin(plan->field.time_first, time);
+        plan->field.time_last = fmax(plan->field.time_last, time);
+    }
+    return SPIN_OK;
+}
+
 /* ---- Memory and time ---------------------------------------------------------------------------- */
 
 static int decodings(const struct spin_retrain_options *o)
@@ -209,11 +235,28 @@ static size_t trainer_bytes(const struct spin_plan *plan)
     const struct spin_trainer_size size = {.n_frames = 1,
                                            .frame = &frame,
                                            .network = plan->o->method == SPIN_METHOD_NETWORK,
+                                           .max_items = plan->o->batch,
                                            .max_pixels = plan->max_pixels};
 
     for (int f = 0; f < plan->clip.n_frames; f++)
         n += plan->counts[f];
-    return spin_trainer_bytes(&plan->field, &size) + (n - most) * spin_train_frame_bytes(residual);
+    return spin_trainer_bytes(plan->device, &plan->field, &size) +
+           (n - most) * spin_train_frame_bytes(residual);
+}
+
+/* What a card's verbs need for themselves (src/device/cuda): activations of a chunk of splats, places and keys for
+ * sorting. */
+static size_t scratch_bytes(const struct spin_plan *plan)
+{
+    size_t frames = (size_t)(plan->o->batch < plan->device->frames_at_once
+                                 ? plan->o->batch
+                                 : plan->device->frames_at_once);
+    size_t n = frames * plan->clip.n_max, chunk = n < (1 << 15) ? n : 1 << 15;
+    size_t floats = chunk * (size_t)(6 * plan->field.heads.hidden + plan->field.heads.n_in);
+
+    if (plan->device->is_host)
+        return 0;
+    return floats * sizeof(float) + 16 * n + 160 * plan->clip.n_max + 24 * plan->max_pixels;
 }
 
 /* Memory of the network's training. */
@@ -224,7 +267,7 @@ static void network_bytes(const struct spin_plan *plan, size_t *of_device, size_
 
     *of_device = trainer_bytes(plan) +
                  spin_field_eval_bytes(&plan->field, plan->clip.n_max, false) + /* evaluation */
-                 (size_t)o->batch * image +
+                 (size_t)o->batch * image + scratch_bytes(plan) +
                  (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0) +
                  (plan->device->deterministic && !plan->device->is_host
                       ? spin_share_most(&plan->field.grid) * sizeof(uint64_t) /* fixed-point sums */
@@ -285,16 +328,88 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
+/* The run's memory is known, and it is not enough. A device that tells of no memory at all has not told. */
+static bool is_short(const struct spin_retrain_report *report)
+{
+    return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
+}
+
+/* With these options and the first frames only: does it fit? */
+static bool fits(const struct spin_plan *plan, const struct spin_retrain_options *o, int n_frames)
+{
+    struct spin_retrain_report report = *plan->report;
+    struct spin_plan trial = *plan;
+    double smaller = o->image_scale / plan->o->image_scale;
+
+    trial.o = o;
+    trial.report = &report;
+    trial.clip.n_frames = n_frames;
+    trial.max_pixels = (size_t)ceil((double)plan->max_pixels * smaller * smaller);
+    if (plan_field(&trial) != SPIN_OK)
+        return false;
+    plan_memory(&trial, 0);
+    return report.bytes_available > 0 && !is_short(&report);
+}
+
+/* The options of a trial that are not those of the run, as on the command line. */
+static void name_trial(const struct spin_plan *plan, const struct spin_retrain_options *o,
+                       int n_frames, char *text, size_t n)
+{
+    size_t at = 0;
+
+    text[0] = '\0';
+    if (o->hash_log2 != plan->o->hash_log2)
+        at += (size_t)snprintf(text + at, n - at, " --hash-log2 %d", o->hash_log2);
+    if (o->batch != plan->o->batch)
+        at += (size_t)snprintf(text + at, n - at, " --batch %d", o->batch);
+    if (o->image_scale != plan->o->image_scale)
+        at += (size_t)snprintf(text + at, n - at, " --scale %g", o->image_scale);
+    if (n_frames < plan->clip.n_frames)
+        snprintf(text + at, n - at, " --range %d:%d", spin_plan_info(plan, 0)->number,
+                 spin_plan_info(plan, n_frames - 1)->number + 1);
+    memmove(text, text + 1, strlen(text)); /* the first blank */
+}
+
+/* The options that would fit and change least: a smaller table and batch first, then smaller images, then fewer
+ * frames. */
+static void look_for_fit(const struct spin_plan *plan)
+{
+    struct spin_retrain_options o = *plan->o;
+    bool network = o.method == SPIN_METHOD_NETWORK, one_step = !o.range.given || o.range.step == 1;
+    int least = network && o.hash_log2 > 15 ? 15 : o.hash_log2, n = plan->clip.n_frames;
+    struct spin_retrain_report *report = plan->report;
+
+    report->fitting[0] = '\0';
+    for (; is_short(report) && n > 0; n = one_step ? n / 2 : 0)
+        for (double scale = 1; scale > 0.2; scale /= 2) {
+            o.image_scale = scale * plan->o->image_scale;
+            for (o.hash_log2 = plan->o->hash_log2; o.hash_log2 >= least; o.hash_log2--)
+                for (int whole = 1; whole >= 0; whole--) {
+                    o.batch = whole ? plan->o->batch : o.views_per_frame;
+                    if (!fits(plan, &o, n))
+                        continue;
+                    name_trial(plan, &o, n, report->fitting, sizeof report->fitting);
+                    return;
+                }
+        }
+}
+
 spin_status spin_plan_check_memory(const struct spin_plan *plan)
 {
     const struct spin_retrain_report *report = plan->report;
+    char needed[32], free_bytes[32];
 
-    if (report->bytes_needed > report->bytes_available)
+    if (!is_short(report))
+        return SPIN_OK;
+    spin_text_bytes(report->bytes_needed, needed);
+    spin_text_bytes(report->bytes_available, free_bytes);
+    if (!*report->fitting)
         return spin_fail(SPIN_E_MEMORY,
-                         "needs about %.1f GB of memory and %.1f GB are free: lower "
-                         "--hash-log2 or --scale, or take a --range of the frames",
-                         (double)report->bytes_needed / 1e9, (double)report->bytes_available / 1e9);
-    return SPIN_OK;
+                         "needs about %s of memory and %s are free: no smaller --hash-log2, "
+                         "--batch, --scale or --range was found that fits",
+                         needed, free_bytes);
+    return spin_fail(SPIN_E_MEMORY, "needs about %s of memory and %s are free: %s fits", needed,
+                     free_bytes, report->fitting);
 }
 
 /* The frame-wise stage, on one thread: rasteriser and what the host carries per splat, rasteriser and
@@ -370,31 +485,6 @@ static spin_status open_clip(struct spin_plan *plan)
     return plan_extent(plan);
 }
 
-/* The network's geometry. */
-static spin_status plan_field(struct spin_plan *plan)
-{
-    const struct spin_retrain_options *o = plan->o;
-    int finest[4];
-
-    memcpy(finest, o->finest_resolution, sizeof finest);
-    if (finest[3] == 0)
-        finest[3] = plan->clip.n_frames > 16 ? plan->clip.n_frames : 16;
-    SPIN_TRY(spin_field_plan(&plan->field, o->levels, o->features, o->hash_log2, o->hidden,
-                             o->method == SPIN_METHOD_TRACKS ? 0 : o->sh_degree, o->base_resolution,
-                             finest));
-    plan->field.heads.relu = o->relu;
-    plan->field.antialias = o->antialias;
-    plan->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;
-    plan->field.time_first = plan->field.time_last = spin_plan_info(plan, 0)->time;
-    for (int f = 1; f < plan->clip.n_frames; f++) {
-        double time = spin_plan_info(plan, f)->time;
-
-        plan->field.time_first = fmin(plan->field.time_first, time);
-        plan->field.time_last = fmax(plan->field.time_last, time);
-    }
-    return SPIN_OK;
-}
-
 /* Where an unfinished run lies. */
 static spin_status name_parts(struct spin_plan *plan)
 {
@@ -436,6 +526,7 @@ void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
     plan->device = device;
     memcpy(plan->report->device, device->description, sizeof plan->report->device);
     plan_memory(plan, 0);
+    look_for_fit(plan);
     plan->report->seconds_estimated = guess_seconds(plan);
 }
 
@@ -466,5 +557,6 @@ spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size
         return spin_fail(SPIN_E_MALFORMED, "refining left no splat in any frame");
     plan->report->splats_mean = clip->n_mean;
     plan_memory(plan, held);
+    look_for_fit(plan);
     return SPIN_OK;
 }

@@ -79,7 +79,7 @@ int spin_trainer_rank(const struct spin_train_item *items, int item, const size_
 /* Groups of frames, in the order in which the items first show them. Frames without a splat have no part. */
 static spin_status do_groups(struct spin_trainer *t, const struct spin_step_batch *b)
 {
-    int at_once = spin_n_ranks() > 1 ? spin_n_ranks() : t->device->frames_at_once;
+    int at_once = spin_n_ranks() > 1 ? spin_n_ranks() : spin_trainer_frames_at_once(t);
     int first[SPIN_MAX_RANKS], n = 0;
 
     for (int i = 0; i < b->n; i++) {

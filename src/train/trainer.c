@@ -34,9 +34,14 @@ static bool has_residual(const struct spin_trainer_size *size)
     return sum > 0;
 }
 
-size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size)
+static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
+
+size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_field *field,
+                          const struct spin_trainer_size *size)
 {
-    size_t n = most_splats(size), floats = 4 * SPIN_TRACK * size->n_tracks;
+    size_t views = smaller(device->views_at_once, size->max_items), one = most_splats(size);
+    size_t n = one * smaller(device->frames_at_once, size->max_items);
+    size_t floats = 4 * SPIN_TRACK * size->n_tracks;
 
     for (int f = 0; f < size->n_frames; f++)
         floats += 3 * (3 * size->frame[f].n_pos + SPIN_RESIDUAL * size->frame[f].n_residual) +
@@ -47,13 +52,18 @@ size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trai
     if (size->network && spin_n_ranks() > 1) /* messages; the whole table, twice, to look at it */
         floats += 4 * n * (size_t)field->heads.n_in + 2 * field->n_table;
     return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
-           spin_raster_bytes(n, size->max_pixels, true);
+           views * spin_raster_bytes(one, size->max_pixels, true);
+}
+
+int spin_trainer_frames_at_once(const struct spin_trainer *t)
+{
+    return (int)smaller(t->device->frames_at_once, t->max_items);
 }
 
 /* Splats of the frames that go through the device together, at most. */
 static size_t splats_at_once(const struct spin_trainer *t)
 {
-    return t->n_max * (size_t)t->device->frames_at_once;
+    return t->n_max * (size_t)spin_trainer_frames_at_once(t);
 }
 
 static spin_status open_values(struct spin_trainer *t, int max_items)
@@ -99,8 +109,8 @@ static spin_status open_buffers(struct spin_trainer *t)
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
     }
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
-    return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles, d->views_at_once,
-                            true);
+    return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
+                            (int)smaller(d->views_at_once, t->max_items), true);
 }
 
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
@@ -131,7 +141,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
     SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_exposures,
-                                     t->max_pixels * (size_t)device->views_at_once));
+                                     t->max_pixels *
+                                         smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0));
     SPIN_TRY_OUT(open_buffers(t));

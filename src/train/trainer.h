@@ -80,9 +80,11 @@ spin_status spin_trainer_resize(struct spin_trainer *t);
 /* Update only the lines of the table that a step needs. Before the first step; rates are set. */
 spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t);
 void spin_trainer_close(struct spin_trainer *t);
-/* Bytes that open will reserve on a device that takes one frame and one view at a time, and about as much as
- * its scratch comes to. */
-size_t spin_trainer_bytes(const struct spin_field *field, const struct spin_trainer_size *size);
+/* Bytes that open will reserve on this device, and about as much as its scratch comes to. */
+size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_field *field,
+                          const struct spin_trainer_size *size);
+/* Frames that go through the device together, at most. */
+int spin_trainer_frames_at_once(const struct spin_trainer *t);
 
 /* The network, or NULL: there is none, or it has not joined yet. */
 const struct spin_field *spin_trainer_network(const struct spin_trainer *t);

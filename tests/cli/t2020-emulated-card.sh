@@ -36,4 +36,6 @@ done
 for order in $orders; do
     on spin-cuda.so $order train/t-e2e
 done
+on spin-cuda.so shuffle:11 train/t-lazy_adam
+TAP_PART=few_steps on spin-cuda-race.so forward train/t-lazy_adam
 done_testing

@@ -25,6 +25,58 @@ out_has "memory .* 91\.6 KiB available" "--dry-run reads the card's memory"
 SPIN_EMU_MEMORY=100000 run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
 fails 1 spin-retrain "a card without memory"
 err_has "memory" "and it says what is missing"
+SPIN_EMU_FULL=20 run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
+fails 1 spin-retrain "a card whose memory others take"
+err_has "out of memory on the CUDA device (emulated): [0-9]* bytes are wanted, [0-9]* are free" "and it says how much"
+[ ! -e "$work/poor.spin" ]
+ok $? "and leaves nothing"
+kept=0
+for n in 55 60 65 70 75 80 85 90; do # in a verb, which wants memory for itself
+    rm -f "$work"/poor.spin*
+    SPIN_EMU_FULL=$n run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
+    grep -q "emulated: out of memory: an operation wants [0-9]* bytes for itself" "$work/err" && [ "$code" = 1 ] &&
+        kept=1 && break
+done
+is $kept 1 "a verb without memory ends the run with a message"
+
+# ---- What would fit
+
+larger='--device cuda --levels 4 --hash-log2 18 --hidden 8 --iterations 2'
+run "$bin/spin-retrain" "$in" --dry-run --json $larger
+is "$(member fits)" true "--dry-run: it fits"
+is "$(member fitting)" "" "and no other options are named"
+needed=$(member bytes_needed)
+SPIN_EMU_MEMORY=$((needed * 16 / 15 + 16))
+export SPIN_EMU_MEMORY
+run "$bin/spin-retrain" "$in" -o "$work/just.spin" $larger
+is "$code" 0 "a run has enough with what --dry-run wants"
+SPIN_EMU_MEMORY=$((needed / 2))
+run "$bin/spin-retrain" "$in" --dry-run $larger
+out_has "^ *it does not fit: --hash-log2 1[67] fits$" "with half of that, --dry-run names what fits"
+run "$bin/spin-retrain" "$in" --dry-run --json $larger
+is "$(member fits)" false "and so does its JSON"
+fitting=$(member fitting)
+run "$bin/spin-retrain" "$in" -o "$work/not.spin" $larger
+fails 1 spin-retrain "half of the memory"
+err_has "needs about [1-9][0-9.]* MB of memory and [1-9][0-9.]* MB are free: $fitting fits" "and it says both and what fits"
+run "$bin/spin-retrain" "$in" --dry-run --json $larger $fitting
+is "$(member fits)" true "which is true"
+run "$bin/spin-retrain" "$in" -o "$work/fits.spin" $larger $fitting
+is "$code" 0 "and does run"
+SPIN_EMU_MEMORY=1000 run "$bin/spin-retrain" "$in" --dry-run $larger
+out_has "it does not fit: nothing smaller was found that does" "next to nothing: no options are named"
+SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" --dry-run --json $larger
+is "$(member fits)" true "an amount that is not known is no reason to refuse"
+unset SPIN_EMU_MEMORY
+run "$bin/spin-retrain" "$in" --dry-run --json --device cpu --features 8 --hash-log2 24
+if greater "$(member bytes_needed)" "$(member bytes_available)"; then
+    is "$(member fits)" false "more than the machine has does not fit"
+    run "$bin/spin-retrain" "$in" --dry-run --json --device cpu --features 8 --hash-log2 24 $(member fitting)
+    is "$(member fits)" true "and what it names does"
+else
+    skip "more than the machine has" "it has a lot"
+fi
+
 SPIN_EMU_CARDS=0 run "$bin/spin-retrain" "$in" --dry-run $small -v
 err_has "device auto: the cpu, as: no CUDA device: no CUDA-capable device" "auto without a card says why"
 out_has "^device  *cpu" "and takes the CPU"

@@ -207,6 +207,51 @@ static void sane(void)
     check_device_free(d);
 }
 
+/* Many groups in one call, some empty: each is as if it were alone. */
+static void many_groups(void)
+{
+    enum { GROUPS = 70, MOST = 700 };
+    struct spin_device *d = check_device(2);
+    struct spin_param_group group[GROUPS];
+    struct loans l = {.d = d};
+    size_t n = 0, at = 0;
+    float *value[4], *alone[4];
+    float SPIN_DEV *card[4];
+
+    for (int k = 0; k < GROUPS; k++)
+        n += (size_t)(k * k * 37 % MOST);
+    for (int i = 0; i < 4; i++) {
+        value[i] = net_random(n, 60 + (uint64_t)i, i == 3 ? 0.1f : -1, 1);
+        alone[i] = net_copy(value[i], n);
+        card[i] = lend_both(&l, value[i], n * sizeof(float));
+    }
+    for (int k = 0; k < GROUPS; k++) {
+        size_t some = (size_t)(k * k * 37 % MOST);
+
+        group[k] = (struct spin_param_group){.p = card[0] + at,
+                                             .g = card[1] + at,
+                                             .m = card[2] + at,
+                                             .v = card[3] + at,
+                                             .n = some,
+                                             .lr = 0.01 * (k + 1),
+                                             .step = k + 1};
+        at += some;
+    }
+    d->op->adam(d, GROUPS, group);
+    settle(&l);
+    for (int k = 0; k < GROUPS; k++) {
+        at = k == 0 ? 0 : at + group[k - 1].n;
+        if (group[k].n > 0)
+            on_adam(d, group[k].n, alone[0] + at, alone[1] + at, alone[2] + at, alone[3] + at,
+                    group[k].lr, group[k].step);
+    }
+    for (int i = 0; i < 4; i++)
+        check_same_bits(value[i], alone[i], n * sizeof(float), "many groups: each as if alone");
+    for (int i = 0; i < 4; i++)
+        free(value[i]), free(alone[i]);
+    check_device_free(d);
+}
+
 TAP_MAIN
 {
     for (int i = 0; i < N_NET_PATHS; i++)
@@ -217,4 +262,5 @@ TAP_MAIN
     golden_rates();
     threads_and_paths();
     sane();
+    many_groups();
 }

@@ -116,6 +116,14 @@ EMU_ATOMIC atomicAdd(T *at, T v)
     *at = before + v;
     return before;
 }
+EMU_ATOMIC atomicExch(T *at, T v)
+{
+    T before = *at;
+
+    emu_touch_atomic(at, sizeof *at);
+    *at = v;
+    return before;
+}
 EMU_ATOMIC atomicMax(T *at, T v)
 {
     T before = *at;

@@ -1,8 +1,9 @@
 /* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and which has finished
  * every piece of work before the call returns.
  *
- * For tests: SPIN_EMU_CARDS=0, there is no card; SPIN_EMU_MEMORY=BYTES, it has so much; SPIN_EMU_LOST=N, it is lost at
- * the N-th piece of work, and what comes after does nothing. */
+ * For tests: SPIN_EMU_CARDS=0, there is no card; SPIN_EMU_MEMORY=BYTES, it has so much, 0: it does not say;
+ * SPIN_EMU_FULL=N, others have taken its memory when the N-th block is wanted; SPIN_EMU_LOST=N, it is lost at the N-th
+ * piece of work, and what comes after does nothing. */
 #include "device/cuda/gpu.h"
 
 #include <algorithm>
@@ -13,7 +14,7 @@
 #include <time.h>
 #include <vector>
 
-static size_t used, work;
+static size_t used, work, blocks;
 static bool lost;
 
 static size_t number_of(const char *name, size_t fallback)
@@ -36,7 +37,7 @@ bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
         snprintf(why, n_why, "no CUDA-capable device is detected");
         return false;
     }
-    work = 0;
+    work = blocks = 0;
     lost = false;
     snprintf(gpu->name, sizeof gpu->name, "emulated");
     gpu->major = 8;
@@ -57,7 +58,9 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes)
 {
     void *block = NULL;
 
-    if (bytes > gpu_memory_free(gpu) || posix_memalign(&block, 256, bytes + 1) != 0)
+    if (++blocks == number_of("SPIN_EMU_FULL", 0))
+        return NULL;
+    if ((number_of("SPIN_EMU_MEMORY", 1) > 0 && bytes > gpu_memory_free(gpu)) || posix_memalign(&block, 256, bytes + 1) != 0)
         return NULL;
     memset(block, 0xff, bytes);
     used += malloc_usable_size(block);

@@ -1,23 +1,64 @@
-/* Adam, one thread a parameter; clears the gradient. */
+/* Adam, one thread a parameter; clears the gradient. All groups are one launch, as far as they fit into its arguments:
+ * a group has blocks of its own. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
 
-static __global__ void adam_kernel(struct spin_adam_step step, size_t n, float *p, float *g,
-                                   float *m, float *v)
-{
-    size_t i = GPU_INDEX();
+enum { MOST_GROUPS = 64 };
+struct groups {
+    int n;
+    struct {
+        float *p, *g, *m, *v;
+        size_t n;
+        struct spin_adam_step step;
+        unsigned end; /* one past its last block */
+    } group[MOST_GROUPS];
+};
+static_assert(sizeof(struct groups) <= 4000, "a launch has 4096 bytes of arguments");
 
-    if (i >= n)
+static __global__ void adam_kernel(struct groups groups)
+{
+    int k = 0;
+    unsigned first;
+    size_t i;
+
+    while (blockIdx.x >= groups.group[k].end)
+        k++;
+    first = k > 0 ? groups.group[k - 1].end : 0;
+    i = (size_t)(blockIdx.x - first) * blockDim.x + threadIdx.x;
+    if (i >= groups.group[k].n)
         return;
-    spin_adam_one(step, g[i], &p[i], &m[i], &v[i]);
-    g[i] = 0;
+    spin_adam_one(groups.group[k].step, groups.group[k].g[i], &groups.group[k].p[i],
+                  &groups.group[k].m[i], &groups.group[k].v[i]);
+    groups.group[k].g[i] = 0;
+}
+
+static void launch(struct spin_device *d, struct groups *groups)
+{
+    if (groups->n > 0)
+        GPU_LAUNCH(gpu_of(d), adam_kernel, groups->group[groups->n - 1].end, GPU_BLOCK, *groups);
+    groups->n = 0;
 }
 
 void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_group *group)
 {
+    struct groups groups = {};
+
     cuda_begin(d, SPIN_OP_ADAM);
-    for (int k = 0; k < n_groups; k++)
-        GPU_EACH(gpu_of(d), group[k].n, adam_kernel, spin_adam_step_of(group[k].lr, group[k].step),
-                 group[k].n, group[k].p, group[k].g, group[k].m, group[k].v);
+    for (int k = 0; k < n_groups; k++) {
+        unsigned first = groups.n > 0 ? groups.group[groups.n - 1].end : 0;
+
+        if (group[k].n == 0)
+            continue;
+        groups.group[groups.n++] = {group[k].p,
+                                    group[k].g,
+                                    group[k].m,
+                                    group[k].v,
+                                    group[k].n,
+                                    spin_adam_step_of(group[k].lr, group[k].step),
+                                    first + gpu_blocks(group[k].n)};
+        if (groups.n == MOST_GROUPS)
+            launch(d, &groups);
+    }
+    launch(d, &groups);
     cuda_end(d, SPIN_OP_ADAM);
 }

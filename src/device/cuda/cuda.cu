@@ -10,6 +10,8 @@ static spin_fail_fn *fail;
 
 static void use(spin_fail_fn *how) { fail = how; }
 
+spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); }
+
 /* The first error is the one that tells. */
 static void note(struct spin_device *d, spin_status status, const char *why)
 {
@@ -28,7 +30,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
 
     (void)n_threads;
     if (!cuda)
-        return fail(SPIN_E_MEMORY, "out of memory");
+        return cuda_no_memory();
     if (!gpu_open(&cuda->gpu, why, sizeof why)) {
         free(cuda);
         return fail(SPIN_E_DEVICE, "no CUDA device: %s", why);
@@ -266,13 +268,12 @@ static const struct spin_device_ops ops = {
     .exposure_back = cuda_exposure_back,
     .exposure_centre = cuda_exposure_centre,
     .adam = cuda_adam,
-    .lazy_adam_enable =
-        NULL, /* a card moves the whole table in less time than it takes to choose */
-    .lazy_adam_close = NULL,
-    .lazy_adam_grid = NULL,
-    .lazy_adam_step = NULL,
-    .lazy_adam_advance = NULL,
-    .lazy_adam_flush = NULL,
+    .lazy_adam_enable = cuda_lazy_adam_enable,
+    .lazy_adam_close = cuda_lazy_adam_close,
+    .lazy_adam_grid = cuda_lazy_adam_grid,
+    .lazy_adam_step = cuda_lazy_adam_step,
+    .lazy_adam_advance = cuda_lazy_adam_advance,
+    .lazy_adam_flush = cuda_lazy_adam_flush,
 };
 
 extern "C" {

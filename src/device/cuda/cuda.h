@@ -47,6 +47,8 @@ static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gp
 /* cuda.cu: contents undefined. NULL when there is no memory: the verb then leaves its results as they are, and the
  * next wait() tells it. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
+/* cuda.cu: the host has no memory. */
+spin_status cuda_no_memory(void);
 /* A verb begins; and ends, with a look for errors of its launches. */
 void cuda_begin(struct spin_device *d, int op);
 void cuda_end(struct spin_device *d, int op);
@@ -132,5 +134,11 @@ CUDA_VERB(exposure); /* exposure.cu */
 CUDA_VERB(exposure_back);
 CUDA_VERB(exposure_centre);
 CUDA_VERB(adam); /* adam.cu */
+CUDA_VERB(lazy_adam_enable); /* lazy_adam.cu */
+CUDA_VERB(lazy_adam_close);
+CUDA_VERB(lazy_adam_grid);
+CUDA_VERB(lazy_adam_step);
+CUDA_VERB(lazy_adam_advance);
+CUDA_VERB(lazy_adam_flush);
 
 #endif

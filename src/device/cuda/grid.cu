@@ -2,58 +2,10 @@
  * each other, so that the level stays in the cache. Compiled without contraction of products and sums, as on the
  * CPU. Rows of the table gather their gradients by atomic additions: equal to rounding from run to run, or, when
  * the device is to be deterministic, of whole numbers, whose sum is the same in any order. */
+#include "device/cuda/cell.h"
 #include "device/cuda/cuda.h"
-#include "math/grid.h"
 
-enum { CORNERS = 16 };
-
-/* Where a point is in a level: vertices of its cell (within what there is), weights of the upper ones. */
-struct cell {
-    uint32_t low[4], high[4]; /* their part of the row: times the stride or the prime */
-    float w[4], slope[4];     /* d w / d x_u */
-    size_t first_row;
-    uint32_t n_rows;
-    bool hashed;
-};
-
-/* False: the point is outside, or not a number. */
-static __device__ bool cell_of(const struct spin_grid &grid, int level, const float *x,
-                               struct cell *cell)
-{
-    const uint32_t primes[4] = {SPIN_GRID_PRIME_X, SPIN_GRID_PRIME_Y, SPIN_GRID_PRIME_Z,
-                                SPIN_GRID_PRIME_T};
-    uint32_t stride = 1;
-
-    cell->hashed = grid.hashed[level];
-    cell->first_row = grid.offset[level];
-    cell->n_rows = grid.offset[level + 1] - grid.offset[level];
-    for (int d = 0; d < 4; d++) {
-        float scale = grid.scale[level][d], pos = x[d] * scale, r;
-        int32_t top = cell->hashed ? 0x7fffffff : (int32_t)grid.res[level][d] - 1, corner;
-        uint32_t step = cell->hashed ? primes[d] : stride;
-
-        if (!(x[d] >= 0.0f && x[d] <= 1.0f))
-            return false;
-        corner = (int32_t)pos;
-        r = pos - (float)corner;
-        cell->w[d] = spin_smoothstep(r);
-        cell->slope[d] = spin_smoothstep_slope(r) * scale;
-        cell->low[d] = (uint32_t)(corner < top ? corner : top) * step;
-        cell->high[d] = (uint32_t)(corner + 1 < top ? corner + 1 : top) * step;
-        stride *= grid.res[level][d];
-    }
-    return true;
-}
-
-static __device__ size_t corner_row(const struct cell &cell, int k)
-{
-    uint32_t x = k & 1 ? cell.high[0] : cell.low[0], y = k & 2 ? cell.high[1] : cell.low[1];
-    uint32_t z = k & 4 ? cell.high[2] : cell.low[2], t = k & 8 ? cell.high[3] : cell.low[3];
-
-    return cell.first_row + (cell.hashed ? (x ^ y ^ z ^ t) % cell.n_rows : x + y + (z + t));
-}
-
-static __device__ float corner_weight(const struct cell &cell, int k)
+static __device__ float corner_weight(const struct cuda_cell &cell, int k)
 {
     float w[4];
 
@@ -69,13 +21,13 @@ static __global__ void grid_kernel(struct spin_grid grid, const float *table, si
     size_t i = GPU_INDEX();
     int level = (int)blockIdx.y;
     float sum[WIDTH] = {0};
-    struct cell cell;
+    struct cuda_cell cell;
 
     if (i >= n)
         return;
-    if (cell_of(grid, level, x_u + 4 * i, &cell))
-        for (int k = 0; k < CORNERS; k++) {
-            const float *row = table + corner_row(cell, k) * WIDTH;
+    if (cuda_cell_of(grid, level, x_u + 4 * i, &cell))
+        for (int k = 0; k < CUDA_CORNERS; k++) {
+            const float *row = table + cuda_corner_row(cell, k) * WIDTH;
             float weight = corner_weight(cell, k);
 
             for (int f = 0; f < WIDTH; f++)
@@ -116,7 +68,7 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
 static __device__ float mix(float a, float b, float w) { return a + w * (b - a); }
 
 /* d_x [3] += g times the sums over corners of upper minus lower, along x, y and z, of one feature. */
-static __device__ void add_slopes(const struct cell &cell, const float v[CORNERS], float g,
+static __device__ void add_slopes(const struct cuda_cell &cell, const float v[CUDA_CORNERS], float g,
                                   float d_x[3])
 {
     float xyz[8], xy[4], dz[4], x[2], dy[2];
@@ -164,25 +116,25 @@ static __global__ void grid_back_kernel(struct spin_grid grid, const float *tabl
     size_t i = GPU_INDEX(), row;
     int level = (int)blockIdx.y;
     float slope[3] = {0, 0, 0};
-    struct cell cell;
+    struct cuda_cell cell;
 
     if (!cuda_row(rows, i, &row))
         return;
-    if (cell_of(grid, level, x_u + 4 * row, &cell)) {
+    if (cuda_cell_of(grid, level, x_u + 4 * row, &cell)) {
         const float *g = d_z + (i * (size_t)grid.n_levels + (size_t)level) * WIDTH;
 
-        for (int k = 0; k < CORNERS; k++) {
-            size_t to = corner_row(cell, k) * WIDTH;
+        for (int k = 0; k < CUDA_CORNERS; k++) {
+            size_t to = cuda_corner_row(cell, k) * WIDTH;
             float weight = corner_weight(cell, k);
 
             for (int f = 0; f < WIDTH; f++)
                 add_to_table(fixed, level, d_table, to + (size_t)f, weight * g[f]);
         }
         for (int f = 0; d_x && f < WIDTH; f++) {
-            float v[CORNERS];
+            float v[CUDA_CORNERS];
 
-            for (int k = 0; k < CORNERS; k++)
-                v[k] = table[corner_row(cell, k) * WIDTH + (size_t)f];
+            for (int k = 0; k < CUDA_CORNERS; k++)
+                v[k] = table[cuda_corner_row(cell, k) * WIDTH + (size_t)f];
             add_slopes(cell, v, g[f], slope);
         }
         for (int a = 0; a < 3; a++)
