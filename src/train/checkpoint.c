@@ -71,8 +71,11 @@ struct piece {
     enum {
         WHOLE,
         ROWS,
-        LINES
-    } cut; /* every rank has all of it; or its levels' part of the table, of its lines */
+        LINES,
+        OWNED
+    } cut; /* every rank has all of it; or its levels' part of the table, of its lines; or only its owner has it */
+    int owner;  /* of what is owned */
+    size_t all; /* values that the owner has */
 };
 
 /* Values of a piece that are with a rank. */
@@ -81,6 +84,8 @@ static size_t part_of(const struct spin_trainer *t, const struct piece *piece, i
     struct spin_levels levels = spin_share_levels(&t->field.grid, rank, spin_n_ranks());
     struct spin_field part = spin_share_part(&t->field, levels);
 
+    if (piece->cut == OWNED)
+        return rank == piece->owner ? piece->all : 0;
     if (piece->cut == WHOLE || !t->network)
         return piece->n;
     return piece->cut == ROWS ? part.n_table : spin_lazy_lines(&part);
@@ -98,6 +103,8 @@ static size_t before(const struct spin_trainer *t, const struct piece *piece, in
 
 static size_t all_of(const struct spin_trainer *t, const struct piece *piece)
 {
+    if (piece->cut == OWNED)
+        return piece->all;
     return piece->cut == WHOLE || !t->network ? piece->n : before(t, piece, spin_n_ranks());
 }
 
@@ -105,6 +112,18 @@ static size_t all_of(const struct spin_trainer *t, const struct piece *piece)
  * often they were seen. */
 enum { N_NUMBERS = 3 };
 static const char *const number_name[N_NUMBERS] = {"track", "place", "seen"};
+
+/* An array of a frame, here or with its owner. */
+static void add_of_frame(const struct spin_trainer *t, int f, const char *what, char letter,
+                         float SPIN_DEV *at, size_t n, struct piece *piece)
+{
+    snprintf(piece->name, sizeof piece->name, "%s/%05d/%c", what, f, letter);
+    piece->at = at;
+    piece->all = n;
+    piece->n = spin_trainer_owns(t, f) ? n : 0;
+    piece->owner = spin_share_owner(f);
+    piece->cut = t->owned ? OWNED : WHOLE;
+}
 
 static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_t *n)
 {
@@ -128,27 +147,23 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
         }
     }
     if (t->lazy)
-        piece[k++] = (struct piece){"table/last", t->lazy->last, t->lazy->n_lines, LINES};
+        piece[k++] = (struct piece){
+            .name = "table/last", .at = t->lazy->last, .n = t->lazy->n_lines, .cut = LINES};
     else if (t->is_lazy)
-        piece[k++] = (struct piece){"table/last", NULL, 0, LINES};
+        piece[k++] = (struct piece){.name = "table/last", .cut = LINES};
     for (int f = 0; f < t->n_frames; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
-        for (int j = 0; j < 3; j++, k++) {
-            snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/%c", f, "pmv"[j]);
-            piece[k].at = at[j];
-            piece[k].n = 3 * t->frame[f].size.n_pos;
-        }
+        for (int j = 0; j < 3; j++, k++)
+            add_of_frame(t, f, "frames", "pmv"[j], at[j], 3 * t->frame[f].size.n_pos, &piece[k]);
     }
     for (int f = 0; f < t->n_frames && t->d_residual; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].residual, t->frame[f].residual_m,
                                  t->frame[f].residual_v};
 
-        for (int j = 0; j < 3; j++, k++) {
-            snprintf(piece[k].name, sizeof piece[k].name, "residual/%05d/%c", f, "pmv"[j]);
-            piece[k].at = at[j];
-            piece[k].n = SPIN_RESIDUAL * t->frame[f].size.n_residual;
-        }
+        for (int j = 0; j < 3; j++, k++)
+            add_of_frame(t, f, "residual", "pmv"[j], at[j],
+                         SPIN_RESIDUAL * t->frame[f].size.n_residual, &piece[k]);
     }
     for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++, k++) {
         snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/gradient", f);

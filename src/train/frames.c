@@ -268,7 +268,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
     trainer->frame[f].time = spin_plan_info(plan, f)->time;
     if (isnan(plan->o->init_log_scale) && f == spin_plan_middle_frame(plan))
         SPIN_TRY(measure_spacing(plan->o->n_threads, s, &frames->init_log_scale));
-    if (!first_values)
+    if (!first_values || !spin_trainer_owns(trainer, f))
         return SPIN_OK;
     return send_frame(plan, s, f, frames->permutation[f], first, trainer->device,
                       &trainer->frame[f]);

@@ -38,6 +38,8 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
                                   table, t->heads.p, frame_of, t);
     snprintf(label, sizeof label, "iteration_%07lld", (long long)t->iteration);
     status = spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
+    if (status == SPIN_OK && l->plan->o->preview)
+        status = spin_trainer_lend(t, l->plan->clip.n_frames / 2, 0);
     if (status == SPIN_OK && spin_rank() == 0)
         status = spin_test_views_preview(l->plan, l->truth, &live, label);
     status = spin_ranks_agree(status);

@@ -230,7 +230,7 @@ size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 static size_t trainer_bytes(const struct spin_plan *plan)
 {
     bool residual = spin_plan_has_residual(plan);
-    size_t n = 0, most = plan->clip.n_max;
+    size_t most = plan->clip.n_max, owned = 0;
     const struct spin_frame_size frame = {most, most, most, residual ? most : 0};
     const struct spin_trainer_size size = {.n_frames = 1,
                                            .frame = &frame,
@@ -238,10 +238,15 @@ static size_t trainer_bytes(const struct spin_plan *plan)
                                            .max_items = plan->o->batch,
                                            .max_pixels = plan->max_pixels};
 
-    for (int f = 0; f < plan->clip.n_frames; f++)
-        n += plan->counts[f];
+    for (int r = 0; r < spin_n_ranks(); r++) { /* the largest part of a rank */
+        size_t n = 0;
+
+        for (int f = 0; f < plan->clip.n_frames; f++)
+            n += plan->o->tracks || spin_share_owner(f) == r ? plan->counts[f] : 0;
+        owned = n > owned ? n : owned;
+    }
     return spin_trainer_bytes(plan->device, &plan->field, &size) +
-           (n - most) * spin_train_frame_bytes(residual);
+           (owned - most) * spin_train_frame_bytes(residual);
 }
 
 /* What a card's verbs need for themselves (src/device/cuda): activations of a chunk of splats, places and keys for
@@ -314,7 +319,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     if (plan->o->method != SPIN_METHOD_EXPLICIT)
         report->bytes_sent =
             distinct * spin_share_traffic(&plan->field, plan->clip.n_mean,
-                                          spin_plan_has_residual(plan) || plan->o->tracks);
+                                          spin_plan_has_residual(plan), plan->o->tracks);
     of_host += program_bytes + (plan->device->is_host ? of_device : 0);
     report->bytes_available = spin_memory_available() + held;
     of_host += plan_pixels(plan, report->bytes_available, of_host, held);

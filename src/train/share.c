@@ -64,9 +64,11 @@ size_t spin_share_most(const struct spin_grid *grid)
     return most;
 }
 
-double spin_share_traffic(const struct spin_field *field, double n, bool residual)
+int spin_share_owner(int frame) { return frame % spin_n_ranks(); }
+
+double spin_share_traffic(const struct spin_field *field, double n, bool residual, bool tracks)
 {
-    double others = spin_n_ranks() - 1, features = 0, branch_floats = 0, all;
+    double others = spin_n_ranks() - 1, features = 0, branch_floats = 0, all, own;
     struct spin_levels branch[SPIN_MAX_LEVELS];
 
     for (int r = 0; r < spin_n_ranks(); r++) {
@@ -77,9 +79,11 @@ double spin_share_traffic(const struct spin_field *field, double n, bool residua
     }
     all =
         others / spin_n_ranks(); /* of what ranks have equal parts of: a frame's own rank has one */
+    /* positions from the owner to every rank, values from and gradients to it; with tracks gradients to all */
+    own = tracks ? SPIN_TRACK * others : 3 * others + (3 + (residual ? 2 * SPIN_RESIDUAL : 0)) * all;
     return sizeof(float) * (n * (2 * features + branch_floats) * all + /* z, d_z, d_x */
                             n * others +                               /* rows */
-                            n * (residual ? 14 : 3) * others +         /* to every rank */
+                            n * own +
                             (double)field->n_heads * others);
 }
 

@@ -82,10 +82,10 @@ static void step_frames(struct spin_trainer *t, const struct spin_step_batch *b,
     t->device->op->adam(t->device, n_groups, group);
 }
 
-static void add_frame(const struct spin_trainer *t, const struct spin_train_frame *frame,
-                      struct spin_frame_batch *frames)
+static void add_frame(const struct spin_trainer *t, int number, struct spin_frame_batch *frames)
 {
     struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
+    struct spin_train_frame at = spin_trainer_at(t, number), *frame = &at;
     bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
 
     *to = (struct spin_frame_of_batch){
@@ -129,7 +129,7 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
 {
     struct spin_frame_batch frames = {0};
 
-    add_frame(t, &t->frame[frame], &frames);
+    add_frame(t, frame, &frames);
     spin_step_add_tracks(t, &frames);
     return frames;
 }
@@ -140,7 +140,7 @@ struct spin_frame_batch spin_step_frames(struct spin_trainer *t, const struct sp
     struct spin_frame_batch frames = {0};
 
     for (int i = 0; i < n; i++)
-        add_frame(t, &t->frame[b->items[first[i]].frame], &frames);
+        add_frame(t, b->items[first[i]].frame, &frames);
     return frames;
 }
 
@@ -151,7 +151,7 @@ spin_status spin_step_draw(struct spin_trainer *t, const struct spin_step_batch 
 
     d->op->zero(d, t->field_eval.d_attr, frames->n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, t->d_pos, frames->n * 3 * sizeof(float));
-    if (t->n_tracks > 0)
+    if (t->n_tracks > 0 || (t->owned && t->residuals)) /* no Adam here, which would leave zeros */
         d->op->zero(d, t->d_residual, frames->n * SPIN_RESIDUAL * sizeof(float));
     return draw_frames(t, b, first, frames);
 }

@@ -1,11 +1,12 @@
 /* A round of a step with several ranks (share.h): frame i of the round is drawn by rank i.
  *
+ *   0. Positions of all its frames go from their owners to every rank, other values to the rank that draws.
  *   1. Every rank encodes the splats of all frames with its levels; frame i's features go to rank i.
  *   2. Rank i decodes and draws its frame, and goes back to the gradient of the features.
  *   3. That goes to the levels' ranks, of the splats that have one. They add up the table's gradient, frame after
  *      frame, and send back their branches of the gradient of the positions.
- *   4. Everybody gets what is left: the gradients of frames, heads and exposures, and the losses. All take the
- *      same step.
+ *   4. Everybody gets the gradients of heads and exposures, and the losses, and takes the same step of these; the
+ *      owner of a frame gets the frame's gradients, and steps it. With tracks all get all.
  *
  * Messages lie in host memory. */
 #include "train/step_ranks.h"
@@ -22,14 +23,15 @@ struct round {
     const struct spin_step_batch *b;
     const int *first;
     int n;                        /* frames */
-    struct spin_message *message; /* room for four of each rank */
+    struct spin_message *message; /* room for one of each frame to each rank, and four */
     size_t n_messages;
     uint64_t *active; /* [ranks] splats of each frame that have a gradient */
     uint32_t *rows;   /* [splats of this rank's frame] these */
     int first_value;  /* row of the losses */
+    float *values;    /* where frames have owners: of each its positions, then its residual values */
 };
 
-enum buffer { TO_SEND, RECEIVED, ROWS, BRANCHES, BLOBS };
+enum buffer { TO_SEND, RECEIVED, ROWS, BRANCHES, BLOBS, VALUES };
 
 /* Host memory of this round, until the next call for the same buffer. */
 static spin_status need(struct round *r, enum buffer buffer, size_t bytes, void *out)
@@ -70,13 +72,82 @@ static spin_status send_all(struct round *r)
     return spin_ranks_exchange(r->message, n);
 }
 
+static int frame_of(const struct round *r, int i) { return r->b->items[r->first[i]].frame; }
+
+/* Where frame i's values are among those of the round. */
+static float *values_of(const struct round *r, int i)
+{
+    size_t at = 0;
+
+    for (int k = 0; k < i; k++) {
+        const struct spin_frame_size *size = &r->t->frame[frame_of(r, k)].size;
+
+        at += 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual;
+    }
+    return r->values + at;
+}
+
 /* One frame of the round alone. */
 static struct spin_frame_batch take_frame(struct round *r, int i)
 {
-    struct spin_frame_batch frames = spin_step_frames(r->t, r->b, &r->first[i], 1);
+    struct spin_frame_batch frames;
+    int f = frame_of(r, i);
+
+    if (!spin_trainer_owns(r->t, f) && r->t->visiting != f) {
+        const struct spin_frame_size *size = &r->t->frame[f].size;
+        const float *pos = values_of(r, i), *residual = pos + 3 * size->n_pos;
+
+        spin_trainer_receive(r->t, f, pos,
+                             i == spin_rank() && size->n_residual > 0 ? residual : NULL);
+    }
+    frames = spin_step_frames(r->t, r->b, &r->first[i], 1);
 
     spin_step_add_tracks(r->t, &frames);
     return frames;
+}
+
+/* ---- 0: frames' values --------------------------------------------------------------------------- */
+
+/* Floats of frame i that a rank needs: positions when it draws or encodes, residual values when it draws. They lie
+ * side by side. */
+static size_t floats_for(const struct round *r, int i, int rank)
+{
+    const struct spin_frame_size *size = &r->t->frame[frame_of(r, i)].size;
+    bool encodes = spin_trainer_network(r->t) && features_of(r, levels_of(r, rank)) > 0;
+
+    return i == rank ? 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual
+                     : encodes * 3 * size->n_pos;
+}
+
+static spin_status share_values(struct round *r)
+{
+    struct spin_trainer *t = r->t;
+    struct spin_device *d = t->device;
+
+    if (!t->owned)
+        return SPIN_OK;
+    t->visiting = -1; /* its values have changed */
+    SPIN_TRY(need(r, VALUES, (size_t)(values_of(r, r->n) - r->values) * sizeof *r->values,
+                  &r->values));
+    for (int i = 0; i < r->n; i++) {
+        const struct spin_train_frame *frame = &t->frame[frame_of(r, i)];
+        int owner = spin_share_owner(frame_of(r, i));
+        size_t n_pos = 3 * frame->size.n_pos;
+        float *at = values_of(r, i);
+
+        if (owner != spin_rank()) {
+            add_message(r, owner, true, at, floats_for(r, i, spin_rank()) * sizeof *at);
+            continue;
+        }
+        SPIN_TRY(d->op->download(d, at, frame->pos, n_pos * sizeof *at));
+        if (i != owner)
+            SPIN_TRY(d->op->download(d, at + n_pos, frame->residual,
+                                     SPIN_RESIDUAL * frame->size.n_residual * sizeof *at));
+        for (int k = 0; k < spin_n_ranks(); k++)
+            if (k != owner)
+                add_message(r, k, false, at, floats_for(r, i, k) * sizeof *at);
+    }
+    return send_all(r);
 }
 
 /* ---- 1: features --------------------------------------------------------------------------------- */
@@ -396,10 +467,11 @@ static spin_status table_back(struct round *r)
 
 /* ---- 4: what all need ---------------------------------------------------------------------------- */
 
-/* What a frame's rank tells the others: gradients of positions and of residual values, of what all frames share;
- * what densification goes by; losses; whether a splat was seen. */
+/* What a frame's rank tells the others: losses, and whether a splat was seen; gradients of what all frames share;
+ * to the frame's owner, or with tracks to all, gradients of positions and of residual values, and what densification
+ * goes by. */
 struct blob {
-    size_t d_pos, d_residual, shared, gather, values, end; /* bytes before each part */
+    size_t shared, d_pos, d_residual, gather, end; /* bytes before each part */
 };
 
 static struct blob blob_of(const struct round *r, int frame)
@@ -407,15 +479,15 @@ static struct blob blob_of(const struct round *r, int frame)
     const struct spin_trainer *t = r->t;
     struct spin_frame_batch frames = spin_step_frames(r->t, r->b, &r->first[frame], 1);
     size_t n = frames.n;
-    struct blob blob = {.values = 0};
+    struct blob blob;
 
     /* doubles first: they are aligned */
-    blob.d_pos = (1 + (size_t)items_of(r, frame) * SPIN_LOSS_VALUES) * sizeof(double);
+    blob.shared = (1 + (size_t)items_of(r, frame) * SPIN_LOSS_VALUES) * sizeof(double);
+    blob.d_pos = blob.shared + spin_step_shared(t) * sizeof(float);
     blob.d_residual = blob.d_pos + 3 * n * sizeof(float);
-    blob.shared = blob.d_residual;
+    blob.gather = blob.d_residual;
     if (frames.frame[0].d_residual)
-        blob.shared += SPIN_RESIDUAL * n * sizeof(float);
-    blob.gather = blob.shared + spin_step_shared(t) * sizeof(float);
+        blob.gather += SPIN_RESIDUAL * n * sizeof(float);
     blob.end = blob.gather + (t->gather ? 2 * n * sizeof(float) : 0);
     blob.end = (blob.end + 63) / 64 * 64;
     return blob;
@@ -436,13 +508,21 @@ static spin_status fill_blob(struct round *r, const struct blob *blob, int first
     SPIN_TRY(d->op->download(d, at + blob->d_pos, frame->d_means, blob->d_residual - blob->d_pos));
     if (frame->d_residual)
         SPIN_TRY(d->op->download(d, at + blob->d_residual, frame->d_residual,
-                                 blob->shared - blob->d_residual));
+                                 blob->gather - blob->d_residual));
     SPIN_TRY(spin_step_take_shared(t, (float *)(void *)(at + blob->shared)));
     if (!t->gather)
         return SPIN_OK;
     SPIN_TRY(d->op->download(d, at + blob->gather, frame->gradient, frames.n * sizeof(float)));
     return d->op->download(d, at + blob->gather + frames.n * sizeof(float), frame->seen,
                            frames.n * sizeof(uint32_t));
+}
+
+/* Bytes of it for a rank. */
+static size_t bytes_for(const struct round *r, int i, const struct blob *blob, int rank)
+{
+    bool whole = !r->t->owned || spin_share_owner(frame_of(r, i)) == rank;
+
+    return whole ? blob->end : blob->d_pos;
 }
 
 /* A frame's step, from what its rank told. */
@@ -458,10 +538,14 @@ static void step_frame(struct round *r, int i, const struct blob *blob, const ch
     t->seen |= number[0] != 0;
     memcpy(t->host_values + first_value * SPIN_LOSS_VALUES, number + 1,
            (size_t)items_of(r, i) * SPIN_LOSS_VALUES * sizeof *number);
+    spin_step_add_shared(t, (const float *)(const void *)(at + blob->shared));
+    if (!spin_trainer_owns(t, frame_of(r, i))) {
+        t->frame[frame_of(r, i)].steps++;
+        return;
+    }
     d->op->upload(d, frame->d_means, at + blob->d_pos, blob->d_residual - blob->d_pos);
     if (frame->d_residual)
-        d->op->upload(d, frame->d_residual, at + blob->d_residual, blob->shared - blob->d_residual);
-    spin_step_add_shared(t, (const float *)(const void *)(at + blob->shared));
+        d->op->upload(d, frame->d_residual, at + blob->d_residual, blob->gather - blob->d_residual);
     if (t->gather && i != spin_rank()) {
         d->op->upload(d, frame->gradient, at + blob->gather, frames.n * sizeof(float));
         d->op->upload(d, frame->seen, at + blob->gather + frames.n * sizeof(float),
@@ -489,9 +573,9 @@ static spin_status share_steps(struct round *r, int own_value)
         }
         for (int k = 0; i == spin_rank() && k < spin_n_ranks(); k++)
             if (k != i)
-                add_message(r, k, false, at, blob.end);
+                add_message(r, k, false, at, bytes_for(r, i, &blob, k));
         if (i != spin_rank())
-            add_message(r, i, true, at, blob.end);
+            add_message(r, i, true, at, bytes_for(r, i, &blob, spin_rank()));
         at += blob.end;
     }
     SPIN_TRY(send_all(r));
@@ -513,8 +597,10 @@ spin_status spin_step_round(struct spin_trainer *t, const struct spin_step_batch
     int own_value = number_values(&r);
     spin_status status;
 
-    SPIN_TRY_OUT(spin_alloc(5 * (size_t)spin_n_ranks(), sizeof *r.message, (void **)&r.message));
+    SPIN_TRY_OUT(spin_alloc((size_t)spin_n_ranks() * (size_t)(spin_n_ranks() + 5), sizeof *r.message,
+                            (void **)&r.message));
     SPIN_TRY_OUT(spin_alloc((size_t)spin_n_ranks(), sizeof *r.active, (void **)&r.active));
+    SPIN_TRY_OUT(share_values(&r));
     if (spin_trainer_network(t))
         SPIN_TRY_OUT(share_features(&r));
     if (has_frame(&r, spin_rank()))

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "io/ranks.h"
 #include "math/adam.h"
@@ -51,6 +52,8 @@ size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_fi
         floats += 4 * (spin_share_most(&field->grid) + field->n_heads);
     if (size->network && spin_n_ranks() > 1) /* messages; the whole table, twice, to look at it */
         floats += 4 * n * (size_t)field->heads.n_in + 2 * field->n_table;
+    if (spin_n_ranks() > 1 && size->n_tracks == 0) /* frames that visit, and on the host those of a round */
+        floats += (size_t)(1 + spin_n_ranks()) * (has_residual(size) ? SPIN_TRACK : 3) * one;
     return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
            views * spin_raster_bytes(one, size->max_pixels, true);
 }
@@ -90,7 +93,9 @@ static void close_buffers(struct spin_trainer *t)
     d->op->release(d, t->d_residual, n * SPIN_RESIDUAL * sizeof(float));
     d->op->release(d, t->means, n * 3 * sizeof(float));
     d->op->release(d, t->residual, n * SPIN_RESIDUAL * sizeof(float));
-    t->d_pos = t->d_residual = t->means = t->residual = NULL;
+    d->op->release(d, t->visit_pos, t->n_max * 3 * sizeof(float));
+    d->op->release(d, t->visit_residual, t->n_max * SPIN_RESIDUAL * sizeof(float));
+    t->d_pos = t->d_residual = t->means = t->residual = t->visit_pos = t->visit_residual = NULL;
     spin_field_eval_close(&t->field_eval, t->network);
     spin_raster_close(&t->raster);
 }
@@ -108,9 +113,24 @@ static spin_status open_buffers(struct spin_trainer *t)
         SPIN_TRY(reserve(d, n * 3, &t->means));
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
     }
+    if (t->owned) {
+        SPIN_TRY(reserve(d, t->n_max * 3, &t->visit_pos));
+        if (t->residuals)
+            SPIN_TRY(reserve(d, t->n_max * SPIN_RESIDUAL, &t->visit_residual));
+    }
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
                             (int)smaller(d->views_at_once, t->max_items), true);
+}
+
+static void say_owned(const struct spin_trainer *t)
+{
+    int n = 0;
+
+    for (int f = 0; f < t->n_frames; f++)
+        n += t->frame[f].pos != NULL;
+    if (t->owned)
+        spin_log(1, "rank 0 has the values of %d of %d frames", n, t->n_frames);
 }
 
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
@@ -129,6 +149,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->n_moving = size->n_moving;
     t->n_varying = size->n_varying;
     t->residuals = has_residual(size);
+    t->owned = spin_n_ranks() > 1 && size->n_tracks == 0;
+    t->visiting = -1;
     t->n_max = most_splats(size);
     SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));
     t->frame = block;
@@ -144,8 +166,13 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                                      t->max_pixels *
                                          smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
-        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0));
+        if (spin_trainer_owns(t, f))
+            SPIN_TRY_OUT(
+                spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0));
+        else
+            t->frame[f].size = size->frame[f];
     SPIN_TRY_OUT(open_buffers(t));
+    say_owned(t);
     if (spin_n_ranks() > 1 || device->frames_at_once == 1)
         SPIN_TRY_OUT(spin_alloc(2 * (t->heads.n + t->exposures.param.n) + 1, sizeof *t->shared,
                                 (void **)&t->shared));
@@ -168,6 +195,63 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
     SPIN_TRY(open_buffers(t));
     t->field_eval.lazy = t->lazy;
     return SPIN_OK;
+}
+
+/* ---- Frames of other ranks ------------------------------------------------------------------- */
+
+bool spin_trainer_owns(const struct spin_trainer *t, int frame)
+{
+    return !t->owned || spin_share_owner(frame) == spin_rank();
+}
+
+struct spin_train_frame spin_trainer_at(const struct spin_trainer *t, int frame)
+{
+    struct spin_train_frame at = t->frame[frame];
+
+    if (spin_trainer_owns(t, frame))
+        return at;
+    at.pos = t->visit_pos;
+    at.residual = at.size.n_residual > 0 ? t->visit_residual : NULL;
+    return at;
+}
+
+void spin_trainer_receive(struct spin_trainer *t, int frame, const float *pos, const float *residual)
+{
+    const struct spin_frame_size *size = &t->frame[frame].size;
+    struct spin_device *d = t->device;
+
+    d->op->upload(d, t->visit_pos, pos, 3 * size->n_pos * sizeof *pos);
+    if (residual)
+        d->op->upload(d, t->visit_residual, residual,
+                      SPIN_RESIDUAL * size->n_residual * sizeof *residual);
+    t->visiting = frame;
+}
+
+spin_status spin_trainer_lend(struct spin_trainer *t, int frame, int to)
+{
+    const struct spin_train_frame *from = &t->frame[frame];
+    size_t n_pos = 3 * from->size.n_pos, n_residual = SPIN_RESIDUAL * from->size.n_residual;
+    int owner = spin_share_owner(frame);
+    struct spin_message m = {.peer = spin_rank() == to ? owner : to, .receive = spin_rank() == to};
+    float *host = NULL;
+    spin_status status;
+
+    if (!t->owned || owner == to || (spin_rank() != owner && spin_rank() != to))
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n_pos + n_residual + 1, sizeof *host, (void **)&host));
+    m.at = host;
+    m.bytes = (n_pos + n_residual) * sizeof *host;
+    if (!m.receive) {
+        SPIN_TRY_OUT(t->device->op->download(t->device, host, from->pos, n_pos * sizeof *host));
+        SPIN_TRY_OUT(t->device->op->download(t->device, host + n_pos, from->residual,
+                                             n_residual * sizeof *host));
+    }
+    status = spin_ranks_exchange(&m, 1);
+    if (m.receive && status == SPIN_OK)
+        spin_trainer_receive(t, frame, host, n_residual > 0 ? host + n_pos : NULL);
+out:
+    free(host);
+    return status;
 }
 
 spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t)

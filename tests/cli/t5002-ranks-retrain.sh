@@ -27,8 +27,20 @@ same "network with lazy Adam and an odd number of levels" 3 --device cpu --level
     --finest-resolution 512 --hidden 16 --iterations 8 --batch 2
 same "residual values, exposures and more views of a frame" 4 $small --iterations 8 \
     --residual source --learn-exposure --batch 6 --views-per-frame 2
+same "more ranks than frames of a step, with values of their own" 6 $small --iterations 6 \
+    --residual points --lr-residual 2 --batch 4 --preview "$work/preview"
 same "tracks that are densified, before and with a network" 2 $small --iterations 12 --tracks auto \
     --densify-every 3 --densify-threshold 1e-6 --network-start 0.5 --batch 5 --eval-every 5
+
+# What 1, 2 and 4 processes need, and what 2 of them keep.
+for n in 1 2 4; do
+    ranks $n "$bin/spin-retrain" "$in" --dry-run --json $small --residual points
+    eval "needs_$n=$(member bytes_needed)"
+done
+[ "$needs_4" -lt "$needs_2" ]
+ok $? "--dry-run: each of more processes needs less ($needs_1, $needs_2, $needs_4)"
+ranks 2 "$bin/spin-retrain" "$in" -o "$work/many.spin" --force --threads 1 -v $small --iterations 1
+err_has "rank 0 has the values of 3 of 5 frames" "the values of a frame are with its owner alone"
 
 # ---- Go on with another number
 
@@ -36,7 +48,7 @@ same "tracks that are densified, before and with a network" 2 $small --iteration
 begin() {
     rm -f "$work"/pid.* "$2".part
     $mpirun -n "$1" sh -c 'echo $$ >"$0.$OMPI_COMM_WORLD_RANK" && exec "$@"' "$work/pid" \
-        "$bin/spin-retrain" "$in" -o "$2" -q --threads 1 $small --iterations 120 --save-every 5 \
+        "$bin/spin-retrain" "$in" -o "$2" -q --threads 1 $small $own --iterations 120 --save-every 5 \
         >"$work/out" 2>"$work/err" </dev/null &
     job=$!
     waited=0
@@ -54,14 +66,15 @@ begin() {
 go_on() { # N OUTPUT NAME
     [ -f "$2.part" ]
     ok $? "$3: the state is there"
-    ranks "$1" "$bin/spin-retrain" "$in" -o "$2" --threads 1 $small --iterations 120 --save-every 5 --resume
+    ranks "$1" "$bin/spin-retrain" "$in" -o "$2" --threads 1 $small $own --iterations 120 --save-every 5 --resume
     is "$code" 0 "$3: $1 processes go on"
     err_has 'resuming at iteration [1-9]' "$3: from that state"
     cmp -s "$work/whole.spin" "$2"
     ok $? "$3: to the same bundle"
 }
 
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q $small --iterations 120
+own='--residual points'
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q $small $own --iterations 120
 is "$code" 0 "one process without a stop"
 begin 2 "$work/signal.spin" INT 1
 is "$code" 130 "SIGINT to the second of two ends both"
