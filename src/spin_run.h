@@ -138,6 +138,7 @@ enum spin_normalise {
 /* Defaults and limits of all numbers: spin-retrain(1). */
 struct spin_retrain_options {
     const char *input, *output;
+    const char *preset; /* where these began, for messages; or NULL */
     const char *data, *data_from, *pair;
     struct spin_range range;
     double image_scale;      /* 1: as stored */
@@ -148,7 +149,7 @@ struct spin_retrain_options {
     enum spin_refine_start refine_start; /* from coloured points, or from the source's attributes */
     bool densify;                        /* refining adds points; else it only prunes them */
     int max_points;                      /* of a frame while it is refined; 0: no limit */
-    int iterations, batch;
+    int iterations, batch;           /* iterations -n: n x (1500 + 100 x frames), -1 and -3 only */
     int levels, features, hash_log2; /* of the hash grid */
     int hidden, sh_degree;           /* width of the heads; of the colours */
     int base_resolution[4];          /* x y z t */
@@ -170,7 +171,7 @@ struct spin_retrain_options {
     double lr_tracked;     /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
     bool dynamic_residual;  /* splats that move have residual values of every frame as well */
-    int densify_every;      /* iterations between densifications of tracks; 0: none */
+    int densify_every; /* iterations between densifications of tracks; 0: none; -1: iterations / 20 */
     double densify_threshold, densify_until; /* of the mean gradient; share of the iterations */
     double network_start;                    /* share of the iterations before the network joins */
     enum spin_residual residual;             /* what the network adds to */
@@ -191,13 +192,14 @@ struct spin_retrain_options {
         *cache; /* folder of refined frames that runs share, and that stays; NULL: the run's own */
 };
 
-/* The paper's defaults. */
+/* Those of the first preset. */
 void spin_retrain_defaults(struct spin_retrain_options *o);
-#define SPIN_PRESETS "paper|short|tracks"
-/* "paper": these. "short": for minutes of training on a CPU; frames are visited a hundred times instead of
- * thousands, so rates are higher, the views of a step share one evaluation of the network, and splats start from
- * known values. "tracks": no network; attributes that frames share, one image a step, densified, antialiased.
- * SPIN_E_USAGE when there is no such preset; then the options are those of "paper". */
+#define SPIN_PRESETS "quick|best|paper|short"
+/* "quick": no network, but attributes that frames share, one image a step, densified, antialiased; as many iterations
+ * as the clip's frames ask for. "best": the same with three times as many. "paper": the paper's settings, for hours on
+ * an accelerator. "short": the paper's method for minutes of training on a CPU; frames are visited a hundred times
+ * instead of thousands, so rates are higher, the views of a step share one evaluation of the network, and splats start
+ * from known values. SPIN_E_USAGE when there is no such preset; then the options are those of "quick". */
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
 
 /* LPIPS networks, and the place of each in arrays. */
@@ -214,6 +216,8 @@ struct spin_quality {
 };
 
 struct spin_retrain_report {
+    struct spin_retrain_options
+        options; /* as given, with the numbers that were chosen for the clip */
     int iterations;
     double seconds, seconds_per_iteration;
     int frames;

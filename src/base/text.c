@@ -84,3 +84,18 @@ const char *spin_text_duration(double seconds, char text[32])
         snprintf(text, 32, "%lld:%02lld", s / 60, s % 60);
     return text;
 }
+
+const char *spin_text_about(double seconds, char text[32])
+{
+    if (seconds < 1.5)
+        snprintf(text, 32, "a second");
+    else if (seconds < 99.5)
+        snprintf(text, 32, "%.0f seconds", seconds);
+    else if (seconds < 99.5 * 60)
+        snprintf(text, 32, "%.0f minutes", seconds / 60);
+    else if (seconds < 48 * 3600)
+        snprintf(text, 32, "%.1f hours", seconds / 3600);
+    else
+        snprintf(text, 32, "%.1f days", seconds / 86400);
+    return text;
+}

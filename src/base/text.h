@@ -16,5 +16,7 @@ void spin_text_json(FILE *to, const char *text);
 const char *spin_text_bytes(uint64_t bytes, char text[32]);
 /* "2:36:12" or "4:05". Returns text. */
 const char *spin_text_duration(double seconds, char text[32]);
+/* For an estimate: "a second", "40 seconds", "12 minutes", "2.6 hours", "3.1 days". Returns text. */
+const char *spin_text_about(double seconds, char text[32]);
 
 #endif

@@ -70,14 +70,16 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 /* Rows of options.def; the default ends the help. */
 #define HEADING(text) SPIN_ARG_HEADING(text),
 #define UNSET ""
-#define BOTH(...) " (" #__VA_ARGS__ ")"
-#define BOTH_SHOWN(text, ...) " (" text ")"
-#define BOTH_NAMED(name) " (" #name ")"
-#define PAPER_SHORT(paper, shorter) " (" #paper "; short: " #shorter ")"
-#define PAPER_SHORT_NAMED(paper, shorter) PAPER_SHORT(paper, shorter)
-#define EACH(paper, shorter, tracks) " (" #paper "; short: " #shorter "; tracks: " #tracks ")"
-#define EXCEPT_TRACKS(both, tracks) " (" #both "; tracks: " #tracks ")"
-#define EXCEPT_TRACKS_NAMED(both, tracks) EXCEPT_TRACKS(both, tracks)
+#define ALL(...) " (" #__VA_ARGS__ ")"
+#define ALL_SHOWN(text, ...) " (" text ")"
+#define ALL_NAMED(name) " (" #name ")"
+#define PAPER(paper, rest) " (" #rest "; paper: " #paper ")"
+#define PAPER_NAMED(paper, rest) PAPER(paper, rest)
+#define SHORT(shorter, rest) " (" #rest "; short: " #shorter ")"
+#define NETWORK(network, rest) " (" #rest "; paper, short: " #network ")"
+#define NETWORK_NAMED(network, rest) NETWORK(network, rest)
+#define THREE(paper, shorter, rest) " (" #rest "; paper: " #paper "; short: " #shorter ")"
+#define EACH(text, quick, best, paper, shorter) " (" text ")"
 #define OPTION(k, field, long_name, argument, low, high, fallback, network, refinement, sentence)  \
     {.name = long_name,                                                                            \
      .arg = argument,                                                                              \
@@ -103,8 +105,9 @@ static const struct spin_args_row rows[] = {
              0),
     SPIN_ARG_HEADING("Preset"),
     SPIN_ARG("preset", 0, SPIN_PRESETS,
-             "defaults of all options: the paper's, those for minutes of training on a CPU, or "
-             "those without a network, of attributes that frames share (paper)",
+             "defaults of all options: minutes on any device, three times as long for the last "
+             "decibel, the paper's, or the paper's method for minutes on a CPU (quick; with "
+             "refinement, or a method that is not tracks: paper)",
              SPIN_ARG_CHOICE, &preset, 0, 0),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG("data", 0, "DIR", "multi-view video (the one named in the bundle)", SPIN_ARG_STRING,
@@ -162,13 +165,21 @@ static bool fits(const struct spin_retrain_report *r)
     return r->bytes_available == 0 || r->bytes_needed <= r->bytes_available;
 }
 
+/* Without tracks there is nothing to densify. */
+static int densify_every(const struct spin_retrain_report *r)
+{
+    return r->options.tracks ? r->options.densify_every : 0;
+}
+
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
     spin_print_string("method", options.method == SPIN_METHOD_EXPLICIT ? "explicit"
                                 : options.method == SPIN_METHOD_TRACKS ? "tracks"
                                                                        : "network");
+    spin_print_string("preset", options.preset);
     spin_print_integer("iterations", r->iterations);
+    spin_print_integer("densify_every", densify_every(r));
     spin_print_integer("refine", options.refine);
     spin_print_integer("frames", r->frames);
     spin_print_number("splats_mean", r->splats_mean);
@@ -204,8 +215,11 @@ static void report_plan(const struct spin_retrain_report *r)
     char needed[32], available[32], time[32], sent[32];
 
     printf("device      %s\n", r->device);
+    printf("preset      %s\n", options.preset);
     printf("work        %d iterations, %d frames, %.1f splats each\n", r->iterations, r->frames,
            r->splats_mean);
+    if (densify_every(r) > 0)
+        printf("densify     every %d iterations\n", densify_every(r));
     printf("memory      %s needed, %s available\n",
            spin_print_bytes((double)r->bytes_needed, needed),
            r->bytes_available > 0 ? spin_print_bytes((double)r->bytes_available, available)
@@ -256,6 +270,16 @@ static int check(const struct spin_args_words *words)
     return SPIN_EXIT_OK;
 }
 
+/* What only a training with a network has, or instead of one, asks for the paper's settings. */
+static const char *implied_preset(int argc, char **argv)
+{
+    const char *method = spin_args_find(argc, argv, "method");
+    const char *refine = spin_args_find(argc, argv, "refine");
+
+    return (method && strcmp(method, "tracks") != 0) || (refine && atoi(refine) > 0) ? "paper"
+                                                                                     : "quick";
+}
+
 int main(int argc, char **argv)
 {
     struct spin_args_words words;
@@ -264,7 +288,7 @@ int main(int argc, char **argv)
 
     /* First, as other options change its values. Parsing refuses a name that is none. */
     preset = spin_args_find(argc, argv, "preset");
-    spin_retrain_preset(preset ? preset : "paper", &options);
+    spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
         return code;
     code = check(&words);

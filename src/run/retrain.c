@@ -2,6 +2,7 @@
  *
  * Everything that follows from an iteration depends on the options, the seed and the state alone, so
  * a resumed run ends in the same bits as one that was never stopped, on any number of threads. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,6 +10,7 @@
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "io/claim.h"
 #include "io/ranks.h"
 #include "train/loop.h"
@@ -128,6 +130,27 @@ static spin_status check_paths(const struct run *r)
                                i, path[i], path[0]);
     free(path);
     return spin_ranks_agree(status);
+}
+
+/* What was chosen, and how long it takes here: the first words of a run. */
+static void say_recipe(const struct spin_plan *p)
+{
+    const struct spin_retrain_options *o = p->o;
+    char time[32], about[64] = "", refining[64] = "";
+    int n = p->clip.n_frames;
+
+    if (o->refine > 0)
+        snprintf(refining, sizeof refining, "%d iterations on each frame%s", o->refine,
+                 o->method == SPIN_METHOD_EXPLICIT ? "" : ", then ");
+    if (isfinite(p->report->seconds_estimated))
+        snprintf(about, sizeof about, "; about %s here",
+                 spin_text_about(p->report->seconds_estimated, time));
+    if (o->method == SPIN_METHOD_EXPLICIT)
+        spin_log(0, "preset %s: %s, %d frame%s%s", o->preset, refining, n, n == 1 ? "" : "s",
+                 about);
+    else
+        spin_log(0, "preset %s: %s%d iterations, %d frame%s%s", o->preset, refining, o->iterations,
+                 n, n == 1 ? "" : "s", about);
 }
 
 static spin_status plan(struct run *r, const struct spin_retrain_options *o,
@@ -363,8 +386,9 @@ static void warn_worse(const struct run *r)
     if (before->valid && test->valid && test->psnr < before->psnr)
         spin_warn("the result is worse than the source, test PSNR %.3f dB after %.3f dB: try %s",
                   test->psnr, before->psnr,
-                  trains_clip(r) ? "more --iterations, --preset short, or --residual source"
-                                 : "a larger --refine, or --refine-start source");
+                  r->plan.o->method == SPIN_METHOD_TRACKS ? "more --iterations, or --preset best"
+                  : trains_clip(r) ? "more --iterations, --preset short, or --residual source"
+                                   : "a larger --refine, or --refine-start source");
 }
 
 static spin_status run(struct run *r)
@@ -449,6 +473,7 @@ static spin_status work(struct run *r)
         spin_log(0, "'%s' is already finished", p->o->output);
         return SPIN_OK;
     }
+    say_recipe(p);
     status = run(r);
     if (status != SPIN_OK)
         return keep(r, status);

@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum type { BOOL, INT, ENUM, UINT64, FLOAT, DOUBLE };
-enum preset { PAPER, SHORT, TRACKS, PRESETS }; /* in the order of SPIN_PRESETS */
+enum preset { QUICK, BEST, OF_PAPER, OF_SHORT, PRESETS }; /* in the order of SPIN_PRESETS */
 
 struct row {
     enum type type;
@@ -49,15 +49,17 @@ struct row {
 #define AS(name) .when = 1, .key = name
 #define WHERE(field) .when = offsetof(struct spin_retrain_options, field)
 
-#define UNSET BOTH(0)
-#define BOTH(...) .value = {{__VA_ARGS__}, {__VA_ARGS__}, {__VA_ARGS__}}
-#define BOTH_SHOWN(text, ...) BOTH(__VA_ARGS__)
-#define BOTH_NAMED(word) .name = {#word, #word, #word}
-#define PAPER_SHORT(paper, shorter) .value = {{paper}, {shorter}, {shorter}}
-#define PAPER_SHORT_NAMED(paper, shorter) .name = {#paper, #shorter, #shorter}
-#define EACH(paper, shorter, tracks) .value = {{paper}, {shorter}, {tracks}}
-#define EXCEPT_TRACKS(both, tracks) .value = {{both}, {both}, {tracks}}
-#define EXCEPT_TRACKS_NAMED(both, tracks) .name = {#both, #both, #tracks}
+#define UNSET ALL(0)
+#define ALL(...) .value = {{__VA_ARGS__}, {__VA_ARGS__}, {__VA_ARGS__}, {__VA_ARGS__}}
+#define ALL_SHOWN(text, ...) ALL(__VA_ARGS__)
+#define ALL_NAMED(word) .name = {#word, #word, #word, #word}
+#define EACH(text, quick, best, paper, shorter) .value = {{quick}, {best}, {paper}, {shorter}}
+#define PAPER(paper, rest) EACH("", rest, rest, paper, rest)
+#define PAPER_NAMED(paper, rest) .name = {#rest, #rest, #paper, #rest}
+#define SHORT(shorter, rest) EACH("", rest, rest, rest, shorter)
+#define NETWORK(network, rest) EACH("", rest, rest, network, network)
+#define NETWORK_NAMED(network, rest) .name = {#rest, #rest, #network, #network}
+#define THREE(paper, shorter, rest) EACH("", rest, rest, paper, shorter)
 #define HEADING(text)
 #define OPTION(kind, field, name, argument, min, max, fallback, network, refinement, help)         \
     {kind,                                                                                         \
@@ -159,37 +161,61 @@ static void put(const struct row *row, struct spin_retrain_options *o, size_t i,
 
 /* ---- Presets ---------------------------------------------------------------------------------- */
 
+static const char *const preset_names[] = {"quick", "best", "paper", "short"};
+
 static void start_from(enum preset preset, struct spin_retrain_options *o)
 {
     memset(o, 0, sizeof *o);
     o->device = "auto";
+    o->preset = preset_names[preset];
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
             put(row, o, i, fallback_of(row, preset, i));
 }
 
-void spin_retrain_defaults(struct spin_retrain_options *o) { start_from(PAPER, o); }
+void spin_retrain_defaults(struct spin_retrain_options *o) { start_from(QUICK, o); }
 
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o)
 {
     size_t preset = place_of(name, SPIN_PRESETS);
 
-    start_from(preset < PRESETS ? (enum preset)preset : PAPER, o);
+    start_from(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
         return spin_fail(SPIN_E_USAGE, "no preset '%s', only " SPIN_PRESETS, name);
     return SPIN_OK;
 }
 
+/* Of scenes that were tried: what a clip needs as such, and what a frame adds. */
+enum { CLIP_ITERATIONS = 1500, FRAME_ITERATIONS = 100, DENSIFICATIONS = 20 };
+
+void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
+{
+    if (o->iterations < 0)
+        o->iterations = (int)fmin(
+            -o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames), 1e9);
+    if (o->densify_every < 0)
+        o->densify_every = o->iterations / DENSIFICATIONS;
+}
+
 /* ---- Limits ----------------------------------------------------------------------------------- */
 
-static spin_status check_number(const struct row *row, double value, double fallback)
+/* Some preset starts from this value. */
+static bool is_fallback(const struct row *row, size_t i, double value)
+{
+    for (int preset = 0; preset < PRESETS; preset++)
+        if (value == fallback_of(row, (enum preset)preset, i))
+            return true;
+    return false;
+}
+
+static spin_status check_number(const struct row *row, size_t i, double value)
 {
     size_t length;
 
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
         return spin_fail(SPIN_E_USAGE, "%s %g is none of %s", row->field, value, row->argument);
-    if (row->min >= row->max || (value >= row->min && value <= row->max) || value == fallback ||
-        (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
+    if (row->min >= row->max || (value >= row->min && value <= row->max) ||
+        is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
     return spin_fail(SPIN_E_USAGE, "%s %.10g is not from %.10g to %.10g", row->field, value,
                      row->min, row->max);
@@ -201,7 +227,7 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
 
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
-            SPIN_TRY(check_number(row, get(row, o, i), fallback_of(row, PAPER, i)));
+            SPIN_TRY(check_number(row, i, get(row, o, i)));
     if (o->normalise == SPIN_NORMALISE_GIVEN &&
         !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
           o->normalise_radius > 0))
@@ -219,7 +245,7 @@ static bool differs_at(size_t offset, const struct spin_retrain_options *o)
 {
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n && row->offset == offset; i++)
-            if (get(row, o, i) != fallback_of(row, PAPER, i))
+            if (get(row, o, i) != fallback_of(row, OF_PAPER, i))
                 return true;
     return false;
 }

@@ -9,9 +9,11 @@
 #include "scene/clip.h"
 
 struct spin_plan {
-    const struct spin_retrain_options *o;
-    struct spin_retrain_report *report; /* every stage writes its own fields */
-    struct spin_device *device;         /* where the run works; the caller's */
+    struct spin_retrain_options
+        options; /* the caller's; what a preset leaves to the clip has its number */
+    const struct spin_retrain_options *o; /* as the report has them */
+    struct spin_retrain_report *report;   /* every stage writes its own fields */
+    struct spin_device *device;           /* where the run works; the caller's */
     struct spin_clip clip;
     struct spin_field field; /* the scene transform is set by frames.c */
     size_t *counts;          /* [frames] splats; of the refined frames once there are some */

@@ -50,5 +50,11 @@ TAP_MAIN
     is_text(spin_text_duration(245, text), "4:05", "minutes");
     is_text(spin_text_duration(9372.4, text), "2:36:12", "hours");
     is_text(spin_text_duration(-1, text), "0:00", "no time");
+    is_text(spin_text_about(1.4, text), "a second", "about: a second");
+    is_text(spin_text_about(99.4, text), "99 seconds", "seconds");
+    is_text(spin_text_about(99.5, text), "2 minutes", "minutes from a hundred seconds on");
+    is_text(spin_text_about(5969, text), "99 minutes", "up to a hundred of them");
+    is_text(spin_text_about(5970, text), "1.7 hours", "hours");
+    is_text(spin_text_about(48 * 3600, text), "2.0 days", "days");
     free(got);
 }

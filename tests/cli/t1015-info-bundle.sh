@@ -71,7 +71,7 @@ is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),"source":\(
     awk '{ n = split($1, part, "+"); for (i = 1; i <= n; i++) sum += part[i]; print (sum > 0.97 * $2 && sum < $2) }')" \
     1 "the parts are nearly all of the file"
 
-run "$bin/spin-retrain" "$work/moved.spin" -o "$work/tracks.spin" --device cpu --iterations 6 --preset tracks \
+run "$bin/spin-retrain" "$work/moved.spin" -o "$work/tracks.spin" --device cpu --iterations 6 \
     --scale 0.25 --force
 is "$code" 0 "is retrained without a network"
 grep -q "in the table" "$work/err"
@@ -79,10 +79,10 @@ is $? 1 "of which nothing is said then"
 run "$bin/spin-import" --info "$work/tracks.spin"
 out_has "^network .*, 6 iterations on cpu, no network$" "nor here"
 out_has "^size .*source .*values of frames .*tracks [0-9]" "its sizes"
-run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/tracks.spin" --device cpu --preset tracks --tracks off --force
+run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/tracks.spin" --device cpu --tracks off --force
 fails 2 spin-retrain "--method tracks, and --tracks off"
 err_has "method tracks needs --tracks auto" "is told what it lacks"
-run "$bin/spin-retrain" "$work/moved.spin" --dry-run --json --device cpu --preset tracks
+run "$bin/spin-retrain" "$work/moved.spin" --dry-run --json --device cpu
 is "$(member method)" tracks "the method as JSON"
 
 run "$bin/spin-import" "$work/net.spin" -o "$work/again.spin"

@@ -9,7 +9,7 @@ if [ ! -d "$run_of" ] || [ ! -d "$data" ]; then
     skip "retrain" "no fixtures at $run_of and $data"
     done_testing
 fi
-small='--device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
+small='--preset paper --device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
 in=$work/in.spin
 run "$bin/spin-import" "$run_of" --data "$data" -o "$in" --json
 is "$code" 0 "imports the run"

@@ -97,7 +97,7 @@ diff -r "$work/ply" "$work/ply.whole" >/dev/null
 ok $? "and gives the same network"
 run "$bin/spin-retrain" "$work/whole.spin" -o "$work/new.spin" $one $net --seed 3
 err_has "refining 1 of 1 frames" "with another seed it is refined anew"
-run "$bin/spin-retrain" "$work/whole.spin" -o "$work/plain.spin" --device cpu --range 1:2 --scale 0.25 $net
+run "$bin/spin-retrain" "$work/whole.spin" -o "$work/plain.spin" --preset paper --device cpu --range 1:2 --scale 0.25 $net
 is "$(splats_of "$work/plain.spin")" "$n_source" "without --refine the source's points are taken"
 
 # Kill a run once its first frame is done, look at what it says, go on, kill it in the network, go on.

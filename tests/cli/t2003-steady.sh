@@ -11,7 +11,7 @@ fi
 in=$work/in.spin
 run "$bin/spin-import" "$clip/params.npz" --data "$clip" -o "$in"
 is "$code" 0 "imports the clip"
-small='--device cpu --threads 1 --levels 4 --hash-log2 12 --finest-resolution 64 --hidden 16 --force'
+small='--preset paper --device cpu --threads 1 --levels 4 --hash-log2 12 --finest-resolution 64 --hidden 16 --force'
 small="$small --learn-exposure --views-per-frame 2 --warmup 2"
 
 # The same run twice, the second 300 steps longer: what the second did more is what the steps did. All
@@ -73,7 +73,7 @@ ok $? "the seconds of the ops are those of the steps within 5 % ($share)"
 err_has "together" "-v says where the time went"
 
 # A table that is most of the memory, as in real runs.
-large='--device cpu --hash-log2 18 --iterations 3 --force --json'
+large='--preset paper --device cpu --hash-log2 18 --iterations 3 --force --json'
 run "$bin/spin-retrain" "$in" --dry-run $large
 needed=$(member bytes_needed)
 run "$bin/spin-retrain" "$in" -o "$work/out.spin" $large

@@ -10,7 +10,7 @@ chmod -R u+w "$data"
 in=$work/in.spin
 run "$bin/spin-import" --from d3dgs "$data" --data "$data" -o "$in"
 is "$code" 0 "imports the clip"
-small='--device cpu --threads 1 --range 0:2 --scale 0.25 --levels 2 --hash-log2 8 --finest-resolution 32
+small='--preset paper --device cpu --threads 1 --range 0:2 --scale 0.25 --levels 2 --hash-log2 8 --finest-resolution 32
     --hidden 8'
 out=$work/out.spin
 steps=60

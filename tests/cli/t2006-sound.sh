@@ -8,7 +8,7 @@ if [ ! -d "$clip" ]; then
     skip "sound" "no fixture at $clip"
     done_testing
 fi
-small='--device cpu --scale 0.25 --batch 1 --levels 2 --hash-log2 8 --finest-resolution 16 --hidden 8'
+small='--preset paper --device cpu --scale 0.25 --batch 1 --levels 2 --hash-log2 8 --finest-resolution 16 --hidden 8'
 
 # Line N of K 3 x 3 or 4 x 4 matrices: the court's training cameras, six of each frame.
 matrix() { # SIZE N

@@ -9,16 +9,17 @@ if [ ! -d "$run_of" ] || [ ! -d "$data" ]; then
     skip "resuming" "no fixtures at $run_of and $data"
     done_testing
 fi
-small='--device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
+small='--preset paper --device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
 in=$work/in.spin
 run "$bin/spin-import" "$run_of" --data "$data" -o "$in"
 is "$code" 0 "imports the run"
 
 # Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
-# with one that was never stopped. SIGNAL CODE
+# with one that was never stopped. LENGTH stands in place of --iterations. SIGNAL CODE [LENGTH [LENGTH resumed]]
 stopped() {
+    length=${3---iterations $steps}
     rm -f "$work/stopped.spin" "$work/stopped.spin."*
-    "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 \
+    "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small $length --save-every 10 \
         >"$work/out" 2>"$work/err" &
     pid=$!
     tries=0
@@ -34,9 +35,9 @@ stopped() {
         return
     fi
     is "$code" "$2" "stopped by $1: exit code $2"
-    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10
+    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small $length --save-every 10
     fails 1 spin-retrain "an unfinished run without --resume ($1)"
-    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps \
+    run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small ${4-$length} \
         --save-every 10 --resume --threads 1
     is "$code" 0 "resumes after $1"
     same_frames "$work/whole.spin" "$work/stopped.spin" "the bits of a run never stopped ($1)"
@@ -74,9 +75,21 @@ stopped TERM 143
 stopped INT 130
 
 # A table far larger than the splats need is stepped line by line when a line is needed.
-small='--device cpu --levels 4 --hash-log2 15 --finest-resolution 512 --hidden 16'
+small='--preset paper --device cpu --levels 4 --hash-log2 15 --finest-resolution 512 --hidden 16'
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force --eval-every 33
 is "$code" 0 "retrains with a large table"
 stopped KILL 137
+
+# The default recipe: its state knows how many iterations were chosen, so the same number by hand goes on.
+small='--device cpu --scale 0.1 --range 0:1'
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --force
+is "$code" 0 "retrains by the default recipe"
+is "$(head -n 1 "$work/err" | sed 's/; about .* here$/; about ... here/')" \
+    "preset quick: 1600 iterations, 1 frame; about ... here" "whose choice is the first thing said"
+run "$bin/spin-import" --info --json "$work/whole.spin"
+is "$(sed -n 's/.*"\(iterations\|densify_every\)": *\([0-9]*\).*/\1 \2/p' "$work/out" | tr '\n' ' ')" \
+    "iterations 1600 densify_every 80 " "the bundle has the numbers"
+stopped KILL 137 ""
+stopped KILL 137 "" "--iterations 1600 --densify-every 80"
 
 done_testing

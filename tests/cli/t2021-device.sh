@@ -10,7 +10,7 @@ if [ ! -d "$run_of" ] || [ ! -d "$data" ]; then
     done_testing
     exit
 fi
-small='--levels 2 --hash-log2 8 --finest-resolution 16 --hidden 8 --seed 3'
+small='--preset paper --levels 2 --hash-log2 8 --finest-resolution 16 --hidden 8 --seed 3'
 SPIN_CUDA_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.so
 export SPIN_CUDA_SHIM
 in=$work/in.spin

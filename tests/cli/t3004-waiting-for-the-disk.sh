@@ -33,7 +33,7 @@ if "$bin/spin-export" -q "$in" --to video -o "$work/try.mp4" 2>"$work/err"; then
 else
     skip "video: --sync" "$(cat "$work/err")"
 fi
-n=$(syncs "$bin/spin-retrain" "$in" -o "$work/wait.spin" --device cpu --iterations 6 \
+n=$(syncs "$bin/spin-retrain" "$in" -o "$work/wait.spin" --preset paper --device cpu --iterations 6 \
     --save-every 2 --levels 2 --hash-log2 8 --hidden 8)
 is "$n" 3 "a retraining waits for every state that it saves and for its output"
 

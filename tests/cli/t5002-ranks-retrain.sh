@@ -6,7 +6,7 @@
 . tests/cli/ranks.sh
 
 in=$work/in.spin
-small='--device cpu --levels 8 --hash-log2 10 --base-resolution 4,4,4,2 --finest-resolution 64 --hidden 16'
+small='--preset paper --device cpu --levels 8 --hash-log2 10 --base-resolution 4,4,4,2 --finest-resolution 64 --hidden 16'
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
 is "$code" 0 "imports a clip"
 

@@ -41,7 +41,7 @@ run env SPIN_CONV_SHIM="$work/none.so" "$bin/spin-eval" --source "$work/court.sp
 fails 1 spin-eval "LPIPS in a build without oneDNN"
 err_has 'libdnnl-dev' "says what to install"
 
-run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --device cpu --iterations 300 \
+run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --preset paper --device cpu --iterations 300 \
     --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \
     --sh-degree 1 --head-lr-factor 8 --init-log-scale auto --eval-every 150 --log "$work/log" --json
 is "$code" 0 "retrains"

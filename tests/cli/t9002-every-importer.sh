@@ -88,7 +88,7 @@ retrained() { # IMPORTER RADIUS LAST_TIME
     done
     run "$bin/spin-import" "$in" --data "$data" -o "$work/$1-b.spin" --json
     is "$code $(member frames)" "0 3" "$1: with its own pictures"
-    run "$bin/spin-retrain" "$work/$1-b.spin" -o "$work/$1-c.spin" --iterations 20 --hash-log2 14 --json --scene-normalise auto \
+    run "$bin/spin-retrain" "$work/$1-b.spin" -o "$work/$1-c.spin" --preset paper --iterations 20 --hash-log2 14 --json --scene-normalise auto \
         --init-log-scale auto --head-lr-factor 4 \
         --log "$work/$1.jsonl"
     is "$code $(member iterations)" "0 20" "$1: 20 iterations"

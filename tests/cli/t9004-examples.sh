@@ -86,7 +86,7 @@ ln -s "$root/fixtures/datasets/dynerf_mini" "$here/data/steak"
 (
     cd "$here" && "$bin/spin-import" court -o court.spin --data court -q &&
         for copy in ball in clip bball; do cp court.spin $copy.spin; done &&
-        "$bin/spin-retrain" court.spin -o better.spin --preset tracks --iterations 20 --log train.jsonl -q &&
+        "$bin/spin-retrain" court.spin -o better.spin --iterations 20 --log train.jsonl -q &&
         "$bin/spin-export" court.spin --to ply -o frames -q && cp -r frames ply &&
         for i in 0 1 2 3 4 5; do mv ply/frame_0000$i.ply ply/$((i + 8)).ply; done
 ) >"$work/out" 2>"$work/err"

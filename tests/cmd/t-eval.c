@@ -7,8 +7,9 @@
 #include "tests/cmd/command.h"
 
 enum { MOST = 64 };
-static const char small[] = "--device cpu --threads 1 --scale 0.25 --levels 4 --hash-log2 10 "
-                            "--finest-resolution 32 --hidden 16 --iterations 4 -q";
+static const char small[] =
+    "--preset paper --device cpu --threads 1 --scale 0.25 --levels 4 --hash-log2 10 "
+    "--finest-resolution 32 --hidden 16 --iterations 4 -q";
 
 /* What one spin-eval --json said. */
 struct eval {

@@ -243,7 +243,8 @@ static void test_import(void)
 TAP_MAIN
 {
     begin_commands();
-    ok(shell("%s/spin-retrain %s/in.spin -o %s/net.spin --device cpu --scale 0.25 --levels 4 "
+    ok(shell("%s/spin-retrain %s/in.spin -o %s/net.spin --preset paper --device cpu --scale 0.25 "
+             "--levels 4 "
              "--hash-log2 10 "
              "--finest-resolution 32 --hidden 16 --iterations 2 -q",
              bin, folder, folder) == 0,

@@ -11,7 +11,7 @@ enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
 
 /* Two frames of the clip, 40 x 23 pixels, a small network. Four steps of three views are one epoch. */
 static const char base[] =
-    "--device cpu --threads 1 --range 1:3 --scale 0.25 --levels 4 --hash-log2 10 "
+    "--preset paper --device cpu --threads 1 --range 1:3 --scale 0.25 --levels 4 --hash-log2 10 "
     "--finest-resolution 32 --hidden 16 --iterations 4 -q";
 static const int training[TRAINING] = {3, 7, 12, 19, 23, 27}, testing[TESTING] = {0, 15};
 
@@ -758,9 +758,28 @@ static void test_plan(void)
     double memory;
 
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q", bin, folder);
-    ok(said_number("iterations") == 40000 && said_number("frames") == 6 &&
-           said_number("refine") == 0,
-       "--dry-run without a preset: the paper's");
+    ok(said_text("preset", "quick") && said_text("method", "tracks") &&
+           said_number("iterations") == 2100 && said_number("densify_every") == 105 &&
+           said_number("frames") == 6 && said_number("refine") == 0,
+       "--dry-run without a preset: quick, by the number of frames");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset best --range 1:3", bin, folder);
+    ok(said_text("preset", "best") && said_number("iterations") == 5100 &&
+           said_number("densify_every") == 255,
+       "--preset best: three times as many; of the frames that are used");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --iterations 40", bin, folder);
+    ok(said_number("iterations") == 40 && said_number("densify_every") == 2,
+       "--iterations 40: densified by them");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --refine 5", bin, folder);
+    ok(said_text("preset", "paper") && said_text("method", "network") &&
+           said_number("iterations") == 40000,
+       "--refine without a preset: the paper's");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --refine 0", bin, folder);
+    ok(said_text("preset", "quick"), "but not --refine 0");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method tracks", bin, folder);
+    ok(said_text("preset", "quick"), "nor --method tracks");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method=network", bin, folder);
+    ok(said_text("preset", "paper") && said_number("iterations") == 40000,
+       "--method network without a preset: the paper's");
     memory = said_number("bytes_needed");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset short", bin, folder);
     ok(said_number("iterations") == 1500 && said_number("bytes_needed") < memory / 2,
@@ -768,7 +787,8 @@ static void test_plan(void)
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset=short", bin, folder);
     ok(said_number("iterations") == 1500, "or --preset=short");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit", bin, folder);
-    ok(said_text("method", "explicit") && said_number("refine") == 2000,
+    ok(said_text("method", "explicit") && said_text("preset", "paper") &&
+           said_number("refine") == 2000,
        "--method explicit: 2000 a frame");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit --refine 7", bin,
           folder);

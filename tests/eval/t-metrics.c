@@ -401,7 +401,7 @@ static void check_tints(void)
     char part[700];
     float *exposure;
 
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = bundle;
     o.output = in("tinted.spin", 0, 0);
     snprintf(part, sizeof part, "%s.part", o.output);
@@ -437,7 +437,7 @@ static void check_black(void)
 
     import.input = in("black", 0, 0);
     import.output = in("black.spin", 0, 0);
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = import.output;
     o.output = in("brighter.spin", 0, 0);
     o.device = "cpu";
@@ -479,7 +479,7 @@ static void check_first_loss(void)
     FILE *f;
 
     snprintf(log, sizeof log, "%s/first.log", folder);
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = bundle;
     o.output = in("first.spin", 0, 0);
     o.log = log;
@@ -530,7 +530,7 @@ static void train(void)
     i.output = source;
     if (spin_import(&i, &ir) != SPIN_OK)
         exit(1);
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = source;
     o.output = trained;
     o.device = "cpu";
@@ -566,7 +566,7 @@ static void check_log(void)
     snprintf(source, sizeof source, "%s/court.spin", folder);
     snprintf(output, sizeof output, "%s/still.spin", folder);
     snprintf(path, sizeof path, "%s/still.log", folder);
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = source;
     o.output = output;
     o.log = path;
@@ -749,7 +749,7 @@ static void check_weights(void)
     snprintf(source, sizeof source, "%s/bare.spin", folder);
     snprintf(output, sizeof output, "%s/weighed.spin", folder);
     i.output = source;
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = source;
     o.output = output;
     o.device = "cpu";

@@ -12,7 +12,8 @@
 
 static const struct spin_retrain_options paper = {
     NULL,
-    NULL, /* input, output */
+    NULL,    /* input, output */
+    "paper", /* preset */
     NULL,
     NULL,
     NULL, /* data, data_from, pair */
@@ -85,7 +86,8 @@ static const struct spin_retrain_options paper = {
 
 static const struct spin_retrain_options shorter = {
     NULL,
-    NULL, /* input, output */
+    NULL,    /* input, output */
+    "short", /* preset */
     NULL,
     NULL,
     NULL, /* data, data_from, pair */
@@ -157,19 +159,30 @@ static const struct spin_retrain_options shorter = {
 };
 
 /* What differs from "short". */
-static const struct spin_retrain_options *tracks_preset(void)
+static const struct spin_retrain_options *quick(void)
 {
-    static struct spin_retrain_options t;
+    static struct spin_retrain_options q;
 
-    t = shorter;
-    t.method = SPIN_METHOD_TRACKS;
-    t.tracks = t.antialias = true;
-    t.iterations = 3000;
-    t.batch = t.views_per_frame = 1;
-    t.lr_position = 5e-4;
-    t.lr_tracked = 0.3;
-    t.densify_every = 150;
-    return &t;
+    q = shorter;
+    q.preset = "quick";
+    q.method = SPIN_METHOD_TRACKS;
+    q.tracks = q.antialias = true;
+    q.iterations = -1;
+    q.batch = q.views_per_frame = 1;
+    q.lr_position = 5e-4;
+    q.lr_tracked = 0.3;
+    q.densify_every = -1;
+    return &q;
+}
+
+static const struct spin_retrain_options *best(void)
+{
+    static struct spin_retrain_options b;
+
+    b = *quick();
+    b.preset = "best";
+    b.iterations = -3;
+    return &b;
 }
 
 static void same(const char *name, const struct spin_retrain_options *want)
@@ -182,7 +195,9 @@ static void same(const char *name, const struct spin_retrain_options *want)
     if (!ok(spin_retrain_preset(name, &got) == SPIN_OK, "there is a preset '%s'", name))
         return;
     is_text(got.device, want->device, "its device");
+    is_text(got.preset, want->preset, "its name");
     got.device = want->device;
+    got.preset = want->preset;
     while (i < sizeof got && a[i] == b[i])
         i++;
     ok(i == sizeof got, "'%s': every field is as it stands here", name);
@@ -208,7 +223,7 @@ static void is_refused(bool want, const char *field)
     else
         ok(status != SPIN_OK && status != SPIN_E_USAGE, "%s is allowed: %s", field,
            spin_last_error());
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = "nowhere/in.spin";
     o.output = "nowhere/out.spin";
 }
@@ -224,12 +239,15 @@ static void is_refused(bool want, const char *field)
 
 static void test_limits(void)
 {
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     is_refused(true, "input");
     LIMIT(image_scale, 0.01, 0.009);
     LIMIT(image_scale, 1, NAN);
     LIMIT(background[2], 1, 1.01f);
     LIMIT(iterations, 1, 0);
+    LIMIT(iterations, -1, -2);
+    LIMIT(iterations, -3, -4);
+    LIMIT(densify_every, -1, -2);
     LIMIT(batch, 1024, 1025);
     LIMIT(views_per_frame, 3, 4);
     LIMIT(views_per_frame, 1, 0);
@@ -253,7 +271,6 @@ static void test_limits(void)
     LIMIT(lr_track, 0, -1);
     LIMIT(lr_tracked, 1000, 1001);
     LIMIT(lr_displacement, 1, 2);
-    LIMIT(densify_every, 0, -1);
     LIMIT(densify_threshold, 1, 2);
     LIMIT(densify_until, 1, 1.5);
     LIMIT(network_start, 1, -1);
@@ -289,6 +306,37 @@ static void test_limits(void)
     is_refused(true, "without --refine");
 }
 
+/* ---- Numbers that follow from the clip --------------------------------------------------------- */
+
+static void resolves(const char *preset, int n_frames, int iterations, int densify_every)
+{
+    spin_retrain_preset(preset, &o);
+    spin_options_resolve(&o, n_frames);
+    ok(o.iterations == iterations && o.densify_every == densify_every,
+       "%s, %d frames: %d iterations, densified every %d", preset, n_frames, o.iterations,
+       o.densify_every);
+}
+
+static void test_resolve(void)
+{
+    resolves("quick", 1, 1600, 80);
+    resolves("quick", 18, 3300, 165);
+    resolves("quick", 150, 16500, 825);
+    resolves("best", 18, 9900, 495);
+    resolves("best", 100000000, 1000000000, 50000000);
+    resolves("paper", 18, 40000, 0);
+    resolves("short", 18, 1500, 0);
+    spin_retrain_defaults(&o);
+    o.iterations = 600;
+    spin_options_resolve(&o, 18);
+    ok(o.iterations == 600 && o.densify_every == 30,
+       "given iterations stay; they are densified by them");
+    spin_retrain_defaults(&o);
+    o.densify_every = 0;
+    spin_options_resolve(&o, 18);
+    ok(o.iterations == 3300 && o.densify_every == 0, "a given rhythm stays");
+}
+
 /* ---- Settings in JSON ---------------------------------------------------------------------------- */
 
 /* want: with ' in place of ". */
@@ -308,7 +356,7 @@ static void is_json(enum spin_options_of of, const char *want)
 /* What decides a result and does not stand here passes for unchanged when a run is resumed. */
 static void test_json(void)
 {
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     is_json(SPIN_OPTIONS_OF_NETWORK,
             "{'image_scale':1,'background':[0,0,0],'iterations':40000,'batch':3,"
             "'views_per_frame':1,'lambda_dssim':0.2,'seed':'0','warmup':-1,"
@@ -360,13 +408,15 @@ TAP_MAIN
 
     same("paper", &paper);
     same("short", &shorter);
-    same("tracks", tracks_preset());
+    same("quick", quick());
+    same("best", best());
     memset(&defaults, 0xff, sizeof defaults);
     spin_retrain_defaults(&defaults);
-    ok(spin_retrain_preset("paper", &preset) == SPIN_OK &&
+    ok(spin_retrain_preset("quick", &preset) == SPIN_OK &&
            memcmp(&defaults, &preset, sizeof preset) == 0,
-       "the defaults are those of 'paper'");
+       "the defaults are those of 'quick'");
     ok(spin_retrain_preset("no such", &preset) == SPIN_E_USAGE, "there is no other preset");
     test_limits();
+    test_resolve();
     test_json();
 }

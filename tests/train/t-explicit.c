@@ -20,7 +20,7 @@ static struct spin_retrain_options explicit_options(int iterations)
 {
     struct spin_retrain_options o;
 
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = in;
     o.output = out;
     o.method = SPIN_METHOD_EXPLICIT;

@@ -33,7 +33,7 @@ TAP_MAIN
     if (!ok(clip && spin_import(&in, &read) == SPIN_OK, "imports the clip"))
         return;
     spin_set_verbosity(-1);
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = bundle;
     o.output = output;
     o.image_scale = 0.1;

@@ -36,7 +36,7 @@ static bool retrain(int every, int iterations)
     struct spin_retrain_options o;
     struct spin_retrain_report r;
 
-    spin_retrain_defaults(&o);
+    spin_retrain_preset("paper", &o);
     o.input = in;
     o.output = out;
     o.device = "cpu";

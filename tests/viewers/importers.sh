@@ -16,7 +16,7 @@ learn() { # NAME IN LAST_TIME
     cameras "$1-data" 5 "$3"
     import "$1-bare" "$2" --data "$1-data" --data-from transforms:ending=.jpg || return
     rm -f "$1.spin"
-    "$bin/spin-retrain" -q "$1-bare.spin" -o "$1.spin" --device cpu --iterations 20 --hash-log2 14 \
+    "$bin/spin-retrain" -q "$1-bare.spin" -o "$1.spin" --preset paper --device cpu --iterations 20 --hash-log2 14 \
         --sh-degree 1 --scene-normalise auto --init-log-scale auto ||
         { fail "$1 does not retrain"; return 1; }
 }

@@ -176,7 +176,7 @@ fi
 clip=$root/fixtures/court-mini
 import mini-source --from d3dgs "$clip" --data "$clip" &&
     rm -f mini.spin &&
-    "$bin/spin-retrain" -q mini-source.spin -o mini.spin --device cpu --iterations 300 --levels 8 \
+    "$bin/spin-retrain" -q mini-source.spin -o mini.spin --preset paper --device cpu --iterations 300 --levels 8 \
         --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 --sh-degree 1 \
         --head-lr-factor 4 --init-log-scale auto &&
     show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41
