@@ -133,7 +133,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist clean format
+.PHONY: all help config setup setup-video setup-lint demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -402,11 +402,14 @@ dist: ## BUILD/spin4d-VERSION.tar.gz of the last commit: the same bytes for the 
 	$(Q)git archive --prefix=spin4d-$(VERSION)/ HEAD | gzip -9n >$(BUILD)/spin4d-$(VERSION).tar.gz
 	$(SAY) DIST $(BUILD)/spin4d-$(VERSION).tar.gz
 
+deb: dist ## Debian packages of the last commit in BUILD/deb, by src/packaging; NOTEST=1
+	@NOTEST=$(NOTEST) sh src/packaging/deb.sh $(BUILD)
+
 format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz test-needs *.tar.gz) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb test-needs *.tar.gz) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)
