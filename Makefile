@@ -133,7 +133,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo test test-bins check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo test test-bins test-tools test-builds check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -168,7 +168,11 @@ test: ## all tests; K=word selects; SETUP=0 installs nothing
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
 	@sh tests/run.sh $(B) "$(K)"
 
-test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip $(TOOLS) fuzz-bins
+test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip test-tools fuzz-bins
+test-tools: $(TOOLS)
+
+test-builds: ## K='gcc clang paths bytes deb arm64': other compilers, code paths, machines, and packages
+	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:
 	@ln -sfn $(B)/bin bin
@@ -409,7 +413,7 @@ format: ## rewrite all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove what was built, in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb test-needs *.tar.gz) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov mutants fuzz deb gcc clang arm64 bytes stderr test-needs *.tar.gz) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) -name '*.d' 2>/dev/null)

@@ -7,6 +7,7 @@
 # it, or whose source has WORD in its line of keys ("K: golden threads"). A crash, a non-zero exit
 # and more than ten minutes are failures.
 #
+# SPIN_RUN runs the programs of another machine (qemu-aarch64).
 # SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
 B=${1:?usage: run.sh BUILD_DIR [WORD]}
 WORD=${2:-}
@@ -76,7 +77,8 @@ run() {
 
 for source in tests/*/t-*.c; do
     program=$B/${source%.c}
-    [ -x "$program" ] && matches "$source" && run "$source" "$program"
+    # shellcheck disable=SC2086
+    [ -x "$program" ] && matches "$source" && run "$source" ${SPIN_RUN:-} "$program"
 done
 for source in tests/cli/t*.sh; do
     [ -f "$source" ] && matches "$source" && run "$source" sh "$source"

@@ -31,5 +31,7 @@ CHANGES
 # A make above this one must not hand its variables down.
 unset MAKEFLAGS MFLAGS MAKELEVEL CFLAGS CXXFLAGS CPPFLAGS LDFLAGS CC CXX BUILD
 (cd "$tree" && dpkg-buildpackage --no-sign) || exit 1
-[ "$LINTIAN" = 0 ] || lintian --fail-on error,warning --allow-root "$deb"/*.changes || exit 1
+# No bug asks for this package, as it was never uploaded.
+[ "$LINTIAN" = 0 ] || lintian --fail-on error,warning --suppress-tags initial-upload-closes-no-bugs --allow-root \
+    "$deb"/*.changes || exit 1
 ls "$deb"/*.deb

@@ -1,0 +1,103 @@
+#!/bin/sh
+# builds.sh BUILD [PART...]: builds that `make test` does not make, each in a folder of its own below BUILD.
+# Stops at the first part that fails.
+#
+#   gcc, clang  without a warning, with the tests of math, device and io
+#   paths       these tests on the code paths base and v3 of the CPU, in the build of `make`
+#   bytes       the last commit twice, in two folders, inside and outside the tree: the same bytes
+#   deb         make deb, with its tests and lintian
+#   arm64       by the cross compiler, these tests under QEMU
+BUILD=${1:?usage: builds.sh BUILD [PART...]}
+shift
+[ $# -gt 0 ] || set -- gcc clang paths bytes deb arm64
+words='tests/math tests/device tests/io'
+jobs=$(nproc)
+
+fail() {
+    echo "test-builds: $*" >&2
+    exit 1
+}
+
+# built FOLDER VARIABLE=VALUE...: commands and these tests
+built() {
+    folder=$1
+    shift
+    programs=
+    for source in tests/math/t-*.c tests/device/t-*.c tests/io/t-*.c; do
+        programs="$programs $folder/release/${source%.c}"
+    done
+    mkdir -p "$folder"
+    # shellcheck disable=SC2086
+    make -s -j"$jobs" BUILD="$folder" CUDA=0 "$@" all test-tools $programs 2>"$folder/stderr" || {
+        tail -n 30 "$folder/stderr"
+        fail "does not build: $*"
+    }
+    [ ! -s "$folder/stderr" ] || {
+        cat "$folder/stderr"
+        fail "builds with warnings: $*"
+    }
+}
+
+tested() { # FOLDER
+    for word in $words; do
+        sh tests/run.sh "$1" "$word" || fail "$1: $word"
+    done
+}
+
+same_bytes() {
+    rm -rf "$BUILD/bytes"
+    mkdir -p "$BUILD/bytes/a" "$BUILD/bytes/another-folder"
+    for tree in a another-folder; do
+        git archive HEAD | tar -xf - -C "$BUILD/bytes/$tree" || fail "git archive"
+    done
+    # A cache of compilers would hand the first build's objects to the second.
+    export CCACHE_DISABLE=1
+    make -s -j"$jobs" -C "$BUILD/bytes/a" CUDA=0 all || fail "does not build"
+    (cd "$BUILD/bytes" && make -s -j"$jobs" -f another-folder/Makefile CUDA=0 all) || fail "does not build elsewhere"
+    (cd "$BUILD/bytes/a/build/release" && find bin lib libspin.* -type f | LC_ALL=C sort) >"$BUILD/bytes/list"
+    while read -r file; do
+        cmp "$BUILD/bytes/a/build/release/$file" "$BUILD/bytes/build/release/$file" || fail "bytes differ"
+    done <"$BUILD/bytes/list"
+    echo "$(wc -l <"$BUILD/bytes/list") files, the same bytes"
+}
+
+mkdir -p "$BUILD" || exit 1
+BUILD=$(cd "$BUILD" && pwd)
+unset MAKEFLAGS MFLAGS MAKELEVEL
+for part in "$@"; do
+    echo "== $part"
+    case $part in
+    gcc)
+        built "$BUILD/gcc" CC=gcc CXX=g++
+        tested "$BUILD/gcc/release"
+        ;;
+    clang)
+        built "$BUILD/clang" CC=clang CXX=clang++
+        tested "$BUILD/clang/release"
+        ;;
+    paths)
+        built "$BUILD"
+        for path in base v3; do
+            echo "-- SPIN_CPU=$path"
+            SPIN_CPU=$path
+            export SPIN_CPU
+            tested "$BUILD/release"
+            unset SPIN_CPU
+        done
+        ;;
+    bytes) (same_bytes) || exit 1 ;;
+    deb) make -s BUILD="$BUILD" deb || exit 1 ;;
+    arm64)
+        for tool in aarch64-linux-gnu-gcc aarch64-linux-gnu-g++ qemu-aarch64; do
+            command -v $tool >/dev/null || fail "no $tool: CONTRIBUTING.md says what arm64 needs"
+        done
+        SPIN_RUN='qemu-aarch64'
+        built "$BUILD/arm64" CC=aarch64-linux-gnu-gcc CXX=aarch64-linux-gnu-g++ AR=aarch64-linux-gnu-ar \
+            MPICC= RUN="$SPIN_RUN"
+        export SPIN_RUN
+        tested "$BUILD/arm64/release"
+        unset SPIN_RUN
+        ;;
+    *) fail "no part is called '$part'" ;;
+    esac
+done
