@@ -143,7 +143,7 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
                             char *used_from, size_t n_used_from)
 {
     const struct spin_importer *importer;
-    struct spec spec = {NULL};
+    struct spec spec = {0};
     struct spin_plugin_values values = {spec.pairs};
     spin_status status;
 

@@ -47,7 +47,7 @@ static void misuse(void)
     struct spin_frame_batch frames = frame_of(4);
     struct spin_scene_transform identity = {.inv_radius = 1};
     float host[16] = {0}, got[16];
-    void SPIN_DEV *means, *x_u;
+    void SPIN_DEV *means = NULL, *x_u = NULL;
     int before = strict_complaints();
 
     ok(d->op->reserve(d, sizeof host, &means) == SPIN_OK &&
