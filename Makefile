@@ -100,7 +100,7 @@ endif
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
             $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
-ifeq ($(VIDEO),yes)
+ifneq ($(filter yes,$(VIDEO)),)
 SHIMS    += $(B)/lib/spin-video.so
 TOOLS    := $(B)/tests/tools/make-video
 endif
