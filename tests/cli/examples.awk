@@ -26,21 +26,21 @@ function flush(    kind, i, text, out) {
                 sub(/^\$ /, "", line[i])
             }
             if (!kind && line[i] ~ /^spin-[a-z]+ /)
-                print "stray", FILENAME ":" start, line[i]
+                print "stray", start, line[i]
             text = text line[i] "\n"
         }
         if (kind) {
             out = into "/" ++n (kind == "py" ? ".py" : ".sh")
             printf "%s", text >out
             close(out)
-            print n, kind == "py" ? "py" : "sh", FILENAME ":" start
+            print n, kind == "py" ? "py" : "sh", start
         }
     }
     lines = 0
 }
 function add(text) {
     if (!lines)
-        start = FNR
+        start = FILENAME ":" FNR
     line[++lines] = text
 }
 FNR == 1 { flush(); page = FILENAME ~ /\.[157]$/; fence = 0; code = 1 }

@@ -61,6 +61,12 @@ done <"$work/index"
 [ "$failed" = 0 ]
 ok $? "the options, targets and scripts in examples are there"
 
+# Of commands inside a sentence too.
+# shellcheck disable=SC2086
+grep -ohE '`spin-(import|retrain|eval|export) [^`]*`' README.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
+    while IFS= read -r line; do wrong "$line"; done >"$work/strangers"
+is "$(cat "$work/strangers")" "" "commands in the text of documents have the options that they name"
+
 # And those named in the text, each in some command: `--word`, or Fl Fl word.
 sort -u "$work"/spin-*.options >"$work/all.options"
 # shellcheck disable=SC2086
@@ -78,10 +84,31 @@ for link in runs/ball data/ball data basketball run; do
     [ -e "$here/$link" ] || ln -s "$here/court" "$here/$link"
 done
 ln -s "$root/fixtures" "$here/fixtures"
-mkdir -p "$here/output"
-ln -s "$root/fixtures/4dgaussian/coarse_and_fine/model" "$here/output/balls"
+mkdir -p "$here/output/d3dgs"
+ln -s "$here/court/params.npz" "$here/output/d3dgs/params.npz"
+while read -r name path; do
+    ln -s "$root/fixtures/$path" "$here/output/$name"
+done <<RUNS
+3dgstream 3dgstream
+4dgaussian 4dgaussian/coarse_and_fine/model
+balls 4dgaussian/coarse_and_fine/model
+steak 4dgaussian/coarse_and_fine/model
+dash dash/default_like/model
+deformable3dgs deformable3dgs/real_small/model
+ed3dgs ed3dgs/annealed_early/model
+ex4dgs ex4dgs/small/model
+grid4d grid4d/dnerf_like/model
+hybrid4dgs hybrid4dgs/small/model
+modecgs modecgs/default_like/model
+motiongs motiongs/dynerf_6dof_small/model
+omg4 omg4/comp_xz
+realtime4dgs realtime4dgs/rot4d_noshfs
+rotor4dgs rotor4dgs/old_names
+spacetimegs spacetimegs/full_techni/model
+tc3dgs tc3dgs/trained
+RUNS
+ln -s "$root/fixtures/hybrid4dgs/small/train_config.yaml" "$here/train_config.yaml"
 ln -s "$root/fixtures/datasets/blender_mini" "$here/data/balls"
-ln -s "$root/fixtures/4dgaussian/coarse_and_fine/model" "$here/output/steak"
 ln -s "$root/fixtures/datasets/dynerf_mini" "$here/data/steak"
 (
     cd "$here" && "$bin/spin-import" court -o court.spin --data court -q &&
