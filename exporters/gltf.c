@@ -35,7 +35,7 @@ static const struct spin_plugin_option options[] = {
     SPIN_ROWS_OPTION_SH,
     {"axes", "gltf|source",
      "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
-    {"fps", "F", "frames a second of a clip in one file; otherwise the bundle's, else 30", NULL},
+    {"fps", "F", "frames per second of a clip in one file; otherwise the bundle's, else 30", NULL},
     {"visibility", NULL,
      "of a clip in one file: switch frames by KHR_node_visibility, which few players know", NULL},
     {"still-apart", NULL,

@@ -40,7 +40,7 @@ static const struct spin_plugin_option options[] = {
     {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},
     {"max-splats", "N", "of each frame only the N most visible splats", NULL},
     {"every", "N", "write every Nth frame; the clip lasts as long", "1"},
-    {"fps", "F", "frames a second; otherwise the bundle's, else 30", NULL},
+    {"fps", "F", "frames per second; otherwise the bundle's, else 30", NULL},
     {"only", "after|before", "leave the other version out, where there are two", NULL},
     {0},
 };

@@ -21,7 +21,7 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_NO_LABELS,
     SPIN_DRAWING_OPTION_SIZE,
     SPIN_DRAWING_OPTION_DURATION,
-    {"fps", "F", "pictures a second of --duration; otherwise the bundle's, else 30", NULL},
+    {"fps", "F", "frames per second of --duration; otherwise the bundle's, else 30", NULL},
     {0},
 };
 

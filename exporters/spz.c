@@ -280,7 +280,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_fail(SPIN_E_USAGE, "--axes rub takes y down for granted: give it or --up");
+        return spin_fail(SPIN_E_USAGE, "--axes rub assumes that y points down: give it or --up, not both");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need()

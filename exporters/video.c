@@ -18,7 +18,7 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_NO_LABELS,
     SPIN_DRAWING_OPTION_SIZE,
     SPIN_DRAWING_OPTION_DURATION,
-    {"fps", "F", "frames a second of the video; otherwise the bundle's, else 30", NULL},
+    {"fps", "F", "frames per second of the video; otherwise the bundle's, else 30", NULL},
     {"quality", "Q", "0 (best) to 51 (least)", "18"},
     {0},
 };
@@ -84,7 +84,7 @@ static spin_status open_video(struct export *x)
     SPIN_TRY(spin_option_number(job->values, "quality", 0, 51, &quality));
     SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera.height, fps,
                                (int)quality, &x->video, &codec));
-    spin_log(0, "video: %d frames of %dx%d, %.4g a second, %s", (int)x->drawing.n_pictures, width,
+    spin_log(0, "video: %d frames of %dx%d, %.4g per second, %s", (int)x->drawing.n_pictures, width,
              camera.height, fps, codec);
     x->size[0] = camera.width;
     x->size[1] = camera.height;

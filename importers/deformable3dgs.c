@@ -105,7 +105,7 @@ static spin_status check_keys(const struct spin_value *root)
             return spin_fail(SPIN_E_MALFORMED, "a state dict with a key that is not text");
         if (!is_known(key))
             return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' is not of this method: it may be of one built on it",
+                             "tensor '%.80s' does not belong to this method: the run may be of one derived from it",
                              key);
     }
     return SPIN_OK;
@@ -263,9 +263,9 @@ static spin_status check_cfg(const char *path, const char *cloud, struct model *
         status = spin_cfg_read_bool(&cfg, said[i].key, &value);
         if (status != SPIN_OK || value == said[i].is)
             continue;
-        spin_warn("'%s' says %s=%s, but the network in '%s' is otherwise, which counts", cfg.path,
+        spin_warn("'%s' says %s=%s, but the network in '%s' is of the other kind: the network decides", cfg.path,
                   said[i].key, value ? "True" : "False", m->path);
-        spin_note(sequence, "cfg_args says %s=%s, the network is otherwise and counts", said[i].key,
+        spin_note(sequence, "cfg_args says %s=%s, but the network is of the other kind: the network decides", said[i].key,
                   value ? "True" : "False");
     }
     if (status == SPIN_OK)

@@ -249,7 +249,7 @@ static spin_status check_keys(const struct spin_value *root, const char *prefix)
         }
         if (!known)
             return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' is not of this method: it may be of one built on it",
+                             "tensor '%.80s' does not belong to this method: the run may be of one derived from it",
                              key ? key : "");
     }
     return SPIN_OK;

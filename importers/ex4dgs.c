@@ -202,11 +202,11 @@ static void note_differences(const struct model *m, double interval, double shif
                              struct spin_sequence_info *sequence)
 {
     if (!isnan(interval) && interval != m->interval)
-        spin_note(sequence, "time_interval is said to be %g, in the checkpoint it is %g and counts",
+        spin_note(sequence, "time_interval is %g in cfg_args and %g in the checkpoint: the checkpoint decides",
                   interval, m->interval);
     if (!isnan(shift) && shift != m->shift)
         spin_note(sequence,
-                  "time_pad makes a shift of %g frames, in the checkpoint it is %g and counts",
+                  "time_pad of cfg_args is a shift of %g frames, that of the checkpoint %g: the checkpoint decides",
                   shift, m->shift);
     if (m->duration < m->frames + m->shift + 1)
         spin_note(sequence,
@@ -356,11 +356,11 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
         spin_note(sequence,
-                  "the PLYs of %s are read: static Gaussians drift as over %g frames, with the "
-                  "checkpoint it would be over some more",
+                  "the PLYs of %s are read: the motion of static Gaussians is spread over %g frames, in the "
+                  "checkpoint over a few more",
                   spin_path_name(m->path), m->duration);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
-                        "antialiased, which comes close");
+                        "antialiased, which is similar");
 }
 
 static spin_status ex4dgs_open(const char *path, const struct spin_plugin_values *values,

@@ -199,8 +199,8 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
              m->rows[MOVING].n, m->rows[STILL].n, m->degree, in_time ? " with time" : "");
     if (m->times.guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: guessed %g,%g from the Gaussians' "
-                  "times%s; --time-duration or --config decides",
+                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' "
+                  "own times run%s; --time-duration or --config sets it",
                   m->times.first, m->times.last, in_time ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence, "the environment map is lost: windows and far background go missing");

@@ -461,8 +461,8 @@ static spin_status find_times(struct model *m, const struct spin_plugin_values *
                                    SPREAD, &m->times));
     if (m->times.guessed)
         spin_note(sequence,
-                  "time_duration is not in the file: guessed %g,%g from the Gaussians' times; "
-                  "colours and opacities depend on it: --time-duration or --config decides",
+                  "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times run; "
+                  "colours and opacities depend on it: --time-duration or --config sets it",
                   m->times.first, m->times.last);
     return SPIN_OK;
 }

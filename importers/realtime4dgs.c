@@ -172,8 +172,8 @@ static void note_losses(const struct model *m, struct spin_sequence_info *sequen
                   "are not in it: geometry only; import comp.xz for the rest");
     if (m->times.guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: guessed %g,%g from the Gaussians' "
-                  "times%s; --time-duration or --config decides",
+                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' "
+                  "own times run%s; --time-duration or --config sets it",
                   m->times.first, m->times.last,
                   m->rows.degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))

@@ -325,8 +325,8 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->degree);
     if (m->times.guessed)
         spin_note(sequence,
-                  "the checkpoint does not tell the range of times: guessed %g,%g from the "
-                  "Gaussians' own; --time-range decides",
+                  "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' own "
+                  "times run; --time-range sets it",
                   m->times.first, m->times.last);
 }
 

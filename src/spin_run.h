@@ -210,7 +210,7 @@ struct spin_quality {
     bool valid;
     double psnr, ssim, psnr_channel_mean;
     double psnr_dynamic,
-        psnr_static; /* in and outside the moving regions, of views that have both */
+        psnr_static; /* in and outside the dynamic regions, of views that have both */
     double dynamic;  /* share of the pixels */
     double lpips[SPIN_N_LPIPS];
 };
@@ -239,7 +239,7 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
 
 enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
 
-/* What counts as moving when an evaluation looks at moving regions apart. */
+/* Which pixels count as dynamic when an evaluation measures dynamic regions apart. */
 enum spin_dynamic_from {
     SPIN_DYNAMIC_AUTO,   /* masks where every view has one, else the images */
     SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
@@ -287,7 +287,7 @@ struct spin_eval_report {
     size_t n_views;
     int n_frames;
     bool network, refined;          /* what was measured; neither: the source */
-    enum spin_dynamic_from dynamic; /* where the moving regions came from; OFF: nowhere */
+    enum spin_dynamic_from dynamic; /* where the dynamic regions came from; OFF: nowhere */
     uint64_t left_out;              /* splats that cannot be drawn, over all frames */
     double seconds_decode;          /* one frame: positions and network to splats */
     double seconds_draw;            /* one view of a decoded frame */

@@ -17,7 +17,7 @@
     }
 #define SPIN_FRAMES_OPTION_FPS                                                                     \
     {                                                                                              \
-        "fps", "F", "frames a second of the sequence; otherwise the bundle's", NULL                \
+        "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL                \
     }
 #define SPIN_FRAMES_OPTIONS(pattern)                                                               \
     SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS,                                        \

@@ -8,12 +8,18 @@
 
 const char *spin_print_bytes(double bytes, char text[32])
 {
-    static const char *const unit[] = {"B", "KiB", "MiB", "GiB", "TiB", "PiB"};
+    static const char *const unit[] = {"B", "kB", "MB", "GB", "TB", "PB"};
     int u = 0;
 
-    for (; bytes >= 1024 && u < 5; u++)
-        bytes /= 1024;
+    for (; bytes >= 1000 && u < 5; u++)
+        bytes /= 1000;
     snprintf(text, 32, u ? "%.1f %s" : "%.0f %s", bytes, unit[u]);
+    return text;
+}
+
+const char *spin_print_mean(double mean, char text[32])
+{
+    snprintf(text, 32, mean == floor(mean) ? "%.0f" : "%.1f", mean);
     return text;
 }
 

@@ -4,8 +4,10 @@
 
 #include <stdbool.h>
 
-/* "12.3 MiB" into text. */
+/* "12.3 MB" into text. */
 const char *spin_print_bytes(double bytes, char text[32]);
+/* "2940", or "2940.5" when it is not whole, into text. */
+const char *spin_print_mean(double mean, char text[32]);
 /* "2 h 36 min" into text. */
 const char *spin_print_seconds(double seconds, char text[32]);
 

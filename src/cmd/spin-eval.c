@@ -28,7 +28,7 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
              SPIN_ARG_COLOUR, options.background, 0, 0),
     SPIN_ARG("dynamic", 0, "auto|masks|images|off",
-             "where the moving regions are: the data set's masks, or what changes in its images "
+             "where the dynamic regions are: the data set's masks, or what changes in its images "
              "(auto)",
              SPIN_ARG_CHOICE, &dynamic, 0, 0),
     SPIN_ARG("lpips", 0, "DIR", "measure LPIPS with the weights in this folder, see the manual",
@@ -242,7 +242,7 @@ static void print_foot(const struct spin_eval_report *r)
     char needed[32], frame[32], file[32];
 
     if (r->dynamic != SPIN_DYNAMIC_OFF)
-        printf("moving   %.2f %% of the pixels, from %s: PSNR %.3f there, %.3f elsewhere\n",
+        printf("dynamic  %.2f %% of the pixels, from %s: PSNR %.3f there, %.3f elsewhere\n",
                100 * r->mean.dynamic,
                r->dynamic == SPIN_DYNAMIC_MASKS ? "foreground masks" : "the images",
                r->mean.psnr_dynamic, r->mean.psnr_static);

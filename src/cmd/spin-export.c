@@ -143,10 +143,10 @@ static void report_json(const struct spin_export_report *r)
 
 static void report_text(const struct spin_export_report *r)
 {
-    char bytes[32];
+    char bytes[32], mean[32];
 
-    printf("%s: %d %s as %s, %.1f splats each", options.output, r->frames,
-           r->frames == 1 ? "frame" : "frames", options.to, r->splats_mean);
+    printf("%s: %d %s as %s, %s splats each", options.output, r->frames,
+           r->frames == 1 ? "frame" : "frames", options.to, spin_print_mean(r->splats_mean, mean));
     if (r->bytes)
         printf(", %s", spin_print_bytes((double)r->bytes, bytes));
     if (r->left_out)

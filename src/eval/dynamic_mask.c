@@ -225,9 +225,9 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         from = masks ? SPIN_DYNAMIC_MASKS : medians ? SPIN_DYNAMIC_IMAGES : SPIN_DYNAMIC_OFF;
     if (from == SPIN_DYNAMIC_MASKS && !masks)
         return spin_fail(SPIN_E_NOT_FOUND, "the data set has no foreground mask for some of these "
-                                           "views: take the moving regions from the images");
+                                           "views: use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
-        return spin_fail(SPIN_E_UNSUPPORTED, "moving regions cannot be taken from the images: no "
+        return spin_fail(SPIN_E_UNSUPPORTED, "dynamic regions cannot be found in the images: no "
                                              "camera stands still for three frames");
     m->from = from;
     if (from == SPIN_DYNAMIC_OFF)

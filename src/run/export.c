@@ -136,7 +136,7 @@ static spin_status find_exporter(const char *name, const struct spin_exporter **
     }
     if (spin_plugin_fault(name))
         return spin_fail(SPIN_E_UNSUPPORTED, "%s", spin_plugin_fault(name));
-    return spin_fail(SPIN_E_USAGE, "no exporter '%s': there is %s", name, known);
+    return spin_fail(SPIN_E_USAGE, "no exporter '%s'; there are %s", name, known);
 }
 
 static double clip_fps(const struct spin_clip *clip)
@@ -322,7 +322,7 @@ static spin_status begin_export(struct export *x)
         x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
     job.counts = x->counts;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats are meant to be drawn antialiased, and '%s' has no word for it: "
+        spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: "
                   "switch it on in the viewer",
                   o->to);
     if (spin_rank() > 0)

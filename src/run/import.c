@@ -102,7 +102,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                                              : SPIN_SAMPLED_ENDS;
     if (*n <= 0 && o->output)
         return spin_fail(SPIN_E_USAGE,
-                         "'%s' is defined at any time: say where to sample it with "
+                         "'%s' is continuous in time: give the times with "
                          "--frames, --times or --data",
                          o->input);
     if (*n <= 0) /* a look at both ends is enough to describe it */
@@ -136,13 +136,13 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_fail(SPIN_E_USAGE,
-                         "'%s' has %d frames as they are: --frame-times is for methods defined at "
-                         "any time",
+                         "'%s' stores its %d frames: --frame-times is for methods that are continuous "
+                         "in time",
                          o->input, t->n_frames);
     if (o->n_frames > 0 || o->n_times > 0)
         return spin_fail(SPIN_E_USAGE,
-                         "'%s' has %d frames as they are: --frames and --times are "
-                         "for methods defined at any time; use --range",
+                         "'%s' stores its %d frames: --frames and --times are "
+                         "for methods that are continuous in time; use --range",
                          o->input, t->n_frames);
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));

@@ -113,7 +113,7 @@ static void compare_fixture(const char *folder, const char *name)
     bounds_of = folder;
     if (!ok(open_with(NULL, path_in(folder, "model"), config, &run) == SPIN_OK &&
                 !strcmp(run.importer->name, FROM) && run.sequence.continuous &&
-                !strstr(run.sequence.notes, "guessed") &&
+                !strstr(run.sequence.notes, "own times run") &&
                 spin_npz_open(path_in(folder, "expected.npz"), &npz) == SPIN_OK,
             "%s: is recognised and opens", name)) {
         printf("#   %s\n", spin_last_error());
@@ -180,7 +180,7 @@ static void test_folders(const char *fixture)
     ok(spin_importer_find(path_in(folder, "chkpnt_best.pth"), NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, FROM),
        "so is the checkpoint");
-    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "guessed") &&
+    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "own times run") &&
            !strstr(run.sequence.notes, "colours depend"),
        "the range of times is guessed then, and colours do not depend on it");
     run_close(&run);

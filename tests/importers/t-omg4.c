@@ -134,7 +134,7 @@ static void test_times(const char *folder)
     struct run run;
 
     ok(run_open(FROM, folder, &run) == SPIN_OK && run.sequence.time_first == 0 &&
-           run.sequence.time_last == 10 && strstr(run.sequence.notes, "guessed 0,10") &&
+           run.sequence.time_last == 10 && strstr(run.sequence.notes, "assumed 0,10") &&
            strstr(run.sequence.notes, "opacities depend on it"),
        "without a YAML the range of times is guessed, and the notes say so");
     ok(run.importer->frame(run.self, 0, 3, run.sequence.columns, &a) == SPIN_OK &&

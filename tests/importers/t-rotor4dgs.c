@@ -79,7 +79,7 @@ static void compare_fixture(const char *folder, const char *name)
             printf("#   %s\n", spin_last_error());
             continue;
         }
-        ok(strstr(run.sequence.notes, "guessed") != NULL && !strstr(run.sequence.notes, "moves"),
+        ok(strstr(run.sequence.notes, "own times run") != NULL && !strstr(run.sequence.notes, "moves"),
            "%s: the range of times is a guess, and the notes say so", name);
         for (size_t i = 0; i < t.times.n_rows; i++)
             compare_time(&run, &t, i, rules[r], name);
@@ -107,7 +107,7 @@ static void test_options(const char *root)
     struct run run;
 
     ok(open_with(FROM, path, range, &run) == SPIN_OK && run.sequence.time_first == 0 &&
-           run.sequence.time_last == 5 && !strstr(run.sequence.notes, "guessed"),
+           run.sequence.time_last == 5 && !strstr(run.sequence.notes, "own times run"),
        "the range of times may be given");
     ok(strstr(run.sequence.variant, "step 2000") != NULL, "the step inside is told");
     run_close(&run);

@@ -1,5 +1,5 @@
 /* The page: what was measured, curves over frames and over training, a table of the cameras, crops of
- * what moves fast, the worst views, the options of the run. Equal runs give equal pages, but for speed. */
+ * fast motion, the worst views, the options of the run. Equal runs give equal pages, but for speed. */
 #include "eval/report/report.h"
 
 #include <math.h>
@@ -110,7 +110,7 @@ static void put_tiles(struct page *p)
     fprintf(p->to, "<div class=\"tiles\">\n");
     put_tile(p->to, "PSNR", after->psnr, before->psnr, 2, " dB");
     put_tile(p->to, "SSIM", after->ssim, before->ssim, 4, "");
-    put_tile(p->to, "PSNR, moving regions", after->psnr_dynamic, before->psnr_dynamic, 2, " dB");
+    put_tile(p->to, "PSNR, dynamic regions", after->psnr_dynamic, before->psnr_dynamic, 2, " dB");
     put_tile(p->to, "PSNR, elsewhere", after->psnr_static, before->psnr_static, 2, " dB");
     put_tile(p->to, "LPIPS (VGG)", after->lpips[0], before->lpips[0], 4, "");
     put_tile(p->to, "LPIPS (Alex)", after->lpips[1], before->lpips[1], 4, "");
@@ -179,7 +179,7 @@ static size_t list_frames(const struct spin_eval_report *r, int *frame)
     return n;
 }
 
-/* PSNR over the frames: all of the picture solid, what moves dashed. */
+/* PSNR over the frames: all of the picture solid, dynamic regions dashed. */
 static spin_status put_frames(struct page *p)
 {
     const struct spin_eval_report *report[2] = {p->r->after, p->r->before};
@@ -189,8 +189,8 @@ static spin_status put_frames(struct page *p)
                                    .y_name = "PSNR, dB",
                                    .line = line,
                                    .whole = true};
-    static const char *const names[2][2] = {{"after", "after, what moves"},
-                                            {"before", "before, what moves"}};
+    static const char *const names[2][2] = {{"after", "after, dynamic"},
+                                            {"before", "before, dynamic"}};
     size_t most = p->r->after->n_views, n;
     void *block = NULL;
     double *x, *y;
@@ -296,7 +296,7 @@ static void put_camera_head(struct page *p)
             "colspan=\"%d\">SSIM</th>",
             two == 2 ? 3 : 1, two);
     if (p->r->after->dynamic != SPIN_DYNAMIC_OFF)
-        fprintf(p->to, "<th colspan=\"%d\">PSNR of what moves</th>", two);
+        fprintf(p->to, "<th colspan=\"%d\">PSNR, dynamic</th>", two);
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         if (!isnan(p->r->after->mean.lpips[i]))
             fprintf(p->to, "<th colspan=\"%d\">%s</th>", two, lpips[i]);
