@@ -99,7 +99,7 @@ is "$code" 0 "refines antialiased"
 for to in ply compressed-ply spz html; do
     run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to"
     is "$code" 0 "antialiased: exports $to"
-    grep -q 'meant to be drawn antialiased' "$work/err"
+    grep -q 'trained with antialiasing' "$work/err"
     is $? 1 "antialiased: $to needs no warning"
 done
 grep -aq '^comment antialiased 1$' "$work/anti-ply/frame_00000.ply"
@@ -110,7 +110,7 @@ grep -q '"antialias":true' "$work/anti-html"
 ok $? "antialiased: so has the page"
 for to in splat gltf; do
     run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to"
-    err_has 'meant to be drawn antialiased' "antialiased: a warning with $to"
+    err_has 'trained with antialiasing' "antialiased: a warning with $to"
 done
 run "$bin/spin-eval" "$work/anti.spin" --scale 0.25 --json
 first=$(member psnr)

@@ -321,9 +321,9 @@ static void test_saves(const char *fixture, const char *checkpoint)
     copy_to(checkpoint, path_in(model, "chkpnt30000.pth"));
     ok(run_open(NULL, model, &run) == SPIN_OK && strstr(run.sequence.variant, "chkpnt30000.pth"),
        "of one iteration the checkpoint is");
-    ok(strstr(run.sequence.notes, "time_interval is said to be 5, in the checkpoint it is 10") &&
+    ok(strstr(run.sequence.notes, "time_interval is 5 in cfg_args and 10 in the checkpoint") &&
            strstr(run.sequence.notes,
-                  "time_pad makes a shift of 13 frames, in the checkpoint it is 12"),
+                  "time_pad of cfg_args is a shift of 13 frames, that of the checkpoint 12"),
        "a cfg_args of another run is noted");
     run_close(&run);
     if (spin_folder_make(save) != SPIN_OK)
