@@ -55,7 +55,7 @@ struct spin_camera_path {
     int n_panels;
     bool labels;
     int64_t n_pictures;            /* of all frames */
-    double fps;                    /* pictures a second */
+    double fps;                    /* frames per second */
     int size[2];                   /* of a picture, instead of the cameras'; 0: theirs */
     int row;                       /* the data set's, of the first frame */
     struct spin_rig_path rig;      /* of SPIN_PATH_TRAIN */

@@ -117,7 +117,7 @@ static spin_status look_at(const struct spin_truth *truth, const struct spin_pla
     return SPIN_OK;
 }
 
-/* Views that a camera's pixels are compared with to find what moves. */
+/* Views that a camera's pixels are compared with to find dynamic pixels. */
 static size_t median_views(const struct spin_truth *truth, const struct spin_plan *plan, int camera,
                            size_t *view)
 {

@@ -159,8 +159,8 @@ static void put_head(struct page *p)
             a->n_views, split[p->r->options->split], a->n_frames);
     spin_text_html(p->to, p->r->clip->bundle.meta.variant);
     fprintf(p->to, ".%s</p>\n",
-            a->dynamic == SPIN_DYNAMIC_MASKS    ? " What moves: the data set's masks."
-            : a->dynamic == SPIN_DYNAMIC_IMAGES ? " What moves: pixels that differ from their "
+            a->dynamic == SPIN_DYNAMIC_MASKS    ? " Dynamic regions: the data set's masks."
+            : a->dynamic == SPIN_DYNAMIC_IMAGES ? " Dynamic regions: pixels that differ from their "
                                                   "camera's median over time."
                                                 : "");
     put_training(p);
@@ -415,7 +415,7 @@ static spin_status put_pictures(struct page *p)
     SPIN_TRY(
         spin_motion_crops_fast(r->clip, r->pixels, r->pairs, r->after->n_views, CROPS, crop, &n));
     if (n) {
-        fprintf(p->to, "<h2>What moves fastest</h2>\n");
+        fprintf(p->to, "<h2>Fastest motion</h2>\n");
         put_names(p);
     }
     for (size_t i = 0; i < n; i++)
