@@ -18,6 +18,7 @@
 #include "base/text.h"
 #include "exporters/html/page.h"
 #include "exporters/lib/initial_view.h"
+#include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"
 #include "exporters/lib/sort_rows.h"
 #include "io/json.h"
@@ -45,6 +46,9 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
+/* The most that a draft takes of the file of --split: the first picture is to come before a tenth is read. */
+#define DRAFT_SHARE 0.05
+
 /* A frame of a version, as written. */
 struct page_frame {
     int first; /* frame whose key it needs */
@@ -71,6 +75,9 @@ struct export
     const struct spin_export_job *job;
     struct spin_out out, data;
     bool split;
+    struct spin_page_draft draft; /* of the first version, with split */
+    size_t draft_splats;          /* written; 0: there is none */
+    uint64_t draft_bytes;
     struct spin_splat_filter rows;
     struct spin_sort_rows order;
     struct spin_page_space space;
@@ -183,6 +190,25 @@ static spin_status take_block(void *context, const struct spin_page_block *block
     return write_text(x, "</script>\n");
 }
 
+static spin_status take_draft(void *context, const struct spin_page_block *block)
+{
+    struct export *x = context;
+
+    x->draft_splats = block->n_shared;
+    x->draft_bytes = block->n_bytes;
+    return spin_out_write(&x->data, block->data, block->n_bytes);
+}
+
+/* Behind all blocks. Where the first key is as small as a draft there is no need for one. */
+static spin_status write_draft(struct export *x)
+{
+    double most = DRAFT_SHARE * (double)x->data_bytes;
+
+    if (!x->split || (double)x->version[0].frame[0].bytes <= most)
+        return SPIN_OK;
+    return spin_page_draft_write(&x->draft, (uint64_t)most, take_draft, x);
+}
+
 static spin_status write_group(struct export *x, struct version *v)
 {
     struct sink sink = {x, v};
@@ -199,6 +225,8 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     SPIN_TRY(choose(x, v, s, number, &n));
     v->n_kept += (double)n;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
+    if (x->split && v == &x->version[0] && x->n_written == 0)
+        SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, s, &x->view, &x->order));
     if (!full)
         return SPIN_OK;
     SPIN_TRY(write_group(x, v));
@@ -225,7 +253,7 @@ static spin_json *list_of_ints(const int *value, int n)
     return list;
 }
 
-static spin_json *version_json(const struct version *v)
+static spin_json *version_json(const struct version *v, const struct export *x)
 {
     static const char *const key[] = {"splats", "first", "shared", "still", "own", "at", "bytes"};
     spin_json *j = spin_json_object(), *list[7];
@@ -250,6 +278,14 @@ static spin_json *version_json(const struct version *v)
             spin_json_push(list[k], spin_json_integer_value((int64_t)value[k]));
         }
         spin_json_set(j, key[k], list[k]);
+    }
+    if (v == &x->version[0] && x->draft_splats > 0) {
+        spin_json *draft = spin_json_object();
+
+        spin_json_set_integer(draft, "splats", (int64_t)x->draft_splats);
+        spin_json_set_integer(draft, "at", (int64_t)x->data_bytes);
+        spin_json_set_integer(draft, "bytes", (int64_t)x->draft_bytes);
+        spin_json_set(j, "draft", draft);
     }
     return j;
 }
@@ -316,7 +352,7 @@ static spin_status write_clip(struct export *x)
     if (x->split)
         spin_json_set_string(j, "data", spin_path_name(x->data.path));
     for (int i = 0; i < x->n_versions; i++)
-        spin_json_push(versions, version_json(&x->version[i]));
+        spin_json_push(versions, version_json(&x->version[i], x));
     spin_json_set(j, "versions", versions);
     text = spin_json_text(j, false);
     spin_json_free(j);
@@ -346,6 +382,7 @@ static void finish(struct export *x)
         free(x->version[i].frame);
         free(x->version[i].visible);
     }
+    spin_page_draft_free(&x->draft);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_splats_free(&x->source);
@@ -474,6 +511,9 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
     SPIN_TRY(spin_page_bounds_from(x->job->values, x->size, &x->space.bounds));
     for (int i = 0; i < x->n_versions; i++)
         x->version[i].group.space = x->space;
+    x->draft.group.space = x->space;
+    x->draft.group.n_sh = x->version[0].n_sh;
+    x->draft.group.pool = x->rows.pool;
     return SPIN_OK;
 }
 
@@ -506,7 +546,7 @@ static spin_status fill_report(struct export *x)
     uint64_t page = 0;
 
     SPIN_TRY(spin_out_length(&x->out, &page));
-    page += x->split ? x->data_bytes : 0;
+    page += x->split ? x->data_bytes + x->draft_bytes : 0;
     spin_log(0, "html: %llu splats of %d frame%s and %d version%s, %.2f bytes each",
              (unsigned long long)x->n_splats, x->n_written, x->n_written == 1 ? "" : "s",
              x->n_versions, x->n_versions == 1 ? "" : "s",
@@ -575,6 +615,7 @@ static spin_status html_end(void *self)
 
     for (int i = 0; i < x->n_versions; i++)
         SPIN_TRY_OUT(write_group(x, &x->version[i]));
+    SPIN_TRY_OUT(write_draft(x));
     SPIN_TRY_OUT(write_clip(x));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
     SPIN_TRY_OUT(write_script(x, " type=\"text/plain\" id=\"vertex\"", spin_html_vertex));

@@ -57,22 +57,21 @@ if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProg
 gl.useProgram(program);
 const where = (name) => gl.getUniformLocation(program, name);
 const at = Object.fromEntries(['splats', 'harmonics', 'turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias'].map((n) => [n, where(n)]));
-const order = gl.createBuffer();
-gl.bindBuffer(gl.ARRAY_BUFFER, order);
 gl.enableVertexAttribArray(0);
-gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
 gl.vertexAttribDivisor(0, 1);
 gl.enable(gl.BLEND);
 gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
 gl.uniform1i(at.splats, 0);
 gl.uniform1i(at.harmonics, 1);
 
-// Words into a texture 2048 wide, made anew when it has to grow; the last row is filled up.
+// Words into a texture 2048 wide, made anew when it has to grow; the last row is filled up. Without words: bind it.
 function texture(slot, format, layout, perTexel) {
     let made = null, rows = 0;
     return (words) => {
-        const line = 2048 * perTexel, need = Math.max(1, Math.ceil(words.length / line));
+        const line = 2048 * perTexel, need = Math.max(1, Math.ceil((words?.length ?? 0) / line));
         gl.activeTexture(gl.TEXTURE0 + slot);
+        gl.bindTexture(gl.TEXTURE_2D, made);
+        if (!words) return;
         if (need > rows) {
             gl.deleteTexture(made);
             made = gl.createTexture();
@@ -92,29 +91,47 @@ function texture(slot, format, layout, perTexel) {
         }
     };
 }
-const putSplats = texture(0, gl.RGBA32UI, gl.RGBA_INTEGER, 4), putHarmonics = texture(1, gl.R32UI, gl.RED_INTEGER, 1);
-const shown = { version: -1, frame: -1, count: 0, words: 0 };
+// Each version's frame that is on the card.
+const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, order: gl.createBuffer(), splats: texture(0, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(1, gl.R32UI, gl.RED_INTEGER, 1) }));
+
+// One version into the columns of pixels from left to right.
+function drawPart(s, left, right) {
+    gl.scissor(left, 0, right - left, canvas.height);
+    s.splats();
+    s.harmonics();
+    gl.bindBuffer(gl.ARRAY_BUFFER, s.order);
+    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.uniform1i(at.degree, s.v.degree);
+    gl.uniform1i(at.words, s.words);
+    gl.uniform1i(at.antialias, s.v.antialias ? 1 : 0);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, s.count);
+}
 
 function draw() {
-    const w = canvas.width, h = canvas.height, c = camera();
+    const w = canvas.width, h = canvas.height, c = camera(), cut = Math.round(state.cut * w);
     gl.viewport(0, 0, w, h);
+    gl.disable(gl.SCISSOR_TEST);
     gl.clearColor(...clip.background, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    if (shown.version < 0) return;
+    if (!state.drawn) return;
+    gl.enable(gl.SCISSOR_TEST);
     gl.uniformMatrix3fv(at.turn, false, [...c.right, ...c.down, ...c.forward]);
     gl.uniform3fv(at.eye, c.eye);
     gl.uniform2f(at.focal, c.focal, c.focal);
     gl.uniform2f(at.half_size, w / 2, h / 2);
     gl.uniform1f(at.near, clip.near / clip.size);
-    gl.uniform1i(at.degree, clip.versions[shown.version].degree);
-    gl.uniform1i(at.words, shown.words);
-    gl.uniform1i(at.antialias, clip.versions[shown.version].antialias ? 1 : 0);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, shown.count);
+    if (state.drawn.length === 1) drawPart(shown[state.drawn[0]], 0, w);
+    else {
+        drawPart(shown[BEFORE], 0, cut);
+        drawPart(shown[AFTER], cut, w);
+    }
 }
 
 // ---- What is wanted and what is shown ----------------------------------------------------------------
 
-const state = { version: 0, frame: 0, playing: false, speed: 1, clock: 0, last: 0, asked: '', waiting: 0, id: 0, dirty: true };
+const AFTER = 0, BEFORE = 1; // of two versions
+// drawn: the versions in the picture; wipe: both are wanted, with the line at the share `cut` of the width.
+const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, asked: '', waiting: false, dirty: true, drawn: null };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;
     element.remove();
@@ -126,34 +143,42 @@ worker.onerror = (e) => say(`The page failed: ${e.message}`);
 worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href });
 
 worker.onmessage = ({ data }) => {
-    state.waiting = 0;
+    state.waiting = false;
     if (data.error) return say(`The clip cannot be read: ${data.error}`);
-    if (data.texels) {
-        putSplats(data.texels);
-        if (data.words) putHarmonics(data.sh);
-        Object.assign(shown, { version: data.version, frame: data.frame, words: data.words });
+    for (const part of data.parts) {
+        const s = shown[part.version];
+        if (part.texels) {
+            s.splats(part.texels);
+            if (part.words) s.harmonics(part.sh);
+            Object.assign(s, { frame: data.frame, draft: data.draft, words: part.words });
+        }
+        gl.bindBuffer(gl.ARRAY_BUFFER, s.order);
+        gl.bufferData(gl.ARRAY_BUFFER, part.order, gl.DYNAMIC_DRAW);
+        s.count = part.order.length;
     }
-    if (data.version !== shown.version || data.frame !== shown.frame) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, order);
-    gl.bufferData(gl.ARRAY_BUFFER, data.order, gl.DYNAMIC_DRAW);
-    shown.count = data.order.length;
+    state.drawn = data.parts.map((p) => p.version);
     state.dirty = true;
     say('');
 };
 
-// Ask for the wanted frame, and for a new order when the camera has turned or moved.
+const wanted = () => (state.wipe ? [AFTER, BEFORE] : [state.version]);
+const isWhole = () => state.drawn && !shown[state.drawn[0]].draft;
+
+// Ask for the wanted frame, and for a new order when the camera has turned or moved; of a page that is served
+// first for the draft, which is shown before anything else is read.
 function ask(c) {
-    const key = [state.version, state.frame, ...c.forward.map((v) => v.toFixed(3)), ...c.eye.map((v) => v.toFixed(3))].join(' ');
+    const draft = !state.drawn && !state.wipe && state.frame === 0 && clip.versions[state.version].draft !== undefined;
+    const key = [wanted(), draft, state.frame, ...c.forward.map((v) => v.toFixed(3)), ...c.eye.map((v) => v.toFixed(3))].join(' ');
     if (state.waiting || key === state.asked) return;
     state.asked = key;
-    state.waiting = ++state.id;
-    const n = clip.numbers.length, same = shown.version === state.version && shown.frame === state.frame;
-    worker.postMessage({ version: state.version, frame: state.frame, data: !same, id: state.id, eye: c.eye, forward: c.forward, near: clip.near / clip.size, next: n > 1 ? (state.frame + 1) % n : undefined });
+    state.waiting = true;
+    const n = clip.numbers.length, parts = wanted().map((version) => ({ version, data: shown[version].frame !== state.frame || shown[version].draft }));
+    worker.postMessage({ parts, draft, frame: state.frame, eye: c.eye, forward: c.forward, near: clip.near / clip.size, next: n > 1 && !draft ? (state.frame + 1) % n : undefined });
 }
 
 function tick(now) {
     const n = clip.numbers.length;
-    if (state.playing && shown.version >= 0) {
+    if (state.playing && isWhole()) {
         state.clock = (state.clock + (now - state.last) / 1000 * state.speed * clip.fps) % n;
         if (Math.floor(state.clock) !== state.frame) go(Math.floor(state.clock), false);
     }
@@ -168,7 +193,9 @@ function tick(now) {
     if (state.dirty) {
         state.dirty = false;
         draw();
-        root.dataset.shown = shown.version < 0 ? '' : `${clip.versions[shown.version].name} ${clip.numbers[shown.frame]}`;
+        const first = state.drawn && shown[state.drawn[0]];
+        root.dataset.shown = !first ? '' : `${state.drawn.length > 1 ? 'wipe' : first.v.name} ${clip.numbers[first.frame]}`;
+        root.dataset.draft = first?.draft ? 'yes' : 'no';
         root.dataset.draws = Number(root.dataset.draws || 0) + 1;
     }
     requestAnimationFrame(tick);
@@ -182,7 +209,8 @@ function label() {
     $('label').title = `Number ${clip.numbers[state.frame]}`;
     $('scrub').value = state.frame;
     $('play').textContent = state.playing ? 'Pause' : 'Play';
-    [...$('versions').children].forEach((b, i) => b.setAttribute('aria-pressed', i === state.version));
+    for (const b of $('versions').children) b.setAttribute('aria-pressed', b.dataset.version === (state.wipe ? 'wipe' : clip.versions[state.version].name));
+    $('wipe').hidden = !state.wipe;
 }
 
 function go(frame, byHand = true) {
@@ -199,7 +227,21 @@ function play(on) {
 
 function show(version) {
     state.version = version % clip.versions.length;
+    state.wipe = false;
     label();
+}
+
+// Before on the left of a line, after on its right.
+function wipe(on) {
+    state.wipe = on && clip.versions.length === 2;
+    label();
+}
+
+function cutAt(share) {
+    state.cut = Math.max(0.02, Math.min(0.98, share));
+    $('wipe').style.left = `${100 * state.cut}%`;
+    $('wipe').setAttribute('aria-valuenow', Math.round(100 * state.cut));
+    state.dirty = true;
 }
 
 function reset() {
@@ -255,6 +297,17 @@ canvas.ondblclick = reset;
 canvas.oncontextmenu = (e) => e.preventDefault();
 canvas.addEventListener('wheel', (e) => { e.preventDefault(); zoomBy(Math.exp(e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
 
+const line = $('wipe');
+line.onpointerdown = (e) => { line.setPointerCapture(e.pointerId); };
+line.onpointermove = (e) => { if (line.hasPointerCapture(e.pointerId)) cutAt(e.clientX / canvas.clientWidth); };
+line.onkeydown = (e) => {
+    const step = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
+    if (!step) return;
+    cutAt(state.cut + step);
+    e.preventDefault();
+    e.stopPropagation();
+};
+
 const fingers = new Map();
 canvas.onpointerdown = (e) => { canvas.setPointerCapture(e.pointerId); fingers.set(e.pointerId, [e.clientX, e.clientY]); };
 canvas.onpointerup = canvas.onpointercancel = (e) => fingers.delete(e.pointerId);
@@ -279,6 +332,7 @@ window.addEventListener('keydown', (e) => {
     if (e.key === ' ' && !typed) play(!state.playing);
     else if (step && e.target.id !== 'scrub' && !typed) { play(false); go(state.frame + step); }
     else if (e.key === 'b' || e.key === 'B') show(state.version + 1);
+    else if (e.key === 'w' || e.key === 'W') wipe(!state.wipe);
     else if (e.key === 'f' || e.key === 'F') fullscreen();
     else if (e.key === 'r' || e.key === 'R') reset();
     else if (e.key === 'h' || e.key === 'H') root.classList.toggle('bare');
@@ -291,17 +345,21 @@ $('scrub').max = clip.numbers.length - 1;
 $('time').hidden = clip.numbers.length < 2;
 $('speed').hidden = clip.numbers.length < 2;
 $('versions').hidden = clip.versions.length < 2;
-clip.versions.forEach((v, i) => {
+function addButton(name, text, title, does) {
     const button = document.createElement('button');
-    button.textContent = v.label;
-    button.dataset.version = v.name;
-    button.onclick = () => show(i);
+    button.textContent = text;
+    button.title = title;
+    button.dataset.version = name;
+    button.onclick = does;
     $('versions').append(button);
-});
+}
+clip.versions.forEach((v, i) => addButton(v.name, v.label, `${v.label} alone (B)`, () => show(i)));
+if (clip.versions.length === 2) addButton('wipe', 'Wipe', 'Both, with a line between them (W)', () => wipe(true));
 $('name').textContent = document.title = clip.name;
 $('hint').textContent = matchMedia('(pointer: coarse)').matches ? 'One finger turns, two move and zoom.' : 'Drag to turn, wheel to zoom, right button to move.';
 setTimeout(() => welcome(false), 8000);
 home();
+cutAt(0.5);
 play(!matchMedia('(prefers-reduced-motion: reduce)').matches);
 requestAnimationFrame(tick);
 

@@ -22,6 +22,13 @@ function bytesOf(text) {
     return out.subarray(0, n);
 }
 
+// Bytes of the file, from a server that may send all of it.
+async function rangeOf(from, to) {
+    const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
+    if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
+    return { bytes: new Uint8Array(await answer.arrayBuffer()), whole: answer.status !== 206 };
+}
+
 // From the server: the block alone when nothing is at hand yet, so that the first picture comes soon; then
 // also those behind it, a megabyte at a time.
 async function fromServer(v, frame) {
@@ -30,10 +37,7 @@ async function fromServer(v, frame) {
         let last = frame;
         while (fetched.size && last + 1 < v.at.length && v.at[last + 1] === v.at[last] + v.bytes[last] && v.at[last] + v.bytes[last] - v.at[frame] < RUN_BYTES) last++;
         const from = v.at[frame], to = v.at[last] + v.bytes[last];
-        const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
-        if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
-        const bytes = new Uint8Array(await answer.arrayBuffer()), base = answer.status === 206 ? from : 0;
-        const whole = answer.status !== 206;
+        const { bytes, whole } = await rangeOf(from, to), base = whole ? 0 : from;
         for (const each of whole ? clip.versions : [v]) {
             for (let f = whole ? 0 : frame; f <= (whole ? each.at.length - 1 : last); f++) {
                 const at = each.at[f] - base;
@@ -45,11 +49,12 @@ async function fromServer(v, frame) {
     return fetched.get(name(frame));
 }
 
-async function blockOf(version, frame) {
-    const packed = address ? await fromServer(clip.versions[version], frame) : bytesOf(texts[version][frame]);
+async function unpacked(packed) {
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
     return new Uint8Array(await new Response(stream).arrayBuffer());
 }
+
+const blockOf = async (version, frame) => unpacked(address ? await fromServer(clip.versions[version], frame) : bytesOf(texts[version][frame]));
 
 // ---- Columns ---------------------------------------------------------------------------------------
 
@@ -225,6 +230,15 @@ async function decoded(version, frame) {
     return out;
 }
 
+// The draft is a key of a frame of its own.
+async function draftOf(version) {
+    const v = clip.versions[version], { splats: n, at, bytes: size } = v.draft, { bytes, whole } = await rangeOf(at, at + size);
+    const read = columnsIn(await unpacked(whole ? bytes.subarray(at, at + size) : bytes)), keys = arrays(SH + v.sh, n), out = emptyFrame(n, v.sh);
+    keysFrom(read, keys, n);
+    fill(out, 0, n, keys, turnsOf(keys, n), null, 0, v.sh);
+    return out;
+}
+
 async function frameOf(version, frame) {
     const name = `${version} ${frame}`, known = frames.get(name);
     if (known) {
@@ -271,14 +285,14 @@ function sorted({ n, place }, eye, forward, near) {
     return order;
 }
 
+// One frame of one version, or of both, which are shown together.
 async function answer(w) {
-    const f = await frameOf(w.version, w.frame), order = sorted(f, w.eye, w.forward, w.near);
-    const reply = { version: w.version, frame: w.frame, id: w.id, n: f.n, words: f.words, order };
-    if (w.data) {
-        reply.texels = f.texels;
-        reply.sh = new Uint32Array(f.sh.buffer);
+    const reply = { frame: w.frame, draft: w.draft, parts: [] };
+    for (const { version, data } of w.parts) {
+        const f = w.draft ? await draftOf(version) : await frameOf(version, w.frame), order = sorted(f, w.eye, w.forward, w.near);
+        reply.parts.push({ version, words: f.words, order, texels: data && f.texels, sh: data && new Uint32Array(f.sh.buffer) });
     }
-    postMessage(reply, [order.buffer]);
+    postMessage(reply, reply.parts.map((p) => p.order.buffer));
 }
 
 async function work() {
@@ -289,7 +303,7 @@ async function work() {
             const w = wanted;
             wanted = null;
             await answer(w);
-            if (!wanted && w.next !== undefined) await frameOf(w.version, w.next);
+            for (const { version } of w.parts) if (!wanted && w.next !== undefined) await frameOf(version, w.next);
         }
     } catch (e) {
         postMessage({ error: String(e?.message ?? e) });

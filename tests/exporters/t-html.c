@@ -362,6 +362,122 @@ static void test_clip(void)
 }
 
 /* Other bounds, and keys every second frame; then the blocks in a file of their own: the same bytes. */
+enum { MANY = 3000, DRAFT_COLUMNS = 13 };
+
+/* Frames of that many splats, with --split and a key every frame; the page is loaded, the data mapped. */
+static const spin_json *split_clip(const char *name, size_t n, int n_frames, struct spin_map *data,
+                                   spin_json **doc)
+{
+    static const char *const pairs[] = {"split", "", "key-every", "1", NULL};
+    struct spin_plugin_values values = {pairs};
+    char path[300];
+    struct spin_export_job job = {
+        .output = path, .force = true, .n_frames = n_frames, .values = &values};
+    struct spin_splats s = {0};
+    void *self = NULL;
+
+    snprintf(path, sizeof path, "%s", in_folder(name));
+    make_frame(&s, n, 0, 5);
+    if (spin_exporter_html.begin(&job, &self) != SPIN_OK)
+        exit(1);
+    for (int f = 0; f < n_frames; f++) {
+        struct spin_frame_info info = {.number = f, .n = n};
+
+        if (spin_exporter_html.frame(self, f, &info, &s) != SPIN_OK)
+            exit(1);
+    }
+    spin_splats_free(&s);
+    ok(spin_exporter_html.end(self) == SPIN_OK && load(path), "%s in two files", name);
+    memcpy(strrchr(path, '.'), ".bin", 5);
+    if (spin_map_open(path, data) != SPIN_OK)
+        exit(1);
+    return spin_json_at(spin_json_get(clip_of(doc), "versions"), 0);
+}
+
+static double area(const double *log_scale)
+{
+    double least = fmin(log_scale[0], fmin(log_scale[1], log_scale[2]));
+
+    return exp(log_scale[0] + log_scale[1] + log_scale[2] - least);
+}
+
+/* The first picture comes before a tenth of the data is read: from a draft, splats of the first frame of which some
+ * have grown, and about as much is covered. */
+static void test_draft(void)
+{
+    static unsigned char bytes[1 << 20];
+    static long x[DRAFT_COLUMNS][MANY];
+    struct spin_map data = {0};
+    spin_json *doc;
+    const spin_json *version = split_clip("draft.html", MANY, 2, &data, &doc);
+    const spin_json *draft = spin_json_get(version, "draft");
+    size_t n = (size_t)number(draft, "splats"), from = (size_t)number(draft, "at");
+    size_t size = (size_t)number(draft, "bytes"), strange = 0;
+    double all = 0, covered = 0;
+    struct spin_splats s = {0};
+    z_stream z = {0};
+
+    ok((double)size < 0.05 * (double)from && (double)size > 0.04 * (double)from && n > 60 &&
+           n < MANY / 4,
+       "%zu splats in %.1f %% of the blocks", n, 100 * (double)size / (double)from);
+    ok(from == count(version, "at", 1) + count(version, "bytes", 1) && from + size == data.size,
+       "behind all of them");
+    z.next_in = (unsigned char *)(uintptr_t)data.data + from;
+    z.avail_in = (uInt)size;
+    z.next_out = bytes;
+    z.avail_out = sizeof bytes;
+    inflateInit2(&z, 31);
+    ok(inflate(&z, Z_FINISH) == Z_STREAM_END, "a block");
+    inflateEnd(&z);
+    at = bytes;
+    end = bytes + z.total_out;
+    for (int c = 0; c < DRAFT_COLUMNS; c++)
+        whole(x[c], n);
+    ok(at == end, "of as many columns");
+    make_frame(&s, MANY, 0, 5);
+    for (size_t i = 0; i < n; i++) {
+        double best = INFINITY, scale[3], grown = 0;
+        struct want is = {0};
+
+        for (size_t j = 0; j < MANY; j++) {
+            struct want w = want_of(&s, j);
+            double apart = 0;
+
+            for (size_t k = 0; k < 3; k++) {
+                double middle = 0;
+
+                spin_json_number(spin_json_at(spin_json_get(doc, "centre"), k), &middle);
+                apart = fmax(apart, fabs(0.5 * (double)x[k][i] * step_of(doc, k) + middle -
+                                         (double)w.place[k]));
+            }
+            is = apart < best ? w : is;
+            best = fmin(best, apart);
+        }
+        for (size_t k = 0; k < 3; k++) {
+            scale[k] = 0.5 * (double)x[7 + k][i] * step_of(doc, 7);
+            grown = fmax(grown, fabs(scale[k] - (double)is.log_scale[k] -
+                                     (scale[0] - (double)is.log_scale[0])));
+        }
+        strange += best > 0.01 || grown > 0.05 || scale[0] < (double)is.log_scale[0] - 0.05 ||
+                   scale[0] > (double)is.log_scale[0] + 2.2;
+        covered += area(scale);
+    }
+    for (size_t j = 0; j < MANY; j++) {
+        struct want w = want_of(&s, j);
+
+        all += area((double[3]){w.log_scale[0], w.log_scale[1], w.log_scale[2]});
+    }
+    ok(strange == 0, "each is one of the frame, or that grown as a whole (%zu are not)", strange);
+    ok(covered > all / 3 && covered < 3 * all, "%.2f of all is covered", covered / all);
+    spin_splats_free(&s);
+    spin_map_close(&data);
+    spin_json_free(doc);
+    version = split_clip("long.html", 300, 24, &data, &doc);
+    ok(!spin_json_get(version, "draft"), "there is none where a key is as small");
+    spin_map_close(&data);
+    spin_json_free(doc);
+}
+
 static void test_split(void)
 {
     static struct columns now;
@@ -569,6 +685,7 @@ TAP_MAIN
 {
     test_clip();
     test_split();
+    test_draft();
     test_mean();
     test_choice();
     test_bad_rows();

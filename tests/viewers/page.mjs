@@ -18,13 +18,13 @@ const HELP = `usage: node page.mjs [options] PAGE.html
   --truth DIR       the clip as PLY frames, of the version that the page shows first
   --min-psnr DB     least agreement with the truth (28)
   --size W,H        of the window (640,400)
-  --first-share P   of a page of --split: the most, in percent of both files, before the first picture
+  --first-share P   of a page of --split: the most of its data, in percent, before the first picture (10)
   --picture-only    look at the first picture and do no more
 Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
 
 let opt, args;
 try {
-    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, 'first-share': { type: 'string' }, 'picture-only': { type: 'boolean' }, help: { type: 'boolean', short: 'h' } } }));
+    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { out: { type: 'string', default: 'bench-out' }, truth: { type: 'string' }, 'min-psnr': { type: 'string', default: '28' }, size: { type: 'string', default: '640,400' }, 'first-share': { type: 'string', default: '10' }, 'picture-only': { type: 'boolean' }, help: { type: 'boolean', short: 'h' } } }));
     if (opt.help) { console.log(HELP); process.exit(0); }
     if (args.length !== 1) throw new Error('name one page');
 } catch (e) {
@@ -48,13 +48,12 @@ await tab.emulateMedia({ reducedMotion: 'reduce' }); // or it plays by itself
 tab.on('console', (m) => { if (['error', 'warning'].includes(m.type())) problems.push(`console: ${m.text()}`); });
 tab.on('pageerror', (e) => problems.push(`exception: ${e.message}`));
 const folder = path.resolve(path.dirname(args[0])), data = `${path.basename(args[0], '.html')}.bin`;
-const split = fs.existsSync(path.join(folder, data)), server = split ? await serve([folder]) : null;
-let firstRead = 0, seen = false; // bytes of the answers that the first picture needs: the page and the first of its data
-tab.on('response', (r) => {
-    if (seen || !/^http/.test(r.url())) return;
-    seen = r.url().endsWith('.bin');
-    firstRead += Number(r.headers()['content-length'] ?? 0);
-});
+// Of a served page's data one answer is sent, and no more before the first picture is there.
+let asked = 0, firstRead = 0, goOn;
+const pictureIsThere = new Promise((ok) => { goOn = ok; });
+const ask = async (p) => { if (p.endsWith('.bin') && ++asked > 1) await pictureIsThere; };
+const split = fs.existsSync(path.join(folder, data)), server = split ? await serve([folder], ask) : null;
+tab.on('response', (r) => { if (r.url().endsWith('.bin') && !firstRead) firstRead = Number(r.headers()['content-length'] ?? 0); });
 tab.on('request', (r) => { if (!/^(file|blob|data):/.test(r.url()) && !(split && r.url().startsWith(server.base))) problems.push(`asked a network for ${r.url()}`); });
 
 const shown = () => tab.evaluate(() => document.documentElement.dataset.shown);
@@ -63,7 +62,7 @@ const until = (test, arg) => tab.waitForFunction(test, arg, { timeout: LONG });
 // A picture of the canvas alone, once it has been drawn for what was asked last.
 async function picture(name) {
     await tab.waitForTimeout(400);
-    const shot = decodePng(await tab.locator('#view').screenshot({ style: '#bar, #message, #title { display: none }' }));
+    const shot = decodePng(await tab.locator('#view').screenshot({ style: '#bar, #message, #title, #wipe { display: none }' }));
     fs.writeFileSync(`${stem}-${name}.png`, encodePng(shot));
     return shot;
 }
@@ -97,6 +96,38 @@ async function playsByItself(url) {
     await other.close();
 }
 
+// The part of a picture from x = left to right, as far as the line itself does not cover it.
+function part(shot, left, right) {
+    const from = Math.round(left * shot.width), n = Math.round(right * shot.width) - from, rgb = new Uint8Array(n * shot.height * 3);
+    for (let y = 0; y < shot.height; y++) rgb.set(shot.rgb.subarray((y * shot.width + from) * 3, (y * shot.width + from + n) * 3), y * n * 3);
+    return { width: n, height: shot.height, rgb };
+}
+
+// Before on the left of the line, after on its right, wherever the line is.
+async function wipe(first, versions) {
+    await tab.click(`[data-version=${versions[1]}]`);
+    await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[1]);
+    const other = await picture('before');
+    await tab.click('[data-version=wipe]');
+    await until(() => document.documentElement.dataset.shown.startsWith('wipe'));
+    await tab.screenshot({ path: `${stem}-wipe-page.png` });
+    for (const cut of [0.5, 0.25]) {
+        const box = await tab.locator('#wipe').boundingBox(), margin = 0.06;
+        await tab.mouse.move(box.x + box.width / 2, height / 2);
+        await tab.mouse.down();
+        await tab.mouse.move(cut * width, height / 2, { steps: 3 });
+        await tab.mouse.up();
+        const both = await picture(`wipe-${cut}`), l = [0, cut - margin], r = [cut + margin, 1];
+        ok(!differ(part(both, ...l), part(other, ...l)) && !differ(part(both, ...r), part(first, ...r)), `a line at ${cut}: ${versions[1]} on its left, ${versions[0]} on its right`);
+        if (cut === 0.5) ok(differ(part(both, ...l), part(first, ...l)), 'which are not the same');
+    }
+    await tab.focus('#wipe');
+    await tab.keyboard.press('ArrowRight');
+    ok(await tab.getAttribute('#wipe', 'aria-valuenow') === '27', 'moved by a key');
+    await tab.click(`[data-version=${versions[0]}]`);
+    await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[0]);
+}
+
 // As a person would: play, scrub, switch, turn, zoom.
 async function use(first, numbers, versions) {
     const first0 = await tab.evaluate(() => { const c = window.spin4d.camera(); return Math.hypot(...c.eye.map((v, i) => v - c.target[i])); });
@@ -126,6 +157,7 @@ async function use(first, numbers, versions) {
         await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[0]);
         ok(!differ(first, await picture(versions[0])), `and back to ${versions[0]}`);
     }
+    if (versions.length > 1) await wipe(first, versions);
     let n = await draws();
     await tab.mouse.move(width / 2, height / 3);
     await tab.mouse.down();
@@ -156,8 +188,11 @@ try {
     await tab.goto(url, { timeout: LONG });
     await until(() => document.documentElement.dataset.shown);
     if (split) {
-        const whole = [args[0], path.join(folder, data)].reduce((sum, f) => sum + fs.statSync(f).size, 0), share = 100 * firstRead / whole;
-        ok(share <= Number(opt['first-share'] ?? 100), `the first picture after ${firstRead} of ${whole} bytes, ${share.toFixed(1)} %`);
+        const whole = fs.statSync(path.join(folder, data)).size, share = 100 * firstRead / whole, draft = await tab.evaluate(() => document.documentElement.dataset.draft);
+        ok(firstRead > 0 && share <= Number(opt['first-share']), `the first picture after ${firstRead} of the ${whole} bytes of data, ${share.toFixed(1)} %${draft === 'yes' ? ', a draft' : ''}`);
+        await picture('draft');
+        goOn();
+        await until(() => document.documentElement.dataset.draft === 'no');
     }
     ok(await tab.title() === path.basename(args[0], '.html'), 'has its name');
     if (width >= 320) await layout();

@@ -1,0 +1,162 @@
+#include "exporters/lib/page_draft.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+/* Fewer show nothing. */
+#define FEWEST 32
+#define TRIES 8
+/* About what a splat takes in a key. */
+#define BYTES_EACH 14
+/* Of a splat's width. */
+#define MOST_GROWTH 8
+
+/* Of what is behind the camera next to nothing. */
+static float area_of(const float *value, const struct spin_initial_view *view)
+{
+    const float *scale = value + SPIN_PAGE_SCALE;
+    float least = fminf(scale[0], fminf(scale[1], scale[2]));
+    double away = 0, ahead = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double d = (double)value[SPIN_PAGE_PLACE + c] - view->eye[c];
+
+        away += d * d;
+        ahead += d * (view->target[c] - view->eye[c]);
+    }
+    return (float)((double)value[SPIN_PAGE_OPACITY] *
+                   exp((double)(scale[0] + scale[1] + scale[2] - least)) / fmax(away, 1e-12) *
+                   (ahead > 0 ? 1 : 1e-9));
+}
+
+spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_filter *rows,
+                                 const struct spin_splats *splats,
+                                 const struct spin_initial_view *view, struct spin_sort_rows *order)
+{
+    bool full;
+
+    d->group.most_frames = 1;
+    SPIN_TRY(spin_page_group_add(&d->group, rows, splats, &full));
+    SPIN_TRY(spin_sort_rows_fill(order, rows));
+    spin_sort_rows_by_place(order, splats);
+    SPIN_TRY(spin_grow(order->n + 1, sizeof *d->row, (void **)&d->row));
+    d->n = order->n;
+    for (size_t i = 0; i < d->n; i++) {
+        struct spin_page_draft_row *r = &d->row[i];
+        const float *value;
+
+        r->row = order->item[i].row;
+        value = d->group.frame[0].value + r->row * spin_page_width(&d->group);
+        r->area = area_of(value, view);
+        memcpy(r->log_scale, value + SPIN_PAGE_SCALE, sizeof r->log_scale);
+    }
+    return SPIN_OK;
+}
+
+/* How likely a row is taken, when one of this area is taken surely. */
+static double chance(const struct spin_page_draft_row *r, double sure)
+{
+    return (double)r->area < sure ? (double)r->area / sure : 1;
+}
+
+static double expected(const struct spin_page_draft *d, double sure)
+{
+    double n = 0;
+
+    for (size_t i = 0; i < d->n; i++)
+        n += chance(&d->row[i], sure);
+    return n;
+}
+
+/* The area by which about n are taken. */
+static double sure_area(const struct spin_page_draft *d, size_t n)
+{
+    double low = -80, high = 80; /* logarithms */
+
+    for (int i = 0; i < 50; i++) {
+        double middle = 0.5 * (low + high);
+
+        if (expected(d, exp(middle)) > (double)n)
+            low = middle;
+        else
+            high = middle;
+    }
+    return exp(high);
+}
+
+/* Mark about n rows, evenly along the curve, and let them grow by as much as they stand for. */
+static void choose(struct spin_page_draft *d, size_t n)
+{
+    struct spin_page_frame *frame = &d->group.frame[0];
+    double sure = sure_area(d, n), sum = 0;
+
+    memset(frame->present, 0, frame->n);
+    for (size_t i = 0; i < d->n; i++) {
+        const struct spin_page_draft_row *r = &d->row[i];
+        float *scale = frame->value + r->row * spin_page_width(&d->group) + SPIN_PAGE_SCALE;
+        double p = chance(r, sure), before = floor(sum), growth = fmin(1 / sqrt(p), MOST_GROWTH);
+
+        sum += p;
+        frame->present[r->row] = floor(sum) > before;
+        for (int c = 0; c < 3; c++)
+            scale[c] = r->log_scale[c] + (float)log(growth);
+    }
+}
+
+/* A block that is kept until it is known to be small enough. */
+struct kept {
+    struct spin_page_block block;
+    uint8_t *data;
+    size_t room;
+};
+
+static spin_status keep(void *context, const struct spin_page_block *block)
+{
+    struct kept *k = context;
+
+    if (block->n_bytes > k->room) {
+        k->room = 0;
+        SPIN_TRY(spin_grow(block->n_bytes, 1, (void **)&k->data));
+        k->room = block->n_bytes;
+    }
+    memcpy(k->data, block->data, block->n_bytes);
+    k->block = *block;
+    k->block.data = k->data;
+    return SPIN_OK;
+}
+
+spin_status spin_page_draft_write(struct spin_page_draft *d, uint64_t most_bytes,
+                                  spin_page_sink sink, void *context)
+{
+    struct kept kept = {0};
+    size_t n = most_bytes / BYTES_EACH < d->n ? (size_t)(most_bytes / BYTES_EACH) : d->n;
+    spin_status status = SPIN_OK;
+
+    for (int i = 0; i < TRIES && n >= FEWEST; i++) {
+        double room;
+
+        choose(d, n);
+        d->group.n_frames = 1;
+        SPIN_TRY_OUT(spin_page_group_write(&d->group, keep, &kept));
+        room = (double)most_bytes / (double)kept.block.n_bytes;
+        if (room >= 1 && (room < 1.1 || n == d->n || i == TRIES - 1)) {
+            status = sink(context, &kept.block);
+            break;
+        }
+        n = (size_t)fmin(0.97 * room * (double)n, (double)d->n);
+    }
+out:
+    free(kept.data);
+    return status;
+}
+
+void spin_page_draft_free(struct spin_page_draft *d)
+{
+    spin_page_group_free(&d->group);
+    free(d->row);
+    *d = (struct spin_page_draft){0};
+}
