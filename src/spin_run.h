@@ -135,6 +135,9 @@ enum spin_normalise {
     SPIN_NORMALISE_GIVEN
 };
 
+/* Of the values that a retraining writes. HALF: about that of half floats. FULL: to the bit. */
+enum spin_precision { SPIN_PRECISION_HALF, SPIN_PRECISION_FULL };
+
 /* Defaults and limits of all numbers: spin-retrain(1). */
 struct spin_retrain_options {
     const char *input, *output;
@@ -182,6 +185,7 @@ struct spin_retrain_options {
     double normalise_centre[3], normalise_radius; /* with SPIN_NORMALISE_GIVEN */
     int views_per_frame;                          /* of a batch taken from one frame */
     float background[3];
+    enum spin_precision precision;                /* of the output */
     const char *device;         /* "auto", "cpu" or "cuda" */
     int n_threads;              /* 0: all */
     bool deterministic;         /* sums on a card repeat bit for bit; the CPU's always do */
@@ -271,7 +275,7 @@ struct spin_eval_view {
     struct spin_quality q; /* of this view */
 };
 
-/* Bytes of a bundle, by what they are for. */
+/* Bytes of a bundle, by what they are for: as they lie in the file, or unpacked. */
 struct spin_bundle_bytes {
     uint64_t file;         /* the whole file */
     uint64_t source;       /* as imported, positions and attributes */
@@ -291,7 +295,7 @@ struct spin_eval_report {
     uint64_t left_out;              /* splats that cannot be drawn, over all frames */
     double seconds_decode;          /* one frame: positions and network to splats */
     double seconds_draw;            /* one view of a decoded frame */
-    struct spin_bundle_bytes storage;
+    struct spin_bundle_bytes storage, unpacked;
 };
 
 spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report);

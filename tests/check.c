@@ -12,6 +12,7 @@
 
 #include "base/err.h"
 #include "io/json.h"
+#include "scene/bundle.h"
 #include "tests/tap.h"
 
 enum { RING = 8, PATH_BYTES = 1024 };
@@ -146,6 +147,34 @@ float *check_load_f32(struct spin_npz *npz, const char *key, struct spin_array *
     if (info)
         *info = a;
     return values;
+}
+
+void *check_values(struct spin_bundle *bundle, const char *key, size_t *n)
+{
+    const int64_t any[SPIN_NPY_MAX_DIMS] = {-1, -1, -1, -1, -1, -1, -1, -1};
+    const char *slash = strrchr(key, '/');
+    bool in_series = slash && slash[1] >= '0' && slash[1] <= '9';
+    struct spin_bundle_values v = {0};
+    struct spin_array a;
+    char series[64];
+    void *out = NULL;
+
+    *n = 0;
+    snprintf(series, sizeof series, "%.*s", in_series ? (int)(slash - key) : 60, key);
+    if (spin_npz_head(&bundle->npz, key, &a) != SPIN_OK ||
+        spin_bundle_values_open(bundle, series, in_series ? atoi(slash + 1) : -1,
+                                strcmp(series, "network/track") ? 'f' : 'u',
+                                a.n_dims - (a.item_size == 1), any, &v) != SPIN_OK) {
+        ok(0, "loads '%s': %s", key, spin_last_error());
+        return NULL;
+    }
+    out = malloc(4 * (size_t)v.count + 1);
+    if (!out)
+        give_up("check_values");
+    spin_bundle_values_get(&v, 0, (size_t)v.count, out);
+    *n = (size_t)v.count;
+    spin_bundle_values_close(&v);
+    return out;
 }
 
 /* The manifest that came with core/<file>: two sets of fixtures may both be in use. */

@@ -14,6 +14,11 @@ const char *check_fixture(const char *name);
 double *check_load(struct spin_npz *npz, const char *key, struct spin_array *info);
 float *check_load_f32(struct spin_npz *npz, const char *key, struct spin_array *info);
 
+struct spin_bundle;
+/* An array of a bundle, packed or not, as its 4-byte values (malloc'd); NULL and a "not ok" line when it
+ * cannot be read. */
+void *check_values(struct spin_bundle *bundle, const char *key, size_t *n);
+
 /* One ok/not ok line. Passes when |got - want| <= abs + rel * |want| for every element. Prints the worst
  * index and both values when it fails. NaN fails. */
 int check_close(const float *got, const double *want, size_t n, double abs, double rel,

@@ -117,20 +117,17 @@ static void print_quality(const struct spin_eval_report *r, const struct spin_qu
 }
 
 /* Bytes that the attributes which were measured need. */
-static uint64_t bytes_needed(const struct spin_eval_report *r)
+static uint64_t bytes_needed(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
-    const struct spin_bundle_bytes *s = &r->storage;
-
     if (r->network)
         return s->positions + s->tracks + s->table + s->heads;
     return r->refined ? s->refined : s->source;
 }
 
-static void print_storage(const struct spin_eval_report *r)
+static void print_bytes(const char *key, const struct spin_eval_report *r,
+                        const struct spin_bundle_bytes *s)
 {
-    const struct spin_bundle_bytes *s = &r->storage;
-
-    spin_print_open("storage", '{');
+    spin_print_open(key, '{');
     spin_print_integer("file", (long long)s->file);
     spin_print_integer("source", (long long)s->source);
     spin_print_integer("refined", (long long)s->refined);
@@ -138,8 +135,8 @@ static void print_storage(const struct spin_eval_report *r)
     spin_print_integer("tracks", (long long)s->tracks);
     spin_print_integer("table", (long long)s->table);
     spin_print_integer("heads", (long long)s->heads);
-    spin_print_integer("measured", (long long)bytes_needed(r));
-    spin_print_number("measured_per_frame", (double)bytes_needed(r) / r->n_frames);
+    spin_print_integer("measured", (long long)bytes_needed(r, s));
+    spin_print_number("measured_per_frame", (double)bytes_needed(r, s) / r->n_frames);
     spin_print_close('}');
 }
 
@@ -163,7 +160,8 @@ static void report_json(const struct spin_eval_report *r)
     spin_print_number("seconds_decode", r->seconds_decode);
     spin_print_number("seconds_draw", r->seconds_draw);
     spin_print_integer("left_out", (long long)r->left_out);
-    print_storage(r);
+    print_bytes("storage", r, &r->storage);
+    print_bytes("storage_unpacked", r, &r->unpacked);
     spin_print_open("frames", '[');
     for (size_t i = 0; i < r->n_views; i = next_frame(r, i)) {
         struct spin_quality q = spin_eval_mean(r, &r->view[i].frame, NULL);
@@ -239,7 +237,7 @@ static void print_head(const struct spin_eval_report *r)
 
 static void print_foot(const struct spin_eval_report *r)
 {
-    char needed[32], frame[32], file[32];
+    char needed[32], frame[32], file[32], unpacked[32];
 
     if (r->dynamic != SPIN_DYNAMIC_OFF)
         printf("dynamic  %.2f %% of the pixels, from %s: PSNR %.3f there, %.3f elsewhere\n",
@@ -248,10 +246,11 @@ static void print_foot(const struct spin_eval_report *r)
                r->mean.psnr_dynamic, r->mean.psnr_static);
     printf("speed    %.2f frames per second with decoding, %.2f without\n",
            1 / (r->seconds_decode + r->seconds_draw), 1 / r->seconds_draw);
-    printf("storage  %s for these attributes, %s a frame; the file has %s\n",
-           spin_print_bytes((double)bytes_needed(r), needed),
-           spin_print_bytes((double)bytes_needed(r) / r->n_frames, frame),
-           spin_print_bytes((double)r->storage.file, file));
+    printf("storage  %s for these attributes, %s a frame; the file has %s, unpacked %s\n",
+           spin_print_bytes((double)bytes_needed(r, &r->storage), needed),
+           spin_print_bytes((double)bytes_needed(r, &r->storage) / r->n_frames, frame),
+           spin_print_bytes((double)r->storage.file, file),
+           spin_print_bytes((double)r->unpacked.file, unpacked));
 }
 
 /* A line a frame and one a camera, with -v a line a view as well; with -q only the mean. */

@@ -349,28 +349,51 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     return SPIN_OK;
 }
 
-static spin_status read_data(struct spin_npz *npz, const char *key,
-                             const struct spin_zip_member *member, bool check_crc,
+/* The member, or the error that there is none. */
+static spin_status find(const struct spin_npz *npz, const char *key,
+                        const struct spin_zip_member **out)
+{
+    *out = find_array(npz, key);
+    return *out ? SPIN_OK : spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
+}
+
+spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out)
+{
+    const struct spin_zip_member *member;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(find(npz, key, &member));
+    return read_head(npz, key, member, out);
+}
+
+spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool check_crc,
+                          struct spin_array *out, void **owned)
+{
+    const struct spin_zip_member *member;
+    const unsigned char *bytes = NULL;
+
+    *owned = NULL;
+    SPIN_TRY(find(npz, key, &member));
+    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, spin_memory_available(), &bytes, owned));
+    return spin_npy_parse(key, bytes, (size_t)member->size, out);
+}
+
+/* The same, kept for spin_npz_close(). */
+static spin_status read_data(struct spin_npz *npz, const char *key, bool check_crc,
                              struct spin_array *out)
 {
-    const unsigned char *bytes = NULL;
     void *owned = NULL;
+    spin_status status = spin_npz_take(npz, key, check_crc, out, &owned);
 
-    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, spin_memory_available(), &bytes, &owned));
     SPIN_TRY(own(npz, owned));
-    return spin_npy_parse(key, bytes, (size_t)member->size, out);
+    return status;
 }
 
 spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc,
                            struct spin_array *out)
 {
-    const struct spin_zip_member *member = find_array(npz, key);
-
-    memset(out, 0, sizeof *out);
-    if (!member)
-        return spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
-    SPIN_TRY(read_head(npz, key, member, out));
-    return read_data(npz, key, member, check_crc, out);
+    SPIN_TRY(spin_npz_head(npz, key, out));
+    return read_data(npz, key, check_crc, out);
 }
 
 /* "[*, 3]": a shape where -1 stands for anything. */
@@ -386,8 +409,8 @@ static void pattern_text(int n_dims, const int64_t *shape, char *text, size_t n_
         snprintf(text + n, n_text - n, "]");
 }
 
-static spin_status check_shape(const char *key, const struct spin_array *a, int n_dims,
-                               const int64_t *shape)
+spin_status spin_array_check_shape(const char *key, const struct spin_array *a, int n_dims,
+                                   const int64_t *shape)
 {
     char got[192], want[192];
     bool same = a->n_dims == n_dims;
@@ -404,14 +427,9 @@ static spin_status check_shape(const char *key, const struct spin_array *a, int 
 spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
                               const int64_t *shape, struct spin_array *out)
 {
-    const struct spin_zip_member *member = find_array(npz, key);
-
-    memset(out, 0, sizeof *out);
-    if (!member)
-        return spin_fail(SPIN_E_NOT_FOUND, "no array '%s'", key);
-    SPIN_TRY(read_head(npz, key, member, out));
-    SPIN_TRY(check_shape(key, out, n_dims, shape));
-    return read_data(npz, key, member, check_crc, out);
+    SPIN_TRY(spin_npz_head(npz, key, out));
+    SPIN_TRY(spin_array_check_shape(key, out, n_dims, shape));
+    return read_data(npz, key, check_crc, out);
 }
 
 /* ---- Writing ------------------------------------------------------------------------------- */
@@ -470,8 +488,10 @@ static spin_status describe_member(const char *name, const char *descr, int n_di
     return SPIN_OK;
 }
 
-spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
-                                 int n_dims, const uint64_t *shape)
+typedef spin_status begin_fn(struct spin_zip_writer *w, const char *name, uint64_t size);
+
+static spin_status write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
+                               int n_dims, const uint64_t *shape, begin_fn *begin)
 {
     unsigned char head[256];
     size_t n_head = 0, n_bytes = 0;
@@ -479,9 +499,21 @@ spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, co
     spin_status status;
 
     SPIN_TRY(describe_member(name, descr, n_dims, shape, head, &n_head, &n_bytes, &member));
-    status = spin_zip_member_begin(w, member, n_head + n_bytes);
+    status = begin(w, member, n_head + n_bytes);
     free(member);
     return status == SPIN_OK ? spin_zip_member_write(w, head, n_head) : status;
+}
+
+spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
+                                 int n_dims, const uint64_t *shape)
+{
+    return write_begin(w, name, descr, n_dims, shape, spin_zip_member_begin);
+}
+
+spin_status spin_npz_write_begin_deflated(struct spin_zip_writer *w, const char *name,
+                                          const char *descr, int n_dims, const uint64_t *shape)
+{
+    return write_begin(w, name, descr, n_dims, shape, spin_zip_member_begin_deflated);
 }
 
 spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr,

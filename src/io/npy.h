@@ -23,7 +23,16 @@ bool spin_npz_has(const struct spin_npz *npz, const char *key);
 /* Array `key` (member "key.npy"). check_crc as in zip.h. Missing: SPIN_E_NOT_FOUND "no array 'key'". */
 spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc,
                            struct spin_array *out);
-/* The same and its shape must be [shape..]; a -1 matches anything. Error says both shapes. */
+/* What its header says, from its first bytes alone; out->data is NULL. */
+spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out);
+/* Its values; those that were deflated go to *owned, to be freed by the caller, instead of staying until the
+ * archive is closed. NULL: they lie in the file as they are. */
+spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool check_crc,
+                          struct spin_array *out, void **owned);
+/* The shape must be [shape..]; a -1 matches anything. Error says both. */
+spin_status spin_array_check_shape(const char *key, const struct spin_array *a, int n_dims,
+                                   const int64_t *shape);
+/* As spin_npz_array(), and its shape must be this. */
 spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
                               const int64_t *shape, struct spin_array *out);
 
@@ -38,5 +47,8 @@ spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const ch
 /* The same in pieces: this, spin_zip_member_write() as often as needed, spin_zip_member_end(). */
 spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
                                  int n_dims, const uint64_t *shape);
+/* The same for a member that is deflated. */
+spin_status spin_npz_write_begin_deflated(struct spin_zip_writer *w, const char *name,
+                                          const char *descr, int n_dims, const uint64_t *shape);
 
 #endif

@@ -1,9 +1,10 @@
-/* Zip archives of stored members. Their headers are padded so that the data lie aligned. */
+/* Zip archives. Headers of stored members are padded so that the data lie aligned. */
 #include "io/zip_writer.h"
 
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include <zlib.h>
 
 #include "base/err.h"
 #include "base/mem.h"
@@ -14,13 +15,24 @@ enum {
     EXTRA_ALIGN = 0xd935, /* the record zipalign uses: u16 alignment, then padding */
     FLAG_UTF8 = 1 << 11,
     ALIGN = 64,
-    DOS_DATE_1980 = 0x21
+    DOS_DATE_1980 = 0x21,
+    DEFLATE_LEVEL = 6,
+    DEFLATE_ROOM = 1 << 16
+};
+/* A deflated member may become a little longer; from here on its header has room for 64 bits. */
+static const uint64_t deflate_zip64 = 0xf0000000u;
+
+struct spin_zip_deflate {
+    z_stream z;
+    unsigned char room[DEFLATE_ROOM]; /* what came out */
 };
 
 struct spin_zip_written {
     char *name;
-    uint64_t size, header_offset;
+    uint64_t size, packed_size, header_offset;
     uint32_t crc;
+    int method;
+    bool zip64; /* the local header has sizes of 64 bits */
 };
 
 /* Headers are put together here; none is longer. */
@@ -53,7 +65,8 @@ spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_w
     return spin_out_open(path, force, &w->out);
 }
 
-static spin_status add_written(struct spin_zip_writer *w, const char *name, uint64_t size)
+static spin_status add_written(struct spin_zip_writer *w, const char *name, uint64_t size,
+                               int method)
 {
     struct spin_zip_written *entry;
 
@@ -61,7 +74,9 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     entry = &w->written[w->n];
     memset(entry, 0, sizeof *entry);
     SPIN_TRY(spin_strdup(name, &entry->name));
-    entry->size = size;
+    entry->size = entry->packed_size = size; /* the latter of a deflated one is known at its end */
+    entry->method = method;
+    entry->zip64 = size >= (method == METHOD_STORED ? FULL32 : deflate_zip64);
     entry->header_offset = w->out.bytes;
     w->n++;
     return SPIN_OK;
@@ -69,16 +84,17 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
 
 /* The fields that local header and directory entry share, from "version needed" to the name
  * length. */
-static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64)
+static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64,
+                       uint32_t packed_size, uint32_t size)
 {
     put(b, zip64 ? 45 : 20, 2);
     put(b, (uint64_t)name_flags(e->name), 2);
-    put(b, METHOD_STORED, 2);
+    put(b, (uint64_t)e->method, 2);
     put(b, 0, 2);
     put(b, DOS_DATE_1980, 2);
     put(b, e->crc, 4);
-    put(b, low32(e->size), 4);
-    put(b, low32(e->size), 4);
+    put(b, packed_size, 4);
+    put(b, size, 4);
     put(b, strlen(e->name), 2);
 }
 
@@ -92,24 +108,27 @@ static size_t padding(uint64_t used)
 
 /* The local header. crc: 0 when it is not known yet. */
 static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
-                                uint32_t crc)
+                                uint32_t crc, int method)
 {
     struct bytes b = {.n = 0}, extra = {.n = 0};
     size_t n_name = strlen(name), pad;
-    bool zip64 = size >= FULL32;
+    uint32_t size32;
+    struct spin_zip_written *e;
 
     if (n_name == 0 || n_name > UINT16_MAX)
         return spin_fail(SPIN_E_USAGE, "cannot write '%s': a member's name has %zu bytes",
                          w->out.path, n_name);
-    SPIN_TRY(add_written(w, name, size));
-    if (zip64) {
+    SPIN_TRY(add_written(w, name, size, method));
+    e = &w->written[w->n - 1];
+    size32 = e->zip64 ? FULL32 : (uint32_t)size;
+    if (e->zip64) {
         put(&extra, EXTRA_ZIP64, 2);
         put(&extra, 16, 2);
         put(&extra, size, 8);
         put(&extra, size, 8);
     }
-    w->written[w->n - 1].crc = crc;
-    pad = padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n);
+    e->crc = crc;
+    pad = method == METHOD_STORED ? padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n) : 0;
     if (pad > 0) {
         put(&extra, EXTRA_ALIGN, 2);
         put(&extra, pad - 4, 2);
@@ -118,7 +137,7 @@ static spin_status begin_member(struct spin_zip_writer *w, const char *name, uin
             put(&extra, 0, 1);
     }
     put(&b, SIG_LOCAL, 4);
-    put_common(&b, &w->written[w->n - 1], zip64);
+    put_common(&b, e, e->zip64, size32, size32);
     put(&b, extra.n, 2);
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     SPIN_TRY(spin_out_write(&w->out, name, n_name));
@@ -129,8 +148,52 @@ spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, u
 {
     w->crc = 0;
     w->member_size = 0;
-    SPIN_TRY(begin_member(w, name, size, 0));
+    SPIN_TRY(begin_member(w, name, size, 0, METHOD_STORED));
     w->in_member = true;
+    return SPIN_OK;
+}
+
+static void end_deflate(struct spin_zip_writer *w)
+{
+    if (w->deflate)
+        deflateEnd(&w->deflate->z);
+    free(w->deflate);
+    w->deflate = NULL;
+}
+
+spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
+                                           uint64_t size)
+{
+    w->crc = 0;
+    w->member_size = 0;
+    SPIN_TRY(spin_alloc(1, sizeof *w->deflate, (void **)&w->deflate));
+    if (deflateInit2(&w->deflate->z, DEFLATE_LEVEL, Z_DEFLATED, -MAX_WBITS, 8,
+                     Z_DEFAULT_STRATEGY) != Z_OK) {
+        free(w->deflate);
+        w->deflate = NULL;
+        return spin_fail(SPIN_E_MEMORY, "cannot write '%s': no memory to deflate", w->out.path);
+    }
+    w->in_member = true;
+    return begin_member(w, name, size, 0, METHOD_DEFLATE);
+}
+
+/* Deflate n more bytes, or with Z_FINISH the rest, and write what comes out. */
+static spin_status deflate_on(struct spin_zip_writer *w, const void *data, size_t n, int flush)
+{
+    z_stream *z = &w->deflate->z;
+    const size_t most = 1u << 30; /* zlib counts in unsigned int */
+
+    z->next_in = (Bytef *)(uintptr_t)data;
+    do {
+        if (z->avail_in == 0 && n > 0) {
+            z->avail_in = (uInt)(n < most ? n : most);
+            n -= z->avail_in;
+        }
+        z->next_out = w->deflate->room;
+        z->avail_out = DEFLATE_ROOM;
+        deflate(z, flush); /* cannot fail: its state is sound and there is room */
+        SPIN_TRY(spin_out_write(&w->out, w->deflate->room, DEFLATE_ROOM - z->avail_out));
+    } while (z->avail_out == 0 || z->avail_in > 0 || n > 0);
     return SPIN_OK;
 }
 
@@ -139,7 +202,7 @@ spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, c
 {
     uint32_t crc = spin_crc32(spin_crc32(0, head, n_head), data, n_data);
 
-    SPIN_TRY(begin_member(w, name, (uint64_t)n_head + n_data, crc));
+    SPIN_TRY(begin_member(w, name, (uint64_t)n_head + n_data, crc, METHOD_STORED));
     SPIN_TRY(spin_out_write(&w->out, head, n_head));
     return spin_out_write(&w->out, data, n_data);
 }
@@ -151,11 +214,21 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
                          w->out.path, w->written[w->n - 1].name);
     w->crc = spin_crc32(w->crc, data, bytes);
     w->member_size += bytes;
+    if (w->deflate)
+        return deflate_on(w, data, bytes, Z_NO_FLUSH);
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* The CRC is known only now: put it into the local header. Not by seeking, as stdio then reads and
- * writes again what lies around it. */
+/* Put bytes that are known only now into a local header. Not by seeking, as stdio then reads and writes
+ * again what lies around it. */
+static spin_status patch(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
+{
+    if (fflush(w->out.file) != 0 ||
+        pwrite(fileno(w->out.file), b->data, b->n, (off_t)at) != (ssize_t)b->n)
+        return spin_fail(SPIN_E_IO, "cannot write '%s': the disk refused", w->out.path);
+    return SPIN_OK;
+}
+
 spin_status spin_zip_member_end(struct spin_zip_writer *w)
 {
     struct spin_zip_written *entry = &w->written[w->n - 1];
@@ -167,26 +240,35 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
                          w->out.path, entry->name);
     entry->crc = w->crc;
     put(&b, entry->crc, 4);
-    if (fflush(w->out.file) != 0 || pwrite(fileno(w->out.file), b.data, b.n,
-                                           (off_t)(entry->header_offset + 14)) != (ssize_t)b.n)
-        return spin_fail(SPIN_E_IO, "cannot write '%s': the disk refused", w->out.path);
-    return SPIN_OK;
+    if (!w->deflate)
+        return patch(w, &b, entry->header_offset + 14);
+    SPIN_TRY(deflate_on(w, "", 0, Z_FINISH));
+    entry->packed_size = w->deflate->z.total_out;
+    end_deflate(w);
+    if (!entry->zip64)
+        put(&b, entry->packed_size, 4);
+    SPIN_TRY(patch(w, &b, entry->header_offset + 14));
+    if (!entry->zip64)
+        return SPIN_OK;
+    b.n = 0;
+    put(&b, entry->packed_size, 8); /* behind the record's head and the size */
+    return patch(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
 }
 
 static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_written *e)
 {
     struct bytes b = {.n = 0}, extra = {.n = 0};
 
-    if (e->size >= FULL32) {
+    if (e->size >= FULL32)
         put(&extra, e->size, 8);
-        put(&extra, e->size, 8);
-    }
+    if (e->packed_size >= FULL32)
+        put(&extra, e->packed_size, 8);
     if (e->header_offset >= FULL32)
         put(&extra, e->header_offset, 8);
 
     put(&b, SIG_CENTRAL, 4);
     put(&b, extra.n > 0 ? 45 : 20, 2); /* made by: no system's attributes */
-    put_common(&b, e, extra.n > 0);
+    put_common(&b, e, extra.n > 0, low32(e->packed_size), low32(e->size));
     put(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
     put(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
     put(&b, low32(e->header_offset), 4);
@@ -237,6 +319,7 @@ static spin_status write_directory(struct spin_zip_writer *w)
 
 static void free_written(struct spin_zip_writer *w)
 {
+    end_deflate(w);
     for (size_t i = 0; i < w->n; i++)
         free(w->written[i].name);
     free(w->written);

@@ -1,5 +1,5 @@
-/* Writing zip archives: members stored, data 64-byte aligned, zip64 when needed, no dates (1980-01-01), so
- * equal content gives equal bytes. */
+/* Writing zip archives: members stored, data 64-byte aligned, or deflated; zip64 when needed, no dates
+ * (1980-01-01), so equal content gives equal bytes. */
 #ifndef SPIN_IO_ZIP_WRITER_H
 #define SPIN_IO_ZIP_WRITER_H
 
@@ -12,10 +12,14 @@ struct spin_zip_writer {
     uint32_t crc;
     uint64_t member_size;
     bool in_member;
+    struct spin_zip_deflate *deflate; /* of the member that is being written; NULL: stored */
 };
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
 /* begin with the exact size, then write in pieces, then end. */
 spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
+/* The same for a member that is deflated on the way. */
+spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
+                                           uint64_t size);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);
 /* The same at once, of two pieces that are there already: nothing is written twice. */

@@ -114,32 +114,51 @@ static spin_status check_weights(const char *name, const float *values, size_t n
 
 /* ---- Opening ----------------------------------------------------------------------------------- */
 
-static spin_status load_array(struct spin_frame_renderer *p, const char *name, size_t n,
-                              const float SPIN_DEV **out)
-{
-    float SPIN_DEV *to;
-    struct spin_array a;
-    spin_status status;
-    void *host = NULL;
+enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at a time */
 
-    SPIN_TRY(spin_npz_array(&p->bundle->npz, name, false, &a));
-    if (a.kind != 'f' || a.item_size != 4 || a.count != n)
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu of float32",
-                         name, (unsigned long long)a.count, n);
-    SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
-    *out = to;
-    if (spin_array_f32(&a)) {
-        SPIN_TRY(check_weights(name, spin_array_f32(&a), n));
-        p->device->op->upload(p->device, to, spin_array_f32(&a), n * sizeof(float));
+static spin_status upload_values(struct spin_frame_renderer *p, const char *name,
+                                 const struct spin_bundle_values *v, float SPIN_DEV *to)
+{
+    struct spin_device *d = p->device;
+    void *block = NULL;
+    spin_status status = SPIN_OK;
+
+    if (v->floats) {
+        SPIN_TRY(check_weights(name, v->floats, (size_t)v->count));
+        d->op->upload(d, to, v->floats, (size_t)v->count * sizeof(float));
         return SPIN_OK;
     }
-    status = spin_alloc(n, sizeof(float), &host);
-    if (status == SPIN_OK) {
-        spin_array_to_f32(&a, 0, n, host);
-        status = check_weights(name, host, n);
-        p->device->op->upload(p->device, to, host, n * sizeof(float));
+    SPIN_TRY(spin_alloc(PORTION, sizeof(float), &block));
+    for (uint64_t first = 0; first < v->count && status == SPIN_OK; first += PORTION) {
+        size_t n = v->count - first < PORTION ? (size_t)(v->count - first) : PORTION;
+
+        spin_bundle_values_get(v, first, n, block);
+        status = check_weights(name, block, n);
+        d->op->upload(d, to + first, block, n * sizeof(float));
     }
-    free(host);
+    free(block);
+    return status;
+}
+
+static spin_status load_array(struct spin_frame_renderer *p, const char *name, int n_dims, size_t n,
+                              const float SPIN_DEV **out)
+{
+    const int64_t any[2] = {-1, -1};
+    struct spin_bundle_values v;
+    float SPIN_DEV *to;
+    spin_status status;
+
+    SPIN_TRY(spin_bundle_values_open(p->bundle, name, -1, 'f', n_dims, any, &v));
+    if (v.count != n) {
+        status = spin_fail(SPIN_E_MALFORMED, "array '%s' has %llu values, expected %zu", name,
+                           (unsigned long long)v.count, n);
+        goto out;
+    }
+    SPIN_TRY_OUT(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
+    *out = to;
+    status = upload_values(p, name, &v, to);
+out:
+    spin_bundle_values_close(&v);
     return status;
 }
 
@@ -166,8 +185,8 @@ spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_
         p->network = NULL;
     SPIN_TRY_OUT(spin_bundle_tracks_open(bundle, &p->tracks));
     if (p->network) {
-        SPIN_TRY_OUT(load_array(p, "network/table", p->field.n_table, &p->table));
-        SPIN_TRY_OUT(load_array(p, "network/heads", p->field.n_heads, &p->heads));
+        SPIN_TRY_OUT(load_array(p, "network/table", 2, p->field.n_table, &p->table));
+        SPIN_TRY_OUT(load_array(p, "network/heads", 1, p->field.n_heads, &p->heads));
     }
     return SPIN_OK;
 out:
@@ -274,18 +293,16 @@ static void decode(struct spin_frame_renderer *p, const struct spin_frame_batch 
     p->now_antialias = p->field.antialias;
 }
 
-static spin_status read_means(struct spin_frame_renderer *p, int index, struct spin_splats *out)
+/* An array of a frame's splats. */
+static spin_status read_rows(struct spin_frame_renderer *p, const char *series, int index, size_t n,
+                             int64_t width, float *to)
 {
-    char name[64];
-    struct spin_array a;
-    int64_t shape[2] = {-1, 3};
-    size_t n = spin_bundle_count(p->bundle, index, SPIN_FROM_NETWORK);
+    const int64_t shape[2] = {(int64_t)n, width};
+    struct spin_bundle_values v;
 
-    shape[0] = (int64_t)n;
-    snprintf(name, sizeof name, "network/means/%05d", index);
-    SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
-    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS, 0));
-    spin_array_to_f32(&a, 0, n * 3, out->means);
+    SPIN_TRY(spin_bundle_values_open(p->bundle, series, index, 'f', 2, shape, &v));
+    spin_bundle_values_get(&v, 0, (size_t)v.count, to);
+    spin_bundle_values_close(&v);
     return SPIN_OK;
 }
 
@@ -310,15 +327,12 @@ static spin_status read_residual(struct spin_frame_renderer *p, int index, size_
                                  const float SPIN_DEV **residual)
 {
     char name[64];
-    struct spin_array a;
-    int64_t shape[2] = {(int64_t)n, SPIN_RESIDUAL};
 
     *residual = NULL;
     snprintf(name, sizeof name, "network/residual/%05d", index);
     if (!spin_npz_has(&p->bundle->npz, name))
         return SPIN_OK;
-    SPIN_TRY(spin_npz_array_of(&p->bundle->npz, name, true, 2, shape, &a));
-    spin_array_to_f32(&a, 0, n * SPIN_RESIDUAL, p->staging);
+    SPIN_TRY(read_rows(p, "network/residual", index, n, SPIN_RESIDUAL, p->staging));
     return send_residual(p, n, residual);
 }
 
@@ -326,11 +340,11 @@ static spin_status read_residual(struct spin_frame_renderer *p, int index, size_
 static spin_status read_network_frame(struct spin_frame_renderer *p, int index, size_t n,
                                       const float SPIN_DEV **residual)
 {
+    SPIN_TRY(spin_splats_reserve(&p->splats, n, SPIN_COL_MEANS, 0));
     if (!p->tracks.values) {
-        SPIN_TRY(read_means(p, index, &p->splats));
+        SPIN_TRY(read_rows(p, "network/means", index, n, 3, p->splats.means));
         return read_residual(p, index, n, residual);
     }
-    SPIN_TRY(spin_splats_reserve(&p->splats, n, SPIN_COL_MEANS, 0));
     SPIN_TRY(spin_bundle_tracks_frame(&p->tracks, index, n, p->splats.means, p->staging));
     return send_residual(p, n, residual);
 }

@@ -40,7 +40,7 @@ struct stage {
 
 struct description {
     struct spin_bundle bundle;
-    struct spin_bundle_bytes bytes;
+    struct spin_bundle_bytes bytes, unpacked;
     char *data; /* path; NULL: none */
     struct stage stage[2];
 };
@@ -58,9 +58,9 @@ static const struct {
 };
 enum { N_PARTS = sizeof parts / sizeof *parts };
 
-static uint64_t bytes_of(const struct description *d, int part)
+static uint64_t bytes_of(const struct spin_bundle_bytes *bytes, int part)
 {
-    return *(const uint64_t *)(const void *)((const char *)&d->bytes + parts[part].offset);
+    return *(const uint64_t *)(const void *)((const char *)bytes + parts[part].offset);
 }
 
 static long long integer_of(const spin_json *object, const char *key)
@@ -151,13 +151,13 @@ static spin_json *stage_json(const struct description *d, const struct stage *st
     return to;
 }
 
-static spin_json *bytes_json(const struct description *d)
+static spin_json *bytes_json(const struct spin_bundle_bytes *bytes)
 {
     spin_json *to = spin_json_object();
 
-    spin_json_set_integer(to, "file", (int64_t)d->bytes.file);
+    spin_json_set_integer(to, "file", (int64_t)bytes->file);
     for (int i = 0; i < N_PARTS; i++)
-        spin_json_set_integer(to, parts[i].key, (int64_t)bytes_of(d, i));
+        spin_json_set_integer(to, parts[i].key, (int64_t)bytes_of(bytes, i));
     return to;
 }
 
@@ -187,7 +187,8 @@ static void write_json(const struct description *d, FILE *out)
     for (int i = 0; i < 2; i++)
         if (d->stage[i].json)
             spin_json_set(root, d->stage[i].name, stage_json(d, &d->stage[i]));
-    spin_json_set(root, "bytes", bytes_json(d));
+    spin_json_set(root, "bytes", bytes_json(&d->bytes));
+    spin_json_set(root, "bytes_unpacked", bytes_json(&d->unpacked));
     text = spin_json_text(root, true);
     fprintf(out, "%s\n", text ? text : "null");
     free(text);
@@ -296,8 +297,10 @@ static void write_text(const struct description *d, FILE *out)
             write_stage(d, &d->stage[i], out);
     fprintf(out, "size        %s", spin_text_bytes(d->bytes.file, size));
     for (int i = 0; i < N_PARTS; i++)
-        if (bytes_of(d, i) > 0)
-            fprintf(out, ", %s %s", parts[i].name, spin_text_bytes(bytes_of(d, i), size));
+        if (bytes_of(&d->bytes, i) > 0)
+            fprintf(out, ", %s %s", parts[i].name, spin_text_bytes(bytes_of(&d->bytes, i), size));
+    if (d->unpacked.file != d->bytes.file)
+        fprintf(out, "; unpacked %s", spin_text_bytes(d->unpacked.file, size));
     fputc('\n', out);
 }
 
@@ -329,7 +332,7 @@ spin_status spin_bundle_describe(const char *path, bool json, char **text)
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is no bundle", path);
     SPIN_TRY(spin_bundle_open(path, &d.bundle));
     SPIN_TRY_OUT(spin_bundle_data_path(&d.bundle, &d.data));
-    spin_bundle_weigh(&d.bundle, &d.bytes);
+    spin_bundle_weigh(&d.bundle, &d.bytes, &d.unpacked);
     find_stages(&d);
     out = open_memstream(text, &n);
     if (out && json)

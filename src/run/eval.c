@@ -185,7 +185,7 @@ static spin_status run_eval(struct eval *e)
     report->dynamic = e->dynamic.from;
     report->seconds_decode = m.seconds_decode / m.n_decoded;
     report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
-    spin_bundle_weigh(&e->clip.bundle, &report->storage);
+    spin_bundle_weigh(&e->clip.bundle, &report->storage, &report->unpacked);
     return o->report ? write_report(e, &m) : SPIN_OK;
 }
 

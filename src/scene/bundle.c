@@ -14,44 +14,14 @@
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
-/* Checking a CRC reads every byte; larger members are only checked for being there. */
-#define CRC_LIMIT (64u << 20)
 
-/* "source/means/00012", or "source/means" for a still column. */
-static void member_key(const char *group, unsigned column, bool still, int frame, char key[64])
+/* "source/means" */
+static void series_name(const char *group, unsigned column, char name[64])
 {
-    if (still)
-        snprintf(key, 64, "%s/%s", group, spin_column_name(column));
-    else
-        snprintf(key, 64, "%s/%s/%05d", group, spin_column_name(column), frame);
+    snprintf(name, 64, "%s/%s", group, spin_column_name(column));
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
-
-static const struct spin_zip_member *find_member(const struct spin_bundle *b, const char *key)
-{
-    char name[80];
-
-    snprintf(name, sizeof name, "%s.npy", key);
-    return spin_zip_find(&b->npz.zip, name);
-}
-
-/* Look at one array; -1 in shape matches anything. Stored members only: they are used in place. */
-static spin_status find_array(struct spin_bundle *b, const char *key, bool check_crc, int n_dims,
-                              const int64_t *shape, struct spin_array *out)
-{
-    const struct spin_zip_member *m = find_member(b, key);
-
-    if (m && m->method != 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "member '%s.npy' is compressed; bundles are not", key);
-    SPIN_TRY(
-        spin_npz_array_of(&b->npz, key, check_crc && m && m->size < CRC_LIMIT, n_dims, shape, out));
-    if (out->kind != 'f' || out->item_size != 4 || out->big_endian ||
-        !spin_array_is_contiguous(out))
-        return spin_fail(SPIN_E_MALFORMED,
-                         "array '%s' is not of little-endian float32 in row-major order", key);
-    return SPIN_OK;
-}
 
 /* Where columns of a frame are found: the source's, or the refined ones. */
 struct group {
@@ -78,18 +48,22 @@ static size_t count_of(const struct spin_bundle *b, const struct group *group, i
     return group->n ? group->n[frame] : b->meta.frame[frame].n;
 }
 
+/* A column of a frame: open in out, or with NULL looked at. */
 static spin_status find_column(struct spin_bundle *b, const struct group *group, unsigned column,
-                               int frame, bool check_crc, struct spin_array *out)
+                               int frame, struct spin_bundle_values *out)
 {
     uint64_t shape[3];
     int64_t wanted[3];
-    char key[64];
+    char name[64];
     int n_dims = spin_column_shape(column, count_of(b, group, frame), group->sh_degree, shape);
 
     for (int d = 0; d < n_dims; d++)
         wanted[d] = (int64_t)shape[d];
-    member_key(group->name, column, (group->static_columns & column) != 0, frame, key);
-    return find_array(b, key, check_crc, n_dims, wanted, out);
+    if (group->static_columns & column)
+        frame = -1;
+    series_name(group->name, column, name);
+    return out ? spin_bundle_values_open(b, name, frame, 'f', n_dims, wanted, out)
+               : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
 /* Looking at a header brings in what lies around it, up to a megabyte: let go of it now and then. */
@@ -104,7 +78,6 @@ static void forget_all(const struct spin_bundle *b, int n_looked_at)
 static spin_status check_source(struct spin_bundle *b)
 {
     struct group source = group_of(b, SPIN_FROM_SOURCE);
-    struct spin_array array;
     int n_looked_at = 0;
 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
@@ -115,7 +88,7 @@ static spin_status check_source(struct spin_bundle *b)
         for (int f = 0; f < b->meta.n_frames; f++) {
             forget_all(b, n_looked_at++);
             if (f == 0 || !still)
-                SPIN_TRY(find_column(b, &source, column, f, false, &array));
+                SPIN_TRY(find_column(b, &source, column, f, NULL));
             else if (b->meta.frame[f].n != b->meta.frame[0].n)
                 return spin_fail(SPIN_E_MALFORMED,
                                  "meta.json: frame %d has %zu splats and frame 0 %zu, but column "
@@ -131,7 +104,6 @@ static spin_status check_refined(struct spin_bundle *b)
 {
     const spin_json *refined = spin_json_get(b->json, "refined"), *list;
     struct group group;
-    struct spin_array array;
 
     if (!refined)
         return SPIN_OK;
@@ -151,7 +123,7 @@ static spin_status check_refined(struct spin_bundle *b)
         b->refined.n[f] = (size_t)n;
         for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
             if (group.columns & column)
-                SPIN_TRY(find_column(b, &group, column, f, false, &array));
+                SPIN_TRY(find_column(b, &group, column, f, NULL));
     }
     return SPIN_OK;
 }
@@ -181,8 +153,6 @@ static spin_status check_network(struct spin_bundle *b)
 {
     const spin_json *network = spin_json_get(b->json, "network");
     int64_t features, shape[2] = {-1, -1};
-    struct spin_array array;
-    char key[64];
     bool own, explicit = false;
 
     if (!network)
@@ -193,8 +163,8 @@ static spin_status check_network(struct spin_bundle *b)
     SPIN_TRY(spin_meta_integer(network, "features", 1, 8, &features));
     shape[1] = features;
     if (!explicit) {
-        SPIN_TRY(find_array(b, "network/table", false, 2, shape, &array));
-        SPIN_TRY(find_array(b, "network/heads", false, 1, shape, &array));
+        SPIN_TRY(spin_bundle_values_check(b, "network/table", -1, 'f', 2, shape));
+        SPIN_TRY(spin_bundle_values_check(b, "network/heads", -1, 'f', 1, shape));
     }
     SPIN_TRY(read_network_counts(b, network));
     if (spin_json_get(network, "tracks")) /* the rest is checked when frames are read */
@@ -203,12 +173,10 @@ static spin_status check_network(struct spin_bundle *b)
     for (int f = 0; f < b->meta.n_frames; f++) {
         shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_NETWORK);
         shape[1] = 3;
-        snprintf(key, sizeof key, "network/means/%05d", f);
-        SPIN_TRY(find_array(b, key, false, 2, shape, &array));
+        SPIN_TRY(spin_bundle_values_check(b, "network/means", f, 'f', 2, shape));
         shape[1] = 11;
-        snprintf(key, sizeof key, "network/residual/%05d", f);
         if (own)
-            SPIN_TRY(find_array(b, key, false, 2, shape, &array));
+            SPIN_TRY(spin_bundle_values_check(b, "network/residual", f, 'f', 2, shape));
     }
     return SPIN_OK;
 }
@@ -237,6 +205,7 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
     SPIN_TRY_OUT(spin_npz_open(path, &out->npz));
     SPIN_TRY_OUT(load_meta(out));
+    SPIN_TRY_OUT(spin_bundle_values_check_meta(out));
     SPIN_TRY_OUT(check_source(out));
     status = check_refined(out);
     if (status != SPIN_OK) {
@@ -257,6 +226,9 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_bundle_meta_free(&bundle->meta);
     free(bundle->refined.n);
     free(bundle->network_n);
+    for (size_t i = 0; i < bundle->n_keys; i++)
+        free(bundle->key[i].values);
+    free(bundle->key);
     free(bundle->path);
     memset(bundle, 0, sizeof *bundle);
 }
@@ -311,12 +283,6 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
     return spin_map_check(&b->npz.zip.map);
 }
 
-static spin_status read_column(struct spin_bundle *b, const struct group *group, unsigned column,
-                               int frame, struct spin_array *array)
-{
-    return spin_fail_reading(find_column(b, group, column, frame, true, array), b->path);
-}
-
 static spin_status read_group(struct spin_bundle *bundle, const struct group *group, int frame,
                               unsigned columns, struct spin_splats *out)
 {
@@ -325,15 +291,15 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
     SPIN_TRY(spin_splats_reserve(out, n, columns, group->sh_degree < 0 ? 0 : group->sh_degree));
     out->antialias = group->antialias;
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
-        struct spin_array array;
+        struct spin_bundle_values v;
 
         if (!(columns & column))
             continue;
-        SPIN_TRY(read_column(bundle, group, column, frame, &array));
-        if (n > 0)
-            memcpy(*spin_column_of(out, column), array.data, (size_t)array.n_bytes);
-        if (!(bundle->meta.static_columns & column)) /* a clip goes by, frame after frame */
-            spin_npz_forget(&bundle->npz, &array, 0, array.count);
+        SPIN_TRY(find_column(bundle, group, column, frame, &v));
+        spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_column_of(out, column));
+        if (v.floats && !(group->static_columns & column)) /* a clip goes by, frame after frame */
+            spin_map_forget(&bundle->npz.zip.map, v.bytes, (size_t)v.count * sizeof *v.floats);
+        spin_bundle_values_close(&v);
     }
     return SPIN_OK;
 }
@@ -370,14 +336,17 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
     view.sh_degree = group.sh_degree < 0 ? 0 : group.sh_degree;
     view.antialias = group.antialias;
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
-        struct spin_array array;
+        struct spin_bundle_values v;
+        const float *floats;
 
         if (!(columns & column))
             continue;
-        SPIN_TRY(read_column(bundle, &group, column, frame, &array));
-        if (view.n == 0 || !spin_array_f32(&array)) /* not aligned: copied */
+        SPIN_TRY(find_column(bundle, &group, column, frame, &v));
+        floats = v.floats;
+        spin_bundle_values_close(&v);
+        if (view.n == 0 || !floats) /* packed, or not aligned: copied */
             return read_group(bundle, &group, frame, columns, out);
-        *spin_column_of(&view, column) = (float *)(uintptr_t)array.data;
+        *spin_column_of(&view, column) = (float *)(uintptr_t)floats;
     }
     spin_splats_free(out);
     *out = view;
@@ -405,22 +374,24 @@ size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_
     return bundle->meta.frame[frame].n;
 }
 
-uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsigned columns)
+spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,
+                                 uint32_t *out)
 {
-    uint32_t sum = 0;
+    struct group source = group_of(bundle, SPIN_FROM_SOURCE);
 
+    *out = 0;
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
-        const struct spin_zip_member *m;
-        char key[64];
+        struct spin_bundle_values v;
+        uint32_t crc;
 
         if (!(columns & bundle->meta.columns & column))
             continue;
-        member_key("source", column, (bundle->meta.static_columns & column) != 0, frame, key);
-        m = find_member(bundle, key);
-        sum =
-            (sum ^ (m ? m->crc : 0)) * 0x01000193u + column; /* as FNV-1a does, a word at a time */
+        SPIN_TRY(find_column(bundle, &source, column, frame, &v));
+        crc = spin_bundle_values_crc(&v);
+        spin_bundle_values_close(&v);
+        *out = (*out ^ crc) * 0x01000193u + column; /* as FNV-1a does, a word at a time */
     }
-    return sum;
+    return SPIN_OK;
 }
 
 /* ---- Writing --------------------------------------------------------------------------------- */
@@ -434,6 +405,22 @@ spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
     return SPIN_OK;
 }
 
+spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *series, int frame,
+                                    const char *descr, int n_dims, const uint64_t *shape,
+                                    const void *values)
+{
+    char name[80];
+
+    if (!values) /* of no rows */
+        values = "";
+    if (w->packs)
+        return spin_packer_put(&w->packer, &w->zip, series, frame, n_dims, shape, values);
+    if (frame < 0)
+        return spin_npz_write(&w->zip, series, descr, n_dims, shape, values);
+    snprintf(name, sizeof name, "%s/%05d", series, frame);
+    return spin_npz_write(&w->zip, name, descr, n_dims, shape, values);
+}
+
 static spin_status write_group(struct spin_bundle_writer *w, const char *group, int index,
                                unsigned columns, unsigned static_columns,
                                const struct spin_splats *splats)
@@ -443,17 +430,15 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         bool still = (static_columns & column) != 0;
         uint64_t shape[3];
-        char key[64];
-        const float *data;
+        char name[64];
         int n_dims;
 
         if (!(columns & column) || (still && index != 0))
             continue;
         n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
-        data = *spin_column_of(&view, column);
-        member_key(group, column, still, index, key);
-        SPIN_TRY(
-            spin_npz_write(&w->zip, key, "<f4", n_dims, shape, data ? (const void *)data : ""));
+        series_name(group, column, name);
+        SPIN_TRY(spin_bundle_write_array(w, name, still ? -1 : index, "<f4", n_dims, shape,
+                                         *spin_column_of(&view, column)));
     }
     return SPIN_OK;
 }
@@ -474,9 +459,12 @@ spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra)
 {
     spin_json *root = spin_bundle_meta_json(meta, extra);
-    char *text = spin_json_text(root, true);
+    char *text;
     spin_status status;
 
+    if (w->packs)
+        spin_bundle_meta_packed(root, spin_packer_json(&w->packer));
+    text = spin_json_text(root, true);
     spin_json_free(root);
     if (!text) {
         status = spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
@@ -486,6 +474,7 @@ spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
     SPIN_TRY_OUT(spin_zip_member_write(&w->zip, text, strlen(text)));
     SPIN_TRY_OUT(spin_zip_member_end(&w->zip));
     free(text);
+    spin_packer_free(&w->packer);
     return spin_zip_writer_commit(&w->zip);
 out:
     free(text);
@@ -493,4 +482,8 @@ out:
     return status;
 }
 
-void spin_bundle_writer_abandon(struct spin_bundle_writer *w) { spin_zip_writer_abandon(&w->zip); }
+void spin_bundle_writer_abandon(struct spin_bundle_writer *w)
+{
+    spin_packer_free(&w->packer);
+    spin_zip_writer_abandon(&w->zip);
+}

@@ -5,17 +5,20 @@
  *   source/<column>.npy                      a column that is the same in every frame
  *   refined/<column>/<index>.npy             one frame of splats refined on their own
  *   network/means/<index>.npy                positions after retraining
- *   network/residual/<index>.npy                  what the network's outputs are added to, if anything
+ *   network/residual/<index>.npy             what the network's outputs are added to, if anything
  *   network/table.npy  network/heads.npy ... what model/field keeps
  *
  * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];
- * all little-endian float32. <index> is the frame's place in meta.json's list, not its number. */
+ * all little-endian float32, or packed (scene/bundle_pack.h). <index> is the frame's place in meta.json's
+ * list, not its number. */
 #ifndef SPIN_SCENE_BUNDLE_H
 #define SPIN_SCENE_BUNDLE_H
 
 #include "spin_run.h"
 #include "io/npy.h"
 #include "scene/bundle_meta.h"
+#include "scene/bundle_pack.h"
+#include "scene/bundle_values.h"
 #include "scene/columns.h"
 
 /* Frames that were refined on their own: splats in a number and an order of their own. A network in
@@ -35,15 +38,19 @@ struct spin_bundle {
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
     size_t *network_n; /* [frames] splats of the network's frames where these are others; or NULL */
+    struct spin_bundle_key *key; /* [n_keys] decoded frames 0 of packed series */
+    size_t n_keys, keys_capacity;
     bool told_not_finite; /* a warning said how many splats cannot be drawn */
 };
+
 /* Whether a file is a zip with a meta.json, as bundles are and what importers read is not. */
 bool spin_bundle_looks_like(const char *path);
 /* Every member's header is checked against meta.json before this returns. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
-/* What each part of it takes. */
-void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out);
+/* What each part of it takes, in the file and unpacked. */
+void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
+                       struct spin_bundle_bytes *unpacked);
 /* The data set's folder, made absolute against the bundle's place; NULL when there is none. Allocated. */
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);
 /* The source's columns of one frame. */
@@ -61,12 +68,15 @@ void spin_bundle_rest(const struct spin_splats *view);
 /* Splats of a frame: the source's; or else the refined ones where there are some, which are also the
  * network's. */
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from);
-/* A number that follows from the values of these columns of a source frame, without reading them. */
-uint32_t spin_bundle_checksum(const struct spin_bundle *bundle, int frame, unsigned columns);
+/* A number that follows from the values of these columns of a source frame, packed or not. */
+spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,
+                                 uint32_t *out);
 
 /* Writing. Frames in order, then spin_bundle_writer_finish() writes meta.json and commits. */
 struct spin_bundle_writer {
     struct spin_zip_writer zip;
+    bool packs; /* arrays are packed; to be set before the first */
+    struct spin_packer packer;
 };
 /* sync: write the file to the disk (fsync) before it is renamed to its path. */
 spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
@@ -77,6 +87,10 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
 /* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);
+/* `series`/`frame` of 4-byte values, descr "<f4" or "<u4"; or `series` itself with a frame of -1. */
+spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *series, int frame,
+                                    const char *descr, int n_dims, const uint64_t *shape,
+                                    const void *values);
 /* extra: members put beside ours at the top of meta.json (may be NULL; taken). meta.frame[].n must be
  * set. data_path is stored as given. */
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,

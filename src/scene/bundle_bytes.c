@@ -25,26 +25,37 @@ bool spin_bundle_looks_like(const char *path)
     return meta && source;
 }
 
-void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *out)
+/* Where a member counts; NULL: in the file alone. */
+static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
+{
+    if (begins(name, "source/"))
+        return &bytes->source;
+    if (begins(name, "refined/"))
+        return &bytes->refined;
+    if (begins(name, "network/means/") || begins(name, "network/residual/"))
+        return &bytes->positions;
+    if (begins(name, "network/track"))
+        return &bytes->tracks;
+    if (begins(name, "network/table"))
+        return &bytes->table;
+    return begins(name, "network/") ? &bytes->heads : NULL;
+}
+
+void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
+                       struct spin_bundle_bytes *unpacked)
 {
     const struct spin_zip *zip = &bundle->npz.zip;
 
-    out->file = zip->map.size;
+    memset(packed, 0, sizeof *packed);
+    packed->file = zip->map.size;
+    *unpacked = *packed;
     for (size_t i = 0; i < zip->n; i++) {
         const struct spin_zip_member *member = &zip->member[i];
 
-        if (begins(member->name, "source/"))
-            out->source += member->packed_size;
-        else if (begins(member->name, "refined/"))
-            out->refined += member->packed_size;
-        else if (begins(member->name, "network/means/") ||
-                 begins(member->name, "network/residual/"))
-            out->positions += member->packed_size;
-        else if (begins(member->name, "network/track"))
-            out->tracks += member->packed_size;
-        else if (begins(member->name, "network/table"))
-            out->table += member->packed_size;
-        else if (begins(member->name, "network/"))
-            out->heads += member->packed_size;
+        unpacked->file += member->size - member->packed_size;
+        if (part_of(packed, member->name)) {
+            *part_of(packed, member->name) += member->packed_size;
+            *part_of(unpacked, member->name) += member->size;
+        }
     }
 }

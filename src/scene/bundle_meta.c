@@ -12,7 +12,8 @@
 #include "scene/columns.h"
 
 #define FORMAT "spin bundle"
-#define VERSION 1
+/* Arrays as they are; packed, which the first readers cannot read. */
+enum { VERSION = 1, VERSION_PACKED = 2 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
 {
@@ -160,9 +161,10 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     if (!format || strcmp(format, FORMAT) != 0)
         return spin_meta_fail("format", "'" FORMAT "'");
     SPIN_TRY(spin_meta_integer(root, "version", 1, INT_MAX, &version));
-    if (version != VERSION)
-        return spin_fail(SPIN_E_UNSUPPORTED, "it is of version %lld, this program reads version %d",
-                         (long long)version, VERSION);
+    if (version > VERSION_PACKED)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "it is of version %lld, this program reads versions %d to %d",
+                         (long long)version, VERSION, VERSION_PACKED);
     read_text(root, "from", meta->from, sizeof meta->from);
     read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
     read_text(root, "variant", meta->variant, sizeof meta->variant);
@@ -237,4 +239,10 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     }
     spin_json_set(root, "frames", frames_json(meta));
     return root;
+}
+
+void spin_bundle_meta_packed(spin_json *root, spin_json *xor_rows)
+{
+    spin_json_set_integer(root, "version", VERSION_PACKED);
+    spin_json_set(root, "xor_rows", xor_rows);
 }

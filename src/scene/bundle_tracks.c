@@ -15,8 +15,9 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
 {
     const spin_json *json = spin_json_get(spin_json_get(bundle->json, "network"), "tracks");
     int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
-    struct spin_array a;
+    struct spin_bundle_values v;
     void *block = NULL;
+    spin_status status;
 
     out->bundle = bundle;
     if (!json)
@@ -28,18 +29,21 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'network.tracks'");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
-    SPIN_TRY(spin_npz_array_of(&bundle->npz, "network/tracks", true, 2, shape, &a));
-    SPIN_TRY(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
+    SPIN_TRY(spin_bundle_values_open(bundle, "network/tracks", -1, 'f', 2, shape, &v));
+    SPIN_TRY_OUT(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
     out->values = block;
     out->n = (size_t)n;
     out->n_moving = (size_t)moving;
     out->n_varying = (size_t)varying;
-    spin_array_to_f32(&a, 0, a.count, out->values);
-    for (size_t i = 0; i < a.count; i++)
+    spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
+    for (size_t i = 0; i < v.count && status == SPIN_OK; i++)
         if (!isfinite(out->values[i]))
-            return spin_fail(SPIN_E_MALFORMED, "array 'network/tracks' is not finite in row %zu",
-                             i / SPIN_TRACK_WIDTH);
-    return SPIN_OK;
+            status =
+                spin_fail(SPIN_E_MALFORMED, "array 'network/tracks' is not finite in row %zu",
+                          i / SPIN_TRACK_WIDTH);
+out:
+    spin_bundle_values_close(&v);
+    return status;
 }
 
 void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
@@ -54,34 +58,41 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
                             const float *room_end, float *out, size_t *n)
 {
     int64_t shape[2] = {-1, width};
-    struct spin_array a;
-    char name[64];
+    struct spin_bundle_values v;
+    char series[32], name[64];
+    spin_status status = SPIN_OK;
 
     *n = 0;
-    snprintf(name, sizeof name, "network/%s/%05d", what, index);
+    snprintf(series, sizeof series, "network/%s", what);
+    snprintf(name, sizeof name, "%s/%05d", series, index);
     if (!spin_npz_has(&t->bundle->npz, name))
         return SPIN_OK;
-    SPIN_TRY(spin_npz_array_of(&t->bundle->npz, name, true, 2, shape, &a));
-    if (a.count > (uint64_t)(room_end - out))
-        return spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
-                         name, a.shape[0]);
-    spin_array_to_f32(&a, 0, a.count, out);
-    *n = (size_t)a.shape[0];
-    return SPIN_OK;
+    SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
+    if (v.count > (uint64_t)(room_end - out)) {
+        status =
+            spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
+                      name, v.shape[0]);
+    } else {
+        spin_bundle_values_get(&v, 0, (size_t)v.count, out);
+        *n = (size_t)v.shape[0];
+    }
+    spin_bundle_values_close(&v);
+    return status;
 }
 
-static spin_status read_numbers(struct spin_bundle_tracks *t, int index, size_t n, int64_t *track)
+static spin_status read_numbers(struct spin_bundle_tracks *t, int index, size_t n, uint32_t *track)
 {
     int64_t shape[1] = {(int64_t)n};
-    struct spin_array a;
-    char name[64];
+    struct spin_bundle_values v;
 
-    snprintf(name, sizeof name, "network/track/%05d", t->same_rows ? 0 : index);
-    SPIN_TRY(spin_npz_array_of(&t->bundle->npz, name, true, 1, shape, &a));
-    spin_array_to_i64(&a, 0, n, track);
+    index = t->same_rows ? 0 : index;
+    SPIN_TRY(spin_bundle_values_open(t->bundle, "network/track", index, 'u', 1, shape, &v));
+    spin_bundle_values_get(&v, 0, n, track);
+    spin_bundle_values_close(&v);
     for (size_t i = 0; i < n; i++)
-        if (track[i] != SPIN_NOT_TRACKED && !(track[i] >= 0 && (size_t)track[i] < t->n))
-            return spin_fail(SPIN_E_MALFORMED, "array '%s' names track %" PRId64 " of %zu", name,
+        if (track[i] != SPIN_NOT_TRACKED && track[i] >= t->n)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "array 'network/track/%05d' names track %" PRIu32 " of %zu", index,
                              track[i], t->n);
     return SPIN_OK;
 }
@@ -94,7 +105,7 @@ static spin_status need(struct spin_bundle_tracks *t, size_t n)
     if (n <= t->capacity)
         return SPIN_OK;
     SPIN_TRY(
-        spin_alloc(n + n / 8 + 64, sizeof(int64_t) + SPIN_TRACK_WIDTH * sizeof(float), &block));
+        spin_alloc(n + n / 8 + 64, sizeof(uint32_t) + SPIN_TRACK_WIDTH * sizeof(float), &block));
     free(t->block);
     t->block = block;
     t->capacity = n + n / 8 + 64;
@@ -105,7 +116,7 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
                                      float *means, float *rows)
 {
     size_t n_pos, n_residual, need_pos = 0, need_residual = 0, pos = 0, residual = 0;
-    int64_t *track;
+    uint32_t *track;
     float *own_pos, *own_residual;
 
     SPIN_TRY(need(t, n));
@@ -119,8 +130,8 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
     for (size_t i = 0; i < n; i++) {
         bool none = track[i] == SPIN_NOT_TRACKED;
 
-        need_pos += none || (size_t)track[i] < t->n_moving;
-        need_residual += none || (size_t)track[i] < t->n_varying;
+        need_pos += none || track[i] < t->n_moving;
+        need_residual += none || track[i] < t->n_varying;
     }
     if (n_pos != need_pos || n_residual != need_residual)
         return spin_fail(SPIN_E_MALFORMED,
@@ -128,10 +139,10 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
                          index, n_pos, n_residual, need_pos, need_residual);
     for (size_t i = 0; i < n; i++) {
         bool none = track[i] == SPIN_NOT_TRACKED;
-        const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * track[i];
-        const float *p = none || (size_t)track[i] < t->n_moving ? own_pos + 3 * pos++ : NULL;
+        const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * (size_t)track[i];
+        const float *p = none || track[i] < t->n_moving ? own_pos + 3 * pos++ : NULL;
         const float *r =
-            none || (size_t)track[i] < t->n_varying ? own_residual + ROW * residual++ : NULL;
+            none || track[i] < t->n_varying ? own_residual + ROW * residual++ : NULL;
 
         for (size_t c = 0; c < 3; c++)
             means[3 * i + c] = (p ? p[c] : 0) + (shared ? shared[c] : 0);

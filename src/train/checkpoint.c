@@ -222,11 +222,17 @@ out:
     return spin_ranks_agree(status);
 }
 
+spin_status spin_read_device_values(struct spin_trainer *t, const char *name,
+                                    const float SPIN_DEV *at, size_t first, size_t n, float *to)
+{
+    SPIN_TRY(t->device->op->download(t->device, to, at + first, n * sizeof(float)));
+    return check_values(t, name, first, to, n);
+}
+
 spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writer *w,
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n)
 {
-    struct spin_device *device = t->device;
     void *block = NULL;
     spin_status status;
 
@@ -235,8 +241,7 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
     for (size_t first = 0; first < n; first += PORTION) {
         size_t floats = n - first < PORTION ? n - first : PORTION;
 
-        SPIN_TRY_OUT(device->op->download(device, block, at + first, floats * sizeof(float)));
-        SPIN_TRY_OUT(check_values(t, name, first, block, floats));
+        SPIN_TRY_OUT(spin_read_device_values(t, name, at, first, floats, block));
         SPIN_TRY_OUT(spin_zip_member_write(w, block, floats * sizeof(float)));
     }
     status = spin_zip_member_end(w);

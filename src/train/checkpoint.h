@@ -34,8 +34,10 @@ spin_status spin_checkpoint_sizes(const struct spin_checkpoint *checkpoint,
 
 /* All parameters are finite; else an error that names the array and the iteration. */
 spin_status spin_check_parameters(struct spin_trainer *trainer);
-/* An array on the trainer's device into an archive, piece by piece through the host. Its values must be
- * finite. */
+/* Values of an array on the trainer's device to the host. They must be finite. */
+spin_status spin_read_device_values(struct spin_trainer *trainer, const char *name,
+                                    const float SPIN_DEV *at, size_t first, size_t n, float *to);
+/* The array into an archive, piece by piece. */
 spin_status spin_write_device_array(struct spin_trainer *trainer, struct spin_zip_writer *w,
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n);

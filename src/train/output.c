@@ -1,6 +1,7 @@
 /* Writing the output's arrays and its meta.json. */
 #include "train/output.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,6 +11,42 @@
 #include "io/ranks.h"
 #include "model/residual.h"
 #include "train/settings.h"
+
+/* ---- Precision ---------------------------------------------------------------------------------- */
+
+/* Of half precision: what a half float holds of a number, and for numbers near 0 no more than of one near 1.
+ * Positions have more, as they are large beside the splats: a step of 2^-16 of the camera extent. */
+enum { BITS = 11, POSITION_BITS = 16 };
+static const float attribute_step = 0x1p-11f;
+
+static void round_attributes(const struct spin_output *output, float *values, size_t n)
+{
+    if (output->plan->o->precision == SPIN_PRECISION_HALF)
+        spin_round_values(values, n, BITS, attribute_step);
+}
+
+static void round_positions(const struct spin_output *output, float *values, size_t n)
+{
+    double extent = output->plan->extent;
+    float step = extent > 1e-30 ? (float)exp2(floor(log2(extent)) - POSITION_BITS) : 0;
+
+    if (output->plan->o->precision == SPIN_PRECISION_HALF)
+        spin_round_values(values, n, POSITION_BITS, step);
+}
+
+static void round_splats(const struct spin_output *output, unsigned columns, struct spin_splats *s)
+{
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        size_t n = s->n * spin_column_width(column, s->sh_degree);
+
+        if (!(columns & column))
+            continue;
+        if (column == SPIN_COL_MEANS)
+            round_positions(output, s->means, n);
+        else
+            round_attributes(output, *spin_column_of(s, column), n);
+    }
+}
 
 /* ---- Arrays ------------------------------------------------------------------------------------- */
 
@@ -48,7 +85,6 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     size_t n, width = residual ? SPIN_RESIDUAL : 3, to = 0;
     uint64_t shape[2];
     struct spin_rows rows = {.stride = width}, none = {0};
-    char name[64];
     uint32_t *place = NULL;
     float *packed;
     void *block = NULL;
@@ -68,8 +104,12 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
     for (size_t i = 0; i < from->size.n; i++)
         if (place[i] < n)
             memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
-    snprintf(name, sizeof name, "network/%s/%05d", residual ? "residual" : "means", frame);
-    status = spin_npz_write(&w->zip, name, "<f4", 2, shape, packed);
+    if (residual)
+        round_attributes(output, packed, width * n);
+    else
+        round_positions(output, packed, width * n);
+    status = spin_bundle_write_array(w, residual ? "network/residual" : "network/means", frame,
+                                     "<f4", 2, shape, packed);
 out:
     free(place);
     free(block);
@@ -115,11 +155,9 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
     }
     for (int f = 0; f < (*same_rows ? 1 : t->n_frames); f++) {
         uint64_t shape[1] = {t->frame[f].size.n};
-        char name[64];
 
         SPIN_TRY_OUT(read_numbers(output, f, &track));
-        snprintf(name, sizeof name, "network/track/%05d", f);
-        SPIN_TRY_OUT(spin_npz_write(&w->zip, name, "<u4", 1, shape, track));
+        SPIN_TRY_OUT(spin_bundle_write_array(w, "network/track", f, "<u4", 1, shape, track));
         free(track);
         track = NULL;
     }
@@ -149,11 +187,33 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     for (size_t i = 0; i < n; i++)
         memcpy(rows + SPIN_TRACK * i, groups + 3 * i, 3 * sizeof *rows);
     spin_residual_to_rows(n, groups + 3 * n, NULL, rows + 3, SPIN_TRACK);
-    SPIN_TRY_OUT(spin_npz_write(&w->zip, "network/tracks", "<f4", 2, shape, rows));
+    for (size_t i = 0; i < n; i++) {
+        round_positions(output, rows + SPIN_TRACK * i, 3);
+        round_attributes(output, rows + SPIN_TRACK * i + 3, SPIN_TRACK - 3);
+    }
+    SPIN_TRY_OUT(spin_bundle_write_array(w, "network/tracks", -1, "<f4", 2, shape, rows));
     status = write_numbers(output, w, same_rows);
 out:
     free(block);
     return status;
+}
+
+/* An array of weights on the device. */
+struct weights {
+    const struct spin_output *output;
+    const char *name;
+    const float SPIN_DEV *at;
+};
+
+static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_t *to)
+{
+    const struct weights *w = context;
+    float *values = (float *)(void *)to;
+
+    SPIN_TRY(spin_read_device_values(w->output->trainer, w->name, w->at, (size_t)first, n, values));
+    if (w->output->plan->o->precision == SPIN_PRECISION_HALF)
+        spin_round_values(values, n, BITS, 0);
+    return SPIN_OK;
 }
 
 static spin_status write_network(const struct spin_output *output, struct spin_bundle_writer *w,
@@ -171,9 +231,10 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
         SPIN_TRY(write_tracks(output, w, same_rows));
     if (!t->network)
         return SPIN_OK;
-    SPIN_TRY(
-        spin_write_device_array(t, &w->zip, "network/table", 2, table, whole, t->field.n_table));
-    return spin_write_device_array(t, &w->zip, "network/heads", 1, heads, t->heads.p, t->heads.n);
+    SPIN_TRY(spin_pack_write(&w->zip, "network/table", 2, table, read_weights,
+                             &(struct weights){output, "network/table", whole}));
+    return spin_pack_write(&w->zip, "network/heads", 1, heads, read_weights,
+                           &(struct weights){output, "network/heads", t->heads.p});
 }
 
 /* The source's columns, those kept of refined frames, the network. */
@@ -193,6 +254,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
         SPIN_TRY_OUT(spin_refinement_read(output->refinement, plan, f, kept, &splats));
+        if (plan->o->method == SPIN_METHOD_EXPLICIT) /* else they are what a network began with */
+            round_splats(output, kept, &splats);
         SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
     }
     if (plan->o->method != SPIN_METHOD_EXPLICIT)
@@ -203,6 +266,11 @@ out:
 }
 
 /* ---- meta.json ---------------------------------------------------------------------------------- */
+
+static const char *precision_name(const struct spin_retrain_options *o)
+{
+    return o->precision == SPIN_PRECISION_HALF ? "half" : "full";
+}
 
 static spin_status fill_meta(const struct spin_output *output, struct spin_bundle_meta *meta)
 {
@@ -323,6 +391,7 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     const struct spin_plan *plan = output->plan;
     spin_json *refined = NULL, *network = NULL;
 
+    spin_json_set_string(extra, "precision", precision_name(plan->o));
     if (output->refinement->frame) {
         refined = spin_refinement_to_json(output->refinement, plan);
         set_quality(refined, "test", &plan->report->refined);
@@ -356,6 +425,7 @@ static spin_status write_whole(const struct spin_output *output, const float SPI
         spin_json_free(extra);
         return status;
     }
+    w.packs = true;
     SPIN_TRY_OUT(fill_meta(output, &meta));
     SPIN_TRY_OUT(write_splats(output, &w, &meta, whole, &same_rows));
     SPIN_TRY_OUT(describe(output, same_rows, extra));
@@ -393,13 +463,15 @@ spin_status spin_output_write(const struct spin_output *output)
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)
 {
     struct spin_bundle bundle;
-    const char *method = plan->o->method != SPIN_METHOD_EXPLICIT ? "network" : "refined", *text;
+    const char *method = plan->o->method != SPIN_METHOD_EXPLICIT ? "network" : "refined", *text, *precision;
     bool same;
 
     if (spin_bundle_open(plan->o->output, &bundle) != SPIN_OK)
         return false;
     text = spin_json_string(spin_json_get(spin_json_get(bundle.json, method), "fingerprint"));
-    same = text && strcmp(text, fingerprint) == 0;
+    precision = spin_json_string(spin_json_get(bundle.json, "precision"));
+    same = text && strcmp(text, fingerprint) == 0 && precision &&
+           strcmp(precision, precision_name(plan->o)) == 0;
     spin_bundle_close(&bundle);
     return same;
 }

@@ -68,18 +68,20 @@ static uint64_t hash_of(const char *text)
     return hash;
 }
 
-static spin_status make_key(const struct spin_plan *plan, const struct spin_truth *truth, int f,
+static spin_status make_key(struct spin_plan *plan, const struct spin_truth *truth, int f,
                             struct spin_refined *refined)
 {
-    spin_json *j = spin_settings_refine(plan);
     char images[20], *text;
+    uint32_t input;
+    spin_json *j;
 
+    SPIN_TRY(spin_bundle_checksum(&plan->clip.bundle, spin_plan_index(plan, f), start_columns(plan),
+                                  &input));
+    j = spin_settings_refine(plan);
     snprintf(images, sizeof images, "%016" PRIx64, spin_truth_imprint(truth, plan, f));
     spin_json_set_string(j, "images", images);
     spin_json_set_integer(j, "frame", spin_plan_info(plan, f)->number);
-    spin_json_set_integer(
-        j, "input",
-        spin_bundle_checksum(&plan->clip.bundle, spin_plan_index(plan, f), start_columns(plan)));
+    spin_json_set_integer(j, "input", input);
     text = spin_json_text(j, false);
     spin_json_free(j);
     if (!text)
@@ -107,7 +109,7 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
     return SPIN_OK;
 }
 
-spin_status spin_refinement_keys(struct spin_refinement *refinement, const struct spin_plan *plan,
+spin_status spin_refinement_keys(struct spin_refinement *refinement, struct spin_plan *plan,
                                  const struct spin_truth *truth)
 {
     for (int f = 0; f < plan->clip.n_frames; f++)

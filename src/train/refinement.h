@@ -23,7 +23,7 @@ struct spin_refinement {
 spin_status spin_refinement_open(struct spin_refinement *refinement, const struct spin_plan *plan);
 void spin_refinement_close(struct spin_refinement *refinement);
 /* What every frame will be made from. */
-spin_status spin_refinement_keys(struct spin_refinement *refinement, const struct spin_plan *plan,
+spin_status spin_refinement_keys(struct spin_refinement *refinement, struct spin_plan *plan,
                                  const struct spin_truth *truth);
 /* Refine all frames that are not there yet, plan with what became of them, and measure it. */
 spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_plan *plan,

@@ -200,28 +200,38 @@ retrain --resume --log "$work/log2"
 same "$out" "$work/long.spin" "and --resume gives the same bytes"
 rm "$out"
 
-# A full disk, as a limit on the size of files that the state keeps and the output does not.
-killed
+# A full disk, as a limit on the size of files that the state keeps and the output does not: its source has
+# colours of degree 3.
+"$bin/spin-export" "$work/whole.spin" --to ply -o "$work/heavy" -q
+run "$bin/spin-import" "$work/heavy" --data "$data" --pair order -o "$work/heavy.spin"
+is "$code" 0 "a larger input"
+steps=60
+light=$in
+in=$work/heavy.spin
+retrain --pair order
+mv "$out" "$work/large.spin"
+killed --pair order
 part=$(wc -c <"$out.part")
 rm -f "$out"*
-steps=60
-whole=$(wc -c <"$work/whole.spin")
+whole=$(wc -c <"$work/large.spin")
 limit=$(((part + whole) / 2 / 512))
 if [ "$part" -gt 0 ] && [ "$part" -lt $((limit * 512)) ] && [ "$whole" -gt $((limit * 512)) ]; then
     (
         ulimit -f $limit
         # shellcheck disable=SC2086
-        exec "$bin/spin-retrain" "$in" -o "$out" $small --iterations 60 >"$work/out" 2>"$work/err"
+        exec "$bin/spin-retrain" "$in" -o "$out" $small --pair order --iterations 60 >"$work/out" 2>"$work/err"
     )
     is $? 1 "no room for the output"
     err_has "cannot write '$out'.*iteration 60 is kept" "the training is kept"
-    retrain --resume --log "$work/log3"
+    nothing_at "$out.tmp" "and nothing is half-written"
+    retrain --pair order --resume --log "$work/log3"
     is "$(steps_of "$work/log3")" 0 "--resume only writes"
-    same "$out" "$work/whole.spin" "the same bytes"
+    same "$out" "$work/large.spin" "the same bytes"
     rm -f "$out"
 else
     ok 1 "a limit between state ($part) and output ($whole)"
 fi
+in=$light
 
 # Frames that are refined.
 start --refine 150 --method explicit

@@ -57,10 +57,23 @@ is "$(grep -c "$said\|in [12] of its frames have values" "$work/err")" 1 "with o
 run "$bin/spin-eval" "$work/net.spin" --json
 is "$code, $(wc -l <"$work/err"), $(member left_out)" "0, 0, 0" "the network has no holes"
 
-# Its table gets one.
-name=$(LC_ALL=C grep -obUa 'network/table\.npy' "$work/net.spin" | head -n 1 | cut -d: -f1)
-start=$(((name + 17 + 63) / 64 * 64)) # where the .npy begins: data lies at multiples of 64
-printf '\000\000\300\177' | dd of="$work/net.spin" bs=1 seek=$((start + 192)) conv=notrunc 2>/dev/null
+# Its table gets one: the four bytes of a NaN as the first of the four planes.
+command -v python3 >/dev/null || {
+    skip "a table with a NaN" "no python3"
+    done_testing
+    exit
+}
+python3 -c 'import sys, zipfile
+with zipfile.ZipFile(sys.argv[1]) as z:
+    members = {i.filename: z.read(i) for i in z.infolist()}
+table = bytearray(members["network/table.npy"])
+head = 10 + table[8] + 256 * table[9]
+plane = (len(table) - head) // 4
+table[head::plane] = b"\0\0\xc0\x7f"
+members["network/table.npy"] = bytes(table)
+with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED) as z:
+    for name in members:
+        z.writestr(name, members[name])' "$work/net.spin"
 for command in "spin-eval $work/net.spin" "spin-export $work/net.spin --to ply -o $work/bad"; do
     # shellcheck disable=SC2086
     run "$bin/"$command

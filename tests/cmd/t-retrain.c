@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "model/field.h"
+#include "scene/bundle.h"
 #include "tests/cmd/command.h"
 
 enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
@@ -12,7 +13,7 @@ enum { MOST_STEPS = 64, MOST_VIEWS = 8, TRAINING = 6, TESTING = 2 };
 /* Two frames of the clip, 40 x 23 pixels, a small network. Four steps of three views are one epoch. */
 static const char base[] =
     "--preset paper --device cpu --threads 1 --range 1:3 --scale 0.25 --levels 4 --hash-log2 10 "
-    "--finest-resolution 32 --hidden 16 --iterations 4 -q";
+    "--finest-resolution 32 --hidden 16 --iterations 4 --precision full -q";
 static const int training[TRAINING] = {3, 7, 12, 19, 23, 27}, testing[TESTING] = {0, 15};
 
 struct step {
@@ -25,9 +26,8 @@ struct run {
     int n;
     struct step step[MOST_STEPS];
     int n_tests, test[MOST_STEPS]; /* iterations after which the test views were measured */
-    spin_json *meta;
-    const spin_json *network, *options;
-    struct spin_npz npz;
+    const spin_json *meta, *network, *options;
+    struct spin_bundle bundle;
     struct spin_field field;
     float *table, *heads;
     size_t n_table;
@@ -77,19 +77,19 @@ static void free_run(struct run *r)
 {
     free(r->table);
     free(r->heads);
-    spin_json_free(r->meta);
-    spin_npz_close(&r->npz);
+    spin_bundle_close(&r->bundle);
     memset(r, 0, sizeof *r);
 }
 
 static void read_bundle(struct run *r, const char *path)
 {
-    struct spin_array info = {0};
+    size_t n_heads;
 
-    if (spin_npz_open(path, &r->npz) == SPIN_OK)
-        r->meta = json_in(&r->npz, "meta.json");
-    if (!ok(r->meta != NULL, "%s is a bundle", path))
+    if (!ok(spin_bundle_open(path, &r->bundle) == SPIN_OK, "%s is a bundle", path)) {
+        printf("#   %s\n", spin_last_error());
         exit(tap_done());
+    }
+    r->meta = r->bundle.json;
     r->network = spin_json_get(r->meta, "network");
     r->options = spin_json_get(r->network, "options");
     if (!r->network)
@@ -98,9 +98,8 @@ static void read_bundle(struct run *r, const char *path)
         exit(tap_done());
     if (spin_json_get(r->network, "explicit"))
         return;
-    r->table = check_load_f32(&r->npz, "network/table", &info);
-    r->n_table = (size_t)info.count;
-    r->heads = check_load_f32(&r->npz, "network/heads", NULL);
+    r->table = check_values(&r->bundle, "network/table", &r->n_table);
+    r->heads = check_values(&r->bundle, "network/heads", &n_heads);
 }
 
 /* The command with the base options and these, which override them. */
@@ -140,11 +139,7 @@ static double farthest(const float *a, const float *b, size_t first, size_t end)
 
 static float *array_of(struct run *r, const char *key, size_t *n)
 {
-    struct spin_array info = {0};
-    float *values = check_load_f32(&r->npz, key, &info);
-
-    *n = (size_t)info.count;
-    return values;
+    return check_values(&r->bundle, key, n);
 }
 
 /* ---- Views -------------------------------------------------------------------------------------- */
@@ -497,7 +492,7 @@ static void test_own(void)
     }
     ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
     off = retrain("--preset short --iterations 1 --residual off");
-    ok(!spin_npz_has(&off->npz, "network/residual/00000"),
+    ok(!spin_npz_has(&off->bundle.npz, "network/residual/00000"),
        "--residual off: nothing, whatever the preset");
     drop(off);
     free(opacity[0]);
@@ -1030,17 +1025,17 @@ static void test_tracks(void)
     const spin_json *tracks = spin_json_get(all->network, "tracks");
     double n = number(tracks, "n");
 
-    ok(!spin_json_get(off->network, "tracks") && !spin_npz_has(&off->npz, "network/tracks"),
+    ok(!spin_json_get(off->network, "tracks") && !spin_npz_has(&off->bundle.npz, "network/tracks"),
        "no tracks by default");
     ok(n > 0 && n == splats_of(all) && length_of(all, "network/tracks") == 14 * (size_t)n,
        "--tracks auto: rows of this run are the same Gaussians, a track each");
     ok(length_of(all, "network/track/00000") == (size_t)n &&
-           !spin_npz_has(&all->npz, "network/track/00001"),
+           !spin_npz_has(&all->bundle.npz, "network/track/00001"),
        "whose numbers stand there once for all frames");
     ok(length_of(all, "network/means/00000") == 3 * (size_t)number(tracks, "moving"),
        "frames have places of tracks that move");
     ok(all->n_table == off->n_table, "and the network is there");
-    ok(!spin_npz_has(&only->npz, "network/table"), "--method tracks: it is not");
+    ok(!spin_npz_has(&only->bundle.npz, "network/table"), "--method tracks: it is not");
     ok(farthest_tracks(only, NULL, 3, 14) > 0 && farthest_tracks(only, fixed, 3, 14) > 1e-3 &&
            farthest_tracks(only, fixed, 0, 3) > 1e-6,
        "tracks are trained");

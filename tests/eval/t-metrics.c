@@ -402,6 +402,7 @@ static void check_tints(void)
     float *exposure;
 
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = bundle;
     o.output = in("tinted.spin", 0, 0);
     snprintf(part, sizeof part, "%s.part", o.output);
@@ -438,6 +439,7 @@ static void check_black(void)
     import.input = in("black", 0, 0);
     import.output = in("black.spin", 0, 0);
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = import.output;
     o.output = in("brighter.spin", 0, 0);
     o.device = "cpu";
@@ -480,6 +482,7 @@ static void check_first_loss(void)
 
     snprintf(log, sizeof log, "%s/first.log", folder);
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = bundle;
     o.output = in("first.spin", 0, 0);
     o.log = log;
@@ -531,6 +534,7 @@ static void train(void)
     if (spin_import(&i, &ir) != SPIN_OK)
         exit(1);
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = source;
     o.output = trained;
     o.device = "cpu";
@@ -567,6 +571,7 @@ static void check_log(void)
     snprintf(output, sizeof output, "%s/still.spin", folder);
     snprintf(path, sizeof path, "%s/still.log", folder);
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = source;
     o.output = output;
     o.log = path;
@@ -750,6 +755,7 @@ static void check_weights(void)
     snprintf(output, sizeof output, "%s/weighed.spin", folder);
     i.output = source;
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = source;
     o.output = output;
     o.device = "cpu";

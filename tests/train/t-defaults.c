@@ -70,7 +70,8 @@ static const struct spin_retrain_options paper = {
     {0, 0, 0},
     0,         /* normalise_centre, normalise_radius */
     1,         /* views_per_frame */
-    {0, 0, 0}, /* background */
+    {0, 0, 0},           /* background */
+    SPIN_PRECISION_HALF, /* precision */
     "auto",    /* device */
     0,         /* n_threads */
     false,     /* deterministic */
@@ -144,7 +145,8 @@ static const struct spin_retrain_options shorter = {
     {0, 0, 0},
     0,         /* normalise_centre, normalise_radius */
     3,         /* views_per_frame */
-    {0, 0, 0}, /* background */
+    {0, 0, 0},           /* background */
+    SPIN_PRECISION_HALF, /* precision */
     "auto",    /* device */
     0,         /* n_threads */
     false,     /* deterministic */

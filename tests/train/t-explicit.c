@@ -21,6 +21,7 @@ static struct spin_retrain_options explicit_options(int iterations)
     struct spin_retrain_options o;
 
     spin_retrain_preset("paper", &o);
+    o.precision = SPIN_PRECISION_FULL;
     o.input = in;
     o.output = out;
     o.method = SPIN_METHOD_EXPLICIT;

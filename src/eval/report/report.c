@@ -432,6 +432,31 @@ static spin_status put_pictures(struct page *p)
     return SPIN_OK;
 }
 
+/* ---- The file ----------------------------------------------------------------------------------- */
+
+static void put_part(struct page *p, const char *name, uint64_t packed, uint64_t unpacked)
+{
+    if (unpacked > 0)
+        fprintf(p->to, "<tr><td>%s</td><td>%.2f</td><td>%.2f</td></tr>\n", name,
+                (double)packed / 1e6, (double)unpacked / 1e6);
+}
+
+static void put_storage(struct page *p)
+{
+    const struct spin_bundle_bytes *a = &p->r->after->storage, *b = &p->r->after->unpacked;
+
+    fprintf(p->to, "<h2>Storage</h2>\n<div class=\"wide\"><table><tr><th>part</th><th>in the file, "
+                   "MB</th><th>unpacked, MB</th></tr>\n");
+    put_part(p, "source", a->source, b->source);
+    put_part(p, "refined frames", a->refined, b->refined);
+    put_part(p, "values of frames", a->positions, b->positions);
+    put_part(p, "tracks", a->tracks, b->tracks);
+    put_part(p, "table", a->table, b->table);
+    put_part(p, "heads", a->heads, b->heads);
+    put_part(p, "the file", a->file, b->file);
+    fprintf(p->to, "</table></div>\n");
+}
+
 /* ---- The run ------------------------------------------------------------------------------------- */
 
 static void put_options(struct page *p)
@@ -480,6 +505,7 @@ static spin_status write_page(struct page *p)
     put_history(p);
     put_cameras(p);
     SPIN_TRY(put_pictures(p));
+    put_storage(p);
     put_options(p);
     fprintf(p->to, "<p>spin4d %s</p>\n</body></html>\n", SPIN_VERSION);
     return SPIN_OK;

@@ -1,0 +1,227 @@
+/* Reading arrays of a bundle. Nothing of a header is believed before it is held against what meta.json says
+ * and against the bytes that are there. */
+#include "scene/bundle_values.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/crc.h"
+#include "scene/bundle.h"
+
+/* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
+#define CRC_LIMIT (64u << 20)
+
+static void name_of(const char *series, int frame, char name[80])
+{
+    if (frame < 0)
+        snprintf(name, 80, "%s", series);
+    else
+        snprintf(name, 80, "%s/%05d", series, frame);
+}
+
+/* ---- Differences -------------------------------------------------------------------------------- */
+
+spin_status spin_bundle_values_check_meta(const struct spin_bundle *bundle)
+{
+    const spin_json *all = spin_json_get(bundle->json, "xor_rows");
+
+    if (all && !spin_json_is_object(all))
+        return spin_meta_fail("xor_rows", "an object");
+    return SPIN_OK;
+}
+
+/* Rows of an array that are differences from the same rows of frame 0. */
+static spin_status difference_rows(const struct spin_bundle *b, const char *series, int frame,
+                                   uint64_t n_rows, uint64_t *rows)
+{
+    const spin_json *list = spin_json_get(spin_json_get(b->json, "xor_rows"), series);
+    int64_t value;
+
+    *rows = 0;
+    if (!list || frame < 0)
+        return SPIN_OK;
+    if (!spin_json_integer(spin_json_at(list, (size_t)frame), &value) || value < 0 ||
+        (uint64_t)value > n_rows || (frame == 0 && value != 0))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "meta.json: 'xor_rows' of array '%s/%05d' is not 0 to %" PRIu64, series,
+                         frame, frame == 0 ? (uint64_t)0 : n_rows);
+    *rows = (uint64_t)value;
+    return SPIN_OK;
+}
+
+/* The decoded frame 0 of a series. */
+static spin_status find_key(struct spin_bundle *b, const char *series, char kind, int n_dims,
+                            const struct spin_bundle_key **out)
+{
+    int64_t any[SPIN_NPY_MAX_DIMS];
+    struct spin_bundle_values v;
+    struct spin_bundle_key *key;
+    spin_status status;
+
+    for (size_t i = 0; i < b->n_keys; i++)
+        if (strcmp(b->key[i].series, series) == 0) {
+            *out = &b->key[i];
+            return SPIN_OK;
+        }
+    SPIN_TRY(spin_room(b->n_keys, &b->keys_capacity, sizeof *b->key, (void **)&b->key));
+    key = &b->key[b->n_keys];
+    memset(key, 0, sizeof *key);
+    for (int d = 0; d < n_dims; d++)
+        any[d] = -1;
+    SPIN_TRY(spin_bundle_values_open(b, series, 0, kind, n_dims, any, &v));
+    SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->values, (void **)&key->values));
+    spin_bundle_values_get(&v, 0, (size_t)v.count, key->values);
+    snprintf(key->series, sizeof key->series, "%s", series);
+    key->n_dims = v.n_dims;
+    memcpy(key->shape, v.shape, sizeof key->shape);
+    b->n_keys++;
+    *out = key;
+out:
+    spin_bundle_values_close(&v);
+    return status;
+}
+
+/* ---- Headers ------------------------------------------------------------------------------------ */
+
+/* Whether it is packed; its shape without the planes goes to out. */
+static spin_status look_at(const struct spin_bundle *b, const char *name, char kind, int n_dims,
+                           const int64_t *shape, struct spin_bundle_values *out)
+{
+    int64_t wanted[SPIN_NPY_MAX_DIMS] = {4};
+    struct spin_array a;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_npz_head(&b->npz, name, &a));
+    out->planes = a.kind == 'u' && a.item_size == 1;
+    memcpy(wanted + 1, shape, (size_t)n_dims * sizeof *wanted);
+    if (out->planes)
+        SPIN_TRY(spin_array_check_shape(name, &a, n_dims + 1, wanted));
+    else
+        SPIN_TRY(spin_array_check_shape(name, &a, n_dims, shape));
+    if ((!out->planes && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
+        !spin_array_is_contiguous(&a))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "array '%s' is neither of little-endian %s nor of planes of its bytes, in "
+                         "row-major order",
+                         name, kind == 'f' ? "float32" : "uint32");
+    out->n_dims = n_dims;
+    out->count = a.count / (out->planes ? 4 : 1);
+    memcpy(out->shape, a.shape + (out->planes ? 1 : 0), (size_t)n_dims * sizeof *out->shape);
+    return SPIN_OK;
+}
+
+static spin_status look_at_frame(const struct spin_bundle *b, const char *series, int frame,
+                                 char kind, int n_dims, const int64_t *shape, char name[80],
+                                 struct spin_bundle_values *out, uint64_t *rows)
+{
+    name_of(series, frame, name);
+    SPIN_TRY(look_at(b, name, kind, n_dims, shape, out));
+    return difference_rows(b, series, frame, out->shape[0], rows);
+}
+
+spin_status spin_bundle_values_check(const struct spin_bundle *bundle, const char *series,
+                                     int frame, char kind, int n_dims, const int64_t *shape)
+{
+    struct spin_bundle_values values;
+    uint64_t rows;
+    char name[80];
+
+    return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
+}
+
+/* ---- Values ------------------------------------------------------------------------------------- */
+
+static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
+                            uint64_t rows, struct spin_bundle_values *out)
+{
+    const struct spin_bundle_key *key;
+    uint64_t width = out->shape[0] > 0 ? out->count / out->shape[0] : 0;
+    bool same;
+
+    SPIN_TRY(find_key(b, series, kind, out->n_dims, &key));
+    same = key->shape[0] >= rows;
+    for (int d = 1; d < out->n_dims; d++)
+        same = same && key->shape[d] == out->shape[d];
+    if (!same)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "array '%s' has %" PRIu64 " rows of differences from frame 0, which has "
+                         "%" PRIu64 " rows or others",
+                         name, rows, key->shape[0]);
+    out->key = key->values;
+    out->n_key = rows * width;
+    return SPIN_OK;
+}
+
+static spin_status open_values(struct spin_bundle *b, const char *series, int frame, char kind,
+                               int n_dims, const int64_t *shape, struct spin_bundle_values *out)
+{
+    struct spin_array a;
+    char name[80];
+    uint64_t rows = 0;
+
+    SPIN_TRY(look_at_frame(b, series, frame, kind, n_dims, shape, name, out, &rows));
+    if (rows > 0)
+        SPIN_TRY(take_key(b, series, name, kind, rows, out));
+    SPIN_TRY(spin_npz_take(&b->npz, name, 4 * out->count < CRC_LIMIT, &a, &out->owned));
+    if (a.n_bytes != 4 * out->count)
+        return spin_fail(SPIN_E_MALFORMED, "array '%s' has changed while it was read", name);
+    out->bytes = a.data;
+    if (!out->planes && !out->owned && out->n_key == 0)
+        out->floats = spin_array_f32(&a);
+    return SPIN_OK;
+}
+
+spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
+                                    char kind, int n_dims, const int64_t *shape,
+                                    struct spin_bundle_values *out)
+{
+    spin_status status = open_values(bundle, series, frame, kind, n_dims, shape, out);
+
+    if (status != SPIN_OK)
+        spin_bundle_values_close(out);
+    return spin_fail_reading(status, bundle->path);
+}
+
+void spin_bundle_values_get(const struct spin_bundle_values *v, uint64_t first, size_t n, void *out)
+{
+    const unsigned char *p = v->bytes + first;
+    uint32_t *to = out;
+    size_t n_key = first < v->n_key ? (size_t)(v->n_key - first) : 0;
+
+    if (n == 0)
+        return;
+    if (v->planes)
+        for (size_t i = 0; i < n; i++)
+            to[i] = p[i] | (uint32_t)p[v->count + i] << 8 | (uint32_t)p[2 * v->count + i] << 16 |
+                    (uint32_t)p[3 * v->count + i] << 24;
+    else
+        memcpy(to, v->bytes + 4 * first, 4 * n);
+    for (size_t i = 0; i < n && i < n_key; i++)
+        to[i] ^= v->key[first + i];
+}
+
+uint32_t spin_bundle_values_crc(const struct spin_bundle_values *v)
+{
+    uint32_t piece[4096], crc = 0;
+    const size_t most = sizeof piece / sizeof *piece;
+
+    if (!v->planes && v->n_key == 0)
+        return spin_crc32_whole(v->bytes, 4 * (size_t)v->count);
+    for (uint64_t first = 0; first < v->count; first += most) {
+        size_t n = v->count - first < most ? (size_t)(v->count - first) : most;
+
+        spin_bundle_values_get(v, first, n, piece);
+        crc = spin_crc32(crc, piece, n * sizeof *piece);
+    }
+    return crc;
+}
+
+void spin_bundle_values_close(struct spin_bundle_values *values)
+{
+    free(values->owned);
+    memset(values, 0, sizeof *values);
+}
