@@ -5,6 +5,7 @@
  * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after the
  * last frame repeats its value, or players would cut it. --visibility switches KHR_node_visibility
  * by KHR_animation_pointer instead, which is what they are for; of the players only Babylon.js knows it.
+ * An attribute that is the same in two frames, in all rows, lies in the file once: their meshes share it.
  * With --still-apart the splats that are the same in all frames (lib/still_rows.h) are in one node more,
  * which nothing switches; it comes first in the scene, for players that draw mesh after mesh.
  *
@@ -45,6 +46,12 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
+/* Attribute `which` of n rows, as it lies in the file. */
+struct written {
+    int which;
+    uint64_t n, offset, hash[2];
+};
+
 struct export
 {
     struct spin_frames frames; /* of one per file; its rows and options serve both */
@@ -61,6 +68,8 @@ struct export
     int n_frames, n_done;
     struct spin_gltf_frame *frame; /* [n_frames] */
     struct spin_gltf_frame shared; /* what all frames show */
+    struct written *written;       /* [n_written] attributes so far */
+    size_t n_written, written_room;
     struct spin_still_rows still;  /* the same, as rows */
 };
 
@@ -95,6 +104,7 @@ struct writing {
     unsigned char *scratch;
     float *bounds; /* [blocks][6] low, high */
     atomic_int error;
+    uint64_t (*hash)[2]; /* [blocks][attributes], when rows are only looked at */
 };
 
 /* Row i of the frame to row `at` of the block's columns. */
@@ -127,11 +137,38 @@ static int put_block(const struct writing *w, unsigned char *const column[], uin
 
     spin_gs_glb_order(layout, column, n);
     for (int a = 0; a < layout->n && !error; a++) {
+        if (w->frame->elsewhere[a])
+            continue;
         error =
             spin_glb_put(w->glb, at + first * layout->width[a], column[a], n * layout->width[a]);
         at += w->frame->n * layout->width[a];
     }
     return error;
+}
+
+/* Two numbers of 64 bits, mixed by different factors: equal ones mean equal bytes. */
+static void mix(uint64_t hash[2], uint64_t word)
+{
+    hash[0] = (hash[0] ^ word) * 0x9e3779b97f4a7c15u;
+    hash[0] ^= hash[0] >> 29;
+    hash[1] = (hash[1] + word) * 0xd6e8feb86659fd93u;
+    hash[1] ^= hash[1] >> 32;
+}
+
+static void hash_block(const struct writing *w, int number, unsigned char *const column[], size_t n)
+{
+    const struct spin_gs_glb_layout *layout = &w->x->layout;
+
+    for (int a = 0; a < layout->n; a++) {
+        uint64_t *hash = w->hash[number * layout->n + a];
+
+        for (size_t i = 0; i < n * layout->width[a]; i += 4) { /* no attribute has odd bytes */
+            uint32_t word;
+
+            memcpy(&word, column[a] + i, sizeof word);
+            mix(hash, word);
+        }
+    }
 }
 
 static void write_block(void *context, int number, int worker)
@@ -155,6 +192,10 @@ static void write_block(void *context, int number, int worker)
             put_row(w->x, column, i, n);
             widen(bounds, (float *)(void *)column[0] + 3 * n++);
         }
+    }
+    if (w->hash) {
+        hash_block(w, number, column, n);
+        return;
     }
     spin_splat_filter_rest(rows, (size_t)number, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     error = put_block(w, column, spin_splat_filter_before(rows, (size_t)number), n);
@@ -181,6 +222,45 @@ static spin_status write_rows(struct export *x, struct spin_glb *glb, struct spi
     }
     free(w.bounds);
     return w.error ? spin_glb_failed(glb, w.error) : SPIN_OK;
+}
+
+/* Which attributes of the frame lie in the file already; the others are remembered for those to come. */
+static spin_status find_written(struct export *x, struct spin_gltf_frame *frame)
+{
+    struct writing w = {.x = x, .frame = frame};
+    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows), n = (size_t)x->layout.n;
+    uint64_t at = frame->offset;
+    spin_status status;
+
+    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * SPIN_GS_GLB_MAX_ROW, &w.scratch));
+    SPIN_TRY(spin_alloc((n_blocks + 1) * n, sizeof *w.hash, (void **)&w.hash));
+    SPIN_TRY_OUT(spin_alloc(n_blocks + 1, 6 * sizeof *w.bounds, (void **)&w.bounds));
+    spin_splat_filter_each(&x->frames.rows, write_block, &w);
+    for (size_t a = 0; a < n; a++) {
+        struct written now = {.which = (int)a, .n = frame->n, .offset = at};
+
+        for (size_t b = 0; b < n_blocks; b++)
+            for (int k = 0; k < 2; k++)
+                mix(now.hash, w.hash[b * n + a][k]);
+        for (size_t i = 0; i < x->n_written && !frame->elsewhere[a]; i++) {
+            const struct written *was = &x->written[i];
+
+            if (was->which == now.which && was->n == now.n &&
+                memcmp(was->hash, now.hash, sizeof now.hash) == 0)
+                frame->elsewhere[a] = was->offset + 1;
+        }
+        if (frame->elsewhere[a])
+            continue;
+        SPIN_TRY_OUT(spin_room(x->n_written, &x->written_room, sizeof *x->written,
+                               (void **)&x->written));
+        x->written[x->n_written++] = now;
+        at += frame->n * x->layout.width[a];
+    }
+    status = SPIN_OK;
+out:
+    free(w.hash);
+    free(w.bounds);
+    return status;
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -281,7 +361,7 @@ static void warn_if_large(const struct export *x, uint64_t n_bytes)
     double all = (double)x->still.n * (double)x->layout.row + (double)n_bytes * x->n_frames;
 
     if (x->n_done == 0 && all > (double)UINT32_MAX)
-        spin_warn("%d frames like the first are %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
+        spin_warn("%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
                   "and --min-opacity, or give a folder",
                   x->n_frames, all / 1e9);
 }
@@ -291,8 +371,11 @@ static spin_status append_rows(struct export *x, const struct spin_frame_info *i
                                struct spin_gltf_frame *frame)
 {
     *frame = begin_frame(x, info);
+    if (x->n_frames > 1 && frame->n > 0)
+        SPIN_TRY(find_written(x, frame));
     SPIN_TRY(write_rows(x, &x->glb, frame));
-    x->n_bytes += frame->n * x->layout.row;
+    for (int a = 0; a < x->layout.n; a++)
+        x->n_bytes += frame->elsewhere[a] ? 0 : frame->n * x->layout.width[a];
     return SPIN_OK;
 }
 
@@ -431,6 +514,7 @@ static const struct spin_frames_format format = {
 static void finish(struct export *x)
 {
     free(x->frame);
+    free(x->written);
     spin_still_rows_free(&x->still);
     spin_frames_free(&x->frames);
 }

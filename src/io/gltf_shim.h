@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-#define SPIN_GLTF_SHIM_ABI 3
+#define SPIN_GLTF_SHIM_ABI 4
 #define SPIN_GLTF_SHIM_SYMBOL "spin_gltf_shim_table"
 
 /* Numbers of glTF's own. */
@@ -25,10 +25,15 @@ struct spin_gltf_attribute {
     bool normalised;
 };
 
+enum { SPIN_GLTF_MOST_ATTRIBUTES = 24 };
+
 /* A frame: a node with a mesh of points, or without one when n is 0. */
 struct spin_gltf_frame {
     uint64_t n;            /* points */
     uint64_t offset;       /* of its first attribute in the binary chunk */
+    /* Of each attribute: 0, it lies here, behind those before it that do; else 1 more than where it lies as one of
+     * an earlier frame, which is the same. */
+    uint64_t elsewhere[SPIN_GLTF_MOST_ATTRIBUTES];
     float low[3], high[3]; /* of the first attribute, which is the place */
     int number;            /* the source's */
     double time;           /* in the source's unit */

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <map>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -77,7 +78,11 @@ int add_accessor(tinygltf::Model &model, const spin_gltf_attribute &a, uint64_t 
     return static_cast<int>(model.accessors.size()) - 1;
 }
 
-int add_mesh(tinygltf::Model &model, const spin_gltf_clip &clip, const spin_gltf_frame &frame)
+/* Accessors by where their bytes lie. */
+using Known = std::map<uint64_t, int>;
+
+int add_mesh(tinygltf::Model &model, const spin_gltf_clip &clip, const spin_gltf_frame &frame,
+             Known &known)
 {
     tinygltf::Primitive primitive;
     tinygltf::Mesh mesh;
@@ -87,6 +92,11 @@ int add_mesh(tinygltf::Model &model, const spin_gltf_clip &clip, const spin_gltf
     primitive.extensions[clip.extension] = Value(object_of(clip.extension_values));
     for (int i = 0; i < clip.n_attributes; i++) {
         const spin_gltf_attribute &a = clip.attribute[i];
+
+        if (frame.elsewhere[i]) {
+            primitive.attributes[a.name] = known.at(frame.elsewhere[i] - 1);
+            continue;
+        }
         int index = add_accessor(model, a, frame.n, offset, TINYGLTF_TARGET_ARRAY_BUFFER);
 
         if (i == 0) {
@@ -94,6 +104,7 @@ int add_mesh(tinygltf::Model &model, const spin_gltf_clip &clip, const spin_gltf
             model.accessors.back().maxValues.assign(frame.high, frame.high + 3);
         }
         primitive.attributes[a.name] = index;
+        known[offset] = index;
         offset += model.bufferViews.back().byteLength;
     }
     mesh.primitives.push_back(primitive);
@@ -104,6 +115,7 @@ int add_mesh(tinygltf::Model &model, const spin_gltf_clip &clip, const spin_gltf
 void add_nodes(tinygltf::Model &model, const spin_gltf_clip &clip)
 {
     tinygltf::Scene scene;
+    Known known;
 
     for (int f = 0; f < clip.n_frames; f++) {
         const spin_gltf_frame &frame = clip.frame[f];
@@ -115,7 +127,7 @@ void add_nodes(tinygltf::Model &model, const spin_gltf_clip &clip)
         extras["time"] = Value(frame.time);
         node.extras = Value(extras);
         if (frame.n > 0)
-            node.mesh = add_mesh(model, clip, frame);
+            node.mesh = add_mesh(model, clip, frame, known);
         /* Who plays nothing shows the first. */
         if (clip.animated && clip.visibility)
             node.extensions[VISIBILITY] = Value(Value::Object{{"visible", Value(f == 0)}});
@@ -128,7 +140,7 @@ void add_nodes(tinygltf::Model &model, const spin_gltf_clip &clip)
         tinygltf::Node node;
 
         node.name = "still";
-        node.mesh = add_mesh(model, clip, *clip.still);
+        node.mesh = add_mesh(model, clip, *clip.still, known);
         model.nodes.push_back(node);
         scene.nodes.insert(scene.nodes.begin(), clip.n_frames);
     }

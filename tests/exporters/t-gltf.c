@@ -355,6 +355,62 @@ static void test_clip(void)
 }
 
 /* --visibility: pointers instead of nodes, bytes instead of scales. */
+static int64_t accessor_of(const struct glb *g, int mesh, const char *name)
+{
+    const spin_json *m = item(g, "meshes", mesh);
+    const spin_json *p = spin_json_at(spin_json_get(m, "primitives"), 0);
+
+    return integer_of(spin_json_get(p, "attributes"), name);
+}
+
+/* What is the same in two frames lies in the file once: the second frame moves, the third has the places of the first
+ * and one opacity of its own. */
+static void test_shared_attributes(void)
+{
+    enum { N = 9000, ROW = 12 + 16 + 12 + 4 + 12 + 8 };
+    static const char *const name[] = {"POSITION",
+                                       "KHR_gaussian_splatting:ROTATION",
+                                       "KHR_gaussian_splatting:SCALE",
+                                       "KHR_gaussian_splatting:OPACITY",
+                                       "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0",
+                                       "COLOR_0"};
+    static const bool own[3][6] = {
+        {1, 1, 1, 1, 1, 1}, {1, 0, 0, 0, 0, 0}, {0, 0, 0, 1, 0, 1}};
+    struct spin_export_job job = {.output = in_folder("shared.glb"), .n_frames = 3};
+    struct spin_splats s = {0};
+    struct glb g;
+    void *self = NULL;
+    const float *place, *opacity;
+    int good = spin_exporter_gltf.begin(&job, &self) == SPIN_OK;
+
+    for (int f = 0; f < 3; f++) {
+        struct spin_frame_info info = {.number = f, .time = f};
+
+        make_frame(&s, N, 0, 1);
+        for (size_t i = 0; i < N && f == 1; i++)
+            s.means[3 * i] += 1;
+        if (f == 2)
+            s.logit_opacities[N - 1] += 0.5f;
+        good &= spin_exporter_gltf.frame(self, f, &info, &s) == SPIN_OK;
+    }
+    ok(good && spin_exporter_gltf.end(self) == SPIN_OK && open_glb(job.output, &g),
+       "three frames that have much in common");
+    for (int a = 0; a < 6; a++)
+        for (int f = 1; f < 3; f++)
+            good &= own[f][a] == (accessor_of(&g, f, name[a]) != accessor_of(&g, 0, name[a]));
+    ok(good, "share the accessors of that");
+    ok(g.n_bytes > N * (ROW + 12 + 4 + 8) && g.n_bytes < N * (ROW + 12 + 4 + 8) + 256,
+       "which lie in the file once: %zu bytes", g.n_bytes);
+    place = floats(&g, 1, name[0], 3, N);
+    opacity = floats(&g, 2, name[3], 1, N);
+    ok(place && floats(&g, 0, name[0], 3, N)[3] - place[3] == 1 && opacity &&
+           opacity[N - 1] > floats(&g, 1, name[3], 1, N)[N - 1] &&
+           opacity[0] == floats(&g, 1, name[3], 1, N)[0],
+       "and what is not the same is each frame's own");
+    close_glb(&g);
+    spin_splats_free(&s);
+}
+
 static void test_visibility(void)
 {
     static const char *const pairs[] = {"visibility", "1", NULL};
@@ -525,6 +581,7 @@ int main(int argc, char **argv)
     test_values(3, "1", 1, "source");
     test_values(1, "2", 2, "gltf");
     test_clip();
+    test_shared_attributes();
     test_visibility();
     test_clip_edges();
     test_room();
