@@ -212,12 +212,12 @@ static void report_json(const struct spin_retrain_report *r)
 
 static void report_plan(const struct spin_retrain_report *r)
 {
-    char needed[32], available[32], time[32], sent[32];
+    char needed[32], available[32], time[32], sent[32], mean[32];
 
     printf("device      %s\n", r->device);
     printf("preset      %s\n", options.preset);
-    printf("work        %d iterations, %d frames, %.1f splats each\n", r->iterations, r->frames,
-           r->splats_mean);
+    printf("work        %d iterations, %d frames, %s splats each\n", r->iterations, r->frames,
+           spin_print_mean(r->splats_mean, mean));
     if (densify_every(r) > 0)
         printf("densify     every %d iterations\n", densify_every(r));
     printf("memory      %s needed, %s available\n",
@@ -244,11 +244,11 @@ static void print_row(const char *name, const struct spin_quality *q)
 
 static void report_text(const struct spin_retrain_report *r)
 {
-    char time[32];
+    char time[32], mean[32];
 
-    printf("%s: %d iterations in %s (%.3g s each) on %s, %d frames, %.1f splats each\n",
+    printf("%s: %d iterations in %s (%.3g s each) on %s, %d frames, %s splats each\n",
            options.output, r->iterations, spin_print_seconds(r->seconds, time),
-           r->seconds_per_iteration, r->device, r->frames, r->splats_mean);
+           r->seconds_per_iteration, r->device, r->frames, spin_print_mean(r->splats_mean, mean));
     printf("%-10s  %8s  %7s\n", "test views", "PSNR", "SSIM");
     print_row("before", &r->before);
     if (options.refine > 0 && options.method == SPIN_METHOD_NETWORK)
