@@ -177,6 +177,11 @@ async function use(first, numbers, versions) {
         const now = far(await tab.evaluate(() => window.spin4d.camera()));
         ok(by < 0 ? now >= Math.min(limit, first0) * 0.999 : now <= Math.max(limit, first0) * 1.001, `the wheel stops at ${now.toFixed(2)}`);
     }
+    await tab.click('#full');
+    await until(() => document.fullscreenElement);
+    await tab.click('#full');
+    await until(() => !document.fullscreenElement);
+    ok(true, 'fills the screen and comes back');
     await tab.click('#home');
     await tab.waitForTimeout(500);
     ok(!differ(first, await picture('home')), 'comes back to the first view');
