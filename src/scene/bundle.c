@@ -23,6 +23,28 @@ static void series_name(const char *group, unsigned column, char name[64])
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
+static struct spin_bundle_place place_of(struct spin_bundle *b)
+{
+    return (struct spin_bundle_place){b->path, &b->npz, b->json, &b->keys};
+}
+
+spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *series, int frame,
+                                     char kind, int n_dims, const int64_t *shape)
+{
+    struct spin_bundle_place place = place_of(bundle);
+
+    return spin_bundle_place_check(&place, series, frame, kind, n_dims, shape);
+}
+
+spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
+                                    char kind, int n_dims, const int64_t *shape,
+                                    struct spin_bundle_values *out)
+{
+    struct spin_bundle_place place = place_of(bundle);
+
+    return spin_bundle_place_open(&place, series, frame, kind, n_dims, shape, out);
+}
+
 /* Where columns of a frame are found: the source's, or the refined ones. */
 struct group {
     const char *name;
@@ -205,7 +227,6 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
     SPIN_TRY_OUT(spin_npz_open(path, &out->npz));
     SPIN_TRY_OUT(load_meta(out));
-    SPIN_TRY_OUT(spin_bundle_values_check_meta(out));
     SPIN_TRY_OUT(check_source(out));
     status = check_refined(out);
     if (status != SPIN_OK) {
@@ -226,9 +247,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_bundle_meta_free(&bundle->meta);
     free(bundle->refined.n);
     free(bundle->network_n);
-    for (size_t i = 0; i < bundle->n_keys; i++)
-        free(bundle->key[i].values);
-    free(bundle->key);
+    spin_bundle_keys_free(&bundle->keys);
     free(bundle->path);
     memset(bundle, 0, sizeof *bundle);
 }

@@ -38,8 +38,7 @@ struct spin_bundle {
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
     size_t *network_n; /* [frames] splats of the network's frames where these are others; or NULL */
-    struct spin_bundle_key *key; /* [n_keys] decoded frames 0 of packed series */
-    size_t n_keys, keys_capacity;
+    struct spin_bundle_keys keys; /* of packed series */
     bool told_not_finite; /* a warning said how many splats cannot be drawn */
 };
 
@@ -53,6 +52,14 @@ void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_byte
                        struct spin_bundle_bytes *unpacked);
 /* The data set's folder, made absolute against the bundle's place; NULL when there is none. Allocated. */
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);
+/* Array `series`/`frame`, or `series` itself with a frame of -1: its header alone is looked at. kind: 'f'
+ * float32, 'u' uint32; a -1 in shape matches anything. Errors name the array. */
+spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *series, int frame,
+                                     char kind, int n_dims, const int64_t *shape);
+/* The same, open for spin_bundle_values_get(); to be closed. Errors name the file as well. */
+spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
+                                    char kind, int n_dims, const int64_t *shape,
+                                    struct spin_bundle_values *out);
 /* The source's columns of one frame. */
 spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                               struct spin_splats *out);

@@ -4,12 +4,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <zlib.h>
 
 #include "base/err.h"
 #include "base/mem.h"
 
-enum { PORTION = 1 << 15, TRIAL_LEVEL = 1 };
+enum { PORTION = 1 << 15 }; /* values at a time */
 
 struct spin_pack_series {
     char name[64];
@@ -35,15 +34,20 @@ static spin_status read_difference(void *context, uint64_t first, size_t n, uint
     return SPIN_OK;
 }
 
-typedef spin_status (*put_fn)(void *to, const void *bytes, size_t n);
+/* ---- One array ---------------------------------------------------------------------------------- */
 
-/* The planes, one after the other. */
-static spin_status put_planes(uint64_t count, spin_pack_read_fn read, void *context, put_fn put,
-                              void *to)
+spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
+                            const uint64_t *shape, spin_pack_read_fn read, void *context)
 {
+    uint64_t planes[SPIN_NPY_MAX_DIMS] = {4}, count = 1;
     uint32_t values[PORTION];
     unsigned char bytes[PORTION];
 
+    for (int d = 0; d < n_dims; d++) {
+        planes[d + 1] = shape[d];
+        count *= shape[d];
+    }
+    SPIN_TRY(spin_npz_write_begin_deflated(w, name, "|u1", n_dims + 1, planes));
     for (int plane = 0; plane < 4; plane++)
         for (uint64_t first = 0; first < count; first += PORTION) {
             size_t n = count - first < PORTION ? (size_t)(count - first) : PORTION;
@@ -51,85 +55,59 @@ static spin_status put_planes(uint64_t count, spin_pack_read_fn read, void *cont
             SPIN_TRY(read(context, first, n, values));
             for (size_t i = 0; i < n; i++)
                 bytes[i] = (unsigned char)(values[i] >> 8 * plane);
-            SPIN_TRY(put(to, bytes, n));
+            SPIN_TRY(spin_zip_member_write(w, bytes, n));
         }
-    return SPIN_OK;
-}
-
-/* ---- One array ---------------------------------------------------------------------------------- */
-
-static spin_status put_in_member(void *to, const void *bytes, size_t n)
-{
-    return spin_zip_member_write(to, bytes, n);
-}
-
-spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
-                            const uint64_t *shape, spin_pack_read_fn read, void *context)
-{
-    uint64_t planes[SPIN_NPY_MAX_DIMS] = {4}, count = 1;
-
-    for (int d = 0; d < n_dims; d++) {
-        planes[d + 1] = shape[d];
-        count *= shape[d];
-    }
-    SPIN_TRY(spin_npz_write_begin_deflated(w, name, "|u1", n_dims + 1, planes));
-    SPIN_TRY(put_planes(count, read, context, put_in_member, w));
     return spin_zip_member_end(w);
 }
 
 /* ---- Series ------------------------------------------------------------------------------------- */
 
-static spin_status put_in_trial(void *to, const void *bytes, size_t n)
+/* About how many bits the planes become: the entropy of their bytes, each plane by itself. */
+static double weigh(uint64_t count, struct difference d)
 {
-    z_stream *z = to;
-    unsigned char room[4096];
+    uint32_t values[PORTION];
+    uint64_t seen[4][256] = {{0}};
+    double bits = 0;
 
-    z->next_in = (Bytef *)(uintptr_t)bytes;
-    z->avail_in = (uInt)n;
-    do {
-        z->next_out = room;
-        z->avail_out = sizeof room;
-        deflate(z, n > 0 ? Z_NO_FLUSH : Z_FINISH);
-    } while (z->avail_out == 0);
-    return SPIN_OK;
+    for (uint64_t first = 0; first < count; first += PORTION) {
+        size_t n = count - first < PORTION ? (size_t)(count - first) : PORTION;
+
+        (void)read_difference(&d, first, n, values);
+        for (size_t i = 0; i < n; i++)
+            for (int plane = 0; plane < 4; plane++)
+                seen[plane][values[i] >> 8 * plane & 255]++;
+    }
+    for (int i = 0; i < 4 * 256; i++)
+        if (seen[i / 256][i % 256] > 0)
+            bits += (double)seen[i / 256][i % 256] *
+                    log2((double)count / (double)seen[i / 256][i % 256]);
+    return bits;
 }
 
-/* About how long the planes become. */
-static spin_status weigh(uint64_t count, struct difference d, uint64_t *bytes)
-{
-    z_stream z = {0};
-
-    if (deflateInit(&z, TRIAL_LEVEL) != Z_OK)
-        return spin_fail(SPIN_E_MEMORY, "no memory to deflate");
-    (void)put_planes(count, read_difference, &d, put_in_trial, &z);
-    (void)put_in_trial(&z, "", 0);
-    *bytes = z.total_out;
-    deflateEnd(&z);
-    return SPIN_OK;
-}
-
-/* How many rows are worth taking as differences: none, all, or up to the last that is the same. */
-static spin_status choose_rows(const struct spin_pack_series *s, uint64_t n_rows,
-                               const uint32_t *values, uint64_t *rows)
+/* How many rows are worth taking as differences: none, up to the last that is the same, or all. */
+static uint64_t choose_rows(const struct spin_pack_series *s, uint64_t n_rows,
+                            const uint32_t *values)
 {
     uint64_t width = s->width, all = n_rows < s->key_rows ? n_rows : s->key_rows, same = all;
-    uint64_t least = UINT64_MAX, bytes = 0;
+    uint64_t tried[3], best = 0;
+    double least = INFINITY;
 
     while (same > 0 && memcmp(values + width * (same - 1), s->key + width * (same - 1),
                               width * sizeof *values) != 0)
         same--;
+    tried[0] = 0;
+    tried[1] = same;
+    tried[2] = all;
     for (int i = 0; i < 3; i++) {
-        uint64_t tried = i == 0 ? same : i == 1 ? all : 0;
+        double bits =
+            weigh(n_rows * width, (struct difference){values, s->key, tried[i] * width});
 
-        if ((i > 0 && tried == same) || (tried == 0 && same == n_rows))
-            continue;
-        SPIN_TRY(weigh(n_rows * width, (struct difference){values, s->key, tried * width}, &bytes));
-        if (bytes < least) {
-            least = bytes;
-            *rows = tried;
+        if (bits < 0.99 * least) {
+            least = bits;
+            best = tried[i];
         }
     }
-    return SPIN_OK;
+    return best;
 }
 
 static spin_status find_series(struct spin_packer *p, const char *name,
@@ -168,7 +146,7 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
         s->key_rows = shape[0];
         s->width = width;
     } else if (width == s->width) {
-        SPIN_TRY(choose_rows(s, shape[0], values, &rows));
+        rows = choose_rows(s, shape[0], values);
     }
     d.key = s->key;
     d.n_key = rows * width;

@@ -10,10 +10,17 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/crc.h"
-#include "scene/bundle.h"
+#include "scene/bundle_meta.h"
 
 /* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
 #define CRC_LIMIT (64u << 20)
+
+/* A frame 0, decoded. */
+struct spin_bundle_key {
+    char series[64];
+    uint32_t *values;
+    uint64_t shape[SPIN_NPY_MAX_DIMS];
+};
 
 static void name_of(const char *series, int frame, char name[80])
 {
@@ -25,23 +32,16 @@ static void name_of(const char *series, int frame, char name[80])
 
 /* ---- Differences -------------------------------------------------------------------------------- */
 
-spin_status spin_bundle_values_check_meta(const struct spin_bundle *bundle)
-{
-    const spin_json *all = spin_json_get(bundle->json, "xor_rows");
-
-    if (all && !spin_json_is_object(all))
-        return spin_meta_fail("xor_rows", "an object");
-    return SPIN_OK;
-}
-
 /* Rows of an array that are differences from the same rows of frame 0. */
-static spin_status difference_rows(const struct spin_bundle *b, const char *series, int frame,
+static spin_status difference_rows(const struct spin_bundle_place *b, const char *series, int frame,
                                    uint64_t n_rows, uint64_t *rows)
 {
-    const spin_json *list = spin_json_get(spin_json_get(b->json, "xor_rows"), series);
+    const spin_json *all = spin_json_get(b->meta, "xor_rows"), *list = spin_json_get(all, series);
     int64_t value;
 
     *rows = 0;
+    if (all && !spin_json_is_object(all))
+        return spin_meta_fail("xor_rows", "an object");
     if (!list || frame < 0)
         return SPIN_OK;
     if (!spin_json_integer(spin_json_at(list, (size_t)frame), &value) || value < 0 ||
@@ -54,31 +54,31 @@ static spin_status difference_rows(const struct spin_bundle *b, const char *seri
 }
 
 /* The decoded frame 0 of a series. */
-static spin_status find_key(struct spin_bundle *b, const char *series, char kind, int n_dims,
+static spin_status find_key(const struct spin_bundle_place *b, const char *series, char kind, int n_dims,
                             const struct spin_bundle_key **out)
 {
     int64_t any[SPIN_NPY_MAX_DIMS];
     struct spin_bundle_values v;
     struct spin_bundle_key *key;
+    struct spin_bundle_keys *keys = b->keys;
     spin_status status;
 
-    for (size_t i = 0; i < b->n_keys; i++)
-        if (strcmp(b->key[i].series, series) == 0) {
-            *out = &b->key[i];
+    for (size_t i = 0; i < keys->n; i++)
+        if (strcmp(keys->key[i].series, series) == 0) {
+            *out = &keys->key[i];
             return SPIN_OK;
         }
-    SPIN_TRY(spin_room(b->n_keys, &b->keys_capacity, sizeof *b->key, (void **)&b->key));
-    key = &b->key[b->n_keys];
+    SPIN_TRY(spin_room(keys->n, &keys->capacity, sizeof *keys->key, (void **)&keys->key));
+    key = &keys->key[keys->n];
     memset(key, 0, sizeof *key);
     for (int d = 0; d < n_dims; d++)
         any[d] = -1;
-    SPIN_TRY(spin_bundle_values_open(b, series, 0, kind, n_dims, any, &v));
+    SPIN_TRY(spin_bundle_place_open(b, series, 0, kind, n_dims, any, &v));
     SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->values, (void **)&key->values));
     spin_bundle_values_get(&v, 0, (size_t)v.count, key->values);
     snprintf(key->series, sizeof key->series, "%s", series);
-    key->n_dims = v.n_dims;
     memcpy(key->shape, v.shape, sizeof key->shape);
-    b->n_keys++;
+    keys->n++;
     *out = key;
 out:
     spin_bundle_values_close(&v);
@@ -88,14 +88,14 @@ out:
 /* ---- Headers ------------------------------------------------------------------------------------ */
 
 /* Whether it is packed; its shape without the planes goes to out. */
-static spin_status look_at(const struct spin_bundle *b, const char *name, char kind, int n_dims,
+static spin_status look_at(const struct spin_bundle_place *b, const char *name, char kind, int n_dims,
                            const int64_t *shape, struct spin_bundle_values *out)
 {
     int64_t wanted[SPIN_NPY_MAX_DIMS] = {4};
     struct spin_array a;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY(spin_npz_head(&b->npz, name, &a));
+    SPIN_TRY(spin_npz_head(b->npz, name, &a));
     out->planes = a.kind == 'u' && a.item_size == 1;
     memcpy(wanted + 1, shape, (size_t)n_dims * sizeof *wanted);
     if (out->planes)
@@ -114,7 +114,7 @@ static spin_status look_at(const struct spin_bundle *b, const char *name, char k
     return SPIN_OK;
 }
 
-static spin_status look_at_frame(const struct spin_bundle *b, const char *series, int frame,
+static spin_status look_at_frame(const struct spin_bundle_place *b, const char *series, int frame,
                                  char kind, int n_dims, const int64_t *shape, char name[80],
                                  struct spin_bundle_values *out, uint64_t *rows)
 {
@@ -123,19 +123,19 @@ static spin_status look_at_frame(const struct spin_bundle *b, const char *series
     return difference_rows(b, series, frame, out->shape[0], rows);
 }
 
-spin_status spin_bundle_values_check(const struct spin_bundle *bundle, const char *series,
-                                     int frame, char kind, int n_dims, const int64_t *shape)
+spin_status spin_bundle_place_check(const struct spin_bundle_place *place, const char *series,
+                                    int frame, char kind, int n_dims, const int64_t *shape)
 {
     struct spin_bundle_values values;
     uint64_t rows;
     char name[80];
 
-    return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
+    return look_at_frame(place, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
 /* ---- Values ------------------------------------------------------------------------------------- */
 
-static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
+static spin_status take_key(const struct spin_bundle_place *b, const char *series, const char *name, char kind,
                             uint64_t rows, struct spin_bundle_values *out)
 {
     const struct spin_bundle_key *key;
@@ -156,7 +156,7 @@ static spin_status take_key(struct spin_bundle *b, const char *series, const cha
     return SPIN_OK;
 }
 
-static spin_status open_values(struct spin_bundle *b, const char *series, int frame, char kind,
+static spin_status open_values(const struct spin_bundle_place *b, const char *series, int frame, char kind,
                                int n_dims, const int64_t *shape, struct spin_bundle_values *out)
 {
     struct spin_array a;
@@ -166,7 +166,7 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     SPIN_TRY(look_at_frame(b, series, frame, kind, n_dims, shape, name, out, &rows));
     if (rows > 0)
         SPIN_TRY(take_key(b, series, name, kind, rows, out));
-    SPIN_TRY(spin_npz_take(&b->npz, name, 4 * out->count < CRC_LIMIT, &a, &out->owned));
+    SPIN_TRY(spin_npz_take(b->npz, name, 4 * out->count < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != 4 * out->count)
         return spin_fail(SPIN_E_MALFORMED, "array '%s' has changed while it was read", name);
     out->bytes = a.data;
@@ -175,15 +175,15 @@ static spin_status open_values(struct spin_bundle *b, const char *series, int fr
     return SPIN_OK;
 }
 
-spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
-                                    char kind, int n_dims, const int64_t *shape,
-                                    struct spin_bundle_values *out)
+spin_status spin_bundle_place_open(const struct spin_bundle_place *place, const char *series,
+                                   int frame, char kind, int n_dims, const int64_t *shape,
+                                   struct spin_bundle_values *out)
 {
-    spin_status status = open_values(bundle, series, frame, kind, n_dims, shape, out);
+    spin_status status = open_values(place, series, frame, kind, n_dims, shape, out);
 
     if (status != SPIN_OK)
         spin_bundle_values_close(out);
-    return spin_fail_reading(status, bundle->path);
+    return spin_fail_reading(status, place->path);
 }
 
 void spin_bundle_values_get(const struct spin_bundle_values *v, uint64_t first, size_t n, void *out)
@@ -224,4 +224,12 @@ void spin_bundle_values_close(struct spin_bundle_values *values)
 {
     free(values->owned);
     memset(values, 0, sizeof *values);
+}
+
+void spin_bundle_keys_free(struct spin_bundle_keys *keys)
+{
+    for (size_t i = 0; i < keys->n; i++)
+        free(keys->key[i].values);
+    free(keys->key);
+    memset(keys, 0, sizeof *keys);
 }

@@ -5,8 +5,6 @@
 #include "io/json.h"
 #include "io/npy.h"
 
-struct spin_bundle;
-
 /* One array, open until closed. */
 struct spin_bundle_values {
     int n_dims;
@@ -21,29 +19,31 @@ struct spin_bundle_values {
     uint64_t n_key;
 };
 
-/* A frame 0 that others are differences from, decoded once. */
-struct spin_bundle_key {
-    char series[64];
-    uint32_t *values;
-    int n_dims;
-    uint64_t shape[SPIN_NPY_MAX_DIMS];
+/* Frames 0 that others are differences from, each decoded once. */
+struct spin_bundle_keys {
+    struct spin_bundle_key *key;
+    size_t n, capacity;
 };
+void spin_bundle_keys_free(struct spin_bundle_keys *keys);
 
-/* Array `series`/`frame`, or `series` itself with a frame of -1: its header alone is looked at. kind: 'f'
- * float32, 'u' uint32; a -1 in shape matches anything. Errors name the array. */
-spin_status spin_bundle_values_check(const struct spin_bundle *bundle, const char *series,
-                                     int frame, char kind, int n_dims, const int64_t *shape);
-/* The same, open. */
-spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
-                                    char kind, int n_dims, const int64_t *shape,
-                                    struct spin_bundle_values *out);
+/* Where arrays lie: what bundle.c lends for a call. */
+struct spin_bundle_place {
+    const char *path;
+    const struct spin_npz *npz;
+    const spin_json *meta; /* meta.json */
+    struct spin_bundle_keys *keys;
+};
+/* As spin_bundle_values_check() and _open() of scene/bundle.h. */
+spin_status spin_bundle_place_check(const struct spin_bundle_place *place, const char *series,
+                                    int frame, char kind, int n_dims, const int64_t *shape);
+spin_status spin_bundle_place_open(const struct spin_bundle_place *place, const char *series,
+                                   int frame, char kind, int n_dims, const int64_t *shape,
+                                   struct spin_bundle_values *out);
 /* Values [first, first + n) as their 4 bytes. */
 void spin_bundle_values_get(const struct spin_bundle_values *values, uint64_t first, size_t n,
                             void *out);
 /* The CRC of all values. */
 uint32_t spin_bundle_values_crc(const struct spin_bundle_values *values);
 void spin_bundle_values_close(struct spin_bundle_values *values);
-/* "xor_rows" of meta.json is sound: to be called once, before any of the above. */
-spin_status spin_bundle_values_check_meta(const struct spin_bundle *bundle);
 
 #endif

@@ -1,0 +1,359 @@
+/* bundle_pack: packed arrays come back bit for bit, rounded ones within bounds; files that lie are refused, in
+ * one line that names file and array.  K: bundle pack */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "scene/bundle.h"
+#include "tests/check.h"
+#include "tests/tap.h"
+
+enum { FRAMES = 4, N = 900 };
+static const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+static const unsigned still = SPIN_COL_LOG_SCALES;
+static char path[300];
+
+/* ---- Round trips --------------------------------------------------------------------------------- */
+
+static size_t count_of(int frame) { return frame == 2 ? N - 100 : N + (size_t)frame; }
+
+static float noise(void)
+{
+    static uint32_t state = 1;
+
+    state = state * 1664525u + 1013904223u;
+    return (float)(int32_t)state / 0x1p31f;
+}
+
+/* Frame 1 has the rows of frame 0 but for the last 100; frame 2 moves all of them a little; frame 3 shares
+ * nothing. */
+static void fill(struct spin_splats frame[FRAMES])
+{
+    memset(frame, 0, FRAMES * sizeof *frame);
+    for (int f = 0; f < FRAMES; f++) {
+        if (spin_splats_reserve(&frame[f], N + FRAMES, columns, 1) != SPIN_OK)
+            exit(1);
+        frame[f].n = count_of(f);
+        for (unsigned c = 1; c < SPIN_COLUMNS_END; c <<= 1) {
+            size_t width = spin_column_width(c, 1);
+            float *out = *spin_column_of(&frame[f], c), *key = *spin_column_of(&frame[0], c);
+
+            for (size_t i = 0; (columns & c) && i < (N + FRAMES) * width; i++)
+                out[i] = c == still || (f == 1 && i < (N - 100) * width) ? (f ? key[i] : noise())
+                         : f == 2                                        ? key[i] * 1.0001f
+                                                                         : noise();
+        }
+    }
+    frame[0].means[0] = frame[1].means[0] = NAN;
+    frame[3].means[1] = -INFINITY;
+    frame[3].sh[5] = -0.0f;
+}
+
+static spin_json *parse(const char *text)
+{
+    spin_json *json = NULL;
+
+    if (spin_json_parse("test", text, strlen(text), &json) != SPIN_OK)
+        exit(1);
+    return json;
+}
+
+static void write_clip(struct spin_splats frame[FRAMES], bool packs, bool same_n)
+{
+    struct spin_bundle_writer w;
+    struct spin_bundle_meta meta = {.n_source_frames = FRAMES,
+                                    .columns = same_n ? columns : columns & ~still,
+                                    .static_columns = same_n ? still : 0,
+                                    .sh_degree = 1};
+    spin_json *extra = parse("{\"refined\": {\"columns\": [\"means\"], \"sh_degree\": -1, \"frames\": "
+                             "[{\"n\": 5}, {\"n\": 6}, {\"n\": 7}, {\"n\": 0}]}}");
+
+    if (spin_bundle_meta_reserve(&meta, FRAMES) != SPIN_OK ||
+        spin_bundle_writer_open(path, true, false, &w) != SPIN_OK)
+        exit(1);
+    w.packs = packs;
+    for (int f = 0; f < FRAMES; f++) {
+        struct spin_splats refined = {.n = f == 3 ? 0 : 5 + (size_t)f, .means = frame[f].means};
+
+        frame[f].n = meta.frame[f].n = same_n ? N : count_of(f);
+        if (spin_bundle_write_frame(&w, f, meta.columns, meta.static_columns, &frame[f]) !=
+                SPIN_OK ||
+            spin_bundle_write_refined(&w, f, SPIN_COL_MEANS, &refined) != SPIN_OK)
+            exit(1);
+    }
+    if (!ok(spin_bundle_writer_finish(&w, &meta, extra) == SPIN_OK, "writes a clip"))
+        printf("#   %s\n", spin_last_error());
+    spin_bundle_meta_free(&meta);
+}
+
+static void same_frame(struct spin_bundle *b, int f, const struct spin_splats *want)
+{
+    struct spin_splats got = {0}, view = {0}, expected = *want;
+
+    if (!ok(spin_bundle_frame(b, f, b->meta.columns, &got) == SPIN_OK && got.n == want->n &&
+                spin_bundle_view(b, f, SPIN_FROM_SOURCE, b->meta.columns, &view) == SPIN_OK,
+            "frame %d", f)) {
+        printf("#   %s\n", spin_last_error());
+        return;
+    }
+    for (unsigned c = 1; c < SPIN_COLUMNS_END; c <<= 1) {
+        size_t bytes = want->n * spin_column_width(c, 1) * sizeof(float);
+
+        if (!(b->meta.columns & c))
+            continue;
+        check_same_bits(*spin_column_of(&got, c), *spin_column_of(&expected, c), bytes,
+                        spin_column_name(c));
+        check_same_bits(*spin_column_of(&view, c), *spin_column_of(&expected, c), bytes, "a view");
+    }
+    spin_splats_free(&got);
+    spin_splats_free(&view);
+}
+
+static int rows_of(const struct spin_bundle *b, const char *series, int frame)
+{
+    int64_t rows = -1;
+
+    spin_json_integer(
+        spin_json_at(spin_json_get(spin_json_get(b->json, "xor_rows"), series), (size_t)frame),
+        &rows);
+    return (int)rows;
+}
+
+static void test_round_trip(bool same_n)
+{
+    struct spin_splats frame[FRAMES], got = {0};
+    uint32_t packed[FRAMES], stored[FRAMES];
+    struct spin_bundle_bytes bytes, unpacked;
+    struct spin_bundle b;
+
+    fill(frame);
+    write_clip(frame, true, same_n);
+    if (!ok(spin_bundle_open(path, &b) == SPIN_OK, "a packed clip opens: %s", spin_last_error()))
+        return;
+    for (int f = FRAMES - 1; f >= 0; f--) { /* the last first: the key is found when it is needed */
+        same_frame(&b, f, &frame[f]);
+        ok(spin_bundle_checksum(&b, f, columns, &packed[f]) == SPIN_OK, "its checksum");
+    }
+    ok(spin_bundle_refined_frame(&b, 2, SPIN_COL_MEANS, &got) == SPIN_OK && got.n == 7 &&
+           memcmp(got.means, frame[2].means, 7 * 3 * sizeof(float)) == 0 &&
+           spin_bundle_refined_frame(&b, 3, SPIN_COL_MEANS, &got) == SPIN_OK && got.n == 0,
+       "refined frames, one of no splats");
+    ok(rows_of(&b, "source/means", 0) == 0 && rows_of(&b, "source/means", 1) == N - 100 &&
+           rows_of(&b, "source/means", 2) == (int)b.meta.frame[2].n &&
+           rows_of(&b, "source/means", 3) == 0,
+       "rows that are differences: those that are the same, all, none");
+    spin_bundle_weigh(&b, &bytes, &unpacked);
+    ok(bytes.source < 3 * unpacked.source / 4 && unpacked.source > 2 * N * 14 * sizeof(float) &&
+           bytes.file == b.npz.zip.map.size && unpacked.file > unpacked.source,
+       "storage, packed and not");
+    spin_bundle_close(&b);
+    write_clip(frame, false, same_n);
+    if (spin_bundle_open(path, &b) != SPIN_OK)
+        exit(1);
+    for (int f = 0; f < FRAMES; f++) {
+        same_frame(&b, f, &frame[f]);
+        if (spin_bundle_checksum(&b, f, columns, &stored[f]) != SPIN_OK)
+            exit(1);
+    }
+    ok(memcmp(packed, stored, sizeof packed) == 0 && packed[0] != packed[1],
+       "checksums are those of the values, however they lie");
+    spin_bundle_close(&b);
+    spin_splats_free(&got);
+    for (int f = 0; f < FRAMES; f++)
+        spin_splats_free(&frame[f]);
+}
+
+/* ---- Rounding ------------------------------------------------------------------------------------ */
+
+static void test_rounding(void)
+{
+    float v[1000], r[1000];
+    double worst = 0, worst_small = 0;
+    bool bits_ok = true, step_ok = true;
+    float odd[] = {NAN, INFINITY, -INFINITY, FLT_MAX, -0.0f, 1, 0x1.ffep0f, 0x1.fffp0f, 0x1.001p0f};
+
+    for (int i = 0; i < 1000; i++)
+        v[i] = r[i] = noise() * exp2f((float)(i % 40) - 20);
+    spin_round_values(r, 1000, 11, 0);
+    for (int i = 0; i < 1000; i++) {
+        uint32_t u;
+
+        memcpy(&u, &r[i], sizeof u);
+        bits_ok = bits_ok && !(u & 0x1fff);
+        worst = fmax(worst, fabs((double)r[i] - (double)v[i]) / fabs((double)v[i]));
+        r[i] = v[i];
+    }
+    ok(bits_ok && worst <= 0x1p-11 && worst > 0x1p-12, "11 bits: an error of %.3g of a value", worst);
+    spin_round_values(r, 1000, 11, 0x1p-11f);
+    for (int i = 0; i < 1000; i++) {
+        step_ok = step_ok && fmod((double)r[i], 0x1p-11) == 0;
+        if (fabsf(v[i]) < 1)
+            worst_small = fmax(worst_small, fabs((double)r[i] - (double)v[i]));
+    }
+    ok(step_ok && worst_small <= 0x1p-11, "and a step: %.3g of small values", worst_small);
+    spin_round_values(odd, 9, 11, 0);
+    ok(isnan(odd[0]) && odd[1] == INFINITY && odd[2] == -INFINITY && odd[3] == FLT_MAX &&
+           odd[4] == 0 && odd[5] == 1,
+       "what is not finite stays, and nothing becomes infinite");
+    ok(odd[6] == 2 && odd[7] == 2 && odd[8] == 1,
+       "to the nearest, halfway to even, also into the next power of two");
+}
+
+/* ---- Lies ---------------------------------------------------------------------------------------- */
+
+#define META(more)                                                                                 \
+    "{\"format\":\"spin bundle\",\"version\":2,\"from\":\"x\",\"numbered\":false,"                 \
+    "\"columns\":[\"means\"],\"static_columns\":[],\"sh_degree\":-1,\"data\":null,"                \
+    "\"source_frames\":2,\"frames\":[{\"number\":0,\"time\":0,\"n\":2,\"source_index\":0},"        \
+    "{\"number\":1,\"time\":1,\"n\":2,\"source_index\":1}]" more "}"
+
+struct lie {
+    const char *meta, *word, *what;
+    const char *descr;
+    uint64_t shape[3];
+};
+
+/* A clip of two frames of two points, of which the second is as the lie has it. */
+static void write_lie(const struct lie *lie)
+{
+    static const unsigned char zeros[64];
+    struct spin_zip_writer w;
+    uint64_t shape[3] = {4, 2, 3};
+
+    if (spin_zip_writer_open(path, true, &w) != SPIN_OK ||
+        spin_npz_write(&w, "source/means/00000", "|u1", 3, shape, zeros) != SPIN_OK ||
+        spin_npz_write(&w, "source/means/00001", lie->descr, 3, lie->shape, zeros) != SPIN_OK ||
+        spin_zip_member_begin_deflated(&w, "meta.json", strlen(lie->meta)) != SPIN_OK ||
+        spin_zip_member_write(&w, lie->meta, strlen(lie->meta)) != SPIN_OK ||
+        spin_zip_member_end(&w) != SPIN_OK || spin_zip_writer_commit(&w) != SPIN_OK)
+        exit(1);
+}
+
+/* Opens and reads all of it. */
+static spin_status read_everything(void)
+{
+    struct spin_splats s = {0};
+    struct spin_bundle b;
+    spin_status status = spin_bundle_open(path, &b);
+
+    if (status != SPIN_OK)
+        return status;
+    for (int f = b.meta.n_frames - 1; f >= 0 && status == SPIN_OK; f--) {
+        status = spin_bundle_frame(&b, f, b.meta.columns, &s);
+        if (status == SPIN_OK && b.refined.columns)
+            status = spin_bundle_refined_frame(&b, f, b.refined.columns, &s);
+    }
+    spin_bundle_close(&b);
+    spin_splats_free(&s);
+    return status;
+}
+
+static void test_lies(void)
+{
+    static const struct lie lies[] = {
+        {META(""), "source/means/00001", "three planes", "|u1", {3, 2, 3}},
+        {META(""), "source/means/00001", "a point too few", "|u1", {4, 1, 3}},
+        {META(""), "source/means/00001", "planes of signed bytes", "|i1", {4, 2, 3}},
+        {META(",\"xor_rows\":[]"), "xor_rows", "xor_rows in a list", "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":3}"), "source/means/00000", "a number for a list",
+         "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0]}"), "source/means/00001", "a list too short",
+         "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,3]}"), "source/means/00001",
+         "more differences than rows", "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,-1]}"), "source/means/00001",
+         "a negative number of them", "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,1.5]}"), "source/means/00001", "half a row",
+         "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,1e99]}"), "source/means/00001",
+         "an absurd number of them", "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[1,0]}"), "source/means/00000",
+         "a frame 0 of differences", "|u1", {4, 2, 3}},
+    };
+
+    for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
+        write_lie(&lies[i]);
+        ok(read_everything() == SPIN_E_MALFORMED && strstr(spin_last_error(), lies[i].word) &&
+               strstr(spin_last_error(), path) && !strchr(spin_last_error(), '\n'),
+           "%s: %s", lies[i].what, spin_last_error());
+    }
+}
+
+/* Frames of different counts: more rows of differences than frame 0 has. */
+static void test_short_key(void)
+{
+    static const unsigned char zeros[256];
+    static const char meta[] =
+        "{\"format\":\"spin bundle\",\"version\":2,\"from\":\"x\",\"numbered\":false,"
+        "\"columns\":[\"means\"],\"static_columns\":[],\"sh_degree\":-1,\"data\":null,"
+        "\"source_frames\":2,\"frames\":[{\"number\":0,\"time\":0,\"n\":1,\"source_index\":0},"
+        "{\"number\":1,\"time\":1,\"n\":2,\"source_index\":1}],"
+        "\"xor_rows\":{\"source/means\":[0,2]}}";
+    struct spin_zip_writer w;
+    uint64_t one[3] = {4, 1, 3}, two[3] = {4, 2, 3};
+
+    if (spin_zip_writer_open(path, true, &w) != SPIN_OK ||
+        spin_npz_write(&w, "source/means/00000", "|u1", 3, one, zeros) != SPIN_OK ||
+        spin_npz_write(&w, "source/means/00001", "|u1", 3, two, zeros) != SPIN_OK ||
+        spin_zip_member_begin(&w, "meta.json", strlen(meta)) != SPIN_OK ||
+        spin_zip_member_write(&w, meta, strlen(meta)) != SPIN_OK ||
+        spin_zip_member_end(&w) != SPIN_OK || spin_zip_writer_commit(&w) != SPIN_OK)
+        exit(1);
+    ok(read_everything() == SPIN_E_MALFORMED && strstr(spin_last_error(), "source/means/00001") &&
+           strstr(spin_last_error(), path),
+       "differences from rows that frame 0 has not: %s", spin_last_error());
+}
+
+/* Any cut is noticed, and a flipped bit is noticed or harmless. */
+static void test_damage(void)
+{
+    struct spin_splats frame[FRAMES];
+    FILE *file;
+    long size;
+    int n_read = 0;
+
+    fill(frame);
+    write_clip(frame, true, true);
+    for (int f = 0; f < FRAMES; f++)
+        spin_splats_free(&frame[f]);
+    file = fopen(path, "r+b");
+    if (!file || fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) <= 0)
+        exit(1);
+    for (long i = 0; i < 400; i++) {
+        long at = size * i / 400;
+        int byte;
+
+        fseek(file, at, SEEK_SET);
+        byte = fgetc(file);
+        fseek(file, at, SEEK_SET);
+        fputc(byte ^ 1 << i % 8, file);
+        fflush(file);
+        (void)read_everything();
+        fseek(file, at, SEEK_SET);
+        fputc(byte, file);
+        fflush(file);
+    }
+    ok(read_everything() == SPIN_OK, "flipped bits crash nothing");
+    for (long at = size - 1; at >= 0; at -= at > size - 50 ? 1 : size / 100) {
+        if (ftruncate(fileno(file), at) != 0)
+            exit(1);
+        n_read += read_everything() == SPIN_OK;
+    }
+    ok(n_read == 0, "no truncation can be read");
+    fclose(file);
+}
+
+TAP_MAIN
+{
+    spin_log_set_level(-1);
+    snprintf(path, sizeof path, "%s/clip.spin", check_folder());
+    test_round_trip(false);
+    test_round_trip(true);
+    test_rounding();
+    test_lies();
+    test_short_key();
+    test_damage();
+}
