@@ -28,7 +28,7 @@ static float noise(void)
     return (float)(int32_t)state / 0x1p31f;
 }
 
-/* Frame 1 has the rows of frame 0 but for the last 100; frame 2 moves all of them a little; frame 3 shares
+/* Frame 1 has the rows of frame 0 but for the last 100, which are plain; frame 2 moves all of them a little; frame 3 shares
  * nothing. */
 static void fill(struct spin_splats frame[FRAMES])
 {
@@ -43,6 +43,7 @@ static void fill(struct spin_splats frame[FRAMES])
 
             for (size_t i = 0; (columns & c) && i < (N + FRAMES) * width; i++)
                 out[i] = c == still || (f == 1 && i < (N - 100) * width) ? (f ? key[i] : noise())
+                         : f == 1                                        ? 1
                          : f == 2                                        ? key[i] * 1.0001f
                                                                          : noise();
         }
@@ -144,7 +145,9 @@ static void test_round_trip(bool same_n)
     ok(rows_of(&b, "source/means", 0) == 0 && rows_of(&b, "source/means", 1) == N - 100 &&
            rows_of(&b, "source/means", 2) == (int)b.meta.frame[2].n &&
            rows_of(&b, "source/means", 3) == 0,
-       "rows that are differences: those that are the same, all, none");
+       "rows that are differences: those that are the same, all, none (%d %d %d %d)",
+       rows_of(&b, "source/means", 0), rows_of(&b, "source/means", 1),
+       rows_of(&b, "source/means", 2), rows_of(&b, "source/means", 3));
     spin_bundle_weigh(&b, &bytes, &unpacked);
     ok(bytes.source < 3 * unpacked.source / 4 && unpacked.source > 2 * N * 14 * sizeof(float) &&
            bytes.file == b.npz.zip.map.size && unpacked.file > unpacked.source,
