@@ -40,7 +40,7 @@ static const struct spin_plugin_option options[] = {
     {"visibility", NULL,
      "of a clip in one file: switch frames by KHR_node_visibility, which few players know", NULL},
     {"still-apart", NULL,
-     "of a clip in one file: what is the same in all frames lies in it once, in a node of its own",
+     "of a clip in one file: splats that are the same in all frames lies in it once, in a node of its own",
      NULL},
     {"no-fallback", NULL, "leave out COLOR_0, for viewers that draw plain points", NULL},
     {0},

@@ -11,7 +11,7 @@
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \
         "path", "camera|orbit|spiral|train",                                                             \
-            "whence to look: cameras of the data set, or one that moves; without one, the front",         \
+            "where to look from: cameras of the data set, or a moving one; without data, the front",       \
             "camera"                                                                               \
     }
 
@@ -32,15 +32,15 @@
 
 #define SPIN_DRAWING_OPTION_SIZE                                                                   \
     {                                                                                              \
-        "size", "WxH", "pixels of a picture, of the camera's height of view; otherwise its own",   \
+        "size", "WxH", "pixels of an image; the vertical field of view stays; otherwise the camera's",   \
             NULL                                                                                   \
     }
 
 #define SPIN_DRAWING_OPTION_DURATION                                                               \
     {                                                                                              \
         "duration", "S",                                                                           \
-            "seconds that the clip takes, instead of --repeat: frames are drawn as often as that " \
-            "needs, or left out",                                                                  \
+            "seconds that the clip lasts, instead of --repeat: frames are repeated or left " \
+            "out to fit",                                                                  \
             NULL                                                                                   \
     }
 

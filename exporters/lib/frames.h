@@ -22,7 +22,7 @@
 #define SPIN_FRAMES_OPTIONS(pattern)                                                               \
     SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS,                                        \
     {                                                                                              \
-        "skip-complete", NULL, "leave frames that are there and whole as they are", NULL           \
+        "skip-complete", NULL, "continue: do not write frames again that are complete", NULL           \
     }
 
 struct spin_frames_format {

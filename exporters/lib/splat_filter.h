@@ -11,7 +11,7 @@
 #define SPIN_ROWS_OPTION_SH                                                                        \
     {                                                                                              \
         "sh", "DEGREE",                                                                            \
-            "SH degree to write, 0 to 3: cut off, or filled up with zeros; keep: as it is", "keep" \
+            "SH degree to write, 0 to 3; missing ones are zeros; keep: that of the bundle", "keep" \
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
     {"min-opacity", "V", "leave out splats whose opacity is below V, 0 to 1", "0"},                \

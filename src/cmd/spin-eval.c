@@ -16,9 +16,9 @@ static const char *dynamic = "auto";
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("What to measure"),
-    SPIN_ARG("source", 0, NULL, "the imported attributes instead of the retrained ones",
+    SPIN_ARG("source", 0, NULL, "measure the imported attributes instead of the retrained ones",
              SPIN_ARG_FLAG, &options.source, 0, 0),
-    SPIN_ARG("split", 0, "test|train|all", "which cameras (test)", SPIN_ARG_CHOICE, &split, 0, 0),
+    SPIN_ARG("split", 0, "test|train|all", "the cameras (test)", SPIN_ARG_CHOICE, &split, 0, 0),
     SPIN_ARG("test-cams", 0, "LIST", "camera numbers held out (the data set's own)", SPIN_ARG_INTS,
              &test_cameras, 0, 1e9),
     SPIN_ARG("range", 0, "A:B[:STEP]", "frame numbers A to B-1", SPIN_ARG_RANGE, &options.range, 0,
@@ -37,7 +37,7 @@ static const struct spin_args_row rows[] = {
              SPIN_ARG_STRING, &options.lpips_backbone, 0, 0),
     SPIN_ARG("lpips-lin", 0, "FILE", "its linear heads, as the lpips package has them",
              SPIN_ARG_STRING, &options.lpips_lin, 0, 0),
-    SPIN_ARG("images", 0, "DIR", "write one PNG a view: ground truth | source | render",
+    SPIN_ARG("images", 0, "DIR", "write one PNG per view: ground truth | source | render",
              SPIN_ARG_STRING, &options.images, 0, 0),
     SPIN_ARG("report", 0, "FILE.html", "write a page with curves, tables and pictures",
              SPIN_ARG_STRING, &options.report, 0, 0),

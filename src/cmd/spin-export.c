@@ -19,7 +19,7 @@ static const struct spin_args_row rows[] = {
              0, 0),
     SPIN_ARG("range", 0, "A:B[:STEP]", "export frame numbers A to B-1", SPIN_ARG_RANGE,
              &options.range, 0, 0),
-    SPIN_ARG("source", 0, NULL, "the imported attributes, even when there are retrained ones",
+    SPIN_ARG("source", 0, NULL, "write the imported attributes instead of the retrained ones",
              SPIN_ARG_FLAG, &options.source, 0, 0),
     SPIN_ARG("check", 0, NULL, "read back what was written and compare it with the bundle",
              SPIN_ARG_FLAG, &options.check, 0, 0),
@@ -52,7 +52,7 @@ static const char *const usage[] = {
 
 static const struct spin_args_command command = {
     .name = "spin-export",
-    .summary = "standard files out of a bundle",
+    .summary = "write the frames of a bundle as standard files",
     .usage = usage,
     .rows = rows,
     .common = &common,

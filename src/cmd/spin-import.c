@@ -26,13 +26,13 @@ static const struct spin_args_row rows[] = {
         "match frames of the run and of the data set by their numbers or by their order (auto)",
         SPIN_ARG_CHOICE, &options.pair, 0, 0),
     SPIN_ARG_HEADING("Frames"),
-    SPIN_ARG("frames", 0, "N", "continuous methods: sample N frames over the whole time, both ends",
+    SPIN_ARG("frames", 0, "N", "continuous methods: sample N frames over the whole time range",
              SPIN_ARG_INT, &options.n_frames, 1, 1000000),
-    SPIN_ARG("times", 0, "T0,T1,...", "continuous methods: sample here, in the method's unit",
+    SPIN_ARG("times", 0, "T0,T1,...", "continuous methods: sample at these times, in the unit of the method",
              SPIN_ARG_DOUBLES, &times, 0, 0),
     SPIN_ARG("frame-times", 0, "auto|data|unit|count",
-             "continuous methods: times of the data set's frames, as it has them, or i/(n-1) or "
-             "i/n of the whole (auto)",
+             "continuous methods: the times of the data set's frames: its own, i/(n-1) or i/n of "
+             "the range (auto)",
              SPIN_ARG_CHOICE, &options.frame_times, 0, 0),
     SPIN_ARG("range", 0, "A:B[:STEP]", "keep frame numbers A to B-1", SPIN_ARG_RANGE,
              &options.range, 0, 0),
@@ -43,7 +43,7 @@ static const struct spin_args_row rows[] = {
              SPIN_ARG_FLAG, &options.sync, 0, 0),
     SPIN_ARG("positions-only", 0, NULL, "leave the source's attributes out", SPIN_ARG_FLAG,
              &options.positions_only, 0, 0),
-    SPIN_ARG("info", 0, NULL, "describe the input, write nothing", SPIN_ARG_FLAG, &wants_info, 0,
+    SPIN_ARG("info", 0, NULL, "describe the input and write nothing", SPIN_ARG_FLAG, &wants_info, 0,
              0),
     SPIN_ARG("full", 0, NULL, "with --info: read every frame instead of 16 of them", SPIN_ARG_FLAG,
              &options.full, 0, 0),
@@ -74,7 +74,7 @@ static const char *const usage[] = {
 
 static const struct spin_args_command command = {
     .name = "spin-import",
-    .summary = "another method's run to a bundle",
+    .summary = "read a run of another method into a bundle",
     .usage = usage,
     .rows = rows,
     .common = &common,

@@ -7,7 +7,7 @@ root=$PWD
 bin=$(cd "$bin" && pwd)
 blocks=$work/blocks
 mkdir "$blocks" "$work/place" "$work/path"
-documents="README.md $(ls docs/*.md docs/*/*.md man/*.[157] tests/viewers/README.md)"
+documents="README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md man/*.[157] tests/viewers/README.md)"
 
 # shellcheck disable=SC2086
 awk -v into="$blocks" -v first=1 -f tests/cli/examples.awk $documents >"$work/index"
@@ -63,14 +63,14 @@ ok $? "the options, targets and scripts in examples are there"
 
 # Of commands inside a sentence too.
 # shellcheck disable=SC2086
-grep -ohE '`spin-(import|retrain|eval|export) [^`]*`' README.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
+grep -ohE '`spin-(import|retrain|eval|export) [^`]*`' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
     while IFS= read -r line; do wrong "$line"; done >"$work/strangers"
 is "$(cat "$work/strangers")" "" "commands in the text of documents have the options that they name"
 
 # And those named in the text, each in some command: `--word`, or Fl Fl word.
 sort -u "$work"/spin-*.options >"$work/all.options"
 # shellcheck disable=SC2086
-grep -ohE '`--[a-z0-9-]+' README.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
+grep -ohE '`--[a-z0-9-]+' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
     grep -vxF -f "$work/all.options" | grep -vxE -e '--(mca|bind-to|expect-motion|max-frames|matrix|deterministic|alone|bound-)' >"$work/strangers"
 is "$(cat "$work/strangers")" "" "options named in the text of documents are there"
 
@@ -125,6 +125,10 @@ case "\$*" in
 *'--method explicit'*--refine* | *--refine*'--method explicit'* | *--iterations*) ;;
 *'--method explicit'*) set -- "\$@" --refine 10 ;;
 *) set -- "\$@" --iterations 20 ;;
+esac
+case "\$*" in
+*--hash-log2*) ;;
+*'--preset paper'* | *'--preset short'*) set -- "\$@" --hash-log2 12 ;;
 esac
 exec "$bin/spin-retrain" "\$@"
 RETRAIN
