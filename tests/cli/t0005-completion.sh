@@ -73,8 +73,8 @@ if command -v zsh >/dev/null 2>&1; then
         # shellcheck disable=SC2016
         run zsh -fc '_arguments() { print -rl -- "$@" }; words=(${=1}); . "$2"' zsh "$line" "$work/spin-export.zsh"
         is "$code $(wc -c <"$work/err")" "0 0" "zsh runs it: $line"
-        out_has '^--path=\[whence.*\]:camera|orbit|spiral:(camera orbit spiral)$' "with the exporter's own options"
-        out_has '^(-o --output)-o+\[the folder' "and the common ones"
+        out_has '^--path=\[.*\]:camera|[a-z|]*:(camera [a-z ]*)$' "with the exporter's own options"
+        out_has '^(-o --output)-o+\[' "and the common ones"
     done
 else
     skip "what zsh is given" "no zsh"
