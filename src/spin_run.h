@@ -125,6 +125,9 @@ enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT, SPIN_METHOD_TRACKS
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
 enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 
+/* AUTO: where cameras show the same points in different colours. */
+enum spin_exposure { SPIN_EXPOSURE_OFF, SPIN_EXPOSURE_ON, SPIN_EXPOSURE_AUTO };
+
 /* Centre and radius of the scene at the network's input. AUTO: median of the positions, and the distance that
  * holds 90% of them. NONE: as OFF, without the contraction; splats outside the unit cube share one set of
  * attributes. GIVEN: normalise_centre, normalise_radius. */
@@ -166,12 +169,12 @@ struct spin_retrain_options {
     int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
     int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start */
-    bool learn_exposure;   /* learn a gain and offset of every training camera */
-    double lr_exposure;    /* their rate */
-    double lr_head_factor; /* on the four head rates */
-    bool tracks;           /* learn once what frames share, where splats keep their identity */
-    double lr_track;       /* on 3DGS's rates for what they share */
-    double lr_tracked;     /* on lr_position and lr_residual, for splats that share something */
+    enum spin_exposure learn_exposure; /* learn a gain and offset of every training camera */
+    double lr_exposure;                /* their rate */
+    double lr_head_factor;             /* on the four head rates */
+    bool tracks;            /* learn once what frames share, where splats keep their identity */
+    double lr_track;        /* on 3DGS's rates for what they share */
+    double lr_tracked;      /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
     bool dynamic_residual;  /* splats that move have residual values of every frame as well */
     int densify_every; /* iterations between densifications of tracks; 0: none; -1: iterations / 20 */
@@ -228,11 +231,11 @@ struct spin_retrain_report {
     double splats_mean;
     char device[64];
     struct spin_quality before, refined, test;
-    double refine_seconds; /* part of seconds */
-    double outside_ball;   /* share of points outside the unit ball at the encoder */
+    double refine_seconds;                /* part of seconds */
+    double outside_ball;                  /* share of points outside the unit ball at the encoder */
     size_t bytes_needed, bytes_available; /* available 0: it is not known */
-    char fitting[96];         /* options that would fit, when these do not; empty: none were found */
-    size_t bytes_peak;        /* of this process, when the work is done */
+    char fitting[96];  /* options that would fit, when these do not; empty: none were found */
+    size_t bytes_peak; /* of this process, when the work is done */
     double seconds_estimated; /* dry run */
     int ranks;                /* processes that share the work */
     double bytes_sent;        /* dry run: by all of them in a step, at most */

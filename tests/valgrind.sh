@@ -35,7 +35,7 @@ check "spin-import" 0 "$bin/spin-import" --from d3dgs $clip --data $clip --range
 check "spin-import --info" 0 "$bin/spin-import" --info $clip
 check "spin-import --check-cameras" 0 "$bin/spin-import" --check-cameras "$tmp/overlay" --data $clip $clip
 check "spin-retrain" 0 "$bin/spin-retrain" "$tmp/a.spin" -o "$tmp/b.spin" --preset paper --device cpu --iterations 3 \
-    --levels 4 --hash-log2 12 --scale 0.5 --sh-degree 1 --learn-exposure --preview "$tmp/preview"
+    --levels 4 --hash-log2 12 --scale 0.5 --sh-degree 1 --learn-exposure on --preview "$tmp/preview"
 check "spin-eval" 0 "$bin/spin-eval" "$tmp/b.spin" --scale 0.5 --images "$tmp/images" --json
 for to in $("$bin/spin-export" --list | awk '{ print $1 }'); do
     name=$tmp/to-$to

@@ -13,9 +13,12 @@
 #include "base/text.h"
 #include "io/claim.h"
 #include "io/ranks.h"
+#include "train/camera_colours.h"
 #include "train/loop.h"
 #include "train/output.h"
 #include "train/test_views.h"
+
+static const double least_spread = 0.05; /* of the cameras' colours, that is worth learning */
 
 /* Who owns what; each stage is handed what it needs. */
 struct run {
@@ -31,6 +34,7 @@ struct run {
     struct spin_checkpoint checkpoint;
     struct spin_journal journal;
     struct spin_claim claim; /* on the output */
+    double colour_spread;    /* of the cameras, 0..1; NaN: not asked for */
     bool resume;             /* there is a state to go on from */
 };
 
@@ -168,11 +172,37 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     return o->dry_run || o->refine > 0 ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
+/* auto becomes on or off: the difference is in colour_spread, where it was measured. */
+static spin_status choose_exposure(struct run *r)
+{
+    enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
+
+    r->colour_spread = NAN;
+    if (*choice != SPIN_EXPOSURE_AUTO)
+        return SPIN_OK;
+    SPIN_TRY(spin_camera_colours(&r->plan, &r->truth, &r->colour_spread));
+    *choice = r->colour_spread > least_spread ? SPIN_EXPOSURE_ON : SPIN_EXPOSURE_OFF;
+    return SPIN_OK;
+}
+
+static void say_exposure(const struct run *r)
+{
+    if (isnan(r->colour_spread))
+        return;
+    if (r->plan.o->learn_exposure == SPIN_EXPOSURE_ON)
+        spin_log(0, "cameras differ in colour by %.0f %%: learning an exposure for each camera",
+                 100 * r->colour_spread);
+    else
+        spin_log(1, "cameras differ in colour by %.1f %%: no exposure is learned",
+                 100 * r->colour_spread);
+}
+
 /* What the run is made from. */
 static spin_status look_at_input(struct run *r)
 {
     SPIN_TRY(spin_truth_open(&r->truth, &r->plan));
     SPIN_TRY(spin_truth_look(&r->truth, &r->plan));
+    SPIN_TRY(choose_exposure(r));
     if (r->plan.o->refine > 0)
         SPIN_TRY(spin_refinement_keys(&r->refinement, &r->plan, &r->truth));
     return spin_fingerprint(&r->plan, &r->refinement, &r->truth, &r->device, &r->fingerprint);
@@ -237,7 +267,7 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
         .max_items = p->o->batch,
         .max_pixels = p->max_pixels,
         .max_tiles = p->max_tiles,
-        .n_exposures = p->o->learn_exposure ? p->n_cameras : 0,
+        .n_exposures = p->o->learn_exposure == SPIN_EXPOSURE_ON ? p->n_cameras : 0,
     };
     void *block = NULL;
     struct spin_frame_size *frame;
@@ -474,6 +504,7 @@ static spin_status work(struct run *r)
         return SPIN_OK;
     }
     say_recipe(p);
+    say_exposure(r);
     status = run(r);
     if (status != SPIN_OK)
         return keep(r, status);

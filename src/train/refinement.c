@@ -379,7 +379,7 @@ static void set_options(struct stage *stage)
     memcpy(o->background, from->background, sizeof o->background);
     if (!from->densify)
         o->densify_until = 0;
-    o->lr_exposure = from->learn_exposure ? from->lr_exposure : 0;
+    o->lr_exposure = from->learn_exposure == SPIN_EXPOSURE_ON ? from->lr_exposure : 0;
     o->lambda_scale = from->lambda_scale;
     o->lambda_opacity = from->lambda_opacity;
     o->antialias = from->antialias;

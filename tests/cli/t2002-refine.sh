@@ -67,7 +67,7 @@ greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
 ok $? "--max-points is kept, and frames start from the source's attributes"
 
 # What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
-for more in '--learn-exposure --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
+for more in '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method explicit --densify off $more --force --json
     is "$code" 0 "refines with $more"

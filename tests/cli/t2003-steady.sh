@@ -12,7 +12,7 @@ in=$work/in.spin
 run "$bin/spin-import" "$clip/params.npz" --data "$clip" -o "$in"
 is "$code" 0 "imports the clip"
 small='--preset paper --device cpu --threads 1 --levels 4 --hash-log2 12 --finest-resolution 64 --hidden 16 --force'
-small="$small --learn-exposure --views-per-frame 2 --warmup 2"
+small="$small --learn-exposure on --views-per-frame 2 --warmup 2"
 
 # The same run twice, the second 300 steps longer: what the second did more is what the steps did. All
 # images have been read by then, and the lists of tiles have had time to grow. The image library and the

@@ -26,7 +26,7 @@ same "network" 2 $small --iterations 12
 same "network with lazy Adam and an odd number of levels" 3 --device cpu --levels 7 --hash-log2 17 \
     --finest-resolution 512 --hidden 16 --iterations 8 --batch 2
 same "residual values, exposures and more views of a frame" 4 $small --iterations 8 \
-    --residual source --learn-exposure --batch 6 --views-per-frame 2
+    --residual source --learn-exposure on --batch 6 --views-per-frame 2
 same "more ranks than frames of a step, with values of their own" 6 $small --iterations 6 \
     --residual points --lr-residual 2 --batch 4 --preview "$work/preview"
 same "tracks that are densified, before and with a network" 2 $small --iterations 12 --tracks auto \

@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include "io/image.h"
 #include "model/field.h"
 #include "scene/bundle.h"
 #include "tests/cmd/command.h"
@@ -501,6 +502,67 @@ static void test_own(void)
 
 /* ---- Camera colours ----------------------------------------------------------------------------- */
 
+/* The images of a camera, darker by a fifth. */
+static bool darken(int camera)
+{
+    for (int f = 8; f < 14; f++) {
+        char path[700];
+        int width, height;
+        uint8_t *rgb;
+
+        snprintf(path, sizeof path, "%s/tinted/ims/%d/%06d.jpg", folder, camera, f);
+        if (spin_image_read(path, NULL, &width, &height, &rgb) != SPIN_OK)
+            return false;
+        for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++)
+            rgb[i] = (uint8_t)(rgb[i] * 4 / 5);
+        remove(path);
+        if (spin_image_write(path, width, height, rgb, false) != SPIN_OK)
+            return false;
+        free(rgb);
+    }
+    return true;
+}
+
+static void test_auto_exposure(void)
+{
+    static const char one[] = "--device cpu --threads 1 --scale 0.5 --iterations 1 -v --force";
+    struct run r = {0};
+    char path[600];
+
+    ok(shell("%s/spin-retrain %s/in.spin -o %s/plain.spin %s", bin, folder, folder, one) == 0 &&
+           strstr(said, "no exposure is learned"),
+       "cameras alike: %s", said);
+    snprintf(path, sizeof path, "%s/plain.spin", folder);
+    read_bundle(&r, path);
+    ok(!strcmp(spin_json_string(spin_json_get(r.options, "learn_exposure")), "off"),
+       "and so it stands in the bundle");
+    free_run(&r);
+    ok(shell("cp -r %s %s/tinted && chmod -R u+w %s/tinted", clip, folder, folder) == 0 &&
+           darken(7),
+       "a clip with a darker camera");
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s", bin, folder,
+             folder, folder, one) == 0 &&
+           strstr(said, "cameras differ in colour by ") &&
+           strstr(said, "%: learning an exposure for each camera"),
+       "a darker camera is seen: %s", said);
+    snprintf(path, sizeof path, "%s/tinted.spin", folder);
+    read_bundle(&r, path);
+    ok(!strcmp(spin_json_string(spin_json_get(r.options, "learn_exposure")), "on") &&
+           spin_json_length(spin_json_get(r.network, "cameras")) == TRAINING,
+       "and learned");
+    free_run(&r);
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s "
+             "--learn-exposure off",
+             bin, folder, folder, folder, one) == 0 &&
+           !strstr(said, "cameras differ"),
+       "--learn-exposure off: not looked for");
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
+             "0,3,7,12,15,19",
+             bin, folder, folder, folder, one) == 0 &&
+           strstr(said, "cameras differ in colour by 0.0 %"),
+       "two cameras have no mean to differ from: %s", said);
+}
+
 static void test_cameras(void)
 {
     struct run *none = retrain(""), *one, *all;
@@ -509,7 +571,7 @@ static void test_cameras(void)
     ok(spin_json_length(spin_json_get(none->network, "cameras")) == 0,
        "cameras have no colours by default");
     drop(none);
-    all = retrain("--learn-exposure --lr-exposure 0.01 --warmup 0 --iterations 12");
+    all = retrain("--learn-exposure on --lr-exposure 0.01 --warmup 0 --iterations 12");
     cameras = spin_json_get(all->network, "cameras");
     ok(spin_json_length(cameras) == TRAINING, "--learn-exposure: one a training camera");
     for (size_t i = 0; i < TRAINING; i++) {
@@ -529,7 +591,7 @@ static void test_cameras(void)
 
     /* One step at --lr-exposure moves those that it saw by the rate; then the mean of all is taken off. */
     one = retrain(
-        "--learn-exposure --lr-exposure 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
+        "--learn-exposure on --lr-exposure 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
     cameras = spin_json_get(one->network, "cameras");
     for (size_t c = 0; c < 3; c++) {
         double mean = 0, unseen = NAN;
@@ -1078,6 +1140,7 @@ TAP_MAIN
     PART(test_defaults);
     PART(test_own);
     PART(test_cameras);
+    PART(test_auto_exposure);
     PART(test_network);
     PART(test_sh_every);
     PART(test_files);

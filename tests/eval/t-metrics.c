@@ -411,7 +411,7 @@ static void check_tints(void)
     o.hash_log2 = 8;
     o.iterations = o.warmup = 1;
     o.batch = 1;
-    o.learn_exposure = true;
+    o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.01;
     if (!ok(spin_retrain(&o, &r) == SPIN_E_MALFORMED &&
                 strstr(spin_last_error(), "no splat is visible") &&
@@ -447,7 +447,7 @@ static void check_black(void)
     o.hash_log2 = 8;
     o.residual = SPIN_RESIDUAL_SOURCE;
     o.iterations = o.warmup = o.batch = 1;
-    o.learn_exposure = true;
+    o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.01;
     if (!ok(spin_import(&import, &imported) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK &&
                 spin_bundle_open(o.output, &b) == SPIN_OK,

@@ -48,12 +48,12 @@ static const struct spin_retrain_options paper = {
     3e-4, /* lr_table, lr_sh, lr_scale */
     3e-5,
     8e-4,
-    1.6e-4, /* lr_rotation, lr_opacity, lr_position */
-    0,      /* sh_increase_every */
-    false,  /* learn_exposure */
-    1e-3,   /* lr_exposure */
-    1,      /* lr_head_factor */
-    false,  /* tracks */
+    1.6e-4,            /* lr_rotation, lr_opacity, lr_position */
+    0,                 /* sh_increase_every */
+    SPIN_EXPOSURE_OFF, /* learn_exposure */
+    1e-3,              /* lr_exposure */
+    1,                 /* lr_head_factor */
+    false,             /* tracks */
     2,
     1,
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
@@ -123,12 +123,12 @@ static const struct spin_retrain_options shorter = {
     3e-4, /* lr_table, lr_sh, lr_scale */
     3e-5,
     8e-4,
-    1e-3,  /* lr_rotation, lr_opacity, lr_position */
-    0,     /* sh_increase_every */
-    false, /* learn_exposure */
-    1e-3,  /* lr_exposure */
-    4,     /* lr_head_factor */
-    false, /* tracks */
+    1e-3,               /* lr_rotation, lr_opacity, lr_position */
+    0,                  /* sh_increase_every */
+    SPIN_EXPOSURE_AUTO, /* learn_exposure */
+    4e-3,               /* lr_exposure */
+    4,                  /* lr_head_factor */
+    false,              /* tracks */
     2,
     1,
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
@@ -266,6 +266,7 @@ static void test_limits(void)
     LIMIT(lr_position, 0, INFINITY);
     LIMIT(lr_head_factor, 1000, 1001);
     LIMIT(sh_increase_every, 0, -1);
+    LIMIT(learn_exposure, SPIN_EXPOSURE_AUTO, SPIN_EXPOSURE_AUTO + 1);
     LIMIT(lr_exposure, 1, 2);
     LIMIT(eval_every, 0, -1);
     LIMIT(save_every, 0, -1);
@@ -364,7 +365,7 @@ static void test_json(void)
             "'views_per_frame':1,'lambda_dssim':0.2,'seed':'0','warmup':-1,"
             "'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,'lr_rotation':3e-05,"
             "'lr_opacity':0.0008,'lr_position':0.00016,'lr_head_factor':1,"
-            "'learn_exposure':false,'lr_exposure':0.001,'hash_log2':21,"
+            "'learn_exposure':'off','lr_exposure':0.001,'hash_log2':21,"
             "'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'init_log_scale':-5}");
     is_json(SPIN_OPTIONS_OF_REFINEMENT,
@@ -373,7 +374,8 @@ static void test_json(void)
     o.dynamic_weight = 2;
     o.lambda_opacity = 3;
     o.lambda_scale = 4;
-    o.antialias = o.learn_exposure = true;
+    o.antialias = true;
+    o.learn_exposure = SPIN_EXPOSURE_ON;
     o.sh_increase_every = 5;
     o.tracks = true;
     o.network_start = 0.25;
@@ -390,7 +392,7 @@ static void test_json(void)
             "'lambda_opacity':3,'lambda_scale':4,'seed':'18446744073709551615',"
             "'warmup':-1,'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,"
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
-            "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':true,"
+            "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
             "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
             "'lr_tracked':1,'lr_displacement':0.00025,'dynamic_residual':true,'densify_every':0,"
             "'densify_threshold':0.0006,'densify_until':0.6,'network_start':0.25,"

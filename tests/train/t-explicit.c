@@ -48,7 +48,7 @@ static struct spin_refine_options same_options(const struct spin_retrain_options
     o.lambda_opacity = from->lambda_opacity;
     o.antialias = from->antialias;
     memcpy(o.background, from->background, sizeof o.background);
-    o.lr_exposure = from->learn_exposure ? from->lr_exposure : 0;
+    o.lr_exposure = from->learn_exposure == SPIN_EXPOSURE_ON ? from->lr_exposure : 0;
     o.densify.extent = extent;
     o.densify.max_points = (size_t)from->max_points;
     o.densify.seed = from->seed;
@@ -287,8 +287,9 @@ static void compare_keys(void)
     o = base, o.densify = false, another_key(o, "densification");
     o = base, o.refine_start = SPIN_REFINE_FROM_SOURCE, another_key(o, "start");
     o = base, o.antialias = true, another_key(o, "way to draw");
-    o = base, o.learn_exposure = true, another_key(o, "colour of the cameras");
-    o = base, o.learn_exposure = true, o.lr_exposure = 0.1, another_key(o, "rate of these colours");
+    o = base, o.learn_exposure = SPIN_EXPOSURE_ON, another_key(o, "colour of the cameras");
+    o = base, o.learn_exposure = SPIN_EXPOSURE_ON, o.lr_exposure = 0.1,
+    another_key(o, "rate of these colours");
     o = base, o.image_scale = 0.2, another_key(o, "size of the images");
     o = base, o.test_cameras = others, another_key(o, "list of held-out cameras");
     o = base, o.range.first = 1, another_key(o, "frame");
@@ -320,7 +321,7 @@ TAP_MAIN
     o = explicit_options(136);
     o.densify = false;
     o.refine_start = SPIN_REFINE_FROM_SOURCE;
-    o.learn_exposure = true;
+    o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.03;
     o.lambda_scale = 2;
     o.lambda_opacity = 3;

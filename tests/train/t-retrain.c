@@ -76,7 +76,7 @@ static void test_array(const char *array, size_t rate, bool colour)
     struct spin_retrain_options o = small(3);
 
     o.residual = SPIN_RESIDUAL_POINTS;
-    o.learn_exposure = colour;
+    o.learn_exposure = colour ? SPIN_EXPOSURE_ON : SPIN_EXPOSURE_OFF;
     o.save_every = 1;
     set_late(rate, 1e45);
     ok(run(&o, SPIN_E_MALFORMED, array) && strstr(spin_last_error(), "iteration 1:") != NULL,

@@ -1,0 +1,199 @@
+/* Points of a few frames are projected into the training views. A point counts where nothing stands before it, as
+ * far as a coarse map of the nearest points tells; what that misses, medians bear. */
+#include "train/camera_colours.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+
+enum {
+    FRAMES = 3,
+    POINTS = 4096,     /* of a frame whose colours are compared */
+    CELLS = 64,        /* of the map of the nearest points, along each axis */
+    LEAST_CAMERAS = 3, /* that show a point */
+    LEAST_POINTS = 32  /* that a camera shows */
+};
+/* A point is hidden at so many times the depth of the nearest of its cell. */
+static const double behind = 1.05;
+
+struct colours {
+    struct spin_plan *plan;
+    struct spin_truth *truth;
+    struct spin_splats splats; /* of the frame */
+    size_t step, n_points;     /* every so many splats is a point */
+    uint8_t *image;            /* of a view */
+    float (*seen)[3];          /* [points][cameras], of the frame; NaN: not seen */
+    float *difference[3];      /* [cameras][all points]: to the mean, from 0 to 1 */
+    size_t *n;                 /* [cameras] of them */
+    double nearest[CELLS][CELLS];
+};
+
+/* Pixel and depth of a splat; false when the view does not show it. */
+static bool project(const struct colours *c, const struct spin_camera *camera, size_t splat,
+                    int pixel[2], double *depth)
+{
+    const float *mean = c->splats.means + 3 * splat;
+    double p[3];
+
+    for (int i = 0; i < 3; i++) {
+        const double *row = camera->w2c + 4 * i;
+
+        p[i] =
+            row[0] * (double)mean[0] + row[1] * (double)mean[1] + row[2] * (double)mean[2] + row[3];
+    }
+    if (!(p[2] > 0))
+        return false;
+    p[0] = camera->fx * p[0] / p[2] + camera->cx;
+    p[1] = camera->fy * p[1] / p[2] + camera->cy;
+    if (!(p[0] >= 0 && p[0] < camera->width && p[1] >= 0 && p[1] < camera->height))
+        return false;
+    pixel[0] = (int)p[0];
+    pixel[1] = (int)p[1];
+    *depth = p[2];
+    return true;
+}
+
+static double *cell_of(struct colours *c, const struct spin_camera *camera, const int pixel[2])
+{
+    return &c->nearest[(size_t)pixel[1] * CELLS / (size_t)camera->height]
+                      [(size_t)pixel[0] * CELLS / (size_t)camera->width];
+}
+
+static void map_nearest(struct colours *c, const struct spin_camera *camera)
+{
+    double depth, *cell;
+    int pixel[2];
+
+    for (size_t i = 0; i < (size_t)CELLS * CELLS; i++)
+        c->nearest[i / CELLS][i % CELLS] = INFINITY;
+    for (size_t i = 0; i < c->splats.n; i++)
+        if (project(c, camera, i, pixel, &depth)) {
+            cell = cell_of(c, camera, pixel);
+            *cell = fmin(*cell, depth);
+        }
+}
+
+/* The colours of the frame's points in a view. */
+static spin_status look(struct colours *c, size_t view)
+{
+    const struct spin_view *v = &c->plan->clip.views.view[view];
+    size_t k = (size_t)spin_plan_camera(c->plan, v->camera_id), n = (size_t)c->plan->n_cameras;
+
+    SPIN_TRY(spin_image_cache_get_rgb8(&c->truth->cache, view, c->image));
+    map_nearest(c, &v->camera);
+    for (size_t i = 0; i < c->n_points; i++) {
+        double depth;
+        int pixel[2];
+
+        if (!project(c, &v->camera, i * c->step, pixel, &depth) ||
+            depth > behind * *cell_of(c, &v->camera, pixel))
+            continue;
+        for (size_t rgb = 0; rgb < 3; rgb++)
+            c->seen[i * n + k][rgb] =
+                (float)
+                    c->image[3 * ((size_t)pixel[1] * (size_t)v->camera.width + (size_t)pixel[0]) +
+                             rgb] /
+                255;
+    }
+    return SPIN_OK;
+}
+
+/* What each camera's colours of the frame's points differ from their mean. */
+static void compare(struct colours *c)
+{
+    size_t n = (size_t)c->plan->n_cameras;
+
+    for (size_t i = 0; i < c->n_points; i++) {
+        const float(*seen)[3] = (const float(*)[3])c->seen + i * n;
+        float mean[3] = {0};
+        int cameras = 0;
+
+        for (size_t k = 0; k < n; k++)
+            if (!isnan(seen[k][0])) {
+                cameras++;
+                for (int rgb = 0; rgb < 3; rgb++)
+                    mean[rgb] += seen[k][rgb];
+            }
+        for (size_t k = 0; k < n && cameras >= LEAST_CAMERAS; k++)
+            if (!isnan(seen[k][0])) {
+                for (int rgb = 0; rgb < 3; rgb++)
+                    c->difference[rgb][k * FRAMES * POINTS + c->n[k]] =
+                        seen[k][rgb] - mean[rgb] / (float)cameras;
+                c->n[k]++;
+            }
+    }
+}
+
+static spin_status look_at_frame(struct colours *c, int frame)
+{
+    size_t n = (size_t)c->plan->n_cameras;
+
+    SPIN_TRY(spin_bundle_frame(&c->plan->clip.bundle, spin_plan_index(c->plan, frame),
+                               SPIN_COL_MEANS, &c->splats));
+    c->step = c->splats.n / POINTS + 1;
+    c->n_points = (c->splats.n + c->step - 1) / c->step;
+    for (size_t i = 0; i < c->n_points * n; i++)
+        c->seen[i][0] = NAN;
+    for (size_t i = 0; i < c->plan->n_train; i++)
+        if (c->plan->train[i].frame == frame)
+            SPIN_TRY(look(c, c->plan->train[i].view));
+    compare(c);
+    return SPIN_OK;
+}
+
+static int compare_floats(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Of the camera whose median is farthest from 0. */
+static double spread_of(struct colours *c, int rgb)
+{
+    double most = 0;
+
+    for (size_t k = 0; k < (size_t)c->plan->n_cameras; k++) {
+        float *values = c->difference[rgb] + k * FRAMES * POINTS;
+
+        if (c->n[k] < LEAST_POINTS)
+            continue;
+        qsort(values, c->n[k], sizeof *values, compare_floats);
+        most = fmax(most, fabs((double)values[c->n[k] / 2]));
+    }
+    return most;
+}
+
+spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth, double *spread)
+{
+    struct colours *c = NULL;
+    size_t n = (size_t)plan->n_cameras;
+    int frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
+    spin_status status;
+
+    *spread = 0;
+    SPIN_TRY(spin_alloc(1, sizeof *c, (void **)&c));
+    c->plan = plan;
+    c->truth = truth;
+    SPIN_TRY_OUT(spin_alloc(plan->max_pixels, 3, (void **)&c->image));
+    SPIN_TRY_OUT(spin_alloc(n * POINTS, sizeof *c->seen, (void **)&c->seen));
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *c->n, (void **)&c->n));
+    for (int rgb = 0; rgb < 3; rgb++)
+        SPIN_TRY_OUT(spin_alloc(n * FRAMES * POINTS, sizeof(float), (void **)&c->difference[rgb]));
+    for (int i = 0; i < frames; i++)
+        SPIN_TRY_OUT(
+            look_at_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
+    for (int rgb = 0; rgb < 3; rgb++)
+        *spread = fmax(*spread, spread_of(c, rgb));
+out:
+    for (int rgb = 0; rgb < 3; rgb++)
+        free(c->difference[rgb]);
+    free(c->n);
+    free(c->seen);
+    free(c->image);
+    spin_splats_free(&c->splats);
+    free(c);
+    return status;
+}
