@@ -386,6 +386,8 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	install -m 644 src/spin.h src/spin_run.h $(DEST)/include/spin4d
 	sed -e 's|@PREFIX@|$(PREFIX)|; s|@LIBDIR@|$(LIBDIR:$(PREFIX)/%=$${prefix}/%)|' -e 's|@VERSION@|$(VERSION)|' \
 	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
+	install -d $(DEST)/lib/python3/dist-packages
+	install -m 644 exporters/python/spin4d.py $(DEST)/lib/python3/dist-packages
 	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
 	install -d $(sort $(dir $(addprefix $(DEST)/,$(BASH) $(ZSH))))
@@ -396,7 +398,7 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 
 uninstall: ## take away what install put there, with the same PREFIX, LIBDIR and DESTDIR
 	rm -f $(addprefix $(DEST)/,$(COMMANDS:%=bin/%) $(BASH) $(ZSH)) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
-	rm -f $(addprefix $(DEST)/include/spin4d/,spin.h spin_run.h)
+	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_run.h lib/python3/dist-packages/spin4d.py)
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d

@@ -1,0 +1,240 @@
+"""Frames of a *.spin bundle as arrays, with NumPy alone.
+
+    import spin4d
+    clip = spin4d.load("better.spin")
+    for i in range(len(clip)):
+        means, quats, scales, opacities, sh = clip.frame(i)
+
+A frame is what gsplat's rasterization() takes: means [n,3]; quats [n,4], unit, w x y z; scales [n,3],
+standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2. frame(i, torch=True) gives
+tensors. What lies in the file: man spin-bundle(5).
+"""
+import collections
+import json
+import os
+
+import numpy as np
+
+Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
+NO_TRACK = 0xFFFFFFFF
+PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
+
+
+def load(path):
+    """The bundle at path. Nothing of a frame is read yet."""
+    return Clip(path)
+
+
+class Clip:
+    """An open bundle.
+
+    times      times of the frames, in the source's unit
+    numbers    the source's frame numbers
+    cameras    learned colours of the training cameras: dicts of "camera", its number in the data set,
+               "log_gain" and "offset", of r, g and b; empty without --learn-exposure
+    data       the data set's folder, or None
+    versions   what frame() can give, the default first: of "retrained", "explicit", "source"
+    meta       meta.json
+    """
+
+    def __init__(self, path):
+        self._path = os.fspath(path)
+        try:
+            self._zip = np.load(self._path, allow_pickle=False)
+            self.meta = json.loads(bytes(self._zip["meta.json"]))
+        except (ValueError, KeyError, AttributeError) as e:
+            raise ValueError(f"{self._path}: not a bundle of spin4d ({e})") from e
+        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2):
+            raise ValueError(f"{self._path}: not a bundle of version 1 or 2")
+        self._network = self.meta.get("network")
+        self._refined = self.meta.get("refined")
+        self._kept = {}
+        whole = {"means", "quats", "log_scales", "logit_opacities", "sh"}
+        self.versions = [name for name, there in (
+            ("retrained", self._network is not None),
+            ("explicit", whole <= set((self._refined or {}).get("columns", []))),
+            ("source", whole <= set(self.meta["columns"]))) if there]
+        self.times = np.array([f["time"] for f in self.meta["frames"]], np.float64)
+        self.numbers = [f["number"] for f in self.meta["frames"]]
+        self.cameras = (self._network or {}).get("cameras", [])
+        data = self.meta.get("data")
+        self.data = data and os.path.join(os.path.dirname(self._path), data["path"])
+
+    def __len__(self):
+        return len(self.meta["frames"])
+
+    def antialias(self, version=None):
+        """Whether these splats are meant to be drawn antialiased."""
+        part = {"retrained": self._network, "explicit": self._refined}
+        return bool(part.get(self._version(version), self.meta).get("antialias", False))
+
+    def frame(self, index, version=None, torch=False):
+        """Frame `index` of range(len(self)), or from the end where it is negative."""
+        version = self._version(version)
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"{self._path}: no frame {index}, only {len(self)}")
+        index %= len(self)
+        if version == "retrained":
+            means, log_scales, quats, sh, logits = self._retrained(index)
+        else:
+            group = "source" if version == "source" else "refined"
+            means, log_scales, quats, sh, logits = (
+                self._column(group, name, index)
+                for name in ("means", "log_scales", "quats", "sh", "logit_opacities"))
+        length = np.linalg.norm(quats, axis=1, keepdims=True)
+        out = Frame(means, (quats / np.maximum(length, 1e-12)).astype(np.float32),
+                    np.exp(np.minimum(log_scales, 20)).astype(np.float32),
+                    (0.5 + 0.5 * np.tanh(0.5 * logits)).astype(np.float32), sh.astype(np.float32))
+        if torch:
+            import torch as t
+            out = Frame(*(t.from_numpy(np.array(a)) for a in out))
+        return out
+
+    def values(self, name):
+        """Array `name`, such as "source/means/00003", unpacked."""
+        if name not in self._zip:
+            raise ValueError(f"{self._path}: no array '{name}'")
+        a = self._zip[name]
+        if a.dtype != np.uint8:
+            return a
+        if a.ndim < 2 or a.shape[0] != 4:
+            raise ValueError(f"{self._path}: array '{name}' is not of four planes")
+        bits = np.ascontiguousarray(np.moveaxis(a, 0, -1)).view("<u4")[..., 0]
+        series, _, index = name.rpartition("/")
+        rows = self.meta.get("xor_rows", {}).get(series)
+        if rows and rows[int(index)] > 0:
+            n, key = rows[int(index)], self._once(series + "/00000").view("<u4")
+            if n > min(len(bits), len(key)) or bits.shape[1:] != key.shape[1:]:
+                raise ValueError(f"{self._path}: array '{name}' has {n} rows of differences")
+            bits[:n] ^= key[:n]
+        return bits if series == "network/track" else bits.view("<f4")
+
+    # ---- Parts of a frame ---------------------------------------------------------------------
+
+    def _version(self, version):
+        if version is None and self.versions:
+            return self.versions[0]
+        if version not in self.versions:
+            raise ValueError(f"{self._path}: no {version or 'splats'}, only {self.versions}")
+        return version
+
+    def _once(self, name):
+        if name not in self._kept:
+            self._kept[name] = self.values(name)
+        return self._kept[name]
+
+    def _column(self, group, name, index):
+        if group == "source" and name in self.meta["static_columns"]:
+            return self._once(f"source/{name}").copy()
+        return self.values(f"{group}/{name}/{index:05d}")
+
+    def _retrained(self, index):
+        """means, and log scales, rotations, SH and logits before they are activated."""
+        net = self._network
+        means, rows = self._own_values(index)
+        if net.get("explicit"):
+            return means, rows[:, :3], rows[:, 3:7], rows[:, None, 7:10], rows[:, 10]
+        scale, rotation, sh, logit = self._heads(self._encode(means, index))
+        if rows is not None:
+            scale, rotation = scale + rows[:, :3], rotation + rows[:, 3:7]
+            sh[:, :3] += rows[:, 7:10]
+            logit = logit + rows[:, 10:]
+        k = (net["sh_degree"] + 1) ** 2
+        return means, scale, rotation, sh.reshape(len(sh), 16, 3)[:, :k], logit[:, 0]
+
+    def _own_values(self, index):
+        """Positions, and what the network adds to or None: of the frame and of its tracks."""
+        net = self._network
+        tracks = net.get("tracks")
+        means, residual = (f"network/{name}/{index:05d}" for name in ("means", "residual"))
+        if not tracks:
+            return self.values(means), self.values(residual) if residual in self._zip else None
+        of = self._once("network/tracks")
+        if tracks["same_rows"]:
+            track = self._once("network/track/00000")
+        else:
+            track = self.values(f"network/track/{index:05d}")
+        free = track == NO_TRACK
+        if np.any(track[~free] >= len(of)):
+            raise ValueError(f"{self._path}: frame {index} has tracks that are not there")
+        out = np.zeros((len(track), 14), np.float32)
+        for name, first, end, some in ((means, 0, 3, "moving"), (residual, 3, 14, "varying")):
+            own = free | (track < tracks[some])
+            values = self.values(name) if name in self._zip else np.zeros((0, end - first), "<f4")
+            if values.shape != (own.sum(), end - first):
+                raise ValueError(f"{self._path}: array '{name}' has shape {values.shape}, expected "
+                                 f"{(int(own.sum()), end - first)}")
+            out[own, first:end] = values
+        out[~free] += of[track[~free]]
+        return out[:, :3].copy(), out[:, 3:]
+
+    # ---- The network ----------------------------------------------------------------------------
+
+    def _encode(self, means, index):
+        """Features of the hash grid at the points."""
+        net = self._network
+        norm = net["norm"]
+        p = (means - np.array(norm["centre"], np.float32)) * np.float32(norm["inv_radius"])
+        if not norm.get("raw"):
+            r = np.maximum(np.linalg.norm(p, axis=1, keepdims=True), np.float32(1e-30))
+            p = np.where(r > 1, (2 - 1 / r) / r * p, p)
+            p = np.clip(p / 4 + np.float32(0.5), 0, 1)
+        span = net["time_last"] - net["time_first"]
+        t = (self.times[index] - net["time_first"]) / span if span > 0 else 0.0
+        x = np.empty((len(p), 4), np.float32)
+        x[:, :3], x[:, 3] = p, min(max(t, 0.0), 1.0)
+        inside = np.all((x >= 0) & (x <= 1), axis=1)
+        x[~inside] = 0
+        table, n = self._once("network/table"), net["features"]
+        z = np.zeros((len(x), net["levels"] * n), np.float32)
+        for level in range(net["levels"]):
+            rows = table[net["offset"][level]:net["offset"][level + 1]]
+            res = np.array(net["res"][level], np.int64)
+            pos = x * np.array(net["scale"][level], np.float32)
+            cell = pos.astype(np.int64)
+            w = pos - cell
+            w = w * w * (3 - 2 * w)
+            if net["hashed"][level]:
+                step, top = PRIMES, np.full(4, 2**31 - 1)
+            else:
+                step, top = np.cumprod([1, *res[:3]]).astype(np.uint32), res - 1
+            at = [np.minimum(cell + k, top).astype(np.uint32) * step for k in (0, 1)]
+            to = z[:, level * n:(level + 1) * n]
+            for corner in range(16):
+                side = [corner >> axis & 1 for axis in range(4)]
+                part = [at[s][:, axis] for axis, s in enumerate(side)]
+                weight = np.prod([w[:, a] if s else 1 - w[:, a] for a, s in enumerate(side)], axis=0)
+                row = (part[0] ^ part[1] ^ part[2] ^ part[3] if net["hashed"][level]
+                       else part[0] + part[1] + part[2] + part[3])
+                to += weight[:, None] * rows[row % np.uint32(len(rows))]
+        z[~inside] = 0
+        return z
+
+    def _heads(self, z):
+        """Scale, rotation, SH and opacity before they are activated."""
+        net, weights, at, out = self._network, self._once("network/heads"), 0, []
+        activation = _relu if net.get("activation") == "relu" else _gelu
+        for n_out in (3, 4, 48, 1):
+            y = z
+            for layer, n in enumerate((net["hidden"], net["hidden"], n_out)):
+                m = y.shape[1]
+                w, b = weights[at:at + n * m], weights[at + n * m:at + n * m + n]
+                at += n * m + n
+                y = y @ w.reshape(n, m).T + b
+                if layer < 2:
+                    y = activation(y)
+            out.append(y)
+        return out
+
+
+def _relu(x):
+    return np.maximum(x, 0)
+
+
+def _gelu(x):
+    """x times the normal distribution, whose error function is that of Abramowitz and Stegun 7.1.26."""
+    a = np.abs(x) * np.float32(0.5**0.5)
+    t = 1 / (1 + np.float32(0.3275911) * a)
+    s = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))))
+    e = 1 - s * np.exp(-a * a)
+    return (0.5 * x * (1 + np.sign(x) * e)).astype(np.float32)

@@ -1,0 +1,153 @@
+#!/bin/sh
+# K: python bundle numpy
+# exporters/python/spin4d.py and the manual's own decoder read what spin-retrain writes as spin-export does:
+# networks, tracks and frames of their own, at half and at full precision.
+. tests/cli/lib.sh
+if ! python3 -c 'import numpy' 2>/dev/null; then
+    skip "bundles in Python" "no python3 with numpy"
+    done_testing
+    exit
+fi
+export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH="$PWD/exporters/python"
+
+in=$work/in.spin
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:3
+is "$code" 0 "imports a clip"
+cat >"$work/compare.py" <<'E'
+import glob, sys
+import numpy as np
+import spin4d
+
+def read(path):
+    raw = open(path, "rb").read()
+    end = raw.index(b"end_header\n") + 11
+    names = [l.split()[2] for l in raw[:end].decode().splitlines() if l.startswith("property")]
+    v = np.frombuffer(raw, "<f4", -1, end).reshape(-1, len(names))
+    return lambda *some: np.stack([v[:, names.index(s)] for s in some], 1) if some else v[:, :0]
+
+clip = spin4d.load(sys.argv[1])
+version = sys.argv[3]
+files = sorted(glob.glob(sys.argv[2] + "/*.ply"))
+assert len(clip) == len(clip.times) == len(clip.numbers) == len(files) == 3, files
+assert version in clip.versions, clip.versions
+for i, path in enumerate(files):
+    f, ply = clip.frame(i, version=version), read(path)
+    quats = ply(*("rot_%d" % k for k in range(4)))
+    quats = quats / np.linalg.norm(quats, axis=1, keepdims=True)
+    rest = f.sh.shape[1] - 1
+    high = ply(*("f_rest_%d" % k for k in range(3 * rest)))
+    for name, got, want in (
+            ("means", f.means, ply("x", "y", "z")),
+            ("quats", f.quats * np.sign((f.quats * quats).sum(1, keepdims=True)), quats),
+            ("scales", np.log(f.scales), ply(*("scale_%d" % k for k in range(3)))),
+            ("opacities", f.opacities, 1 / (1 + np.exp(-ply("opacity")[:, 0]))),
+            ("base colour", f.sh[:, 0], ply(*("f_dc_%d" % k for k in range(3)))),
+            ("sh", f.sh[:, 1:], high.reshape(len(high), 3, rest).transpose(0, 2, 1))):
+        assert got.shape == want.shape, (name, got.shape, want.shape)
+        assert got.dtype == np.float32 and np.allclose(got, want, rtol=1e-5, atol=1e-5), \
+            (path, name, np.abs(got - want).max())
+E
+
+# same BUNDLE VERSION NAME [OPTION...]
+same() {
+    bundle=$1
+    version=$2
+    name=$3
+    shift 3
+    rm -rf "$work/ply"
+    "$bin/spin-export" "$bundle" --to ply -o "$work/ply" -q "$@" 2>"$work/err"
+    python3 "$work/compare.py" "$bundle" "$work/ply" "$version" 2>"$work/err"
+    ok $? "$name: as spin-export has it"
+}
+same "$in" source "an imported bundle"
+small='--scale 0.25 --test-cams 0 --device cpu -q'
+net='--preset paper --levels 4 --hash-log2 12 --finest-resolution 64,64,64,16 --hidden 16 --hash-init-range 0.5'
+for precision in half full; do
+    for kind in "tracks:retrained:--preset quick --iterations 40 --densify-every 10" \
+        "network:retrained:$net --iterations 3" \
+        "plain:retrained:$net --iterations 3 --activation relu --scene-normalise none --sh-degree 1 --residual source" \
+        "both:retrained:$net --iterations 3 --tracks auto" \
+        "frames:explicit:--method explicit --refine 5"; do
+        name=${kind%%:*}
+        options=${kind#*:}
+        # shellcheck disable=SC2086
+        run "$bin/spin-retrain" "$in" -o "$work/$precision-$name.spin" $small ${options#*:} --precision $precision
+        is "$code" 0 "$precision, $name: retrains"
+        same "$work/$precision-$name.spin" "${options%%:*}" "$precision, $name"
+    done
+done
+same "$work/half-tracks.spin" source "the source beside it" --source
+
+# The manual's example is the decoder that it says it is.
+python3 - "$work/full-tracks.spin" "$work/half-tracks.spin" man/spin-bundle.5 <<'E' 2>"$work/err"
+import json, re, sys
+import numpy
+import spin4d
+
+text = re.search(r"\ndef values.*?(?=\n\.Ed)", open(sys.argv[3]).read(), re.S).group(0)
+scope = {"numpy": numpy}
+exec(text, scope)
+full, half = (spin4d.load(path) for path in sys.argv[1:3])
+zipped = numpy.load(sys.argv[1])
+meta = json.loads(zipped["meta.json"])
+assert any(sum(rows) > 0 for rows in meta["xor_rows"].values())
+for name in zipped.files:
+    if name == "meta.json":
+        continue
+    a, b = scope["values"](zipped, meta, name), full.values(name)
+    assert a.dtype == b.dtype and a.tobytes() == b.tobytes(), name
+    rounded = half.values(name)
+    if name.startswith("source/") or name.startswith("network/track/"):
+        assert rounded.tobytes() == b.tobytes(), name
+        continue
+    bound = numpy.maximum(numpy.abs(b) * 2.0**-11, 2.0**-11)
+    if "means" in name:
+        bound = numpy.maximum(numpy.abs(b) * 2.0**-16, 2.0**-13)
+    assert numpy.all(numpy.abs(b - rounded) <= bound), name
+    assert b.size == 0 or rounded.tobytes() != b.tobytes(), name
+E
+ok $? "the manual's decoder; half precision within its bounds, the source to the bit"
+
+# ---- What the class refuses
+
+python3 - "$work/half-tracks.spin" "$in" "$clip/params.npz" "$work" <<'E' 2>"$work/err"
+import json, sys, zipfile
+import numpy as np
+import spin4d
+
+def fails(word, call, *args, **more):
+    try:
+        call(*args, **more)
+    except (ValueError, IndexError) as e:
+        assert word in str(e), e
+    else:
+        raise AssertionError(word)
+
+clip = spin4d.load(sys.argv[1])
+fails("no frame 3", clip.frame, 3)
+fails("explicit", clip.frame, 0, version="explicit")
+fails("no array", clip.values, "network/none")
+fails("not a bundle", spin4d.load, sys.argv[3])
+assert np.array_equal(clip.frame(-1).means, clip.frame(2).means) and clip.antialias()
+assert clip.cameras == [] and not spin4d.load(sys.argv[2]).antialias()
+with zipfile.ZipFile(sys.argv[1]) as z:
+    members = {n: z.read(n) for n in z.namelist()}
+meta = json.loads(members["meta.json"])
+meta["xor_rows"]["source/means"][1] = 10**6
+members["meta.json"] = json.dumps(meta).encode()
+path = sys.argv[4] + "/lie.spin"
+with zipfile.ZipFile(path, "w") as z:
+    for name, data in members.items():
+        z.writestr(name, data)
+fails("source/means/00001", spin4d.load(path).frame, 1, version="source")
+try:
+    import torch
+except ImportError:
+    sys.exit(0)
+assert isinstance(clip.frame(0, torch=True).sh, torch.Tensor)
+E
+ok $? "frames and arrays that are not there"
+run "$bin/spin-export" "$work/lie.spin" --source --to ply -o "$work/lie"
+fails 1 spin-export "more rows of differences than there are"
+err_has "lie.spin.*source/means/00001" "names file and array"
+done_testing
