@@ -21,11 +21,11 @@ run "$bin/spin-retrain" "$in" --dry-run $small -v
 err_has "device auto: cuda (emulated)" "auto takes the card"
 out_has "^device  *cuda (emulated)" "and --dry-run says so"
 SPIN_EMU_MEMORY=100000 run "$bin/spin-retrain" "$in" --dry-run $small
-out_has "memory .* 91\.6 KiB available" "--dry-run reads the card's memory"
+out_has "memory .* 93\.8 kB available" "--dry-run reads the card's memory"
 SPIN_EMU_MEMORY=100000 run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
 fails 1 spin-retrain "a card without memory"
 err_has "memory" "and it says what is missing"
-SPIN_EMU_FULL=20 run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
+SPIN_EMU_FULL=20 run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4 -q
 fails 1 spin-retrain "a card whose memory others take"
 err_has "out of memory on the CUDA device (emulated): [0-9]* bytes are wanted, [0-9]* are free" "and it says how much"
 [ ! -e "$work/poor.spin" ]
@@ -41,7 +41,7 @@ is $kept 1 "a verb without memory ends the run with a message"
 
 # ---- What would fit
 
-larger='--device cuda --levels 4 --hash-log2 18 --hidden 8 --iterations 2'
+larger='--preset paper -q --device cuda --levels 4 --hash-log2 18 --hidden 8 --iterations 2'
 run "$bin/spin-retrain" "$in" --dry-run --json $larger
 is "$(member fits)" true "--dry-run: it fits"
 is "$(member fitting)" "" "and no other options are named"
@@ -68,10 +68,10 @@ out_has "it does not fit: nothing smaller was found that does" "next to nothing:
 SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" --dry-run --json $larger
 is "$(member fits)" true "an amount that is not known is no reason to refuse"
 unset SPIN_EMU_MEMORY
-run "$bin/spin-retrain" "$in" --dry-run --json --device cpu --features 8 --hash-log2 24
+run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 24
 if greater "$(member bytes_needed)" "$(member bytes_available)"; then
     is "$(member fits)" false "more than the machine has does not fit"
-    run "$bin/spin-retrain" "$in" --dry-run --json --device cpu --features 8 --hash-log2 24 $(member fitting)
+    run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 24 $(member fitting)
     is "$(member fits)" true "and what it names does"
 else
     skip "more than the machine has" "it has a lot"

@@ -8,7 +8,7 @@ SPIN_CUDA_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.s
 export SPIN_CUDA_SHIM
 in=$work/in.spin
 # of which a step needs few lines: lazy Adam
-small='--levels 2 --hash-log2 18 --finest-resolution 512 --hidden 8 --iterations 5 --batch 1 --scale 0.2 -q'
+small='--preset paper --levels 2 --hash-log2 18 --finest-resolution 512 --hidden 8 --iterations 5 --batch 1 --scale 0.2 -q'
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:3
 is "$code" 0 "imports a clip"
 
@@ -51,7 +51,7 @@ ok $? "and gives the same bundle with it"
 needed() {
     device=$1
     shift
-    run "$bin/spin-retrain" "$in" --dry-run --json --levels 4 --hash-log2 18 --device "$device" "$@"
+    run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --levels 4 --hash-log2 18 --device "$device" "$@"
     sed -n 's/^ *"bytes_needed": \([0-9]*\).*/\1/p' "$work/out"
 }
 plain=$(needed cuda)

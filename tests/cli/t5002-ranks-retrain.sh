@@ -23,7 +23,7 @@ same() {
     ok $? "$name: the same bundle"
 }
 same "network" 2 $small --iterations 12
-same "network with lazy Adam and an odd number of levels" 3 --device cpu --levels 7 --hash-log2 17 \
+same "network with lazy Adam and an odd number of levels" 3 --preset paper --device cpu --levels 7 --hash-log2 17 \
     --finest-resolution 512 --hidden 16 --iterations 8 --batch 2
 same "residual values, exposures and more views of a frame" 4 $small --iterations 8 \
     --residual source --learn-exposure on --batch 6 --views-per-frame 2

@@ -402,6 +402,37 @@ static void rows_are_compact(void)
     check_device_free(d);
 }
 
+/* Crowds of points that share a cell, of every size, and points outside between them. */
+static void crowds(int n_features)
+{
+    struct spin_grid grid = make_grid(5, n_features, 9, 0);
+    struct spin_device *d = check_device(2);
+    size_t n = 500, width = 5 * (size_t)n_features, n_table = grid.offset[5] * (size_t)n_features;
+    float *table = net_random(n_table, 61, -1, 1), *x = net_random(n * 4, 62, 0, 1);
+    float *g = net_random(n * width, 63, -1, 1);
+    float *d_table = net_floats(n_table), *one = net_floats(n_table);
+    double *want = net_take(n_table, sizeof *want);
+    char what[64];
+
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < 4; k++) {
+            size_t first = i < 96 ? 0 : i - i % (i / 32); /* of its crowd */
+
+            x[i * 4 + k] = i % 37 == 5 ? 1.5f : x[first * 4 + k] * 0.97f + 0.0001f * (float)(i - first);
+        }
+    on_grid_back(d, &grid, table, n, NULL, x, g, d_table, NULL);
+    for (size_t i = 0; i < n; i++) {
+        memset(one, 0, n_table * sizeof *one);
+        on_grid_back(d, &grid, table, 1, NULL, x + i * 4, g + i * width, one, NULL);
+        for (size_t k = 0; k < n_table; k++)
+            want[k] += one[k];
+    }
+    snprintf(what, sizeof what, "crowds, %d features: the sum of the points alone", n_features);
+    check_rel_to_absmax(d_table, want, n_table, 2e-6, what);
+    free(table), free(x), free(g), free(d_table), free(one), free(want);
+    check_device_free(d);
+}
+
 /* ---- deterministic --------------------------------------------------------------------------- */
 
 /* Gradients of any size: the same bits every time, and the sums of floats to their rounding. What is not finite
@@ -540,6 +571,8 @@ TAP_MAIN
             against_plain(f, odd);
     threads_and_paths();
     rows_are_compact();
+    crowds(1);
+    crowds(4);
     sums_repeat(1);
     sums_repeat(1e-18f);
     sums_repeat(1e12f);

@@ -105,6 +105,15 @@ static inline int __popc(unsigned v) { return __builtin_popcount(v); }
 static inline int __ffs(int v) { return __builtin_ffs(v); }
 static inline int __clz(int v) { return v ? __builtin_clz((unsigned)v) : 32; }
 
+struct float4 {
+    float x, y, z, w;
+};
+static inline float4 make_float4(float x, float y, float z, float w) { return {x, y, z, w}; }
+static inline float4 operator+(float4 a, float4 b)
+{
+    return {a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w};
+}
+
 /* Fibers change only where they wait, so these are whole. The race detector, where it is built in, is told. */
 void emu_touch_atomic(const void *at, size_t bytes);
 #define EMU_ATOMIC template <class T> __attribute__((noinline, no_sanitize("thread"))) T

@@ -85,5 +85,11 @@ for file in grid contract; do
         failed=1
     fi
 done
+"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -fmad=false -arch=compute_90 -ptx -o "$ptx" src/device/cuda/grid.cu ||
+    failed=1
+if ! grep -Eq '(red|atom)\.global\.add\.v4\.f32' "$ptx"; then
+    echo "kernels: the PTX of grid.cu for sm_90 does not add 16 bytes at once"
+    failed=1
+fi
 [ $failed = 0 ] && echo "kernels: $(echo "$out" | sed -n 's/^n //p') for $cards cards within their budget"
 exit $failed

@@ -96,14 +96,80 @@ struct fixed {
     double *factor;          /* [levels] */
 };
 
-static __device__ void add_to_table(const struct fixed &fixed, int level, float *d_table, size_t at,
-                                    float value)
+/* width values that lie side by side; 16 bytes at once where cards can. */
+template <int WIDTH>
+static __device__ void add_floats(float *to, const float *value)
 {
-    if (fixed.sum && isfinite(value))
-        atomicAdd(&fixed.sum[at],
-                  (unsigned long long)llrint((double)value * fixed.factor[level]));
-    else /* a sum with what is not finite is not finite, in any order */
-        atomicAdd(&d_table[at], value);
+#if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900)
+    if constexpr (WIDTH % 4 == 0)
+        for (int f = 0; f < WIDTH; f += 4)
+            atomicAdd((float4 *)(to + f),
+                      make_float4(value[f], value[f + 1], value[f + 2], value[f + 3]));
+    else
+#endif
+        for (int f = 0; f < WIDTH; f++)
+            atomicAdd(&to[f], value[f]);
+}
+
+template <int WIDTH>
+static __device__ void add_to_row(const struct fixed &fixed, int level, float *d_table, size_t at,
+                                  const float *value)
+{
+    if (!fixed.sum) {
+        add_floats<WIDTH>(d_table + at, value);
+        return;
+    }
+    for (int f = 0; f < WIDTH; f++)
+        if (isfinite(value[f]))
+            atomicAdd(&fixed.sum[at + (size_t)f],
+                      (unsigned long long)llrint((double)value[f] * fixed.factor[level]));
+        else /* a sum with what is not finite is not finite, in any order */
+            atomicAdd(&d_table[at + (size_t)f], value[f]);
+}
+
+/* Lanes of a warp whose points lie in one cell add their values up in a fixed order, and the first of them adds the
+ * sum to the table: points come along a curve, and coarse cells hold many. */
+enum { MOST_STEPS = 5 };
+struct peers {
+    unsigned mask; /* lanes that have a point */
+    bool leads;    /* the first lane of its cell */
+    int steps;     /* additions until the first has the sum of the fullest cell */
+    int from[MOST_STEPS]; /* the lane whose value comes in a step, or the own: none does */
+};
+
+static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell &cell)
+{
+    unsigned lane = threadIdx.x % 32, above, rank;
+    unsigned same = __match_any_sync(mask, (uint64_t)cell.low[0] << 32 | cell.low[1]) &
+                    __match_any_sync(mask, (uint64_t)cell.low[2] << 32 | cell.low[3]);
+    struct peers peers;
+
+    peers.mask = mask;
+    rank = (unsigned)__popc(same & ((1u << lane) - 1));
+    above = same & ~(((1u << lane) - 1) | 1u << lane);
+    peers.leads = rank == 0;
+    peers.steps = 0;
+    for (int s = 0; s < MOST_STEPS; s++) { /* of ranks 2^s apart: the next one above that is left */
+        peers.from[s] = above ? __ffs((int)above) - 1 : (int)lane;
+        peers.steps += __any_sync(mask, above != 0) != 0;
+        above &= __ballot_sync(mask, (rank & 1) == 0);
+        rank >>= 1;
+    }
+    return peers;
+}
+
+/* The first lane of a cell gets the sum of its cell. */
+template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peers, float *value)
+{
+    int lane = (int)(threadIdx.x % 32);
+
+    for (int s = 0; s < MOST_STEPS; s++)
+        if (s < peers.steps)
+            for (int f = 0; f < WIDTH; f++) {
+                float other = __shfl_sync(peers.mask, value[f], peers.from[s]);
+
+                value[f] += peers.from[s] != lane ? other : 0;
+            }
 }
 
 /* d_x [levels][most][3], or NULL. */
@@ -117,18 +183,22 @@ static __global__ void grid_back_kernel(struct spin_grid grid, const float *tabl
     int level = (int)blockIdx.y;
     float slope[3] = {0, 0, 0};
     struct cuda_cell cell;
+    bool there = cuda_row(rows, i, &row);
+    bool inside = there && cuda_cell_of(grid, level, x_u + 4 * row, &cell);
+    unsigned mask = __ballot_sync(0xffffffff, inside);
 
-    if (!cuda_row(rows, i, &row))
-        return;
-    if (cuda_cell_of(grid, level, x_u + 4 * row, &cell)) {
+    if (inside) {
         const float *g = d_z + (i * (size_t)grid.n_levels + (size_t)level) * WIDTH;
+        struct peers peers = find_peers(mask, cell);
 
         for (int k = 0; k < CUDA_CORNERS; k++) {
-            size_t to = cuda_corner_row(cell, k) * WIDTH;
-            float weight = corner_weight(cell, k);
+            float weight = corner_weight(cell, k), value[WIDTH];
 
             for (int f = 0; f < WIDTH; f++)
-                add_to_table(fixed, level, d_table, to + (size_t)f, weight * g[f]);
+                value[f] = weight * g[f];
+            sum_of_cell<WIDTH>(peers, value);
+            if (peers.leads)
+                add_to_row<WIDTH>(fixed, level, d_table, cuda_corner_row(cell, k) * WIDTH, value);
         }
         for (int f = 0; d_x && f < WIDTH; f++) {
             float v[CUDA_CORNERS];
@@ -140,7 +210,7 @@ static __global__ void grid_back_kernel(struct spin_grid grid, const float *tabl
         for (int a = 0; a < 3; a++)
             slope[a] *= cell.slope[a];
     }
-    for (int a = 0; d_x && a < 3; a++)
+    for (int a = 0; there && d_x && a < 3; a++)
         d_x[((size_t)level * most + i) * 3 + (size_t)a] = slope[a];
 }
 
