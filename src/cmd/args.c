@@ -280,7 +280,9 @@ static void describe(const struct spin_args_row *row, char *out, size_t room)
         break;
     }
     int n = snprintf(out, room, "%s", what);
-    if (row->kind != SPIN_ARG_UINT64 && has_limits(row) && n > 0 && (size_t)n < room)
+    if (row->kind == SPIN_ARG_UINT64 && has_limits(row) && n > 0 && (size_t)n < room)
+        snprintf(out + n, room - (size_t)n, " to %.0f", row->max);
+    else if (has_limits(row) && n > 0 && (size_t)n < room)
         snprintf(out + n, room - (size_t)n, " from %.10g to %.10g", row->min, row->max);
 }
 
@@ -305,7 +307,7 @@ static bool store(const struct spin_args_row *row, const char *text)
         return true;
     }
     case SPIN_ARG_UINT64:
-        return parse_uint64(text, row->into);
+        return parse_uint64(text, row->into) && within(row, (double)*(uint64_t *)row->into);
     case SPIN_ARG_STRING:
         *(const char **)row->into = text;
         return *text != '\0';

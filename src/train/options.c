@@ -1,7 +1,6 @@
 /* The table of the training options: defaults, presets, the range check, JSON. */
 #include "train/options.h"
 
-#include <inttypes.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -210,6 +209,7 @@ static bool is_fallback(const struct row *row, size_t i, double value)
 
 static spin_status check_number(const struct row *row, size_t i, double value)
 {
+    int digits = row->type == UINT64 ? 16 : 10;
     size_t length;
 
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
@@ -217,8 +217,8 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
         is_fallback(row, i, value) || (isnan(value) && place_of("auto", row->argument) != SIZE_MAX))
         return SPIN_OK;
-    return spin_fail(SPIN_E_USAGE, "%s %.10g is not from %.10g to %.10g", row->field, value,
-                     row->min, row->max);
+    return spin_fail(SPIN_E_USAGE, "%s %.*g is not from %.*g to %.*g", row->field, digits, value,
+                     digits, row->min, digits, row->max);
 }
 
 spin_status spin_options_check(const struct spin_retrain_options *o)
@@ -265,11 +265,8 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
         spin_json_set(j, key, array);
     } else if (row->type == BOOL) {
         spin_json_set_bool(j, key, value != 0);
-    } else if (row->type == INT) {
+    } else if (row->type == INT || row->type == UINT64) { /* limits keep a UINT64 below 2^53 */
         spin_json_set_integer(j, key, (int64_t)value);
-    } else if (row->type == UINT64) { /* in JSON a large number would lose digits */
-        snprintf(text, sizeof text, "%" PRIu64, *(const uint64_t *)((const char *)o + row->offset));
-        spin_json_set_string(j, key, text);
     } else if (row->type == ENUM) {
         const char *name = name_at(row->argument, (size_t)value, &length);
 

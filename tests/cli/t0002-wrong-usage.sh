@@ -39,6 +39,7 @@ misuse "with --output" spin-retrain a
 misuse "not '1e3'" spin-retrain a -o b --iterations 1e3
 misuse "not '99999999999'" spin-retrain a -o b --iterations 99999999999
 misuse "not '-1'" spin-retrain a -o b --seed -1
+misuse "from 0 to 9007199254740991, not '9007199254740992'" spin-retrain a -o b --seed 9007199254740992
 misuse "not '1.5'" spin-retrain a -o b --lambda-dssim 1.5
 misuse "not 'tpu'" spin-retrain a -o b --device tpu
 misuse "not '1,2'" spin-retrain a -o b --base-resolution 1,2

@@ -362,14 +362,14 @@ static void test_json(void)
     spin_retrain_preset("paper", &o);
     is_json(SPIN_OPTIONS_OF_NETWORK,
             "{'image_scale':1,'background':[0,0,0],'iterations':40000,'batch':3,"
-            "'views_per_frame':1,'lambda_dssim':0.2,'seed':'0','warmup':-1,"
+            "'views_per_frame':1,'lambda_dssim':0.2,'seed':0,'warmup':-1,"
             "'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,'lr_rotation':3e-05,"
             "'lr_opacity':0.0008,'lr_position':0.00016,'lr_head_factor':1,"
             "'learn_exposure':'off','lr_exposure':0.001,'hash_log2':21,"
             "'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'init_log_scale':-5}");
     is_json(SPIN_OPTIONS_OF_REFINEMENT,
-            "{'image_scale':1,'background':[0,0,0],'lambda_dssim':0.2,'seed':'0',"
+            "{'image_scale':1,'background':[0,0,0],'lambda_dssim':0.2,'seed':0,"
             "'iterations':0,'start':'points','densify':true,'max_points':0}");
     o.dynamic_weight = 2;
     o.lambda_opacity = 3;
@@ -385,11 +385,11 @@ static void test_json(void)
     o.hash_init_range = 0.5;
     o.init_log_scale = NAN;
     o.residual = SPIN_RESIDUAL_SOURCE;
-    o.seed = UINT64_MAX;
+    o.seed = 9007199254740991;
     is_json(SPIN_OPTIONS_OF_NETWORK,
             "{'image_scale':1,'background':[0,0,0],'iterations':40000,'batch':3,"
             "'views_per_frame':1,'lambda_dssim':0.2,'dynamic_weight':2,"
-            "'lambda_opacity':3,'lambda_scale':4,'seed':'18446744073709551615',"
+            "'lambda_opacity':3,'lambda_scale':4,'seed':9007199254740991,"
             "'warmup':-1,'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,"
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
@@ -402,7 +402,7 @@ static void test_json(void)
     is_json(SPIN_OPTIONS_OF_REFINEMENT,
             "{'image_scale':1,'background':[0,0,0],'lambda_dssim':0.2,"
             "'dynamic_weight':2,'lambda_opacity':3,'lambda_scale':4,"
-            "'antialias':true,'seed':'18446744073709551615','lr_exposure':0.001,"
+            "'antialias':true,'seed':9007199254740991,'lr_exposure':0.001,"
             "'iterations':0,'start':'source','densify':false,'max_points':7}");
 }
 

@@ -222,18 +222,21 @@ static void test_check_times(void)
 
 /* ---- Seeds -------------------------------------------------------------------------------------- */
 
-/* 2^53 and 2^53 + 1 are one double. */
+/* From 2^53 on a number of JSON may be another one. */
 static void test_seeds(void)
 {
     struct spin_retrain_options o = small(2);
 
-    o.seed = (uint64_t)1 << 53;
-    ok(run(&o, SPIN_OK, NULL), "retrains with a seed of 2^53");
+    o.seed = ((uint64_t)1 << 53) - 1;
+    ok(run(&o, SPIN_OK, NULL), "retrains with a seed of 2^53 - 1");
     o.force = false;
     o.resume = true;
     ok(run(&o, SPIN_OK, NULL), "--resume finds it finished");
-    o.seed++;
-    ok(run(&o, SPIN_E_IO, "exists"), "with 2^53 + 1 it is another run: %s", spin_last_error());
+    o.seed--;
+    ok(run(&o, SPIN_E_IO, "exists"), "with 2^53 - 2 it is another run: %s", spin_last_error());
+    o.seed += 2;
+    ok(run(&o, SPIN_E_USAGE, "seed 9007199254740992 is not from 0 to 9007199254740991"),
+       "2^53 is refused: %s", spin_last_error());
     remove(output);
 }
 
