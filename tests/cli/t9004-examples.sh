@@ -74,6 +74,18 @@ grep -ohE '`--[a-z0-9-]+' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) 
     grep -vxF -f "$work/all.options" | grep -vxE -e '--(mca|bind-to|expect-motion|max-frames|matrix|deterministic|alone|bound-)' >"$work/strangers"
 is "$(cat "$work/strangers")" "" "options named in the text of documents are there"
 
+# Links, and files of the documents that a sentence names.
+for file in README.md CONTRIBUTING.md docs/*.md docs/*/*.md; do
+    grep -oE '\]\([^)#:]+' "$file" | cut -c 3- | while read -r to; do
+        [ -e "$(dirname "$file")/$to" ] || echo "$file: $to"
+    done
+    grep -ohE '`(docs|man|fixtures|importers|exporters|tests|src)/[A-Za-z0-9_./-]+`' "$file" | tr -d '`' |
+        grep -v 'NAME\|COMMAND' | while read -r to; do
+        [ -e "$to" ] || echo "$file: $to"
+    done
+done >"$work/strangers"
+is "$(cat "$work/strangers")" "" "links and files named in documents lead somewhere"
+
 # ---- Running -------------------------------------------------------------------------------------
 
 # What examples take: each name in them is the same small clip.
