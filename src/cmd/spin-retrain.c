@@ -256,6 +256,48 @@ static void report_text(const struct spin_retrain_report *r)
     print_row("after", &r->test);
 }
 
+/* ---- Options without effect ------------------------------------------------------------------- */
+
+static const char *const of_network[] = {
+    "levels",         "features",          "hash-log2",         "hidden",
+    "sh-degree",      "base-resolution",   "finest-resolution", "hash-init-range",
+    "init-log-scale", "scene-normalise",   "activation",        "lr-table",
+    "lr-sh",          "lr-scale",          "lr-rotation",       "lr-opacity",
+    "head-lr-factor", "sh-increase-every", "network-start",     NULL};
+static const char *const of_clip[] = {"iterations",  "batch",    "views-per-frame", "warmup",
+                                      "lr-position", "residual", "lr-residual",     NULL};
+static const char *const of_tracks[] = {
+    "lr-track",      "lr-tracked",        "lr-displacement", "dynamic-residual",
+    "densify-every", "densify-threshold", "densify-until",   NULL};
+static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
+static const char *const of_exposure[] = {"lr-exposure", NULL};
+
+/* One warning with all names that were given, unless they have an effect. */
+static void warn_idle(int argc, char **argv, const char *const *name, bool have_effect,
+                      const char *lacking)
+{
+    char given[600] = "";
+
+    for (; *name && !have_effect; name++)
+        if (spin_args_find(argc, argv, *name))
+            snprintf(given + strlen(given), sizeof given - strlen(given), "%s--%s",
+                     *given ? ", " : "", *name);
+    if (*given && spin_ranks_place() <= 0)
+        spin_warn("no effect %s: %s", lacking, given);
+}
+
+static void warn_without_effect(int argc, char **argv)
+{
+    bool clip = options.method != SPIN_METHOD_EXPLICIT;
+
+    warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
+    warn_idle(argc, argv, of_clip, clip, "with --method explicit");
+    warn_idle(argc, argv, of_tracks, clip && options.tracks, "without tracks");
+    warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
+    warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
+              "without --learn-exposure");
+}
+
 /* ---- The command ----------------------------------------------------------------------------- */
 
 static int check(const struct spin_args_words *words)
@@ -299,6 +341,7 @@ int main(int argc, char **argv)
         options.tracks = true;
     if (options.method == SPIN_METHOD_EXPLICIT && options.refine == 0)
         options.refine = 2000;
+    warn_without_effect(argc, argv);
     options.test_cameras = test_cameras.value;
     options.n_test_cameras = test_cameras.n;
     options.n_threads = common.n_threads;

@@ -253,9 +253,9 @@ static size_t trainer_bytes(const struct spin_plan *plan)
  * sorting. */
 static size_t scratch_bytes(const struct spin_plan *plan)
 {
-    size_t frames = (size_t)(plan->o->batch < plan->device->frames_at_once
-                                 ? plan->o->batch
-                                 : plan->device->frames_at_once);
+    size_t frames =
+        (size_t)(plan->o->batch < plan->device->frames_at_once ? plan->o->batch
+                                                               : plan->device->frames_at_once);
     size_t n = frames * plan->clip.n_max, chunk = n < (1 << 15) ? n : 1 << 15;
     size_t floats = chunk * (size_t)(6 * plan->field.heads.hidden + plan->field.heads.n_in);
 
@@ -429,12 +429,13 @@ static double guess_refining(const struct spin_plan *plan)
 
 /* An iteration, from what the ops take on one thread of a present server core: rasteriser per splat and view,
  * rasteriser and loss per pixel, network per splat and decoding, Adam of its table, values of splats and tracks.
- * Densified tracks become about half as many again, in the mean over a run. */
+ * Densified tracks become as many as pixels, about. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
     double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9, values = 0.1e-6;
-    double splats = plan->clip.n_mean * (o->tracks && o->densify_every > 0 ? 1.5 : 1);
+    double n = plan->clip.n_mean, grown = (n + (double)plan->max_pixels) / 2;
+    double splats = o->tracks && o->densify_every > 0 ? fmax(n, grown) : n;
     double seconds = o->batch * (splats * raster + (double)plan->max_pixels * pixel);
 
     if (spin_plan_has_residual(plan))

@@ -9,7 +9,9 @@ if [ ! -d "$run_of" ] || [ ! -d "$data" ]; then
     skip "resuming" "no fixtures at $run_of and $data"
     done_testing
 fi
-small='--preset paper --device cpu --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
+bare='--preset paper --device cpu'
+net='--levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16'
+small="$bare $net"
 in=$work/in.spin
 run "$bin/spin-import" "$run_of" --data "$data" -o "$in"
 is "$code" 0 "imports the run"
@@ -53,8 +55,8 @@ small="$small --residual points"
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped KILL 137
 # Tracks that are densified, with a network that joins late, and without one.
-for more in '--tracks auto --network-start 0.5' '--method tracks'; do
-    small="$plain $more --densify-every 15 --densify-threshold 1e-5"
+for more in "$net --tracks auto --network-start 0.5" '--method tracks'; do
+    small="$bare $more --densify-every 15 --densify-threshold 1e-5"
     run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
     is "$code" 0 "retrains with $more"
     stopped KILL 137

@@ -857,6 +857,32 @@ static void test_plan(void)
 }
 
 /* What reads the data set: its kind, where it is, how frames find their rows. */
+/* What --dry-run with these options warns of: all lines, or "". */
+static void warns(const char *given, const char *want)
+{
+    shell("%s/spin-retrain %s/in.spin --dry-run %s 2>&1 >/dev/null", bin, folder, given);
+    is_text(said, want, given);
+}
+
+static void test_idle(void)
+{
+    warns("", "");
+    warns("--hash-log2 19 --lr-table=0.01",
+          "warning: no effect without a network: --hash-log2, --lr-table\n");
+    warns("--preset short --hash-log2 19 --lr-table 0.01 --iterations 3 --lr-residual 2", "");
+    warns("--preset short --lr-track 1 --densify-every 5",
+          "warning: no effect without tracks: --lr-track, --densify-every\n");
+    warns("--lr-track 1 --densify-every 5", "");
+    warns("--refine-start source --densify off",
+          "warning: no effect without --refine: --refine-start, --densify\n");
+    warns("--refine 5 --refine-start source --densify off --sh-degree 1", "");
+    warns("--method explicit --iterations 5 --lr-position 0",
+          "warning: no effect with --method explicit: --iterations, --lr-position\n");
+    warns("--learn-exposure off --lr-exposure 0.1",
+          "warning: no effect without --learn-exposure: --lr-exposure\n");
+    warns("--lr-exposure 0.1", "");
+}
+
 static void test_data(void)
 {
     static struct run paired[3];
@@ -1145,6 +1171,7 @@ TAP_MAIN
     PART(test_sh_every);
     PART(test_files);
     PART(test_plan);
+    PART(test_idle);
     PART(test_data);
     PART(test_save_every);
     PART(test_refine);
