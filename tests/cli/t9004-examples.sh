@@ -139,8 +139,8 @@ case "\$*" in
 *) set -- "\$@" --iterations 20 ;;
 esac
 case "\$*" in
-*--hash-log2*) ;;
-*'--preset paper'* | *'--preset short'*) set -- "\$@" --hash-log2 12 ;;
+*--hash-log2* | *'--method explicit'*) ;;
+*'--preset paper'* | *'--preset short'* | *--refine*) set -- "\$@" --hash-log2 12 ;;
 esac
 exec "$bin/spin-retrain" "\$@"
 RETRAIN
