@@ -19,7 +19,7 @@ mv "$stage$prefix" "$prefix"
 for file in bin/spin-import lib/libspin.a lib/libspin.so.0 lib/spin4d/spin-image.so include/spin4d/spin.h \
     share/bash-completion/completions/spin-import share/zsh/site-functions/_spin-export \
     share/man/man1/spin-import.1 share/man/man5/spin-bundle.5 share/man/man7/spin-plugin.7 \
-    lib/pkgconfig/spin4d.pc share/doc/spin4d/example-plugin/Makefile; do
+    lib/python3/dist-packages/spin4d.py lib/pkgconfig/spin4d.pc share/doc/spin4d/example-plugin/Makefile; do
     [ -s "$prefix/$file" ]
     ok $? "installs $file"
 done
@@ -231,6 +231,10 @@ if command -v pkg-config >/dev/null 2>&1 && [ "$(basename "${SPIN_BUILD:-release
     is "$(cat "$work/out")" "2 splats" "and reads a bundle"
     run "$work/use"
     err_has 'libspin\.so\.0' "it is the shared one, by its soname"
+    run ${CXX:-g++} -x c++ -o "$work/use" "$work/use.c" -x none $(pkg-config --cflags --libs spin4d)
+    is "$code" 0 "so does one in C++"
+    run env LD_LIBRARY_PATH="$prefix/lib" "$work/use"
+    is "$(cat "$work/out")" "2 splats" "which reads it as well"
     run $CC -o "$work/use" "$work/use.c" $(pkg-config --static --cflags --libs spin4d | sed 's/-lspin/-l:libspin.a/')
     is "$code" 0 "a program links the static library"
     run "$work/use"

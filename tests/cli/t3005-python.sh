@@ -66,7 +66,7 @@ for precision in half full; do
     for kind in "tracks:retrained:--preset quick --iterations 40 --densify-every 10" \
         "network:retrained:$net --iterations 3" \
         "plain:retrained:$net --iterations 3 --activation relu --scene-normalise none --sh-degree 1 --residual source" \
-        "both:retrained:$net --iterations 3 --tracks auto" \
+        "both:retrained:$net --iterations 3 --tracks auto --learn-exposure on" \
         "frames:explicit:--method explicit --refine 5"; do
         name=${kind%%:*}
         options=${kind#*:}
@@ -110,7 +110,8 @@ ok $? "the manual's decoder; half precision within its bounds, the source to the
 
 # ---- What the class refuses
 
-python3 - "$work/half-tracks.spin" "$in" "$clip/params.npz" "$work" <<'E' 2>"$work/err"
+python3 - "$work/half-tracks.spin" "$in" "$clip/params.npz" "$work" \
+    "$work/half-both.spin" <<'E' 2>"$work/err"
 import json, sys, zipfile
 import numpy as np
 import spin4d
@@ -129,6 +130,8 @@ fails("explicit", clip.frame, 0, version="explicit")
 fails("no array", clip.values, "network/none")
 fails("not a bundle", spin4d.load, sys.argv[3])
 assert np.array_equal(clip.frame(-1).means, clip.frame(2).means) and clip.antialias()
+colours = spin4d.load(sys.argv[5]).cameras
+assert len(colours) == 7 and all(len(c["log_gain"]) == 3 == len(c["offset"]) for c in colours), colours
 assert clip.cameras == [] and not spin4d.load(sys.argv[2]).antialias()
 with zipfile.ZipFile(sys.argv[1]) as z:
     members = {n: z.read(n) for n in z.namelist()}
@@ -150,4 +153,44 @@ ok $? "frames and arrays that are not there"
 run "$bin/spin-export" "$work/lie.spin" --source --to ply -o "$work/lie"
 fails 1 spin-export "more rows of differences than there are"
 err_has "lie.spin.*source/means/00001" "names file and array"
+rm "$work/lie.spin"
+
+# ---- The manual: every key of meta.json and every array, and none besides
+
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$in" -o "$work/refined.spin" $small $net --iterations 2 --refine 2
+is "$code" 0 "a network on refined frames"
+"$bin/spin-retrain" --help | sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p' | tr - _ >"$work/options"
+python3 - man/spin-bundle.5 "$work/options" "$work"/*.spin <<'E' 2>"$work/err"
+import json, re, sys, zipfile
+
+page = open(sys.argv[1]).read()
+arrays = {re.sub("/<index>.npy$|.npy$", "", a) for a in
+          re.findall(r"(?:network|source|refined)/[a-z<>_/]+[.]npy", page)}
+part = page[page.index(".Ss meta.json"):page.index(".Sh SECURITY")]
+named = set(re.findall(r"(?<=Ql )[a-z_0-9]+", part))
+listed = {key for line in re.findall(r"^[.]It (Ql .*)", part, re.M) for key in re.findall(r"(?<=Ql )[a-z_0-9]+", line)}
+options = set(open(sys.argv[2]).read().split())
+seen = set()
+
+def walk(value, inside):
+    for item in value if isinstance(value, list) else []:
+        walk(item, inside)
+    for key, item in value.items() if isinstance(value, dict) else []:
+        seen.add(key)
+        assert key in named or (inside == "options" and key in options), (key, inside)
+        assert key == "key" or not isinstance(item, str) or not re.fullmatch("-?[0-9.]+", item), (key, item)
+        if key != "xor_rows":
+            walk(item, "options" if "options" in (key, inside) else key)
+
+for path in sys.argv[3:]:
+    with zipfile.ZipFile(path) as z:
+        walk(json.loads(z.read("meta.json")), "")
+        for name in z.namelist():
+            series = re.sub("(/[0-9]{5})?[.]npy$", "", name)
+            series = re.sub("^(source|refined)/.*", r"\1/<column>", series)
+            assert name == "meta.json" or series in arrays, (name, series, arrays)
+assert listed <= seen, listed - seen
+E
+ok $? "keys and arrays are those of the manual"
 done_testing
