@@ -124,6 +124,7 @@ ln -s "$root/fixtures/datasets/blender_mini" "$here/data/balls"
 ln -s "$root/fixtures/datasets/dynerf_mini" "$here/data/steak"
 (
     cd "$here" && "$bin/spin-import" court -o court.spin --data court -q &&
+        "$bin/spin-import" output/balls -o balls.spin --data data/balls -q &&
         for copy in ball in clip bball; do cp court.spin $copy.spin; done &&
         "$bin/spin-retrain" court.spin -o better.spin --iterations 20 --log train.jsonl -q &&
         "$bin/spin-export" court.spin --to ply -o frames -q && cp -r frames ply &&
