@@ -107,9 +107,12 @@ static void plain(const struct view *v, float *image, struct spin_blend_sums *su
     }
 }
 
+/* Not by fmax(): gcc 12 for arm64 breaks down on a loop of it. */
 static double most(double so_far, double got, double want)
 {
-    return fmax(so_far, fabs(got - want));
+    double distance = fabs(got - want);
+
+    return distance > so_far ? distance : so_far;
 }
 
 /* Registers of pixels against single ones. A pixel within rounding of a threshold may fall on
