@@ -1,8 +1,25 @@
-/* Any bytes as a bundle: open, read every frame.  K: fuzz bundle */
-#include "scene/bundle.h"
+/* Any bytes as a bundle: open, read every frame, and the tracks of its network.  K: fuzz bundle */
+#include "scene/bundle_tracks.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>
+
+enum { MOST = 1000 }; /* splats of a frame that are read */
+
+static void read_tracks(struct spin_bundle *bundle)
+{
+    static float rows[MOST][SPIN_TRACK_WIDTH];
+    struct spin_bundle_tracks tracks = {0};
+
+    if (spin_bundle_tracks_open(bundle, &tracks) == SPIN_OK && tracks.values)
+        for (int f = 0; f < bundle->meta.n_frames; f++) {
+            size_t n = spin_bundle_count(bundle, f, SPIN_FROM_NETWORK);
+
+            if (n <= MOST)
+                (void)spin_bundle_tracks_frame(&tracks, f, n, rows[0], rows[0] + 3 * n);
+        }
+    spin_bundle_tracks_close(&tracks);
+}
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n)
 {
@@ -22,6 +39,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n)
             splats.n != bundle.refined.n[f])
             abort();
     }
+    if (spin_json_get(bundle.json, "network"))
+        read_tracks(&bundle);
     (void)spin_bundle_data_path(&bundle, &data_path);
     free(data_path);
     spin_splats_free(&splats);
