@@ -171,7 +171,7 @@ test: ## all tests; K=word selects; SETUP=0 installs nothing
 test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip test-tools fuzz-bins
 test-tools: $(TOOLS)
 
-test-builds: ## K='gcc clang paths bytes deb arm64': other compilers, code paths, machines, and packages
+test-builds: ## K='gcc clang paths bytes deb arm64': other compilers, code paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)
 
 bin:

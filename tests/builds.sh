@@ -6,10 +6,10 @@
 #   paths       these tests on the code paths base and v3 of the CPU, in the build of `make`
 #   bytes       the last commit twice, in two folders, inside and outside the tree: the same bytes
 #   deb         make deb, with its tests and lintian
-#   arm64       by the cross compiler, these tests under QEMU
+#   arm64       by the cross compiler, these tests under QEMU; not among the parts that run unasked
 BUILD=${1:?usage: builds.sh BUILD [PART...]}
 shift
-[ $# -gt 0 ] || set -- gcc clang paths bytes deb arm64
+[ $# -gt 0 ] || set -- gcc clang paths bytes deb
 words='tests/math tests/device tests/io'
 jobs=$(nproc)
 

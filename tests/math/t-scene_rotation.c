@@ -87,9 +87,9 @@ static void test_half_turns(void)
             sh[i] = (float)i + 0.1f;
         spin_scene_rotation_sh(&t, SPIN_SH_MAX, sh, out);
         for (int i = 0; i < 3 * SPIN_SH_MAX; i++) {
-            /* Not a constant: a compiler may round one as a fused product and sum would. */
-            volatile float x = 0.48f;
-            spin_vec3 d = spin_v3(x, 0.6f, 0.64f);
+            /* No constants: a compiler may round those as a fused product and sum would. */
+            volatile float x = 0.48f, y = 0.6f, z = 0.64f;
+            spin_vec3 d = spin_v3(x, y, z);
             float before[SPIN_SH_MAX], after[SPIN_SH_MAX];
 
             spin_sh_basis(3, d, before);
