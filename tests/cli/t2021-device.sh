@@ -68,10 +68,10 @@ out_has "it does not fit: nothing smaller was found that does" "next to nothing:
 SPIN_EMU_MEMORY=0 run "$bin/spin-retrain" "$in" --dry-run --json $larger
 is "$(member fits)" true "an amount that is not known is no reason to refuse"
 unset SPIN_EMU_MEMORY
-run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 24
+run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 26
 if greater "$(member bytes_needed)" "$(member bytes_available)"; then
     is "$(member fits)" false "more than the machine has does not fit"
-    run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 24 $(member fitting)
+    run "$bin/spin-retrain" "$in" --dry-run --json --preset paper --device cpu --features 8 --hash-log2 26 $(member fitting)
     is "$(member fits)" true "and what it names does"
 else
     skip "more than the machine has" "it has a lot"

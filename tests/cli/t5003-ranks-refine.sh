@@ -23,7 +23,7 @@ err_has '^refining 1 of 5 frames' "of which one frame was left"
 cmp -s "$work/one.spin" "$work/array.spin"
 ok $? "and it is that of one run"
 is "$(ls "$work/cache" | wc -l)" 5 "the folder stays"
-run "$bin/spin-retrain" "$in" -o "$work/other.spin" $explicit --refine 11 --cache "$work/cache"
+run "$bin/spin-retrain" "$in" -o "$work/other.spin" $explicit --refine 11 --cache "$work/cache" -q
 fails 2 spin-retrain "frames made with other options"
 
 # ---- Processes
@@ -35,6 +35,6 @@ cmp -s "$work/one.spin" "$work/two.spin"
 ok $? "and it is that of one"
 nothing_at "$work/two.spin.parts" "nothing is left beside it"
 ranks 2 "$bin/spin-retrain" "$in" --dry-run --device cpu
-out_has '^processes   2; each needs that memory, and together they send up to [0-9.]* .*iB a step$' \
+out_has '^processes   2; each needs that memory, and together they send up to [0-9.]* .*B a step$' \
     "--dry-run says what two processes send"
 done_testing
