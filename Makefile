@@ -97,12 +97,14 @@ ifneq ($(MPICC),)
 SHIMS    += $(B)/lib/spin-mpi.so
 endif
 
+TOOLS    := $(B)/tests/tools/compare-images
+
 # Videos are for who has FFmpeg: `make setup-video` installs it, VIDEO=no does without.
 VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __has_include(<libavcodec/avcodec.h>)\nyes\n\043endif\n' | \
             $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
 ifneq ($(filter yes,$(VIDEO)),)
 SHIMS    += $(B)/lib/spin-video.so
-TOOLS    := $(B)/tests/tools/make-video
+TOOLS    += $(B)/tests/tools/make-video
 endif
 
 # The CUDA device is for who has nvcc (CUDA=1: fail without; 0: leave it out). One object serves every card from

@@ -99,3 +99,9 @@ const char *spin_text_about(double seconds, char text[32])
         snprintf(text, 32, "%.1f days", seconds / 86400);
     return text;
 }
+
+const char *spin_text_count(long long n, const char *noun, char text[48])
+{
+    snprintf(text, 48, "%lld %s%s", n, noun, n == 1 ? "" : "s");
+    return text;
+}

@@ -18,5 +18,7 @@ const char *spin_text_bytes(uint64_t bytes, char text[32]);
 const char *spin_text_duration(double seconds, char text[32]);
 /* For an estimate: "a second", "40 seconds", "12 minutes", "2.6 hours", "3.1 days". Returns text. */
 const char *spin_text_about(double seconds, char text[32]);
+/* "1 frame", "2 frames": a noun with an s. Returns text. */
+const char *spin_text_count(long long n, const char *noun, char text[48]);
 
 #endif

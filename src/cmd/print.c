@@ -23,6 +23,12 @@ const char *spin_print_mean(double mean, char text[32])
     return text;
 }
 
+const char *spin_print_count(long long n, const char *noun, char text[48])
+{
+    snprintf(text, 48, "%lld %s%s", n, noun, n == 1 ? "" : "s");
+    return text;
+}
+
 const char *spin_print_seconds(double seconds, char text[32])
 {
     if (!isfinite(seconds) || seconds < 0)

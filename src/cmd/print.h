@@ -8,6 +8,8 @@
 const char *spin_print_bytes(double bytes, char text[32]);
 /* "2940", or "2940.5" when it is not whole, into text. */
 const char *spin_print_mean(double mean, char text[32]);
+/* "1 frame", "2 frames" into text. */
+const char *spin_print_count(long long n, const char *noun, char text[48]);
 /* "2 h 36 min" into text. */
 const char *spin_print_seconds(double seconds, char text[32]);
 

@@ -143,10 +143,11 @@ static void report_json(const struct spin_export_report *r)
 
 static void report_text(const struct spin_export_report *r)
 {
-    char bytes[32], mean[32];
+    char bytes[32], mean[32], frames[48];
 
-    printf("%s: %d %s as %s, %s splats each", options.output, r->frames,
-           r->frames == 1 ? "frame" : "frames", options.to, spin_print_mean(r->splats_mean, mean));
+    printf("%s: %s as %s, %s splats each", options.output,
+           spin_print_count(r->frames, "frame", frames), options.to,
+           spin_print_mean(r->splats_mean, mean));
     if (r->bytes)
         printf(", %s", spin_print_bytes((double)r->bytes, bytes));
     if (r->left_out)

@@ -212,12 +212,14 @@ static void report_json(const struct spin_retrain_report *r)
 
 static void report_plan(const struct spin_retrain_report *r)
 {
-    char needed[32], available[32], time[32], sent[32], mean[32];
+    char needed[32], available[32], time[32], sent[32], mean[32], count[48], frames[48];
 
     printf("device      %s\n", r->device);
     printf("preset      %s\n", options.preset);
-    printf("work        %d iterations, %d frames, %s splats each\n", r->iterations, r->frames,
-           spin_print_mean(r->splats_mean, mean));
+    printf("work        %s%s, %s, %s splats each\n",
+           spin_print_count(r->iterations, "iteration", count),
+           options.method == SPIN_METHOD_EXPLICIT ? " on each frame" : "",
+           spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
     if (densify_every(r) > 0)
         printf("densify     every %d iterations\n", densify_every(r));
     printf("memory      %s needed, %s available\n",
@@ -231,7 +233,10 @@ static void report_plan(const struct spin_retrain_report *r)
     if (r->ranks > 1)
         printf("processes   %d; each needs that memory, and together they send up to %s a step\n",
                r->ranks, spin_print_bytes(r->bytes_sent, sent));
-    printf("time        about %s\n", spin_print_seconds(r->seconds_estimated, time));
+    if (isfinite(r->seconds_estimated))
+        printf("time        about %s\n", spin_print_seconds(r->seconds_estimated, time));
+    else
+        printf("time        not known on a card\n");
 }
 
 static void print_row(const char *name, const struct spin_quality *q)
@@ -244,11 +249,12 @@ static void print_row(const char *name, const struct spin_quality *q)
 
 static void report_text(const struct spin_retrain_report *r)
 {
-    char time[32], mean[32];
+    char time[32], mean[32], count[48], frames[48];
 
-    printf("%s: %d iterations in %s (%.3g s each) on %s, %d frames, %s splats each\n",
-           options.output, r->iterations, spin_print_seconds(r->seconds, time),
-           r->seconds_per_iteration, r->device, r->frames, spin_print_mean(r->splats_mean, mean));
+    printf("%s: %s in %s (%.3g s each) on %s, %s, %s splats each\n", options.output,
+           spin_print_count(r->iterations, "iteration", count),
+           spin_print_seconds(r->seconds, time), r->seconds_per_iteration, r->device,
+           spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
     printf("%-10s  %8s  %7s\n", "test views", "PSNR", "SSIM");
     print_row("before", &r->before);
     if (options.refine > 0 && options.method == SPIN_METHOD_NETWORK)

@@ -140,21 +140,21 @@ static spin_status check_paths(const struct run *r)
 static void say_recipe(const struct spin_plan *p)
 {
     const struct spin_retrain_options *o = p->o;
-    char time[32], about[64] = "", refining[64] = "";
-    int n = p->clip.n_frames;
+    char time[32], count[48], frames[48], about[64] = "", refining[96] = "";
 
+    spin_text_count(p->clip.n_frames, "frame", frames);
     if (o->refine > 0)
-        snprintf(refining, sizeof refining, "%d iterations on each frame%s", o->refine,
+        snprintf(refining, sizeof refining, "%s on each frame%s",
+                 spin_text_count(o->refine, "iteration", count),
                  o->method == SPIN_METHOD_EXPLICIT ? "" : ", then ");
     if (isfinite(p->report->seconds_estimated))
         snprintf(about, sizeof about, "; about %s here",
                  spin_text_about(p->report->seconds_estimated, time));
     if (o->method == SPIN_METHOD_EXPLICIT)
-        spin_log(0, "preset %s: %s, %d frame%s%s", o->preset, refining, n, n == 1 ? "" : "s",
-                 about);
+        spin_log(0, "preset %s: %s, %s%s", o->preset, refining, frames, about);
     else
-        spin_log(0, "preset %s: %s%d iterations, %d frame%s%s", o->preset, refining, o->iterations,
-                 n, n == 1 ? "" : "s", about);
+        spin_log(0, "preset %s: %s%s, %s%s", o->preset, refining,
+                 spin_text_count(o->iterations, "iteration", count), frames, about);
 }
 
 static spin_status plan(struct run *r, const struct spin_retrain_options *o,
@@ -213,9 +213,10 @@ static spin_status look_at_input(struct run *r)
 static void say_plan(const struct run *r)
 {
     double outside = r->plan.report->outside_ball;
+    char frames[48];
 
-    spin_log(0, "%d frames, %.0f splats a frame, %zu training and %zu test views, %s",
-             r->plan.clip.n_frames, r->plan.clip.n_mean, r->plan.n_train, r->plan.n_test,
+    spin_log(0, "%s, %.0f splats a frame, %zu training and %zu test views, %s",
+             spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean, r->plan.n_train, r->plan.n_test,
              r->device.description);
     if (!trains_clip(r) || r->plan.o->method == SPIN_METHOD_TRACKS)
         return;
@@ -403,7 +404,6 @@ static spin_status keep_frames(struct run *r)
     say_plan(r);
     SPIN_TRY(look_at_source(r));
     report->test = report->refined;
-    report->iterations = r->plan.o->refine;
     report->seconds = report->refine_seconds;
     report->seconds_per_iteration = report->seconds / r->plan.clip.n_frames / r->plan.o->refine;
     return SPIN_OK;
@@ -434,7 +434,8 @@ static spin_status run(struct run *r)
     if (p->o->refine > 0) {
         SPIN_TRY(spin_refinement_run(&r->refinement, p, &r->truth, &r->device, &r->code_paths,
                                      &r->journal));
-        SPIN_TRY(spin_plan_check_memory(p));
+        if (trains_clip(r))
+            SPIN_TRY(spin_plan_check_memory(p));
     }
     SPIN_TRY(trains_clip(r) ? train_network(r) : keep_frames(r));
     SPIN_TRY(spin_output_write(&output));

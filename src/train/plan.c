@@ -539,7 +539,8 @@ spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_opt
     SPIN_TRY(plan_field(plan));
     report->frames = plan->clip.n_frames;
     report->splats_mean = plan->clip.n_mean;
-    report->iterations = plan->o->iterations;
+    report->iterations =
+        plan->o->method == SPIN_METHOD_EXPLICIT ? plan->o->refine : plan->o->iterations;
     return SPIN_OK;
 }
 

@@ -18,6 +18,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "base/text.h"
 #include "io/ranks.h"
 #include "math/sh.h"
 #include "train/refine.h"
@@ -610,6 +611,7 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
                           .journal = journal,
                           .lock = PTHREAD_MUTEX_INITIALIZER,
                           .start_s = spin_now_s()};
+    char count[48];
     spin_status status;
 
     if (!plan->o->resume && !plan->o->cache && spin_rank() == 0)
@@ -617,8 +619,8 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     SPIN_TRY(spin_ranks_agree(SPIN_OK));
     set_options(&stage);
     SPIN_TRY_OUT(list_todo(&stage));
-    spin_log(0, "refining %d of %d frames, %d iterations each", stage.n_all, plan->clip.n_frames,
-             plan->o->refine);
+    spin_log(0, "refining %d of %d frames, %s each", stage.n_all, plan->clip.n_frames,
+             spin_text_count(plan->o->refine, "iteration", count));
     spin_progress_begin(&stage.progress, "refining", "it", 0,
                         (long long)stage.n_todo * plan->o->refine);
     status = run(&stage);

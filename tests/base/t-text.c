@@ -23,7 +23,7 @@ static void base64(const char *in, const char *want)
 TAP_MAIN
 {
     unsigned char block[6000];
-    char text[32];
+    char text[48];
     FILE *f;
 
     /* RFC 4648, section 10. */
@@ -56,5 +56,8 @@ TAP_MAIN
     is_text(spin_text_about(5969, text), "99 minutes", "up to a hundred of them");
     is_text(spin_text_about(5970, text), "1.7 hours", "hours");
     is_text(spin_text_about(48 * 3600, text), "2.0 days", "days");
+    is_text(spin_text_count(0, "frame", text), "0 frames", "no frames");
+    is_text(spin_text_count(1, "frame", text), "1 frame", "one frame");
+    is_text(spin_text_count(2, "frame", text), "2 frames", "two frames");
     free(got);
 }
