@@ -111,6 +111,38 @@ const char *check_truncated(const char *path, size_t n)
     return name;
 }
 
+void check_damage(const char *path, bool (*reads)(const char *path))
+{
+    FILE *file = fopen(path, "r+b");
+    long size;
+    int n_read = 0;
+
+    if (!file || fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) <= 0)
+        give_up("check_damage");
+    for (long i = 0; i < 1000; i++) {
+        long at = size * i / 1000;
+        int byte;
+
+        fseek(file, at, SEEK_SET);
+        byte = fgetc(file);
+        for (int flip = 1; flip >= 0; flip--) {
+            fseek(file, at, SEEK_SET);
+            fputc(byte ^ flip << i % 8, file);
+            fflush(file);
+            if (flip)
+                (void)reads(path);
+        }
+    }
+    ok(reads(path), "flipped bits crash nothing");
+    for (long at = size - 1; at >= 0; at -= at > size - 500 || at < 500 ? 1 : 5) {
+        if (ftruncate(fileno(file), at) != 0)
+            give_up("check_damage");
+        n_read += reads(path);
+    }
+    ok(n_read == 0, "no truncation can be read");
+    fclose(file);
+}
+
 /* ---- Golden values ------------------------------------------------------------------------- */
 
 double *check_load(struct spin_npz *npz, const char *key, struct spin_array *info)

@@ -54,6 +54,9 @@ void check_device_free(struct spin_device *d);
 
 /* Write the first n bytes of `path` to a new temporary file and return its name (static ring). */
 const char *check_truncated(const char *path, size_t n);
+/* Two ok/not ok lines: reading ends well with any of 1000 bits of the file flipped, and no cut of the file can be read.
+ * `reads` says whether all of it could be. The file is empty in the end. */
+void check_damage(const char *path, bool (*reads)(const char *path));
 /* A fresh empty temporary folder, removed with its contents at exit. */
 const char *check_folder(void);
 

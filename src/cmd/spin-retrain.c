@@ -270,12 +270,14 @@ static const char *const of_network[] = {
     "init-log-scale", "scene-normalise",   "activation",        "lr-table",
     "lr-sh",          "lr-scale",          "lr-rotation",       "lr-opacity",
     "head-lr-factor", "sh-increase-every", "network-start",     NULL};
-static const char *const of_clip[] = {"iterations",  "batch",    "views-per-frame", "warmup",
-                                      "lr-position", "residual", "lr-residual",     NULL};
+static const char *const of_clip[] = {
+    "iterations", "batch",       "views-per-frame", "warmup",     "lr-position",
+    "residual",   "lr-residual", "eval-every",      "save-every", NULL};
 static const char *const of_tracks[] = {
     "lr-track",      "lr-tracked",        "lr-displacement", "dynamic-residual",
     "densify-every", "densify-threshold", "densify-until",   NULL};
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
+static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
 /* One warning with all names that were given, unless they have an effect. */
@@ -300,6 +302,10 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_clip, clip, "with --method explicit");
     warn_idle(argc, argv, of_tracks, clip && options.tracks, "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
+    warn_idle(argc, argv, of_densification,
+              (options.refine > 0 && options.densify) ||
+                  (clip && options.tracks && options.densify_every != 0),
+              "without densification");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");
 }

@@ -34,7 +34,7 @@ struct run {
     struct spin_checkpoint checkpoint;
     struct spin_journal journal;
     struct spin_claim claim; /* on the output */
-    double colour_spread;    /* of the cameras, 0..1; NaN: not asked for */
+    double colour_spread;    /* of the cameras, 0..1; -1: nothing to compare; NaN: not asked for */
     bool resume;             /* there is a state to go on from */
 };
 
@@ -192,6 +192,9 @@ static void say_exposure(const struct run *r)
     if (r->plan.o->learn_exposure == SPIN_EXPOSURE_ON)
         spin_log(0, "cameras differ in colour by %.0f %%: learning an exposure for each camera",
                  100 * r->colour_spread);
+    else if (r->colour_spread < 0)
+        spin_log(1, "no point is seen by three training cameras to compare their colours: no "
+                    "exposure is learned");
     else
         spin_log(1, "cameras differ in colour by %.1f %%: no exposure is learned",
                  100 * r->colour_spread);

@@ -150,10 +150,10 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Of the camera whose median is farthest from 0. */
+/* Of the camera whose median is farthest from 0; -1 without such a camera. */
 static double spread_of(struct colours *c, int rgb)
 {
-    double most = 0;
+    double most = -1;
 
     for (size_t k = 0; k < (size_t)c->plan->n_cameras; k++) {
         float *values = c->difference[rgb] + k * FRAMES * POINTS;
@@ -173,7 +173,7 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth
     int frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
     spin_status status;
 
-    *spread = 0;
+    *spread = -1;
     SPIN_TRY(spin_alloc(1, sizeof *c, (void **)&c));
     c->plan = plan;
     c->truth = truth;

@@ -1,7 +1,8 @@
 #!/bin/sh
 # Every option of --help stands in the manual page and the other way round. Options of spin-retrain, of importers and
 # of exporters also have the same argument and the same default there. Every environment variable stands in
-# man/spin4d.7. Where mandoc is, the pages have no warning and no line above 80 columns, and SEE ALSO names all pages.
+# man/spin4d.7. Where mandoc is, it finds no fault in the pages, and no line is above 80 columns. SEE ALSO names all
+# commands.
 # B: the build folder (build/release).
 bin=${B:-build/release}/bin
 failed=0
@@ -82,7 +83,9 @@ for page in man/*.[157]; do
     name=$(basename "$page")
     name=${name%.*}
     if command -v mandoc >/dev/null 2>&1; then
-        mandoc -T lint -W warning "$page" || failed=1
+        # Pages that are not installed are looked for in man/ below.
+        faults=$(mandoc -T lint "$page" | grep -v 'referenced manual not found')
+        [ -z "$faults" ] || complain "$faults"
         wide=$(mandoc -T ascii "$page" | col -bx | awk 'length > 80')
         [ -z "$wide" ] || complain "$page has lines above 80 columns: $wide"
     fi
