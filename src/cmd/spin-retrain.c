@@ -270,9 +270,9 @@ static const char *const of_network[] = {
     "init-log-scale", "scene-normalise",   "activation",        "lr-table",
     "lr-sh",          "lr-scale",          "lr-rotation",       "lr-opacity",
     "head-lr-factor", "sh-increase-every", "network-start",     NULL};
-static const char *const of_clip[] = {
-    "iterations", "batch",       "views-per-frame", "warmup",     "lr-position",
-    "residual",   "lr-residual", "eval-every",      "save-every", NULL};
+static const char *const of_clip[] = {"iterations",  "batch",    "views-per-frame", "warmup",
+                                      "lr-position", "residual", "lr-residual",     "eval-every",
+                                      "save-every",  NULL};
 static const char *const of_tracks[] = {
     "lr-track",      "lr-tracked",        "lr-displacement", "dynamic-residual",
     "densify-every", "densify-threshold", "densify-until",   NULL};

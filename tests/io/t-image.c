@@ -361,40 +361,48 @@ static void test_threads(void)
     ok(n == 80, "four threads read at a time");
 }
 
-/* In a process of its own, as the shim is looked for once. */
-static void test_no_shim(const char *self)
+/* This program in a process of its own: how many lines it writes, and the last of them. */
+static int run_self(const char *before, const char *self, const char *arguments, char line[1024])
 {
-    char command[8192], line[1024] = "";
-    FILE *pipe;
-
-    snprintf(command, sizeof command, "SPIN_IMAGE_SHIM=/no/such.so '%s' without", self);
-    pipe = popen(command, "r");
-    if (pipe && !fgets(line, sizeof line, pipe))
-        line[0] = '\0';
-    if (pipe)
-        pclose(pipe);
-    ok(strncmp(line, "5 ", 2) == 0 && strstr(line, "OpenImageIO") && strstr(line, "libopenimageio"),
-       "without the shim: unsupported, and what to install");
-}
-
-/* In a process of its own, whose stderr is seen: our line is all that it says. */
-static void test_one_line(const char *self)
-{
-    char command[8192], line[1024] = "";
-    unsigned char broken[sizeof rgb16];
+    const char *runner = getenv("SPIN_RUN"); /* of programs of another machine */
+    char command[8192];
     int n_lines = 0;
     FILE *pipe;
 
-    memcpy(broken, rgb16, sizeof broken);
-    broken[29] ^= 1; /* the checksum of the header */
-    snprintf(command, sizeof command, "'%s' read '%s' 2>&1", self,
-             write_bytes("broken.png", broken, sizeof broken));
+    snprintf(command, sizeof command, "%s %s '%s' %s", before, runner ? runner : "", self,
+             arguments);
+    line[0] = '\0';
     pipe = popen(command, "r");
-    while (pipe && fgets(line, sizeof line, pipe))
+    while (pipe && fgets(line, 1024, pipe))
         n_lines++;
     if (pipe)
         pclose(pipe);
-    ok(n_lines == 1 && strncmp(line, "4 cannot read image", 19) == 0 && strstr(line, "broken.png"),
+    return n_lines;
+}
+
+/* In another process, as the shim is looked for once. */
+static void test_no_shim(const char *self)
+{
+    char line[1024];
+
+    ok(run_self("SPIN_IMAGE_SHIM=/no/such.so", self, "without", line) == 1 &&
+           strncmp(line, "5 ", 2) == 0 && strstr(line, "OpenImageIO") &&
+           strstr(line, "libopenimageio"),
+       "without the shim: unsupported, and what to install");
+}
+
+/* In another process, whose stderr is seen: our line is all that it says. */
+static void test_one_line(const char *self)
+{
+    char arguments[4096], line[1024];
+    unsigned char broken[sizeof rgb16];
+
+    memcpy(broken, rgb16, sizeof broken);
+    broken[29] ^= 1; /* the checksum of the header */
+    snprintf(arguments, sizeof arguments, "read '%s' 2>&1",
+             write_bytes("broken.png", broken, sizeof broken));
+    ok(run_self("", self, arguments, line) == 1 && strncmp(line, "4 cannot read image", 19) == 0 &&
+           strstr(line, "broken.png"),
        "a damaged PNG is one line, and nothing of libpng's own");
 }
 
