@@ -231,8 +231,9 @@ static void report_plan(const struct spin_retrain_report *r)
                *r->fitting ? r->fitting : "nothing smaller was found that does",
                *r->fitting ? " fits" : "");
     if (r->ranks > 1)
-        printf("processes   %d; each needs that memory, and together they send up to %s a step\n",
-               r->ranks, spin_print_bytes(r->bytes_sent, sent));
+        printf("processes   %d; each needs that memory, and together they send up to %s a step%s\n",
+               r->ranks, spin_print_bytes(r->bytes_sent, sent),
+               densify_every(r) > 0 ? ", more as densification adds splats" : "");
     if (isfinite(r->seconds_estimated))
         printf("time        about %s\n", spin_print_seconds(r->seconds_estimated, time));
     else

@@ -74,8 +74,9 @@ struct piece {
         LINES,
         OWNED
     } cut; /* every rank has all of it; or its levels' part of the table, of its lines; or only its owner has it */
-    int owner;  /* of what is owned */
-    size_t all; /* values that the owner has */
+    int owner;    /* of what is owned */
+    size_t all;   /* values that the owner has */
+    bool numbers; /* unsigned, not floats */
 };
 
 /* Values of a piece that are with a rank. */
@@ -108,21 +109,21 @@ static size_t all_of(const struct spin_trainer *t, const struct piece *piece)
     return piece->cut == WHOLE || !t->network ? piece->n : before(t, piece, spin_n_ranks());
 }
 
-/* What a frame with tracks has besides, as numbers: tracks of its splats, their places in the output, and how
- * often they were seen. */
-enum { N_NUMBERS = 3 };
-static const char *const number_name[N_NUMBERS] = {"track", "place", "seen"};
+/* What every rank has of a frame with tracks besides, as numbers: tracks of its splats, and their places in the
+ * output. */
+enum { N_NUMBERS = 2 };
+static const char *const number_name[N_NUMBERS] = {"track", "place"};
 
 /* An array of a frame, here or with its owner. */
-static void add_of_frame(const struct spin_trainer *t, int f, const char *what, char letter,
-                         float SPIN_DEV *at, size_t n, struct piece *piece)
+static void add_of_frame(int f, const char *what, const char *array, float SPIN_DEV *at, size_t n,
+                         struct piece *piece)
 {
-    snprintf(piece->name, sizeof piece->name, "%s/%05d/%c", what, f, letter);
+    snprintf(piece->name, sizeof piece->name, "%s/%05d/%s", what, f, array);
     piece->at = at;
     piece->all = n;
-    piece->n = spin_trainer_owns(t, f) ? n : 0;
+    piece->n = spin_trainer_owns(f) ? n : 0;
     piece->owner = spin_share_owner(f);
-    piece->cut = t->owned ? OWNED : WHOLE;
+    piece->cut = OWNED;
 }
 
 static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_t *n)
@@ -130,17 +131,18 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
     enum { N_PARAMS = 4 };
     struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
     const char *param_name[N_PARAMS] = {"table", "heads", "tracks", "exposure"};
+    const char *part_name[3] = {"p", "m", "v"};
     void *block = NULL;
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 7 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 8 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
 
         for (int j = 0; j < 3; j++, k++) {
-            snprintf(piece[k].name, sizeof piece[k].name, "%s/%c", param_name[i], "pmv"[j]);
+            snprintf(piece[k].name, sizeof piece[k].name, "%s/%s", param_name[i], part_name[j]);
             piece[k].at = at[j];
             piece[k].n = param[i]->n;
             piece[k].cut = i == 0 ? ROWS : WHOLE;
@@ -155,20 +157,23 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
         float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
         for (int j = 0; j < 3; j++, k++)
-            add_of_frame(t, f, "frames", "pmv"[j], at[j], 3 * t->frame[f].size.n_pos, &piece[k]);
+            add_of_frame(f, "frames", part_name[j], at[j], 3 * t->frame[f].size.n_pos, &piece[k]);
     }
     for (int f = 0; f < t->n_frames && t->d_residual; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].residual, t->frame[f].residual_m,
                                  t->frame[f].residual_v};
 
         for (int j = 0; j < 3; j++, k++)
-            add_of_frame(t, f, "residual", "pmv"[j], at[j],
+            add_of_frame(f, "residual", part_name[j], at[j],
                          SPIN_RESIDUAL * t->frame[f].size.n_residual, &piece[k]);
     }
-    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++, k++) {
-        snprintf(piece[k].name, sizeof piece[k].name, "frames/%05d/gradient", f);
-        piece[k].at = t->frame[f].gradient;
-        piece[k].n = t->frame[f].size.n;
+    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++) {
+        struct spin_train_frame *frame = &t->frame[f];
+
+        add_of_frame(f, "frames", "gradient", frame->gradient, frame->size.n, &piece[k++]);
+        add_of_frame(f, "frames", "seen", (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
+                     frame->size.n, &piece[k]);
+        piece[k++].numbers = true;
     }
     *out = piece;
     *n = k;
@@ -253,7 +258,7 @@ out:
 /* The numbers of a frame, on the device or NULL: the place in the output. */
 static uint32_t SPIN_DEV *numbers_of(const struct spin_train_frame *frame, int which)
 {
-    return which == 0 ? frame->track : which == 2 ? frame->seen : NULL;
+    return which == 0 ? frame->track : NULL;
 }
 
 static spin_status save_numbers(const struct spin_checkpoint *c, struct spin_trainer *t,
@@ -289,8 +294,6 @@ static spin_status check_numbers(const struct spin_trainer *t, int f, int which,
     uint8_t *taken;
     bool wrong = false;
 
-    if (which == 2)
-        return SPIN_OK;
     SPIN_TRY(spin_alloc((which == 0 ? t->n_tracks : size->n) + 1, 1, &block));
     taken = block;
     for (size_t i = 0; i < size->n && !wrong; i++) {
@@ -308,6 +311,16 @@ static spin_status check_numbers(const struct spin_trainer *t, int f, int which,
                  : SPIN_OK;
 }
 
+static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint32_t *number)
+{
+    for (size_t i = 0; i < n; i++) {
+        int64_t wide;
+
+        spin_array_to_i64(a, first + i, 1, &wide);
+        number[i] = (uint32_t)wide;
+    }
+}
+
 static spin_status load_numbers(const struct spin_checkpoint *c, struct spin_trainer *t,
                                 struct spin_npz *npz)
 {
@@ -317,19 +330,16 @@ static spin_status load_numbers(const struct spin_checkpoint *c, struct spin_tra
     for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++)
         for (int k = 0; k < N_NUMBERS; k++) {
             size_t n = t->frame[f].size.n;
-            int64_t shape[1] = {(int64_t)n}, *wide;
+            int64_t shape[1] = {(int64_t)n};
             struct spin_array a;
             uint32_t *number;
             char name[48];
 
             snprintf(name, sizeof name, "frames/%05d/%s", f, number_name[k]);
             SPIN_TRY_OUT(spin_npz_array_of(npz, name, true, 1, shape, &a));
-            SPIN_TRY_OUT(spin_grow(n + 1, sizeof *wide + sizeof *number, &block));
-            wide = block;
-            number = (uint32_t *)(wide + n);
-            spin_array_to_i64(&a, 0, n, wide);
-            for (size_t i = 0; i < n; i++)
-                number[i] = (uint32_t)wide[i];
+            SPIN_TRY_OUT(spin_grow(n + 1, sizeof *number, &block));
+            number = block;
+            to_numbers(&a, 0, n, number);
             SPIN_TRY_OUT(check_numbers(t, f, k, number, name));
             if (numbers_of(&t->frame[f], k))
                 t->device->op->upload(t->device, numbers_of(&t->frame[f], k), number,
@@ -355,7 +365,7 @@ static spin_status fetch(struct spin_trainer *t, const struct piece *piece, int 
                                                                   : spin_ranks_exchange(&m, 1);
 }
 
-/* A piece of which every rank has a part. w: of rank 0. What it cannot write it still takes, and says so in
+/* A piece of which ranks have parts. w: of rank 0. What it cannot write it still takes, and says so in
  * *written. */
 static spin_status save_parts(struct spin_trainer *t, const struct piece *piece,
                               struct spin_zip_writer *w, spin_status *written)
@@ -367,7 +377,7 @@ static spin_status save_parts(struct spin_trainer *t, const struct piece *piece,
 
     SPIN_TRY(spin_alloc(PORTION, sizeof *block, (void **)&block));
     if (w && *written == SPIN_OK)
-        *written = spin_npz_write_begin(w, piece->name, "<f4", 1, shape);
+        *written = spin_npz_write_begin(w, piece->name, piece->numbers ? "<u4" : "<f4", 1, shape);
     for (int r = 0; r < spin_n_ranks(); r++) {
         size_t end = part_of(t, piece, r);
 
@@ -375,7 +385,7 @@ static spin_status save_parts(struct spin_trainer *t, const struct piece *piece,
             size_t n = end - first < PORTION ? end - first : PORTION;
 
             SPIN_TRY_OUT(fetch(t, piece, r, first, n, block));
-            if (w && *written == SPIN_OK)
+            if (w && *written == SPIN_OK && !piece->numbers)
                 *written = check_values(t, piece->name, at + first, block, n);
             if (w && *written == SPIN_OK)
                 *written = spin_zip_member_write(w, block, n * sizeof *block);
@@ -402,7 +412,7 @@ static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        if (piece[i].cut != WHOLE && spin_n_ranks() > 1)
+        if (piece[i].cut != WHOLE)
             SPIN_TRY_OUT(save_parts(t, &piece[i], w, &written));
         else if (w && written == SPIN_OK)
             written =
@@ -508,8 +518,12 @@ static spin_status load_pieces(struct spin_trainer *t, struct spin_npz *npz)
 
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
-        spin_array_to_f32(&a, first, piece[i].n, block);
-        SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, piece[i].n));
+        if (piece[i].numbers) {
+            to_numbers(&a, first, piece[i].n, block);
+        } else {
+            spin_array_to_f32(&a, first, piece[i].n, block);
+            SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, piece[i].n));
+        }
         if (piece[i].cut == LINES)
             SPIN_TRY_OUT(check_last(block, piece[i].n, t->iteration));
         t->device->op->upload(t->device, piece[i].at, block, piece[i].n * sizeof(float));

@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "io/ranks.h"
 #include "train/densify_tracks.h"
 #include "train/sampler.h"
@@ -117,6 +118,7 @@ static void count_seconds(struct spent *spent, double seconds)
 static void say_seconds(const struct spent *spent)
 {
     double named = 0;
+    char sent[32];
 
     if (!(spent->wall > 0))
         return;
@@ -127,9 +129,9 @@ static void say_seconds(const struct spent *spent)
     }
     spin_log(1, "  %-13s %9.3f s %6.1f %% of %.3f s in steps", "together", named,
              100 * named / spent->wall, spent->wall);
+    spin_text_bytes((size_t)(spent->sent / (spent->steps > 0 ? spent->steps : 1)), sent);
     if (spin_n_ranks() > 1)
-        spin_log(1, "  %-13s %9.3f s, %.3f MB sent a step by rank 0", "exchanged",
-                 spent->exchange_s, spent->sent / 1e6 / (spent->steps > 0 ? spent->steps : 1));
+        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", spent->exchange_s, sent);
 }
 
 /* ---- The loop ----------------------------------------------------------------------------------- */

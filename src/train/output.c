@@ -452,7 +452,7 @@ spin_status spin_output_write(const struct spin_output *output)
         SPIN_TRY(spin_trainer_take_table(t, &whole));
     if (spin_rank() == 0)
         status = write_whole(&own, whole);
-    while (t->owned && lent == SPIN_OK && n_lent < n_lendings(&own)) /* also what could not be written */
+    while (spin_n_ranks() > 1 && lent == SPIN_OK && n_lent < n_lendings(&own)) /* also what could not be written */
         lent = lend_next(&own);
     status = status == SPIN_OK ? lent : status;
     if (t->network)

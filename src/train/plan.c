@@ -202,6 +202,18 @@ static int decodings(const struct spin_retrain_options *o)
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
+/* Frames of a step go round the ranks (share.h). */
+static void warn_idle_ranks(const struct spin_retrain_options *o)
+{
+    int frames = decodings(o), n = spin_n_ranks();
+
+    if (o->method != SPIN_METHOD_EXPLICIT && frames < n)
+        spin_warn("a step shows %d frame%s (--batch %d), so only %d of %d processes draw%s: give --batch %d, or start "
+                  "fewer processes",
+                  frames, frames == 1 ? "" : "s", o->batch, frames, n, frames == 1 ? "s" : "",
+                  n * o->views_per_frame);
+}
+
 bool spin_plan_is_lazy(const struct spin_plan *plan)
 {
     return plan->device->op->lazy_adam_enable &&
@@ -226,14 +238,16 @@ size_t spin_plan_refine_bytes(const struct spin_plan *plan)
            n_views * spin_plan_image_bytes(plan);
 }
 
-/* As if nothing were shared: what tracks save is not known before the points were looked at. */
+/* As if nothing were shared, and as many tracks as splats: what tracks save is not known before the points were looked
+ * at. */
 static size_t trainer_bytes(const struct spin_plan *plan)
 {
     bool residual = spin_plan_has_residual(plan);
-    size_t most = plan->clip.n_max, owned = 0;
+    size_t most = plan->clip.n_max, owned = 0, all = 0;
     const struct spin_frame_size frame = {most, most, most, residual ? most : 0};
     const struct spin_trainer_size size = {.n_frames = 1,
                                            .frame = &frame,
+                                           .n_tracks = plan->o->tracks ? most : 0,
                                            .network = plan->o->method == SPIN_METHOD_NETWORK,
                                            .max_items = plan->o->batch,
                                            .max_pixels = plan->max_pixels};
@@ -242,11 +256,13 @@ static size_t trainer_bytes(const struct spin_plan *plan)
         size_t n = 0;
 
         for (int f = 0; f < plan->clip.n_frames; f++)
-            n += plan->o->tracks || spin_share_owner(f) == r ? plan->counts[f] : 0;
+            n += spin_share_owner(f) == r ? plan->counts[f] : 0;
+        all += n;
         owned = n > owned ? n : owned;
     }
     return spin_trainer_bytes(plan->device, &plan->field, &size) +
-           (owned - most) * spin_train_frame_bytes(residual);
+           (owned - most) * spin_train_frame_bytes(residual) +
+           (plan->o->tracks ? (all + 2 * owned - 3 * most) * sizeof(uint32_t) : 0);
 }
 
 /* What a card's verbs need for themselves (src/device/cuda): activations of a chunk of splats, places and keys for
@@ -308,6 +324,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     struct spin_retrain_report *report = plan->report;
     size_t of_device, of_host, available, refining = spin_plan_refine_bytes(plan);
     double distinct = decodings(plan->o); /* frames of a step */
+    bool network = plan->o->method == SPIN_METHOD_NETWORK;
 
     network_bytes(plan, &of_device, &of_host);
     if (plan->o->refine > 0 &&
@@ -318,7 +335,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     report->ranks = spin_n_ranks();
     if (plan->o->method != SPIN_METHOD_EXPLICIT)
         report->bytes_sent =
-            distinct * spin_share_traffic(&plan->field, plan->clip.n_mean,
+            distinct * spin_share_traffic(network ? &plan->field : NULL, plan->clip.n_mean,
                                           spin_plan_has_residual(plan), plan->o->tracks);
     of_host += program_bytes + (plan->device->is_host ? of_device : 0);
     report->bytes_available = spin_memory_available() + held;
@@ -536,6 +553,7 @@ spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_opt
     SPIN_TRY(name_parts(plan));
     SPIN_TRY(open_clip(plan));
     spin_options_resolve(&report->options, plan->clip.n_frames);
+    warn_idle_ranks(plan->o);
     SPIN_TRY(plan_field(plan));
     report->frames = plan->clip.n_frames;
     report->splats_mean = plan->clip.n_mean;

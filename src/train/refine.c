@@ -190,7 +190,8 @@ static spin_status reserve(struct refine *r, size_t n)
     if (n > r->frame.capacity.n) {
         release(r);
         SPIN_TRY(spin_train_frame_open(
-            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity, capacity}, false));
+            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity, capacity}, false,
+            true));
         r->frame.steps = steps;
         SPIN_TRY(spin_field_eval_open(&r->field_eval, d, NULL, capacity, true));
         SPIN_TRY(spin_raster_open(&r->raster, d, capacity, r->max_pixels, r->max_tiles, 1, true));

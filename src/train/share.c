@@ -66,25 +66,35 @@ size_t spin_share_most(const struct spin_grid *grid)
 
 int spin_share_owner(int frame) { return frame % spin_n_ranks(); }
 
-double spin_share_traffic(const struct spin_field *field, double n, bool residual, bool tracks)
+/* Floats of a splat that one rank sends to another: features and back, the branches of its position's gradient. */
+static double network_floats(const struct spin_field *field)
 {
-    double others = spin_n_ranks() - 1, features = 0, branch_floats = 0, all, own;
     struct spin_levels branch[SPIN_MAX_LEVELS];
+    double floats = 0;
 
     for (int r = 0; r < spin_n_ranks(); r++) {
         struct spin_levels levels = spin_share_levels(&field->grid, r, spin_n_ranks());
 
-        features += (levels.end - levels.first) * field->grid.n_features;
-        branch_floats += 4 * spin_share_branches(field->grid.n_levels, levels, branch);
+        floats += 2 * (levels.end - levels.first) * field->grid.n_features +
+                  4 * spin_share_branches(field->grid.n_levels, levels, branch);
     }
-    all =
-        others / spin_n_ranks(); /* of what ranks have equal parts of: a frame's own rank has one */
-    /* positions from the owner to every rank, values from and gradients to it; with tracks gradients to all */
-    own = tracks ? SPIN_TRACK * others : 3 * others + (3 + (residual ? 2 * SPIN_RESIDUAL : 0)) * all;
-    return sizeof(float) * (n * (2 * features + branch_floats) * all + /* z, d_z, d_x */
-                            n * others +                               /* rows */
-                            n * own +
-                            (double)field->n_heads * others);
+    return floats;
+}
+
+double spin_share_traffic(const struct spin_field *network, double n, bool residual, bool tracks)
+{
+    double others = spin_n_ranks() - 1; /* what goes to every rank */
+    double one = others / spin_n_ranks(); /* to one, or in equal parts to all: a part stays here */
+    double own = 3 + (residual ? SPIN_RESIDUAL : 0), floats;
+
+    /* to the frame's rank and back; positions to who encodes; gradients to who has the tracks */
+    floats = n * own * (tracks ? one + others : 2 * one);
+    if (tracks)
+        floats += n * 4 * one; /* what densification goes by, there and back */
+    if (network)
+        floats += n * (network_floats(network) * one + 3 * (others - one) + others) +
+                  (double)network->n_heads * others;
+    return sizeof(float) * floats;
 }
 
 static int branches(int first, int n, struct spin_levels levels, struct spin_levels *out)

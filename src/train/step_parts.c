@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "io/ranks.h"
 
 /* Draw the views, add their gradients to d_attr and d_pos, and empty the batch of views. */
 static spin_status draw_views(struct spin_trainer *t, const struct spin_step_batch *b,
@@ -151,18 +152,23 @@ spin_status spin_step_draw(struct spin_trainer *t, const struct spin_step_batch 
 
     d->op->zero(d, t->field_eval.d_attr, frames->n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, t->d_pos, frames->n * 3 * sizeof(float));
-    if (t->n_tracks > 0 || (t->owned && t->residuals)) /* no Adam here, which would leave zeros */
+    if (t->n_tracks > 0 || (spin_n_ranks() > 1 && t->residuals)) /* no Adam here, which would leave zeros */
         d->op->zero(d, t->d_residual, frames->n * SPIN_RESIDUAL * sizeof(float));
     return draw_frames(t, b, first, frames);
 }
 
-void spin_step_finish(struct spin_trainer *t, const struct spin_step_batch *b, const int *first,
-                      const struct spin_frame_batch *frames)
+void spin_step_tracks_back(struct spin_trainer *t, const struct spin_frame_batch *frames)
 {
     struct spin_tracks_f32 tracks = tracks_of(t);
 
     if (t->n_tracks > 0)
         t->device->op->tracks_back(t->device, frames, &tracks);
+}
+
+void spin_step_finish(struct spin_trainer *t, const struct spin_step_batch *b, const int *first,
+                      const struct spin_frame_batch *frames)
+{
+    spin_step_tracks_back(t, frames);
     step_frames(t, b, first, frames);
 }
 

@@ -26,7 +26,9 @@ void spin_step_add_tracks(struct spin_trainer *t, const struct spin_frame_batch 
 /* Zero gradients, all views of the frames, and their gradients in d_attr and d_means. */
 spin_status spin_step_draw(struct spin_trainer *t, const struct spin_step_batch *b,
                            const int *first, struct spin_frame_batch *frames);
-/* The tracks' gradients, and Adam for what belongs to the frames alone. */
+/* The tracks' gradients from those of the frames' splats. */
+void spin_step_tracks_back(struct spin_trainer *t, const struct spin_frame_batch *frames);
+/* These, and Adam for what belongs to the frames alone. */
 void spin_step_finish(struct spin_trainer *t, const struct spin_step_batch *b, const int *first,
                       const struct spin_frame_batch *frames);
 

@@ -1,12 +1,12 @@
 /* A round of a step with several ranks (share.h): frame i of the round is drawn by rank i.
  *
- *   0. Positions of all its frames go from their owners to every rank, other values to the rank that draws.
+ *   0. Positions of all its frames go from their owners to every rank that encodes, all values to the rank that draws.
  *   1. Every rank encodes the splats of all frames with its levels; frame i's features go to rank i.
  *   2. Rank i decodes and draws its frame, and goes back to the gradient of the features.
  *   3. That goes to the levels' ranks, of the splats that have one. They add up the table's gradient, frame after
  *      frame, and send back their branches of the gradient of the positions.
  *   4. Everybody gets the gradients of heads and exposures, and the losses, and takes the same step of these; the
- *      owner of a frame gets the frame's gradients, and steps it. With tracks all get all.
+ *      owner of a frame gets the frame's gradients, and steps it. With tracks all get these, and step the tracks.
  *
  * Messages lie in host memory. */
 #include "train/step_ranks.h"
@@ -28,7 +28,7 @@ struct round {
     uint64_t *active; /* [ranks] splats of each frame that have a gradient */
     uint32_t *rows;   /* [splats of this rank's frame] these */
     int first_value;  /* row of the losses */
-    float *values;    /* where frames have owners: of each its positions, then its residual values */
+    float *values;    /* of each frame, see spin_trainer_pack() */
 };
 
 enum buffer { TO_SEND, RECEIVED, ROWS, BRANCHES, BLOBS, VALUES };
@@ -79,27 +79,19 @@ static float *values_of(const struct round *r, int i)
 {
     size_t at = 0;
 
-    for (int k = 0; k < i; k++) {
-        const struct spin_frame_size *size = &r->t->frame[frame_of(r, k)].size;
-
-        at += 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual;
-    }
+    for (int k = 0; k < i; k++)
+        at += spin_trainer_floats(r->t, frame_of(r, k));
     return r->values + at;
 }
 
-/* One frame of the round alone. */
+/* One frame of the round alone, of which the means are there. */
 static struct spin_frame_batch take_frame(struct round *r, int i)
 {
     struct spin_frame_batch frames;
     int f = frame_of(r, i);
 
-    if (!spin_trainer_owns(r->t, f) && r->t->visiting != f) {
-        const struct spin_frame_size *size = &r->t->frame[f].size;
-        const float *pos = values_of(r, i), *residual = pos + 3 * size->n_pos;
-
-        spin_trainer_receive(r->t, f, pos,
-                             i == spin_rank() && size->n_residual > 0 ? residual : NULL);
-    }
+    if (!spin_trainer_owns(f) && r->t->visiting != f)
+        spin_trainer_receive(r->t, f, values_of(r, i), false);
     frames = spin_step_frames(r->t, r->b, &r->first[i], 1);
 
     spin_step_add_tracks(r->t, &frames);
@@ -108,41 +100,31 @@ static struct spin_frame_batch take_frame(struct round *r, int i)
 
 /* ---- 0: frames' values --------------------------------------------------------------------------- */
 
-/* Floats of frame i that a rank needs: positions when it draws or encodes, residual values when it draws. They lie
- * side by side. */
+/* Floats of frame i that a rank needs: all when it draws, positions when it encodes, which are the first. */
 static size_t floats_for(const struct round *r, int i, int rank)
 {
-    const struct spin_frame_size *size = &r->t->frame[frame_of(r, i)].size;
+    int f = frame_of(r, i);
     bool encodes = spin_trainer_network(r->t) && features_of(r, levels_of(r, rank)) > 0;
 
-    return i == rank ? 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual
-                     : encodes * 3 * size->n_pos;
+    return i == rank ? spin_trainer_floats(r->t, f) : encodes * 3 * r->t->frame[f].size.n_pos;
 }
 
 static spin_status share_values(struct round *r)
 {
     struct spin_trainer *t = r->t;
-    struct spin_device *d = t->device;
 
-    if (!t->owned)
-        return SPIN_OK;
     t->visiting = -1; /* its values have changed */
     SPIN_TRY(need(r, VALUES, (size_t)(values_of(r, r->n) - r->values) * sizeof *r->values,
                   &r->values));
     for (int i = 0; i < r->n; i++) {
-        const struct spin_train_frame *frame = &t->frame[frame_of(r, i)];
         int owner = spin_share_owner(frame_of(r, i));
-        size_t n_pos = 3 * frame->size.n_pos;
         float *at = values_of(r, i);
 
         if (owner != spin_rank()) {
             add_message(r, owner, true, at, floats_for(r, i, spin_rank()) * sizeof *at);
             continue;
         }
-        SPIN_TRY(d->op->download(d, at, frame->pos, n_pos * sizeof *at));
-        if (i != owner)
-            SPIN_TRY(d->op->download(d, at + n_pos, frame->residual,
-                                     SPIN_RESIDUAL * frame->size.n_residual * sizeof *at));
+        SPIN_TRY(spin_trainer_pack(t, frame_of(r, i), at, i != owner));
         for (int k = 0; k < spin_n_ranks(); k++)
             if (k != owner)
                 add_message(r, k, false, at, floats_for(r, i, k) * sizeof *at);
@@ -253,9 +235,12 @@ static spin_status draw_own(struct round *r, int first_value)
 {
     struct spin_trainer *t = r->t;
     const struct spin_field *network = spin_trainer_network(t);
-    struct spin_frame_batch frames = take_frame(r, spin_rank());
-    int n_drawn = t->n_drawn;
+    int n_drawn = t->n_drawn, f = frame_of(r, spin_rank());
+    struct spin_frame_batch frames;
 
+    if (!spin_trainer_owns(f)) /* once: drawing adds to what densification goes by */
+        spin_trainer_receive(t, f, values_of(r, spin_rank()), true);
+    frames = take_frame(r, spin_rank());
     spin_field_decode(&t->field_eval, network, t->heads.p, &frames);
     t->n_drawn = first_value;
     SPIN_TRY(spin_step_draw(t, r->b, &r->first[spin_rank()], &frames));
@@ -468,8 +453,8 @@ static spin_status table_back(struct round *r)
 /* ---- 4: what all need ---------------------------------------------------------------------------- */
 
 /* What a frame's rank tells the others: losses, and whether a splat was seen; gradients of what all frames share;
- * to the frame's owner, or with tracks to all, gradients of positions and of residual values, and what densification
- * goes by. */
+ * to the frame's owner, or with tracks to all, gradients of positions and of residual values; to the owner what
+ * densification goes by. */
 struct blob {
     size_t shared, d_pos, d_residual, gather, end; /* bytes before each part */
 };
@@ -520,9 +505,9 @@ static spin_status fill_blob(struct round *r, const struct blob *blob, int first
 /* Bytes of it for a rank. */
 static size_t bytes_for(const struct round *r, int i, const struct blob *blob, int rank)
 {
-    bool whole = !r->t->owned || spin_share_owner(frame_of(r, i)) == rank;
-
-    return whole ? blob->end : blob->d_pos;
+    if (spin_share_owner(frame_of(r, i)) == rank)
+        return blob->end;
+    return r->t->n_tracks > 0 ? blob->gather : blob->d_pos;
 }
 
 /* A frame's step, from what its rank told. */
@@ -534,18 +519,23 @@ static void step_frame(struct round *r, int i, const struct blob *blob, const ch
     struct spin_frame_batch frames = spin_step_frames(t, r->b, &r->first[i], 1);
     const struct spin_frame_of_batch *frame = &frames.frame[0];
     const double *number = (const double *)(const void *)at;
+    bool mine = spin_trainer_owns(frame_of(r, i));
 
     t->seen |= number[0] != 0;
     memcpy(t->host_values + first_value * SPIN_LOSS_VALUES, number + 1,
            (size_t)items_of(r, i) * SPIN_LOSS_VALUES * sizeof *number);
     spin_step_add_shared(t, (const float *)(const void *)(at + blob->shared));
-    if (!spin_trainer_owns(t, frame_of(r, i))) {
+    if (!mine)
         t->frame[frame_of(r, i)].steps++;
+    if (bytes_for(r, i, blob, spin_rank()) == blob->d_pos)
         return;
-    }
     d->op->upload(d, frame->d_means, at + blob->d_pos, blob->d_residual - blob->d_pos);
     if (frame->d_residual)
         d->op->upload(d, frame->d_residual, at + blob->d_residual, blob->gather - blob->d_residual);
+    if (!mine) {
+        spin_step_tracks_back(t, &frames);
+        return;
+    }
     if (t->gather && i != spin_rank()) {
         d->op->upload(d, frame->gradient, at + blob->gather, frames.n * sizeof(float));
         d->op->upload(d, frame->seen, at + blob->gather + frames.n * sizeof(float),

@@ -24,13 +24,14 @@ static void list_arrays(struct spin_train_frame *f, float SPIN_DEV **list[N_ARRA
 }
 
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
-                                  struct spin_frame_size size, bool tracked)
+                                  struct spin_frame_size size, bool tracked, bool owned)
 {
     float SPIN_DEV **list[N_ARRAYS];
     size_t bytes[N_ARRAYS];
 
     memset(frame, 0, sizeof *frame);
-    frame->size = frame->capacity = size;
+    frame->size = size;
+    frame->capacity = owned ? size : (struct spin_frame_size){.n = size.n};
     list_arrays(frame, list, bytes);
     for (int i = 0; i < N_ARRAYS; i++)
         if (bytes[i] > 0)
@@ -38,6 +39,8 @@ spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_de
     if (!tracked)
         return SPIN_OK;
     SPIN_TRY(d->op->reserve(d, size.n * sizeof *frame->track, (void SPIN_DEV **)&frame->track));
+    if (!owned)
+        return SPIN_OK;
     SPIN_TRY(
         d->op->reserve(d, size.n * sizeof *frame->gradient, (void SPIN_DEV **)&frame->gradient));
     return d->op->reserve(d, size.n * sizeof *frame->seen, (void SPIN_DEV **)&frame->seen);

@@ -46,14 +46,15 @@ size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_fi
 
     for (int f = 0; f < size->n_frames; f++)
         floats += 3 * (3 * size->frame[f].n_pos + SPIN_RESIDUAL * size->frame[f].n_residual) +
-                  (size->n_tracks > 0 ? size->frame[f].n : 0);
+                  (size->n_tracks > 0 ? 3 * size->frame[f].n : 0);
     floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->n_tracks > 0 ? 2 : 1);
     if (size->network)
         floats += 4 * (spin_share_most(&field->grid) + field->n_heads);
     if (size->network && spin_n_ranks() > 1) /* messages; the whole table, twice, to look at it */
         floats += 4 * n * (size_t)field->heads.n_in + 2 * field->n_table;
-    if (spin_n_ranks() > 1 && size->n_tracks == 0) /* frames that visit, and on the host those of a round */
-        floats += (size_t)(1 + spin_n_ranks()) * (has_residual(size) ? SPIN_TRACK : 3) * one;
+    if (spin_n_ranks() > 1) /* a frame that visits; on the host those of a round, and their gradients */
+        floats += (1 + 2 * smaller(spin_n_ranks(), size->max_items)) * one *
+                  (size->n_tracks > 0 ? SPIN_TRACK + 2 : has_residual(size) ? SPIN_TRACK : 3);
     return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
            views * spin_raster_bytes(one, size->max_pixels, true);
 }
@@ -95,7 +96,11 @@ static void close_buffers(struct spin_trainer *t)
     d->op->release(d, t->residual, n * SPIN_RESIDUAL * sizeof(float));
     d->op->release(d, t->visit_pos, t->n_max * 3 * sizeof(float));
     d->op->release(d, t->visit_residual, t->n_max * SPIN_RESIDUAL * sizeof(float));
+    d->op->release(d, t->visit_gradient, t->n_max * sizeof(float));
+    d->op->release(d, t->visit_seen, t->n_max * sizeof(uint32_t));
     t->d_pos = t->d_residual = t->means = t->residual = t->visit_pos = t->visit_residual = NULL;
+    t->visit_gradient = NULL;
+    t->visit_seen = NULL;
     spin_field_eval_close(&t->field_eval, t->network);
     spin_raster_close(&t->raster);
 }
@@ -113,10 +118,15 @@ static spin_status open_buffers(struct spin_trainer *t)
         SPIN_TRY(reserve(d, n * 3, &t->means));
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
     }
-    if (t->owned) {
+    if (spin_n_ranks() > 1) {
         SPIN_TRY(reserve(d, t->n_max * 3, &t->visit_pos));
         if (t->residuals)
             SPIN_TRY(reserve(d, t->n_max * SPIN_RESIDUAL, &t->visit_residual));
+    }
+    if (spin_n_ranks() > 1 && t->n_tracks > 0) {
+        SPIN_TRY(reserve(d, t->n_max, &t->visit_gradient));
+        SPIN_TRY(d->op->reserve(d, t->n_max * sizeof *t->visit_seen,
+                                (void SPIN_DEV **)&t->visit_seen));
     }
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
@@ -128,8 +138,8 @@ static void say_owned(const struct spin_trainer *t)
     int n = 0;
 
     for (int f = 0; f < t->n_frames; f++)
-        n += t->frame[f].pos != NULL;
-    if (t->owned)
+        n += spin_trainer_owns(f);
+    if (spin_n_ranks() > 1)
         spin_log(1, "rank 0 has the values of %d of %d frames", n, t->n_frames);
 }
 
@@ -149,7 +159,6 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->n_moving = size->n_moving;
     t->n_varying = size->n_varying;
     t->residuals = has_residual(size);
-    t->owned = spin_n_ranks() > 1 && size->n_tracks == 0;
     t->visiting = -1;
     t->n_max = most_splats(size);
     SPIN_TRY_OUT(spin_alloc((size_t)size->n_frames, sizeof *t->frame, &block));
@@ -166,11 +175,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                                      t->max_pixels *
                                          smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
-        if (spin_trainer_owns(t, f))
-            SPIN_TRY_OUT(
-                spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0));
-        else
-            t->frame[f].size = size->frame[f];
+        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0,
+                                           spin_trainer_owns(f)));
     SPIN_TRY_OUT(open_buffers(t));
     say_owned(t);
     if (spin_n_ranks() > 1 || device->frames_at_once == 1)
@@ -199,56 +205,90 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
 /* ---- Frames of other ranks ------------------------------------------------------------------- */
 
-bool spin_trainer_owns(const struct spin_trainer *t, int frame)
-{
-    return !t->owned || spin_share_owner(frame) == spin_rank();
-}
+bool spin_trainer_owns(int frame) { return spin_share_owner(frame) == spin_rank(); }
 
 struct spin_train_frame spin_trainer_at(const struct spin_trainer *t, int frame)
 {
     struct spin_train_frame at = t->frame[frame];
 
-    if (spin_trainer_owns(t, frame))
+    if (spin_trainer_owns(frame))
         return at;
     at.pos = t->visit_pos;
     at.residual = at.size.n_residual > 0 ? t->visit_residual : NULL;
+    at.gradient = t->visit_gradient;
+    at.seen = t->visit_seen;
     return at;
 }
 
-void spin_trainer_receive(struct spin_trainer *t, int frame, const float *pos, const float *residual)
-{
-    const struct spin_frame_size *size = &t->frame[frame].size;
-    struct spin_device *d = t->device;
+/* The parts of a frame that visits: where they are, and how many floats. */
+enum { N_PARTS = 4 };
 
-    d->op->upload(d, t->visit_pos, pos, 3 * size->n_pos * sizeof *pos);
-    if (residual)
-        d->op->upload(d, t->visit_residual, residual,
-                      SPIN_RESIDUAL * size->n_residual * sizeof *residual);
+static void list_parts(const struct spin_trainer *t, const struct spin_train_frame *frame,
+                       void SPIN_DEV *at[N_PARTS], size_t floats[N_PARTS])
+{
+    const struct spin_frame_size *size = &frame->size;
+
+    at[0] = frame->pos;
+    floats[0] = 3 * size->n_pos;
+    at[1] = frame->residual;
+    floats[1] = SPIN_RESIDUAL * size->n_residual;
+    at[2] = frame->gradient;
+    at[3] = frame->seen;
+    floats[2] = floats[3] = t->gather ? size->n : 0;
+}
+
+size_t spin_trainer_floats(const struct spin_trainer *t, int frame)
+{
+    void SPIN_DEV *at[N_PARTS];
+    size_t floats[N_PARTS];
+
+    list_parts(t, &t->frame[frame], at, floats);
+    return floats[0] + floats[1] + floats[2] + floats[3];
+}
+
+spin_status spin_trainer_pack(const struct spin_trainer *t, int frame, float *to, bool whole)
+{
+    void SPIN_DEV *at[N_PARTS];
+    size_t floats[N_PARTS];
+
+    list_parts(t, &t->frame[frame], at, floats);
+    for (int i = 0; i < (whole ? N_PARTS : 1); to += floats[i++])
+        if (floats[i] > 0)
+            SPIN_TRY(t->device->op->download(t->device, to, at[i], floats[i] * sizeof *to));
+    return SPIN_OK;
+}
+
+void spin_trainer_receive(struct spin_trainer *t, int frame, const float *from, bool whole)
+{
+    const struct spin_train_frame to = spin_trainer_at(t, frame);
+    void SPIN_DEV *at[N_PARTS];
+    size_t floats[N_PARTS];
+
+    list_parts(t, &to, at, floats);
+    for (int i = 0; i < (whole ? N_PARTS : 1); from += floats[i++])
+        if (floats[i] > 0)
+            t->device->op->upload(t->device, at[i], from, floats[i] * sizeof *from);
     t->visiting = frame;
 }
 
 spin_status spin_trainer_lend(struct spin_trainer *t, int frame, int to)
 {
-    const struct spin_train_frame *from = &t->frame[frame];
-    size_t n_pos = 3 * from->size.n_pos, n_residual = SPIN_RESIDUAL * from->size.n_residual;
+    size_t n = spin_trainer_floats(t, frame);
     int owner = spin_share_owner(frame);
     struct spin_message m = {.peer = spin_rank() == to ? owner : to, .receive = spin_rank() == to};
     float *host = NULL;
-    spin_status status;
+    spin_status status = SPIN_OK;
 
-    if (!t->owned || owner == to || (spin_rank() != owner && spin_rank() != to))
+    if (owner == to || (spin_rank() != owner && spin_rank() != to))
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(n_pos + n_residual + 1, sizeof *host, (void **)&host));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *host, (void **)&host));
     m.at = host;
-    m.bytes = (n_pos + n_residual) * sizeof *host;
-    if (!m.receive) {
-        SPIN_TRY_OUT(t->device->op->download(t->device, host, from->pos, n_pos * sizeof *host));
-        SPIN_TRY_OUT(t->device->op->download(t->device, host + n_pos, from->residual,
-                                             n_residual * sizeof *host));
-    }
+    m.bytes = n * sizeof *host;
+    if (!m.receive)
+        SPIN_TRY_OUT(spin_trainer_pack(t, frame, host, true));
     status = spin_ranks_exchange(&m, 1);
     if (m.receive && status == SPIN_OK)
-        spin_trainer_receive(t, frame, host, n_residual > 0 ? host + n_pos : NULL);
+        spin_trainer_receive(t, frame, host, true);
 out:
     free(host);
     return status;

@@ -48,9 +48,10 @@ struct spin_trainer {
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames]; arrays of those that this rank owns */
     int n_frames;
-    bool owned;   /* each frame has one owner (share.h); else this rank has all */
     int visiting; /* the frame of another rank that is in the buffers, or -1 */
     float SPIN_DEV *visit_pos, *visit_residual; /* its values, [3 n_max], [SPIN_RESIDUAL n_max] */
+    float SPIN_DEV *visit_gradient; /* [n_max] with tracks: what densification goes by */
+    uint32_t SPIN_DEV *visit_seen;  /* [n_max] */
     bool residuals; /* splats have values besides the network's */
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
@@ -90,13 +91,17 @@ size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_fi
 int spin_trainer_frames_at_once(const struct spin_trainer *t);
 
 /* Whether this rank has the frame's values and moments. */
-bool spin_trainer_owns(const struct spin_trainer *t, int frame);
+bool spin_trainer_owns(int frame);
 /* The frame as it can be drawn here: its own arrays, or of one that visits, its values. */
 struct spin_train_frame spin_trainer_at(const struct spin_trainer *t, int frame);
+/* A frame's values as floats in host memory: positions [3 n_pos], residual values [SPIN_RESIDUAL n_residual]; while
+ * a densification is prepared also gradient [n], seen [n]. whole: all of them; else the positions alone. */
+size_t spin_trainer_floats(const struct spin_trainer *t, int frame);
+spin_status spin_trainer_pack(const struct spin_trainer *t, int frame, float *to, bool whole);
+/* From the host: the frame visits. */
+void spin_trainer_receive(struct spin_trainer *t, int frame, const float *from, bool whole);
 /* The values of a frame from its owner to rank `to`, where it then visits until the next step. All ranks call it. */
 spin_status spin_trainer_lend(struct spin_trainer *t, int frame, int to);
-/* pos [3 n_pos] and residual [SPIN_RESIDUAL n_residual], or NULL, on the host: the frame visits. */
-void spin_trainer_receive(struct spin_trainer *t, int frame, const float *pos, const float *residual);
 
 /* The network, or NULL: there is none, or it has not joined yet. */
 const struct spin_field *spin_trainer_network(const struct spin_trainer *t);

@@ -31,16 +31,31 @@ same "more ranks than frames of a step, with values of their own" 6 $small --ite
     --residual points --lr-residual 2 --batch 4 --preview "$work/preview"
 same "tracks that are densified, before and with a network" 2 $small --iterations 12 --tracks auto \
     --densify-every 3 --densify-threshold 1e-6 --network-start 0.5 --batch 5 --eval-every 5
+tracks='--device cpu --scale 0.5 --densify-every 3 --densify-threshold 1e-6 --lr-tracked 1'
+for n in 3 4; do
+    same "tracks without a network, several views of a frame" $n $tracks --iterations 9 --batch 5 \
+        --views-per-frame 2 --preview "$work/preview"
+done
+same "tracks that are densified while there is a network" 3 $small --scale 0.25 --iterations 11 --tracks auto \
+    --densify-every 3 --densify-threshold 1e-6 --batch 2
+
+ranks 3 "$bin/spin-retrain" "$in" --dry-run --device cpu --batch 2
+err_has "^warning: a step shows 2 frames (--batch 2), so only 2 of 3 processes draw: give --batch 3, or start fewer" \
+    "a step of fewer frames than processes is said"
+ranks 3 "$bin/spin-retrain" "$in" --dry-run --device cpu --batch 3
+is "$(grep -c 'processes draw' "$work/err")" 0 "one of as many is not"
 
 # What 1, 2 and 4 processes need, and what 2 of them keep.
-for n in 1 2 4; do
-    ranks $n "$bin/spin-retrain" "$in" --dry-run --json $small --residual points
-    eval "needs_$n=$(member bytes_needed)"
+for what in "--residual points" "--tracks auto"; do
+    for n in 1 2 4; do
+        ranks $n "$bin/spin-retrain" "$in" --dry-run --json $small $what
+        eval "needs_$n=$(member bytes_needed)"
+    done
+    [ "$needs_4" -lt "$needs_2" ]
+    ok $? "--dry-run, $what: each of more processes needs less ($needs_1, $needs_2, $needs_4)"
+    ranks 2 "$bin/spin-retrain" "$in" -o "$work/many.spin" --force --threads 1 -v $small $what --iterations 1
+    err_has "rank 0 has the values of 3 of 5 frames" "$what: the values of a frame are with its owner alone"
 done
-[ "$needs_4" -lt "$needs_2" ]
-ok $? "--dry-run: each of more processes needs less ($needs_1, $needs_2, $needs_4)"
-ranks 2 "$bin/spin-retrain" "$in" -o "$work/many.spin" --force --threads 1 -v $small --iterations 1
-err_has "rank 0 has the values of 3 of 5 frames" "the values of a frame are with its owner alone"
 
 # ---- Go on with another number
 
@@ -48,7 +63,7 @@ err_has "rank 0 has the values of 3 of 5 frames" "the values of a frame are with
 begin() {
     rm -f "$work"/pid.* "$2".part
     $mpirun -n "$1" sh -c 'echo $$ >"$0.$OMPI_COMM_WORLD_RANK" && exec "$@"' "$work/pid" \
-        "$bin/spin-retrain" "$in" -o "$2" -q --threads 1 $small $own --iterations 120 --save-every 5 \
+        "$bin/spin-retrain" "$in" -o "$2" -q --threads 1 $small $own --save-every 5 \
         >"$work/out" 2>"$work/err" </dev/null &
     job=$!
     waited=0
@@ -66,15 +81,15 @@ begin() {
 go_on() { # N OUTPUT NAME
     [ -f "$2.part" ]
     ok $? "$3: the state is there"
-    ranks "$1" "$bin/spin-retrain" "$in" -o "$2" --threads 1 $small $own --iterations 120 --save-every 5 --resume
+    ranks "$1" "$bin/spin-retrain" "$in" -o "$2" --threads 1 $small $own --save-every 5 --resume
     is "$code" 0 "$3: $1 processes go on"
     err_has 'resuming at iteration [1-9]' "$3: from that state"
     cmp -s "$work/whole.spin" "$2"
     ok $? "$3: to the same bundle"
 }
 
-own='--residual points'
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q $small $own --iterations 120
+own='--residual points --iterations 120'
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q $small $own
 is "$code" 0 "one process without a stop"
 begin 2 "$work/signal.spin" INT 1
 is "$code" 130 "SIGINT to the second of two ends both"
@@ -88,6 +103,13 @@ begin 3 "$work/kill.spin" KILL 2
 ok $? "a killed one ends all, within seconds ($took)"
 is "$(grep -c '^spin-retrain' "$work/err")" 0 "mpirun says so, and nobody else"
 go_on 1 "$work/kill.spin" "killed"
+
+own='--tracks auto --densify-every 20 --densify-threshold 1e-6 --densify-until 0.7 --batch 2 --iterations 60'
+run "$bin/spin-retrain" "$in" -o "$work/whole.spin" --force -q $small $own
+is "$code" 0 "with tracks, one process without a stop"
+begin 3 "$work/tracks.spin" INT 0
+is "$code" 130 "SIGINT to the first of three ends all"
+go_on 2 "$work/tracks.spin" "tracks"
 
 # ---- A disk that is full for one of them: no file beyond 512 bytes, or 20 KB
 

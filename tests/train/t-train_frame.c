@@ -46,7 +46,7 @@ static void test_step(double tracked)
     int n_groups;
 
     if (spin_device_open("cpu", 1, d) != SPIN_OK ||
-        spin_train_frame_open(&frame, d, size, true) != SPIN_OK)
+        spin_train_frame_open(&frame, d, size, true, true) != SPIN_OK)
         exit(1);
     d->op->upload(d, frame.pos, host, 3 * POS * sizeof *host);
     d->op->upload(d, frame.residual, host, SPIN_RESIDUAL * RESIDUAL * sizeof *host);
