@@ -36,6 +36,10 @@ done
 for order in $orders; do
     on spin-cuda.so $order train/t-e2e
 done
+export SPIN_CUDA_MLP=fp32
+on spin-cuda.so shuffle:11 device/t-mlp
+on spin-cuda.so shuffle:11 train/t-e2e
+unset SPIN_CUDA_MLP
 on spin-cuda.so shuffle:11 train/t-lazy_adam
 TAP_PART=few_steps on spin-cuda-race.so forward train/t-lazy_adam
 done_testing

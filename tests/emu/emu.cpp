@@ -55,7 +55,7 @@ static const char *const op_names[] = {
     "__syncthreads",    "__syncthreads_and", "__syncthreads_or", "__syncthreads_count",
     "__syncwarp",       "__shfl_sync",       "__shfl_up_sync",   "__shfl_down_sync",
     "__shfl_xor_sync",  "__ballot_sync",     "__any_sync",       "__all_sync",
-    "__match_any_sync", "__reduce_add_sync"};
+    "__match_any_sync", "__reduce_add_sync", "mma.sync"};
 
 void emu_die(const char *what)
 {
@@ -198,6 +198,50 @@ struct emu_epoch *emu_now(void)
 
 static bool of_block(enum emu_op op) { return op <= EMU_SYNC_COUNT; }
 
+static float factor_of(uint32_t bits)
+{
+    float v;
+
+    memcpy(&v, &bits, sizeof v);
+    if ((bits & 0x1fffu) && v == v)
+        emu_die("a factor of mma.sync is not a number of tf32");
+    return v;
+}
+
+/* mma.sync: what is in the lanes' registers as two matrices, their product added to the third. */
+static void multiply(struct fiber *warp)
+{
+    struct emu_mma_queue *queue[WARP];
+    typedef float row __attribute__((vector_size(8 * sizeof(float))));
+    float a[16][8];
+    row b[8], c[16];
+
+    for (int i = 0; i < WARP; i++) {
+        queue[i] = (struct emu_mma_queue *)(uintptr_t)warp[i].value;
+        if (queue[i]->n != queue[0]->n)
+            emu_die("lanes have other numbers of products");
+    }
+    for (int q = 0; q < queue[0]->n; q++) {
+        for (int i = 0; i < WARP; i++) {
+            auto *lane = &queue[i]->at[q];
+            int g = i / 4, t = i % 4;
+
+            for (int r = 0; r < 4; r++) {
+                a[g + r % 2 * 8][t + r / 2 * 4] = factor_of(lane->a[r]);
+                c[g + r / 2 * 8][t * 2 + r % 2] = lane->c[r];
+            }
+            for (int r = 0; r < 2; r++)
+                b[t + 4 * r][g] = factor_of(lane->b[r]);
+        }
+        for (int i = 0; i < 16; i++)
+            for (int k = 0; k < 8; k++)
+                c[i] += a[i][k] * b[k];
+        for (int i = 0; i < WARP; i++)
+            for (int r = 0; r < 4; r++)
+                queue[i]->at[q].c[r] = c[i / 4 + r / 2 * 8][i % 4 * 2 + r % 2];
+    }
+}
+
 /* What lane `lane` gets; values are those of the mask's lanes. */
 static uint64_t give(struct fiber *warp, int lane, int n)
 {
@@ -206,6 +250,8 @@ static uint64_t give(struct fiber *warp, int lane, int n)
     uint64_t sum = 0;
 
     switch (f->op) {
+    case EMU_MMA:
+        return 0; /* multiply() has done it */
     case EMU_SHUFFLE:
         from = f->arg & (WARP - 1);
         break;
@@ -264,6 +310,8 @@ static void try_meet(int me, bool stuck)
             emu_die("lanes meet with different masks");
         sum += g->value;
     }
+    if (f->op == EMU_MMA)
+        multiply(group);
     for (int i = 0; i < n; i++)
         if (!of_block(f->op) && f->mask >> i & 1)
             result[i] = give(group, i, n);

@@ -2,9 +2,10 @@
  * defined. A block runs on one thread of the host, each of its threads is a fiber, and the order in which blocks and
  * fibers are resumed is one that the test chooses: SPIN_EMU_ORDER = forward, reverse or shuffle:SEED.
  *
- * Shared memory is poisoned before every block. Barriers and warp operations are one primitive, emu_meet(): threads
- * leave a value and wait for those who take part. What CUDA leaves undefined ends the program with a message: threads
- * that never come, that wait at different places, that name another mask or are not in their own; see emu.cpp. */
+ * Shared memory is poisoned before every block; it is declared in functions that are no templates, as compilers place
+ * nothing of those in a section. Barriers and warp operations are one primitive, emu_meet(): threads leave a value and
+ * wait for those who take part. What CUDA leaves undefined ends the program with a message: threads that never come,
+ * that wait at different places, that name another mask or are not in their own; see emu.cpp. */
 #ifndef SPIN_TESTS_EMU_EMU_H
 #define SPIN_TESTS_EMU_EMU_H
 
@@ -62,7 +63,8 @@ enum emu_op {
     EMU_ANY,
     EMU_ALL,
     EMU_MATCH,
-    EMU_REDUCE_ADD
+    EMU_REDUCE_ADD,
+    EMU_MMA
 };
 /* Waits for the threads of the block, or of the warp's mask, and returns what the operation gives this one. */
 uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uint64_t value,
@@ -86,6 +88,27 @@ uint64_t emu_meet(enum emu_op op, const char *file, int line, uint32_t mask, uin
 #define __match_any_sync(mask, v) ((unsigned)EMU_MEET(EMU_MATCH, mask, emu_bits(v), 0))
 #define __reduce_add_sync(mask, v) ((unsigned)EMU_MEET(EMU_REDUCE_ADD, mask, (uint32_t)(v), 0))
 unsigned emu_active(void);
+
+/* mma.sync of tensor cores: the lane's registers, as src/device/cuda/mma.h has them. Several in a row wait once. */
+struct emu_mma_queue {
+    enum { MOST = 16 };
+    struct {
+        float *c;
+        const uint32_t *a, *b;
+    } at[MOST];
+    int n = 0;
+
+    void add(float *c, const uint32_t *a, const uint32_t *b) { at[n++] = {c, a, b}; }
+    void run() { EMU_MEET(EMU_MMA, 0xffffffffu, (uint64_t)(uintptr_t)this, 0); }
+};
+/* The nearest number of tf32, away from 0 when there are two. */
+static inline uint32_t emu_tf32(float v)
+{
+    uint32_t bits;
+
+    memcpy(&bits, &v, sizeof bits);
+    return v != v ? 0x7fffffffu : v - v != 0 ? bits : (bits + 0x1000u) & ~0x1fffu;
+}
 
 template <class T> uint64_t emu_bits(T v)
 {

@@ -94,6 +94,54 @@ static __global__ void dynamic_kernel(float *out, int past)
     out[threadIdx.x] = room[N - 1 - threadIdx.x];
 }
 
+/* A warp's product of A [16][8] and B [8][8] on top of C = 1. The faults: two registers of A are exchanged, a factor
+ * has more bits than tf32, a lane leaves. */
+static __global__ void tensor_product(const float *from, float *to, bool exchange, float more,
+                                      int leave)
+{
+    struct emu_mma_queue queue;
+    int lane = (int)threadIdx.x, g = lane / 4, t = lane % 4;
+    uint32_t a[4], b[2];
+    float c[4] = {1, 1, 1, 1};
+
+    if (lane < leave)
+        return;
+    for (int r = 0; r < 4; r++) {
+        int k = exchange && (r == 1 || r == 2) ? 3 - r : r;
+
+        a[r] = (uint32_t)emu_bits(from[(g + k % 2 * 8) * 8 + t + k / 2 * 4] + more);
+    }
+    for (int r = 0; r < 2; r++)
+        b[r] = emu_tf32(from[128 + (t + 4 * r) * 8 + g]);
+    queue.add(c, a, b);
+    queue.run();
+    for (int r = 0; r < 4; r++)
+        to[(g + r / 2 * 8) * 8 + 2 * t + r % 2] = c[r];
+}
+
+static int run_tensor(const char *what)
+{
+    static float from[128 + 64], to[128];
+    int wrong = 0;
+
+    for (int i = 0; i < 128 + 64; i++)
+        from[i] = (float)(i * 7 % 19) - 6;
+    emu_launch(what, 1, 32, [=] {
+        tensor_product(from, to, strcmp(what, "mma-exchanged") == 0,
+                       strcmp(what, "mma-float") == 0 ? 1e-4f : 0,
+                       strcmp(what, "mma-left") == 0 ? 1 : 0);
+    });
+    for (int i = 0; i < 16; i++)
+        for (int j = 0; j < 8; j++) {
+            float want = 1;
+
+            for (int k = 0; k < 8; k++)
+                want += from[i * 8 + k] * from[128 + k * 8 + j];
+            wrong += to[i * 8 + j] != want;
+        }
+    return wrong != 0;
+}
+
 static float in[4 * N], out[4 * N];
 static int row[4 * N];
 
@@ -105,6 +153,8 @@ EXPORT int run(const char *what)
     float want[4 * N] = {0};
     int wrong = 0, n_out = 4;
 
+    if (strncmp(what, "mma", 3) == 0)
+        return run_tensor(what);
     memset(out, 0, sizeof out);
     for (int i = 0; i < 4 * N; i++) {
         in[i] = (float)(i % 11) - 3;

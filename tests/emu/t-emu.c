@@ -93,6 +93,9 @@ TAP_MAIN
         is_right(objects[k], "warp");
         is_right(objects[k], "rows");
         is_right(objects[k], "dynamic");
+        is_right(objects[k], "mma");
+        is_told(objects[k], "mma-float", "not a number of tf32");
+        is_told(objects[k], "mma-left", "has left");
         is_told(objects[k], "warp-mask", "outside of the mask");
         is_told(objects[k], "warp-outside", "outside of the mask");
         is_told(objects[k], "warp-masks", "different masks");
@@ -104,6 +107,7 @@ TAP_MAIN
     is_told("faults.so", "dynamic-past", "behind its dynamic shared memory");
     shows("sum-barrier", 1);
     shows("rows-unmerged", 3);
+    shows("mma-exchanged", 3);
     shows("never-set", 3);
     is_told("faults-race.so", "sum-barrier", "a race");
     is_told("faults-race.so", "rows-plain", "a race");

@@ -1,8 +1,8 @@
 #!/bin/sh
 # What nvcc made of the kernels, where it is there and `make` has used it: for each listed card a kernel's registers,
 # bytes of shared memory, of stack and of spills stay within tests/lint/kernels.budget; every kernel stands there. The
-# PTX of the hash grid and of the contraction fuses no products and sums, and the table's gradients are added by atomic
-# operations. `sh tests/lint/kernels.sh print` prints what is now, in the form of the budget.
+# PTX of the hash grid and of the contraction fuses no products and sums, the table's gradients are added by atomic
+# operations, and the heads use tensor cores from sm_80 on. `sh tests/lint/kernels.sh print` prints what is now, in the form of the budget.
 # B: the build folder (build/release).
 build=${B:-build/release}
 budget=tests/lint/kernels.budget
@@ -89,6 +89,11 @@ done
     failed=1
 if ! grep -Eq '(red|atom)\.global\.add\.v4\.f32' "$ptx"; then
     echo "kernels: the PTX of grid.cu for sm_90 does not add 16 bytes at once"
+    failed=1
+fi
+"$nvcc" -Isrc -I. -D_GNU_SOURCE -std=c++20 -O3 -arch=compute_80 -ptx -o "$ptx" src/device/cuda/mlp.cu || failed=1
+if ! grep -q 'mma\.sync.*\.tf32\.tf32\.f32' "$ptx" || grep -q '\.local' "$ptx"; then
+    echo "kernels: the PTX of mlp.cu for sm_80 does not use tensor cores, or keeps their registers in memory"
     failed=1
 fi
 [ $failed = 0 ] && echo "kernels: $(echo "$out" | sed -n 's/^n //p') for $cards cards within their budget"

@@ -203,8 +203,8 @@ def build(tree, tests):
     wanted = sorted({binary(t) for t, _ in tests if binary(t)})
     if any(t.startswith(RUN_COMMANDS) for t, _ in tests):
         wanted.append("all")
-    if any("emulated" in t for t, _ in tests):
-        wanted.append("test-bins")  # that script runs the programs of others
+    if any("tests/emu" in open(os.path.join(tree, t)).read() for t, _ in tests):
+        wanted.append("test-bins")  # the emulation, and programs of others
     return run(["make", "--no-print-directory", "CONFIG=release", "-j2"] + wanted, tree)
 
 

@@ -1,7 +1,11 @@
-/* The four heads, forward and backward, as matrix products in fp32. Splats go in chunks, whose activations lie in
- * scratch memory; backward recomputes them. The gradient of the weights is a sum over splats: it is cut into slices
+/* The four heads, forward and backward, as matrix products, by tensor cores where the card has them (mma.h). Splats go
+ * in chunks, whose activations lie in scratch memory; backward recomputes them. The gradient of the weights is a sum over splats: it is cut into slices
  * that depend only on the sizes, whose partial sums are added in order. */
 #include "device/cuda/cuda.h"
+
+#include <stdlib.h>
+
+#include "device/cuda/mma.h"
 #include "math/mlp.h"
 
 enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
@@ -60,13 +64,77 @@ static __device__ void finish(const struct product &x, float sum, size_t i, size
         x.slope[i * x.c_row + j] = slope;
 }
 
-/* A block has a tile of C, a thread 4 x 4 of its elements: rows me_i + 16 u, columns me_j + 16 v. */
-static __global__ void product_kernel(struct product x)
+/* A block has a tile of C [TILE][TILE], and in shared memory STEP columns of A and STEP rows of B: `at` says where the
+ * k-th of row or column i lies. A thread has EACH * EACH elements of the tile: `add` adds the STEP products to them,
+ * `place` says which they are. Rows of shared memory are as long as keeps lanes out of each other's banks. */
+struct plain { /* rows side_i + SIDE u, columns side_j + SIDE v */
+    enum { ROOM = STEP * (TILE + 1) };
+    static __device__ int at(int k, int i) { return k * (TILE + 1) + i; }
+
+    static __device__ void add(const float *a, const float *b, float *sum)
+    {
+        int side_i = (int)threadIdx.x / SIDE, side_j = (int)threadIdx.x % SIDE;
+
+        for (int k = 0; k < STEP; k++) {
+            float left[EACH], right[EACH];
+
+            for (int u = 0; u < EACH; u++) {
+                left[u] = a[at(k, side_i + SIDE * u)];
+                right[u] = b[at(k, side_j + SIDE * u)];
+            }
+            for (int u = 0; u < EACH; u++)
+                for (int v = 0; v < EACH; v++)
+                    sum[u * EACH + v] += left[u] * right[v];
+        }
+    }
+
+    static __device__ void place(int e, int *i, int *j)
+    {
+        *i = (int)threadIdx.x / SIDE + SIDE * (e / EACH);
+        *j = (int)threadIdx.x % SIDE + SIDE * (e % EACH);
+    }
+};
+
+#if CUDA_HAS_MMA
+struct tensor { /* a warp has 16 rows and 32 columns: EACH products of mma.h side by side */
+    enum { LONG = STEP + 4, ROOM = TILE * LONG, DEEP = 8 };
+    static __device__ int at(int k, int i) { return i * LONG + k; }
+    static __device__ int first_i() { return (int)threadIdx.x / 32 % 4 * 16; }
+    static __device__ int first_j() { return (int)threadIdx.x / 128 * 32; }
+
+    static __device__ void add(const float *a, const float *b, float *sum)
+    {
+        int g = (int)threadIdx.x % 32 / 4, t = (int)threadIdx.x % 4;
+
+        for (int k = 0; k < STEP; k += DEEP) {
+            cuda_split<4> left;
+            cuda_split<2 * EACH> right;
+
+            for (int r = 0; r < 4; r++)
+                left.set(r, a[at(k + t + r / 2 * 4, first_i() + g + r % 2 * 8)]);
+            for (int r = 0; r < 2 * EACH; r++)
+                right.set(r, b[at(k + t + r % 2 * 4, first_j() + r / 2 * 8 + g)]);
+            cuda_mma<EACH>(sum, left, right);
+        }
+    }
+
+    static __device__ void place(int e, int *i, int *j)
+    {
+        int g = (int)threadIdx.x % 32 / 4, t = (int)threadIdx.x % 4;
+
+        *i = first_i() + g + e % 4 / 2 * 8;
+        *j = first_j() + e / 4 * 8 + 2 * t + e % 2;
+    }
+};
+#else
+typedef struct plain tensor; /* for cards before sm_80 */
+#endif
+
+template <class form>
+static __device__ void multiply_tile(struct product x, float *a, float *b)
 {
-    __shared__ float a[STEP][TILE + 1], b[STEP][TILE + 1];
-    int me_i = (int)threadIdx.x / SIDE, me_j = (int)threadIdx.x % SIDE;
     int i0 = (int)blockIdx.y * TILE, j0 = (int)blockIdx.x * TILE, m = x.m, k_end = x.k, k0 = 0;
-    float sum[EACH][EACH] = {{0}};
+    float sum[EACH * EACH] = {0};
 
     if (x.count) {
         size_t left = *x.count > x.first ? *x.count - x.first : 0;
@@ -89,35 +157,47 @@ static __global__ void product_kernel(struct product x)
             int k = x.a_col == 1 ? at % STEP : at / TILE, i = x.a_col == 1 ? at / STEP : at % TILE;
             bool in = i0 + i < m && k0 + k < k_end;
 
-            a[k][i] = in ? x.a[(size_t)(i0 + i) * x.a_row + (size_t)(k0 + k) * x.a_col] : 0;
+            a[form::at(k, i)] = in ? x.a[(size_t)(i0 + i) * x.a_row + (size_t)(k0 + k) * x.a_col] : 0;
         }
         for (int at = (int)threadIdx.x; at < STEP * TILE; at += (int)blockDim.x) {
             int k = x.b_row == 1 ? at % STEP : at / TILE, j = x.b_row == 1 ? at / STEP : at % TILE;
             bool in = j0 + j < x.n && k0 + k < k_end;
 
-            b[k][j] = in ? x.b[(size_t)(k0 + k) * x.b_row + (size_t)(j0 + j) * x.b_col] : 0;
+            b[form::at(k, j)] = in ? x.b[(size_t)(k0 + k) * x.b_row + (size_t)(j0 + j) * x.b_col] : 0;
         }
         __syncthreads();
-        for (int k = 0; k < STEP; k++) {
-            float left[EACH], right[EACH];
-
-            for (int u = 0; u < EACH; u++) {
-                left[u] = a[k][me_i + SIDE * u];
-                right[u] = b[k][me_j + SIDE * u];
-            }
-            for (int u = 0; u < EACH; u++)
-                for (int v = 0; v < EACH; v++)
-                    sum[u][v] += left[u] * right[v];
-        }
+        form::add(a, b, sum);
         __syncthreads();
     }
-    for (int u = 0; u < EACH; u++)
-        for (int v = 0; v < EACH; v++) {
-            int i = i0 + me_i + SIDE * u, j = j0 + me_j + SIDE * v;
+    for (int e = 0; e < EACH * EACH; e++) {
+        int i, j;
 
-            if (i < m && j < x.n)
-                finish(x, sum[u][v], (size_t)i, (size_t)j);
-        }
+        form::place(e, &i, &j);
+        if (i0 + i < m && j0 + j < x.n)
+            finish(x, sum[e], (size_t)(i0 + i), (size_t)(j0 + j));
+    }
+}
+
+static __global__ void product_kernel(struct product x)
+{
+    __shared__ float a[plain::ROOM], b[plain::ROOM];
+
+    multiply_tile<plain>(x, a, b);
+}
+
+static __global__ void tensor_kernel(struct product x)
+{
+    __shared__ float a[tensor::ROOM], b[tensor::ROOM];
+
+    multiply_tile<tensor>(x, a, b);
+}
+
+/* The environment variable is for comparing the two. */
+static bool wants_tensor()
+{
+    const char *wanted = getenv("SPIN_CUDA_MLP");
+
+    return !wanted || strcmp(wanted, "fp32") != 0;
 }
 
 static int slices_of(int k) { return (k + SLICE - 1) / SLICE; }
@@ -128,7 +208,10 @@ static void multiply(struct spin_device *d, const struct product &x)
                 x.k_counts ? (unsigned)slices_of(x.k) : 1);
     struct product product = x;
 
-    GPU_LAUNCH(gpu_of(d), product_kernel, blocks, SIDE * SIDE, product);
+    if (wants_tensor())
+        GPU_LAUNCH(gpu_of(d), tensor_kernel, blocks, SIDE * SIDE, product);
+    else
+        GPU_LAUNCH(gpu_of(d), product_kernel, blocks, SIDE * SIDE, product);
 }
 
 /* ---- Forward --------------------------------------------------------------------------------- */

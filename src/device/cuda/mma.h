@@ -1,0 +1,78 @@
+/* Products of small matrices by a warp's tensor cores, from sm_80 on: factors of tf32, sums of fp32. A float is taken
+ * apart into two numbers of tf32; three products of them have about the accuracy of fp32.
+ *
+ * All 32 lanes of a warp take part. With g = lane / 4 and t = lane % 4 a lane has
+ *     a[0..3] = A(g, t), A(g + 8, t), A(g, t + 4), A(g + 8, t + 4)         of A [16][8]
+ *     b[0..1] = B(t, g), B(t + 4, g)                                       of B [8][8]
+ *     c[0..3] = C(g, 2 t), C(g, 2 t + 1), C(g + 8, 2 t), C(g + 8, 2 t + 1) of C [16][8] */
+#ifndef SPIN_DEVICE_CUDA_MMA_H
+#define SPIN_DEVICE_CUDA_MMA_H
+
+#include <stdint.h>
+#include <string.h>
+
+#if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800)
+#define CUDA_HAS_MMA 1
+
+/* The nearest number of tf32, as the bits of a float. */
+static inline __device__ uint32_t cuda_tf32(float v)
+{
+#ifdef SPIN_EMU
+    return emu_tf32(v);
+#else
+    uint32_t bits;
+
+    asm("cvt.rna.tf32.f32 %0, %1;" : "=r"(bits) : "f"(v));
+    return bits;
+#endif
+}
+
+/* N registers of floats, each high + low, to 2^-22 of it. */
+template <int N> struct cuda_split {
+    uint32_t high[N], low[N];
+
+    __device__ void set(int i, float v)
+    {
+        float part;
+
+        high[i] = cuda_tf32(v);
+        memcpy(&part, &high[i], sizeof part);
+        low[i] = cuda_tf32(v - part);
+    }
+};
+
+#ifndef SPIN_EMU
+struct cuda_mma_queue {
+    /* C += A B, at once. */
+    __device__ void add(float *c, const uint32_t *a, const uint32_t *b)
+    {
+        asm volatile("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
+                     "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, %3};"
+                     : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
+                     : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "r"(b[0]), "r"(b[1]));
+    }
+    __device__ void run() {}
+};
+#else
+typedef struct emu_mma_queue cuda_mma_queue; /* in order as well, all in run() */
+#endif
+
+/* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, their registers one after the other. */
+template <int N>
+static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a,
+                                       const cuda_split<2 * N> &b)
+{
+    cuda_mma_queue queue;
+
+    for (int v = 0; v < N; v++) {
+        queue.add(c + 4 * v, a.low, b.high + 2 * v);
+        queue.add(c + 4 * v, a.high, b.low + 2 * v);
+        queue.add(c + 4 * v, a.high, b.high + 2 * v);
+    }
+    queue.run();
+}
+#else
+#define CUDA_HAS_MMA 0
+#endif
+
+#endif
