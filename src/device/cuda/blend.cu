@@ -1,5 +1,6 @@
 /* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. A block has a tile, a thread
- * a pixel of it; the splats come in batches through shared memory. The formulas are math/blend.h's.
+ * a pixel of it; the splats come in batches through shared memory. The formulas are math/blend.h's. Forwards a warp has
+ * 8 x 4 pixels, and passes over the splats of a batch whose alpha is below 1/255 in all of them.
  *
  * Backwards, a batch is first visited by the pixels, which leave what a splat is to them in shared memory; then by
  * threads that have a splat and a part of the pixels. Each (splat, tile) pair writes its sums to a slot of its own, and
@@ -8,7 +9,17 @@
 #include "device/pairs.h"
 #include "math/blend.h"
 
-enum { SIDE = SPIN_TILE, PIXELS = SIDE * SIDE, FRONT = PIXELS, BACK = 16, PARTS = PIXELS / BACK };
+enum {
+    SIDE = SPIN_TILE,
+    PIXELS = SIDE * SIDE,
+    FRONT = PIXELS,
+    BACK = 16,
+    PARTS = PIXELS / BACK,
+    WARP = 32,
+    WARP_X = 8,
+    WARP_Y = WARP / WARP_X
+};
+static const unsigned all_lanes = 0xffffffffu;
 
 struct picture {
     struct spin_camera_f32 cam;
@@ -24,13 +35,39 @@ static __device__ struct spin_blend_splat make_ready(const struct spin_splat2d *
                               s->colour);
 }
 
+/* A splat of a batch, and how far it reaches. */
+struct front {
+    struct spin_blend_splat splat;
+    float reach_x, reach_y;
+};
+
+static __device__ struct front make_front(const struct spin_splat2d *s, int x0, int y0)
+{
+    struct front f;
+
+    f.splat = make_ready(s, x0, y0);
+    spin_blend_reach(f.splat.a, f.splat.b, f.splat.c, f.splat.log2_opacity, &f.reach_x, &f.reach_y);
+    return f;
+}
+
+/* Whether it may show in a warp's pixels, of which (x, y) is the first. */
+static __device__ bool comes_near(const struct front *f, int x, int y)
+{
+    float dx = f->splat.u_px - (float)x, dy = f->splat.v_px - (float)y;
+
+    return !(dx + f->reach_x < 0 || dx - f->reach_x > WARP_X - 1 || dy + f->reach_y < 0 ||
+             dy - f->reach_y > WARP_Y - 1);
+}
+
 static __global__ void blend_kernel(struct picture p, float *image, float *final_transmittance,
                                     int32_t *last_contributor)
 {
-    __shared__ struct spin_blend_splat batch[FRONT];
-    int me = (int)threadIdx.x, tile = (int)blockIdx.x;
+    __shared__ struct front batch[FRONT];
+    int me = (int)threadIdx.x, tile = (int)blockIdx.x, lane = me % WARP, warp = me / WARP;
     int x0 = tile % p.cam.tiles_x * SIDE, y0 = tile / p.cam.tiles_x * SIDE;
-    int x = x0 + me % SIDE, y = y0 + me / SIDE;
+    int warp_x = warp % (SIDE / WARP_X) * WARP_X, warp_y = warp / (SIDE / WARP_X) * WARP_Y;
+    int in_x = warp_x + lane % WARP_X, in_y = warp_y + lane / WARP_X; /* of the tile */
+    int x = x0 + in_x, y = y0 + in_y;
     bool inside = x < p.cam.width && y < p.cam.height;
     uint32_t first = p.start[tile], n = p.start[tile + 1] - first;
     struct spin_blend_pixel pixel = {1, {0, 0, 0}, !inside};
@@ -42,12 +79,24 @@ static __global__ void blend_kernel(struct picture p, float *image, float *final
         if (__syncthreads_and(pixel.stopped))
             break;
         if ((uint32_t)me < count)
-            batch[me] = make_ready(p.splat2d + p.lists[first + at + (uint32_t)me], x0, y0);
+            batch[me] = make_front(p.splat2d + p.lists[first + at + (uint32_t)me], x0, y0);
         __syncthreads();
-        for (uint32_t i = 0; i < count && !pixel.stopped; i++)
-            if (spin_blend_step(&batch[i], batch[i].u_px - (float)(me % SIDE),
-                                batch[i].v_px - (float)(me / SIDE), &pixel))
-                used = (int32_t)(at + i) + 1;
+        for (uint32_t from = 0; from < count; from += WARP) {
+            uint32_t i = from + (uint32_t)lane;
+            unsigned near;
+
+            if (__all_sync(all_lanes, pixel.stopped))
+                break;
+            near = __ballot_sync(all_lanes, i < count && comes_near(&batch[i], warp_x, warp_y));
+            for (; near; near &= near - 1) {
+                const struct spin_blend_splat *s;
+
+                i = from + (uint32_t)__ffs((int)near) - 1;
+                s = &batch[i].splat;
+                if (spin_blend_step(s, s->u_px - (float)in_x, s->v_px - (float)in_y, &pixel))
+                    used = (int32_t)(at + i) + 1;
+            }
+        }
     }
     if (inside) {
         size_t plane = (size_t)p.cam.width * (size_t)p.cam.height;
