@@ -77,12 +77,13 @@ static int notice_waits(void)
            there;
 }
 
-/* The processor is left to others after a while: ranks may share one. */
+/* The processor is left to others after a while: ranks may share one. Naps grow with the wait, to a millisecond. */
 static void pause_a_little(int turn)
 {
-    struct timespec nap = {.tv_nsec = 50000};
+    int late = turn - EAGER;
+    struct timespec nap = {.tv_nsec = late < 380 ? 50000 + 2500 * late : 1000000};
 
-    if (turn > EAGER)
+    if (late > 0)
         nanosleep(&nap, NULL);
     else if (turn > EAGER / 10)
         sched_yield();
@@ -90,7 +91,7 @@ static void pause_a_little(int turn)
 
 static int wait_for(MPI_Request *request, size_t n, char *why, size_t n_why)
 {
-    for (int turn = 0;; turn += turn <= EAGER) {
+    for (int turn = 0;; turn += turn <= EAGER + 380) {
         int done = 0, code = MPI_Testall((int)n, request, &done, MPI_STATUSES_IGNORE);
 
         if (code != MPI_SUCCESS)

@@ -202,6 +202,18 @@ code=$?
 fails 1 spin-export "html: a limit on files"
 nothing_at "$work/full.html" "html: a limit on files"
 
+# What is two files, or is looked at twice: room for the smaller part only.
+both='html:split.html:--split gltf:apart.glb:--still-apart'
+for one in $both; do
+    name=${one%:*}
+    name=${name#*:}
+    (ulimit -f 50 && exec "$bin/spin-export" -q "$in" --to "${one%%:*}" "${one##*:}" -o "$work/full-$name" \
+        >"$work/out" 2>"$work/err")
+    code=$?
+    fails 1 spin-export "$name: a limit on files"
+    nothing_at "$work/full-${name%.*}" "$name: a limit on files"
+done
+
 mkdir "$work/small"
 if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/null; then
     trap 'umount "$work/small"; rm -rf "$work"' EXIT
@@ -226,6 +238,14 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
     is "$code" 1 "html: a full disk: exit code 1"
     err_has "^spin-export: .*No space left" "html: a full disk: says so"
     nothing_at "$work/small/clip.html" "html: a full disk"
+    for one in $both; do
+        name=${one%:*}
+        name=${name#*:}
+        run "$bin/spin-export" -q "$in" --to "${one%%:*}" "${one##*:}" -o "$work/small/$name"
+        is "$code" 1 "$name: a full disk: exit code 1"
+        err_has "^spin-export: .*No space left" "$name: a full disk: says so"
+        nothing_at "$work/small/${name%.*}" "$name: a full disk"
+    done
     draw images "$work/small/images"
     is "$code" 1 "images: a full disk: exit code 1"
     err_has "^spin-export: .*No space left" "images: a full disk: says so"

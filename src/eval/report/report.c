@@ -71,7 +71,8 @@ static const char style[] =
     "font-size:.85rem}\n"
     ".wide{overflow-x:auto}\n"
     "@media (max-width:480px){body{margin:1rem auto}.chart text{font-size:19px}"
-    "th,td{padding:.2rem .4rem}.row{grid-template-columns:1fr 1fr!important}"
+    ".chart .upright{display:none}table{font-size:.8rem}th,td{padding:.2rem .25rem}"
+    ".row{grid-template-columns:1fr 1fr!important}"
     "}\n"
     "</style>\n";
 

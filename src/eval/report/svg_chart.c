@@ -81,8 +81,8 @@ static void write_axes(FILE *to, const struct spin_svg_chart *chart, const struc
                 across(f, x), across(f, x), HEIGHT - BOTTOM, HEIGHT - BOTTOM + 4, across(f, x),
                 HEIGHT - BOTTOM + 18, fabs(x) < step / 1e6 ? 0 : x);
     fprintf(to,
-            "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">%s</text><text x=\"14\" y=\"%d\" "
-            "text-anchor=\"middle\" transform=\"rotate(-90 14 %d)\">%s</text>\n",
+            "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">%s</text><text class=\"upright\" x=\"14\" "
+            "y=\"%d\" text-anchor=\"middle\" transform=\"rotate(-90 14 %d)\">%s</text>\n",
             (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, chart->x_name, (TOP + HEIGHT - BOTTOM) / 2,
             (TOP + HEIGHT - BOTTOM) / 2, chart->y_name);
 }
