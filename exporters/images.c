@@ -83,11 +83,11 @@ static spin_status check_options(const struct export *x)
             return spin_fail(SPIN_E_USAGE, "--%s is for a camera that moves: see --path",
                              moving[i]);
     if (spin_plugin_value(v, "fps", NULL) && !spin_plugin_value(v, "duration", NULL))
-        return spin_fail(SPIN_E_USAGE, "--fps: pictures have no speed without --duration");
+        return spin_fail(SPIN_E_USAGE, "--fps needs --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
-        return spin_fail(SPIN_E_USAGE, "--views: %s", x->job->views
-                         ? "a camera that moves is none of the data set's"
-                         : "there is no data set, give --data DIR");
+        return spin_fail(SPIN_E_USAGE, "--views: %s",
+                         x->job->views ? "a camera that moves is none of the data set's"
+                                       : "there is no data set, give --data DIR");
     return SPIN_OK;
 }
 

@@ -167,11 +167,12 @@ static spin_status choose_fraction(struct export *x, int number)
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
         return spin_fail(SPIN_E_UNSUPPORTED,
-                         "frame %d: a splat lies at %g, spz holds no place beyond 8388606", number,
+                         "frame %d: a splat lies at %g, spz holds positions up to 8388606", number,
                          (double)largest);
     if (x->fraction < before)
-        spin_warn("frame %d: a splat lies at %g: places are written in steps of 1/%d from here on",
-                  number, (double)largest, 1 << x->fraction);
+        spin_warn(
+            "frame %d: a splat lies at %g: positions are written in steps of 1/%d from here on",
+            number, (double)largest, 1 << x->fraction);
     return SPIN_OK;
 }
 
@@ -280,7 +281,8 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_fail(SPIN_E_USAGE, "--axes rub assumes that y points down: give it or --up, not both");
+        return spin_fail(SPIN_E_USAGE,
+                         "--axes rub assumes that y points down: give it or --up, not both");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need()

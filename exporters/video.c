@@ -123,7 +123,8 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
     if (!x->first) {
         SPIN_TRY(spin_camera_path_camera(d, picture, splats, &camera));
     } else if (!view) {
-        return spin_fail(SPIN_E_NOT_FOUND, "the data set has no camera %d for frame %d",
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "the data set has no camera %d for frame %d: --path orbit needs none",
                          x->first->camera_id, info->number);
     } else {
         camera = view->camera;

@@ -88,7 +88,7 @@ static spin_status fail_no_save(const char *path, const char *wanted)
                          path);
     if (coarse)
         return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' has only the coarse stage, in which nothing moves yet: train on, or "
+                         "'%s' has only the coarse stage, which has no motion yet: train on, or "
                          "import its point_cloud.ply with --from ply",
                          path);
     return spin_fail(SPIN_E_NOT_FOUND,
@@ -144,7 +144,7 @@ static spin_status note_guess(struct spin_torch *torch, const char *prefix,
     int used = 0; /* the words of all heads fit */
 
     spin_note(sequence, "no cfg_args: assumed that position, scale and rotation are deformed, "
-                        "opacity and SH not; say otherwise with --deform");
+                        "opacity and SH not; --deform sets it");
     spin_warn("'%s': no cfg_args beside it, the method's defaults are assumed", model->path);
     for (int h = 0; h < N_HEADS; h++) {
         struct hex_head head = {0};
@@ -261,10 +261,10 @@ static void check_table(const char *save, size_t n, struct spin_sequence_info *s
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
         spin_note(sequence,
-                  "deformation_table.pth is of %llu Gaussians, point_cloud.ply has "
-                  "%zu: are they of one save?",
+                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has "
+                  "%zu: are they from the same save?",
                   (unsigned long long)table.count, n);
-        spin_warn("'%s' is of %llu Gaussians, the cloud has %zu", path,
+        spin_warn("'%s' is for %llu Gaussians, but the cloud has %zu", path,
                   (unsigned long long)table.count, n);
     }
     spin_torch_close(&torch);

@@ -105,7 +105,8 @@ static spin_status check_keys(const struct spin_value *root)
             return spin_fail(SPIN_E_MALFORMED, "a state dict with a key that is not text");
         if (!is_known(key))
             return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' does not belong to this method: the run may be of one derived from it",
+                             "tensor '%.80s' does not belong to this method: the run may be of one "
+                             "derived from it",
                              key);
     }
     return SPIN_OK;
@@ -135,7 +136,7 @@ static spin_status load_layers(struct spin_torch *torch, struct model *m)
             return spin_fail(SPIN_E_MALFORMED,
                              "tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s", name,
                              l->n_out, l->n_in, m->width, m->width,
-                             m->wide ? " as one layer takes the input again already" : "");
+                             m->wide ? ", as an earlier layer takes the input again" : "");
         }
     }
     for (size_t i = 0; i < torch->root->n; i++) {
@@ -228,7 +229,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m,
     if (moved)
         spin_note(sequence,
                   "optimize_pose=True: training moved the cameras and did not save them, so what "
-                  "the data set's cameras see is off by as much");
+                  "the data set's cameras see is shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -263,10 +264,12 @@ static spin_status check_cfg(const char *path, const char *cloud, struct model *
         status = spin_cfg_read_bool(&cfg, said[i].key, &value);
         if (status != SPIN_OK || value == said[i].is)
             continue;
-        spin_warn("'%s' says %s=%s, but the network in '%s' is of the other kind: the network decides", cfg.path,
-                  said[i].key, value ? "True" : "False", m->path);
-        spin_note(sequence, "cfg_args says %s=%s, but the network is of the other kind: the network decides", said[i].key,
-                  value ? "True" : "False");
+        spin_warn(
+            "'%s' says %s=%s, but the network in '%s' is of the other kind: the network decides",
+            cfg.path, said[i].key, value ? "True" : "False", m->path);
+        spin_note(sequence,
+                  "cfg_args says %s=%s, but the network is of the other kind: the network decides",
+                  said[i].key, value ? "True" : "False");
     }
     if (status == SPIN_OK)
         status = read_motiongs(&cfg, m, sequence);

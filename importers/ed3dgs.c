@@ -228,7 +228,7 @@ static spin_status check_trunk(const struct spin_value *root, const char *prefix
         return SPIN_OK;
     return spin_fail(SPIN_E_MALFORMED,
                      "%d tensors '%s*', of which 0, 2, 4, ... make %d layers: one is missing or "
-                     "there are others",
+                     "there are unknown ones",
                      n, stem, 1 + depth);
 }
 
@@ -249,7 +249,8 @@ static spin_status check_keys(const struct spin_value *root, const char *prefix)
         }
         if (!known)
             return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' does not belong to this method: the run may be of one derived from it",
+                             "tensor '%.80s' does not belong to this method: the run may be of one "
+                             "derived from it",
                              key ? key : "");
     }
     return SPIN_OK;
@@ -433,9 +434,8 @@ static void describe(const struct settings *s, struct model *m, struct spin_sequ
     if (s->n_frames > 0)
         spin_note(sequence, "frame i of the run's %g is at time i/%g", s->n_frames, s->n_frames);
     else
-        spin_note(sequence,
-                  "cfg_args does not say of how many frames the run is: frame i of n is at "
-                  "time i/n");
+        spin_note(sequence, "cfg_args does not say how many frames the run has: frame i of n is at "
+                            "time i/n");
 }
 
 /* cfg_args as the user names it, or beside the save. */

@@ -202,11 +202,14 @@ static void note_differences(const struct model *m, double interval, double shif
                              struct spin_sequence_info *sequence)
 {
     if (!isnan(interval) && interval != m->interval)
-        spin_note(sequence, "time_interval is %g in cfg_args and %g in the checkpoint: the checkpoint decides",
-                  interval, m->interval);
+        spin_note(
+            sequence,
+            "time_interval is %g in cfg_args and %g in the checkpoint: the checkpoint decides",
+            interval, m->interval);
     if (!isnan(shift) && shift != m->shift)
         spin_note(sequence,
-                  "time_pad of cfg_args is a shift of %g frames, that of the checkpoint %g: the checkpoint decides",
+                  "time_pad of cfg_args is a shift of %g frames, that of the checkpoint %g: the "
+                  "checkpoint decides",
                   shift, m->shift);
     if (m->duration < m->frames + m->shift + 1)
         spin_note(sequence,
@@ -242,7 +245,7 @@ static spin_status settle(struct model *m, const struct told *told,
         !(m->least_width > 0 && m->least_width <= MOST_FRAMES))
         return spin_fail(SPIN_E_MALFORMED,
                          "'%s': key frames %g frames apart from frame %g on, %g frames, a duration "
-                         "of %g, var_pad %g: one of these cannot be",
+                         "of %g, var_pad %g: these do not fit together",
                          m->path, m->interval, -m->shift, m->frames, m->duration, told->var_pad);
     if (m->is_chkpnt)
         note_differences(m, told->interval, shift, sequence);
@@ -332,7 +335,8 @@ static spin_status read_parts(struct model *m, struct spin_sequence_info *sequen
                          m->path, n_all);
     if (n_dropped > 0)
         spin_note(sequence,
-                  "%zu of %zu Gaussians are dropped: values that are not finite, or rotations of 0",
+                  "%zu of %zu Gaussians are dropped: values that are not finite, or rotations of "
+                  "length 0",
                   n_dropped, n_all);
     return SPIN_OK;
 }
@@ -356,7 +360,8 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
         spin_note(sequence,
-                  "the PLYs of %s are read: the motion of static Gaussians is spread over %g frames, in the "
+                  "the PLYs of %s are read: the motion of static Gaussians is spread over %g "
+                  "frames, in the "
                   "checkpoint over a few more",
                   spin_path_name(m->path), m->duration);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "

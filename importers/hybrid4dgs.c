@@ -173,7 +173,8 @@ static spin_status find_checkpoint(const char *path, struct model *m,
     ply = spin_path_exists(clouds);
     free(clouds);
     return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth%s", path,
-                     ply ? "; its point_cloud.ply has the dynamic half only, without times and "
+                     ply ? "; its point_cloud.ply cannot replace it: it has the dynamic half only, "
+                           "without times and "
                            "turned wrong, and cannot stand for it"
                          : "");
 }
@@ -203,7 +204,8 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
                   "own times run%s; --time-duration or --config sets it",
                   m->times.first, m->times.last, in_time ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
-        spin_note(sequence, "the environment map is lost: windows and far background go missing");
+        spin_note(sequence,
+                  "the environment map is not imported: windows and far background are missing");
 }
 
 static spin_status open_model(struct model *m, const struct spin_plugin_values *values,

@@ -393,8 +393,8 @@ static void describe(struct model *model, struct spin_sequence_info *sequence)
              model->n_segments);
     spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
     if (model->cameras.n == 0)
-        spin_note(sequence, "all offsets are taken, also those that no camera sees: say where "
-                            "cameras stand with --camera");
+        spin_note(sequence, "all offsets are imported, also those that no camera sees: --camera "
+                            "says where cameras are");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
 }
 

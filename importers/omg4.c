@@ -1,7 +1,7 @@
 /* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its flavour with
  * velocities, OMG4-FTGS: one pickle in an xz.
  *
- * Shapes lie in code books behind Huffman codes. Opacity and colour come from four small networks
+ * Shapes lie in codebooks behind Huffman codes. Opacity and colour come from four small networks
  * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
  * networks over those Gaussians that it sees. */
 #include "spin.h"
@@ -118,7 +118,7 @@ static const struct spin_value *get_list(struct model *m, const char *name, cons
     return list && list->kind == SPIN_VALUE_LIST ? list : NULL;
 }
 
-/* Columns at..at+length-1 of out [n][width], looked up in one code book. */
+/* Columns at..at+length-1 of out [n][width], looked up in one codebook. */
 static spin_status read_part(struct model *m, const struct spin_value *code,
                              const struct spin_value *index, const struct spin_value *table,
                              size_t at, size_t width, float *out)
@@ -162,11 +162,10 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
         spin_status status;
 
         if (!book || book->n_dims != 2 || book->shape[1] == 0 || book->shape[1] > width - at)
-            return spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s_code' %zu is no code book, or its width does not fit into the %zu "
-                "columns",
-                name, i, width);
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s_code' %zu is no codebook, or its width does not fit into the %zu "
+                             "columns",
+                             name, i, width);
         status = read_part(m, spin_value_at(codes, i), spin_value_at(indices, i),
                            spin_value_at(tables, i), at, width, out);
         if (status != SPIN_OK)
@@ -460,10 +459,11 @@ static spin_status find_times(struct model *m, const struct spin_plugin_values *
     SPIN_TRY(spin_run_config_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
-        spin_note(sequence,
-                  "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times run; "
-                  "colours and opacities depend on it: --time-duration or --config sets it",
-                  m->times.first, m->times.last);
+        spin_note(
+            sequence,
+            "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times run; "
+            "colours and opacities depend on it: --time-duration or --config sets it",
+            m->times.first, m->times.last);
     return SPIN_OK;
 }
 
@@ -507,7 +507,7 @@ static spin_status parse(struct model *m)
     m->parsed = true;
     m->moving = spin_value_get(m->pickle.root, "means") != NULL;
     if (!m->moving && !spin_value_get(m->pickle.root, "xyz"))
-        return spin_fail(SPIN_E_MALFORMED, "the pickle is no dict with 'xyz' or 'means'");
+        return spin_fail(SPIN_E_MALFORMED, "the pickle is not a dict with 'xyz' or 'means'");
     return SPIN_OK;
 }
 

@@ -2,7 +2,7 @@
  *
  * Gaussians are 4-D: at a time each is an ellipsoid of fixed shape on a straight line, with a bell
  * of opacity in time and cosines in its colour. The file tells neither the range of times nor which
- * of two conventions its rotations follow: both may be given, and are guessed aloud otherwise. */
+ * of two conventions its rotations follow: both may be given; otherwise a note says which was assumed. */
 #include "spin.h"
 
 #include <ctype.h>
@@ -113,7 +113,7 @@ static spin_status choose_convention(struct model *m, const char *asked,
                   m->reading.older ? today : older);
     else if (hint != m->reading.older)
         spin_note(sequence,
-                  "the sizes of the Gaussians speak for the other convention of rotations (median "
+                  "the sizes of the Gaussians suggest the other convention of rotations (median "
                   "%.3g; %.3g with the one asked for)",
                   hint ? older : today, hint ? today : older);
     return SPIN_OK;
@@ -177,7 +177,8 @@ static void note_losses(const struct model *m, struct spin_sequence_info *sequen
                   m->times.first, m->times.last,
                   m->rows.degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
-        spin_note(sequence, "the environment map is lost: windows and far background go missing");
+        spin_note(sequence,
+                  "the environment map is not imported: windows and far background are missing");
     if (m->parts.masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
     if (!m->stale && m->rows.degree_t > 0 && cosines_are_zero(m))

@@ -225,7 +225,7 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
     }
     m->gaussians.n_dropped += n_bad_sh;
     return spin_gaussian4d_check(&m->gaussians, m->n, n_faint,
-                                 "values that are not finite, or rotors of 0", sequence);
+                                 "values that are not finite, or rotors of length 0", sequence);
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -324,10 +324,11 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
     snprintf(sequence->variant, sizeof sequence->variant,
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->degree);
     if (m->times.guessed)
-        spin_note(sequence,
-                  "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' own "
-                  "times run; --time-range sets it",
-                  m->times.first, m->times.last);
+        spin_note(
+            sequence,
+            "the range of times is not in the checkpoint: assumed %g,%g, as the Gaussians' own "
+            "times run; --time-range sets it",
+            m->times.first, m->times.last);
 }
 
 static spin_status open_model(struct model *m, const struct spin_plugin_values *values,

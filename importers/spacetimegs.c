@@ -368,9 +368,8 @@ static spin_status find_files(const char *path, const char *wanted, struct model
         bool network = ends_with(path, ".pt");
 
         if (!network && !ends_with(path, ".ply"))
-            return spin_fail(
-                SPIN_E_USAGE,
-                "'%s' is not what is read here: give the model's folder, or a PLY of it", path);
+            return spin_fail(SPIN_E_USAGE, "'%s' is neither the model's folder nor a PLY of it",
+                             path);
         n -= network ? 3 : 4;
         SPIN_TRY(spin_alloc(n + 5, 1, (void **)&m->cloud));
         SPIN_TRY(spin_alloc(n + 4, 1, (void **)&m->decoder));

@@ -466,7 +466,7 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)
-        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are not there", set->folder,
+        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are missing", set->folder,
                   set->n, set->n_cameras, set->n_rows);
     return SPIN_OK;
 }

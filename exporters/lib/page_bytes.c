@@ -86,7 +86,7 @@ static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int *p
     *planes = data[*at] & PLANES;
     *other = data[*at] & FROM_OTHER;
     if (*planes > 4 || data[(*at)++] & ~(PLANES | FROM_OTHER))
-        return spin_fail(SPIN_E_MALFORMED, "a block of the page has a column of no known kind");
+        return spin_fail(SPIN_E_MALFORMED, "a block of the page has a column of an unknown kind");
     return SPIN_OK;
 }
 

@@ -386,7 +386,7 @@ static spin_status check_values(struct blocks *b)
                 g->largest[p] = error;
             if (!(error <= bound[p]) && status == SPIN_OK)
                 status = spin_fail(SPIN_E_MALFORMED,
-                                   "%s is off by %g, more than its bound of %g: a fault of spin4d",
+                                   "%s is off by %g, more than its bound of %g: a bug in spin4d",
                                    name[p], error, bound[p]);
         }
     free(e.largest);

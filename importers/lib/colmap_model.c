@@ -98,7 +98,7 @@ static spin_status take_count(struct bytes *b, size_t smallest, const char *what
     SPIN_TRY(take_u64(b, out));
     if (*out > (uint64_t)(b->end - b->at) / smallest)
         return spin_fail(SPIN_E_MALFORMED,
-                         "%llu %s are promised, which the remaining %zu bytes cannot hold",
+                         "its header announces %llu %s, more than the remaining %zu bytes hold",
                          (unsigned long long)*out, what, (size_t)(b->end - b->at));
     return SPIN_OK;
 }
@@ -176,7 +176,8 @@ static spin_status fill_lens(struct colmap_model *m, int id, int kind, double wi
     }
     SPIN_TRY(spin_views_check_size(width, height));
     if (models[kind].distortion < 0)
-        return spin_fail(SPIN_E_UNSUPPORTED, "its model %s is no pinhole: undistort the images",
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "its model %s is not a pinhole camera: undistort the images",
                          models[kind].name);
     for (int i = models[kind].distortion; i < models[kind].n; i++) {
         if (p[i] != 0)

@@ -107,7 +107,7 @@ spin_status spin_deform_save_find(const char *path, const char *wanted, bool tog
     if (strcmp(spin_path_name(whole), "deform.pth") != 0 ||
         strncmp(name, save, sizeof save - 1) != 0) {
         status = spin_fail(SPIN_E_USAGE,
-                           "'%s' is not what is read here: give the model's folder, or its "
+                           "'%s' is neither the model's folder nor its "
                            "deform/iteration_<N>/deform.pth",
                            path);
         goto out;

@@ -29,7 +29,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         uint32_t next = tree->node[at].child[side];
 
         if (tree->node[at].label != INNER)
-            return spin_fail(SPIN_E_MALFORMED, "a Huffman code begins with another one");
+            return spin_fail(SPIN_E_MALFORMED, "one Huffman code is the beginning of another");
         if (next == 0) {
             SPIN_TRY(new_node(tree, &next));
             tree->node[at].child[side] = next;
@@ -37,7 +37,8 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         at = next;
     }
     if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
-        return spin_fail(SPIN_E_MALFORMED, "two Huffman codes are the same, or begin alike");
+        return spin_fail(SPIN_E_MALFORMED,
+                         "two Huffman codes are equal, or one is the beginning of the other");
     tree->node[at].label = label;
     return SPIN_OK;
 }
@@ -83,7 +84,7 @@ spin_status spin_huffman_read(const struct huffman *tree, const struct spin_valu
         if (at == 0) {
             if (found == n) /* padding behind the last label */
                 return SPIN_OK;
-            return spin_fail(SPIN_E_MALFORMED, "bits that are no Huffman code behind label %zu",
+            return spin_fail(SPIN_E_MALFORMED, "the bits after label %zu are no Huffman code",
                              found);
         }
         label = tree->node[at].label;
@@ -92,7 +93,7 @@ spin_status spin_huffman_read(const struct huffman *tree, const struct spin_valu
         if (label == END)
             break;
         if ((uint64_t)label >= n_labels)
-            return spin_fail(SPIN_E_MALFORMED, "label %lld, but the code book has %llu entries",
+            return spin_fail(SPIN_E_MALFORMED, "label %lld, but the codebook has %llu entries",
                              (long long)label, (unsigned long long)n_labels);
         if (found == n)
             return spin_fail(SPIN_E_MALFORMED, "more than %zu labels", n);

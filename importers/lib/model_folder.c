@@ -89,7 +89,7 @@ spin_status spin_model_folder_save(const char *path, const char *wanted, const c
 
         if (strcmp(file, network) != 0 && strcmp(file, "point_cloud.ply") != 0)
             return spin_fail(SPIN_E_USAGE,
-                             "'%s' is not what is read here: give the model's folder, or its "
+                             "'%s' is neither the model's folder nor its "
                              "point_cloud/iteration_<N>",
                              path);
         return spin_path_folder(path, out);

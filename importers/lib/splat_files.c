@@ -133,8 +133,7 @@ static spin_status look_at_files(struct clip *clip, struct spin_sequence_info *s
         if (i == 0)
             SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
         if (n_files > 1 && clip->opened.n_frames > 1)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%s' is a clip of %zu frames by itself: give it alone",
+            return spin_fail(SPIN_E_MALFORMED, "'%s' holds a clip of %zu frames: give it alone",
                              clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
             clip->format->info(clip->self, f, &clip->info[i + f]);

@@ -28,7 +28,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Frames"),
     SPIN_ARG("frames", 0, "N", "continuous methods: sample N frames over the whole time range",
              SPIN_ARG_INT, &options.n_frames, 1, 1000000),
-    SPIN_ARG("times", 0, "T0,T1,...", "continuous methods: sample at these times, in the unit of the method",
+    SPIN_ARG("times", 0, "T0,T1,...",
+             "continuous methods: sample at these times, in the unit of the method",
              SPIN_ARG_DOUBLES, &times, 0, 0),
     SPIN_ARG("frame-times", 0, "auto|data|unit|count",
              "continuous methods: the times of the data set's frames: its own, i/(n-1) or i/n of "
@@ -318,7 +319,7 @@ static void text_cameras(const struct spin_import_report *r)
 static void text_frames(const struct spin_import_report *r)
 {
     static const char *const how[] = {
-        [SPIN_SAMPLED_ENDS] = "looked at on both ends (--frames, --times or --data say where else)",
+        [SPIN_SAMPLED_ENDS] = "read at both ends (--frames, --times or --data say where else)",
         [SPIN_SAMPLED_EVENLY] = "sampled evenly",
         [SPIN_SAMPLED_TIMES] = "sampled at the times of --times",
         [SPIN_SAMPLED_DATA] = "sampled as the data set's frames are"};

@@ -36,7 +36,7 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     case LZMA_OPTIONS_ERROR:
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s' uses xz options that are not known", path);
     case LZMA_MEMLIMIT_ERROR:
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' needs more than 256 MiB to be unpacked", path);
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' needs more than 268 MB to be unpacked", path);
     case LZMA_MEM_ERROR:
         return spin_fail(SPIN_E_MEMORY, "not enough memory to unpack '%s'", path);
     default:

@@ -63,7 +63,7 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
                   first < t->time_first - 0.5 * span))
         add_note(
             t,
-            "the data set's times are %g to %g and the method's %g to %g: do both count in one "
+            "the data set's times are %g to %g and the method's %g to %g: do both use the same "
             "unit? (--frame-times)\n",
             first, last, t->time_first, t->time_last);
 }

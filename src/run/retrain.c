@@ -219,8 +219,8 @@ static void say_plan(const struct run *r)
     char frames[48];
 
     spin_log(0, "%s, %.0f splats a frame, %zu training and %zu test views, %s",
-             spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean, r->plan.n_train, r->plan.n_test,
-             r->device.description);
+             spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean,
+             r->plan.n_train, r->plan.n_test, r->device.description);
     if (!trains_clip(r) || r->plan.o->method == SPIN_METHOD_TRACKS)
         return;
     spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
@@ -248,12 +248,12 @@ static spin_status find_tracks(struct run *r)
     if (!p->o->tracks)
         return SPIN_OK;
     if (r->refinement.frame) {
-        spin_log(0, "refined frames share nothing: no tracks");
+        spin_log(0, "refined frames have no splats in common: no tracks");
         return SPIN_OK;
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->truth : NULL));
     if (t->n == 0)
-        spin_log(0, "no splat stands at one place in more than half of the frames: no tracks");
+        spin_log(0, "no splat keeps its position in more than half of the frames: no tracks");
     else
         spin_log(0, "%zu tracks%s, %zu move, %zu have attributes of every frame", t->n,
                  t->identity ? "" : " (splats at the same place in several frames)", t->n_moving,
@@ -524,7 +524,7 @@ static spin_status close_log(struct run *r)
     spin_journal_close(&r->journal);
     if (!*r->journal.error)
         return SPIN_OK;
-    return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is not whole: %s",
+    return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s",
                      r->plan.o->output, r->journal.path, r->journal.error);
 }
 

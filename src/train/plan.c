@@ -33,8 +33,9 @@ static spin_status check_options(const struct spin_retrain_options *o)
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_fail(SPIN_E_USAGE, "--method tracks needs --tracks auto");
     if (o->method == SPIN_METHOD_TRACKS && o->refine > 0)
-        return spin_fail(SPIN_E_USAGE, "refined frames share nothing: --method tracks goes without "
-                                       "--refine");
+        return spin_fail(SPIN_E_USAGE,
+                         "refined frames have no splats in common: --method tracks goes without "
+                         "--refine");
     return SPIN_OK;
 }
 

@@ -566,7 +566,7 @@ static spin_status look(struct stage *stage)
     if (spin_rank() > 0)
         return SPIN_OK;
     if (q->valid)
-        spin_log(0, "refined: %.1f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
+        spin_log(0, "refined: %.0f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
                  q->psnr, q->ssim);
     spin_frame_renderer_open_reader(&shown, stage->device, read_whole, stage);
     status = spin_test_views_preview(plan, stage->truth, &shown, "refined");

@@ -73,10 +73,10 @@ cp -R fixtures/deformable3dgs/real_small/model/. "$motion"
 echo "Namespace(is_6dof=False, use_depth_and_flow=True, scene_format='plenopticVideo')" >"$motion/cfg_args"
 run "$bin/spin-import" "$motion" --data fixtures/datasets/dynerf_mini -o "$work/motion.spin" --json
 is "$code" 0 "MotionGS in seconds, a data set of times below 1"
-out_has "do both count in one unit" "is doubted"
+out_has "do both use the same unit" "is doubted"
 run "$bin/spin-import" "$motion" --data fixtures/datasets/dynerf_mini --data-from dynerf:time=0.6 \
     -o "$work/motion2.spin" --json
-grep -q "do both count" "$work/out"
+grep -q "do both use" "$work/out"
 is $? 1 "and is not where the data set's times are the method's"
 
 run "$bin/spin-import" "$model" --frames 3 --frame-times unit -o "$work/none.spin"

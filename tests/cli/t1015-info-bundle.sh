@@ -138,7 +138,7 @@ if [ ! -d "$in" ]; then
     done_testing
 fi
 run "$bin/spin-import" --info "$in"
-out_has "^time  *any from [-0-9.]* to [-0-9.]*, looked at on both ends" "its range, and how it was looked at"
+out_has "^time  *any from [-0-9.]* to [-0-9.]*, read at both ends" "its range, and how it was looked at"
 out_has "^read  *at [-0-9.]* and [-0-9.]*$" "when"
 grep -q "^frames\|2 frames" "$work/out"
 is $? 1 "it is not said to have frames"

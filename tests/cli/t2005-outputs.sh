@@ -250,7 +250,7 @@ rm "$out"
 if [ -w /dev/full ]; then
     retrain --log /dev/full
     is "$code" 1 "a log on a full disk"
-    tail -n 1 "$work/err" | grep -q "'$out' is written, but the log '/dev/full' is not whole: No space"
+    tail -n 1 "$work/err" | grep -q "'$out' is written, but the log '/dev/full' is incomplete: No space"
     ok $? "is said at the end"
     is "$(grep -c "^warning: cannot write the log '/dev/full'" "$work/err")" 1 "and once before"
     same "$out" "$work/whole.spin" "the work is not lost"

@@ -85,6 +85,10 @@ for file in README.md CONTRIBUTING.md docs/*.md docs/*/*.md; do
     done
 done >"$work/strangers"
 is "$(cat "$work/strangers")" "" "links and files named in documents lead somewhere"
+for file in $(git ls-files docs 2>/dev/null | grep -v '\.md$'); do
+    grep -qF "$(basename "$file")" README.md docs/*.md docs/*/*.md || echo "$file"
+done >"$work/strangers"
+is "$(cat "$work/strangers")" "" "every picture of docs is in a document"
 
 # ---- Running -------------------------------------------------------------------------------------
 

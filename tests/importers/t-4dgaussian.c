@@ -386,7 +386,7 @@ static void test_lies(const char *root)
     model_fails("4dgaussian", model, NULL, model, "coarse stage",
                 "a run cut off in its first stage");
     model_fails("4dgaussian", path_in(path_in(root, "coarse_and_fine"), "manifest.json"), NULL,
-                "manifest.json", "give the model's folder", "a file of another kind");
+                "manifest.json", "is neither the model's folder", "a file of another kind");
     model_fails("4dgaussian", "no/such/model", NULL, "no/such/model", "", "no such path");
 }
 

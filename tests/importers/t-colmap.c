@@ -201,7 +201,7 @@ static void test_binary(const char *root)
         size_t offset, n;
         const char *bytes, *word, *what;
     } cases[] = {
-        {"cameras.bin", 0, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", "are promised",
+        {"cameras.bin", 0, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", "its header announces",
          "more cameras than bytes"},
         {"cameras.bin", 12, 4, "\x63\0\0\0", "number 99", "an unknown camera model"},
         {"cameras.bin", 12, 4, "\x05\0\0\0", "OPENCV_FISHEYE", "a fisheye"},
@@ -210,14 +210,15 @@ static void test_binary(const char *root)
         {"cameras.bin", 16, 8, "\0\0\0\0\0\0\0\0", "image size", "no width"},
         {"cameras.bin", 32, 8, "\0\0\0\0\0\0\xf8\x7f", "focal", "a focal length that is NaN"},
         {"cameras.bin", 8, 4, "\x63\0\0\0", "no camera", "an image of a camera that is not there"},
-        {"images.bin", 0, 8, "\xff\xff\xff\0\0\0\0\0", "are promised", "more images than bytes"},
+        {"images.bin", 0, 8, "\xff\xff\xff\0\0\0\0\0", "its header announces",
+         "more images than bytes"},
         {"images.bin", 12, 32, "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0",
          "quaternion", "a quaternion of 0"},
         {"images.bin", 44, 8, "\0\0\0\0\0\0\xf0\x7f", "not finite", "an infinite translation"},
         {"images.bin", 72, 2, "..", "is missing", "another name"},
         {"images.bin", 72, 3, "../", "below the images", "a name that climbs out"},
         {"images.bin", 72, 1, "/", "below the images", "an absolute name"},
-        {"points3D.bin", 0, 8, "\xff\xff\0\0\0\0\0\0", "points are promised",
+        {"points3D.bin", 0, 8, "\xff\xff\0\0\0\0\0\0", "points, more than the remaining",
          "more points than bytes"},
         {"points3D.bin", 8 + 43, 8, "\xff\xff\0\0\0\0\0\0", "places of a point",
          "a point seen more often than there are bytes"},

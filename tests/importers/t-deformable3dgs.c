@@ -190,7 +190,7 @@ static void test_saves(const char *folder)
                 "'point_cloud'", "no clouds");
     model_fails("deformable3dgs",
                 path_in(only_entry(path_in(folder, "model/point_cloud")), "point_cloud.ply"), NULL,
-                NULL, "give the model's folder", "a cloud alone is not a model");
+                NULL, "is neither the model's folder", "a cloud alone is not a model");
     ok(model_open("deformable3dgs", make_model(folder, NULL, 2000, 2000, NULL), NULL, &run) ==
                SPIN_OK &&
            strstr(run.sequence.notes, "before iteration 3000"),
@@ -282,7 +282,7 @@ static void test_networks(const char *folder)
     refuse(folder, &pth, "branch_w", "both kinds of motion");
     pth_load(path, &pth);
     pth_put(&pth, "linear.6.weight", 2, wide);
-    refuse(folder, &pth, "takes the input again already", "two wide layers");
+    refuse(folder, &pth, "an earlier layer takes the input again", "two wide layers");
     pth_load(path, &pth);
     pth_put(&pth, "linear.2.weight", 2, narrow);
     refuse(folder, &pth, "linear.2.weight", "a chain of widths that is broken");

@@ -625,7 +625,7 @@ static void test_files(const char *folder)
     model_fails("ed3dgs", model, NULL, model, "deformation.pth", "no network");
     model_fails("ed3dgs", new_folder(), NULL, NULL, "iteration_<N>", "an empty folder");
     model_fails("ed3dgs", path_in(folder, "manifest.json"), NULL, "manifest.json",
-                "give the model's folder", "a file of another kind");
+                "is neither the model's folder", "a file of another kind");
     model_fails("4dgaussian", save_of(folder), NULL, "deformation.pth", "--from ed3dgs",
                 "4dgaussian says whose network it is");
     if (ok(spin_importer_find(path_in(from, "point_cloud.ply"), NULL, false, &found) == SPIN_OK &&

@@ -1,4 +1,4 @@
-/* omg4: code books, networks and both flavours against the fixtures, and files that lie: in the xz,
+/* omg4: codebooks, networks and both flavours against the fixtures, and files that lie: in the xz,
  * and in the pickle inside it.
  * K: omg4 import threads */
 #include "tests/importers/slices.h"

@@ -226,7 +226,7 @@ static void test_conventions(const char *root)
            "%s: the convention is guessed right, and the notes say that it is a guess", names[i]);
         run_close(&run);
         ok(open_with(FROM, path, i == 2 ? today : older, &run) == SPIN_OK &&
-               strstr(run.sequence.notes, "speak for the other") &&
+               strstr(run.sequence.notes, "suggest the other") &&
                !strstr(run.sequence.notes, "assumed the one"),
            "%s: the wrong one may be asked for, and is doubted", names[i]);
         run_close(&run);
@@ -245,7 +245,7 @@ static void test_notes(const char *root)
 
     if (has(root, "rot4d_sh3d_env")) {
         ok(run_open(FROM, path_in(root, "rot4d_sh3d_env"), &run) == SPIN_OK &&
-               strstr(run.sequence.notes, "environment map is lost"),
+               strstr(run.sequence.notes, "environment map is not imported"),
            "the loss of an environment map is noted");
         run_close(&run);
     }

@@ -678,7 +678,7 @@ static void test_files(const char *folder)
     model_fails("spacetimegs", path_in(save, "point_cloud.pt"), NULL, "point_cloud.ply", "no such",
                 "a network without its cloud");
     model_fails("spacetimegs", path_in(folder, "manifest.json"), NULL, "manifest.json",
-                "give the model's folder", "a file of another kind");
+                "is neither the model's folder", "a file of another kind");
     copy_file(path_in(save_of(folder), "point_cloud.ply"), path_in(frames, "0001.ply"));
     model_fails("ply", frames, NULL, "0001.ply", "--from spacetimegs",
                 "a cloud that moves is no frame, and ply says whose it is");
