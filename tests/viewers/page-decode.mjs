@@ -4,17 +4,20 @@
 import fs from 'node:fs';
 import path from 'node:path';
 import { parseArgs } from 'node:util';
+import { readPly } from './lib/splat.mjs';
 
 const HELP = `usage: node page-decode.mjs [options] PAGE.html
   --version NAME    which of the page's versions (its first)
   --ply DIR         write the frames there, frame_NNNNN.ply
+  --like DIR        frames of the same names there, by spin-export --to ply: every splat of the page must lie
+                    where one of them lies, within two steps of the page
   --repeat N        decode the clip N times (1); the rate is that of the last
 Prints one line: frames, splats, seconds of this process, splats a second.
 Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
 
 let opt, args;
 try {
-    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { version: { type: 'string' }, repeat: { type: 'string', default: '1' }, ply: { type: 'string' }, help: { type: 'boolean', short: 'h' } } }));
+    ({ values: opt, positionals: args } = parseArgs({ allowPositionals: true, options: { version: { type: 'string' }, repeat: { type: 'string', default: '1' }, ply: { type: 'string' }, like: { type: 'string' }, help: { type: 'boolean', short: 'h' } } }));
     if (opt.help) { console.log(HELP); process.exit(0); }
     if (args.length !== 1) throw new Error('name one page');
 } catch (e) {
@@ -48,16 +51,16 @@ function turn(x) {
 }
 
 // The values themselves, by the layout of docs/page-format.md.
-function writePly(file, g, frame) {
+function frameOf(file, g, frame) {
     const s = clip.steps, n = g.n + v.own[frame], rest = v.sh / 3, names = ['x', 'y', 'z', 'f_dc_0', 'f_dc_1', 'f_dc_2'];
     for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
     names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
-    const out = new Float32Array(n * names.length);
+    const out = new Float32Array(n * names.length), places = [];
     for (let i = 0, o = 0; i < n; i++) {
-        const own = i >= g.n, key = (c) => (own ? 0.5 * g.own[c][i - g.n] : 0.5 * g.keys[c][i]);
+        const own = i >= g.n, key = (c) => (own ? g.own[c][i - g.n] : 0.5 * g.keys[c][i]);
         const number = (c) => (own || i < g.still ? 0 : g.last[c][i - g.still]), value = (c, step) => (key(c) + number(c)) * step;
         const opacity = Math.min(1 - 1e-7, Math.max(1e-7, value(6, s.opacity)));
-        for (let c = 0; c < 3; c++) out[o++] = value(c, s.place) + clip.centre[c];
+        for (let c = 0; c < 3; c++) places.push(out[o++] = value(c, s.place) + clip.centre[c]);
         for (let c = 0; c < 3; c++) out[o++] = (value(3 + c, s.colour) - 0.5) / 0.28209479177387814;
         for (let c = 0; c < 3; c++) for (let k = 0; k < rest; k++) out[o++] = value(13 + 3 * k + c, s.sh);
         out[o++] = Math.log(opacity / (1 - opacity));
@@ -66,7 +69,26 @@ function writePly(file, g, frame) {
         for (const c of q) out[o++] = c;
     }
     const head = `ply\nformat binary_little_endian 1.0\n${v.antialias ? "comment antialiased 1\n" : ""}element vertex ${n}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
-    fs.writeFileSync(file, Buffer.concat([Buffer.from(head), Buffer.from(out.buffer)]));
+    if (opt.ply) fs.writeFileSync(path.join(opt.ply, file), Buffer.concat([Buffer.from(head), Buffer.from(out.buffer)]));
+    if (opt.like) compare(path.join(opt.like, file), places, 2 * s.place);
+}
+
+// Fails unless each of the places [n][3] is within so much, on each axis, of a splat of the PLY.
+function compare(file, places, within) {
+    const { count, pos } = readPly(file), cells = new Map(), cell = (x) => Math.floor(x / within);
+    for (let i = 0; i < count; i++) {
+        const key = pos.map((x) => cell(x[i])).join();
+        if (!cells.get(key)?.push(i)) cells.set(key, [i]);
+    }
+    const near = (x) => {
+        for (let k = 0; k < 27; k++) {
+            const found = cells.get([k % 3, Math.floor(k / 3) % 3, Math.floor(k / 9)].map((d, c) => cell(x[c]) + d - 1).join());
+            if (found?.some((i) => pos.every((y, c) => Math.abs(y[i] - x[c]) <= within))) return true;
+        }
+        return false;
+    };
+    for (let i = 0; i < places.length; i += 3)
+        if (!near(places.slice(i, i + 3))) throw new Error(`${file} has no splat where the page has number ${i / 3}`);
 }
 
 let splats = 0, seconds = 0;
@@ -77,9 +99,9 @@ for (let turn = 0; turn < Number(opt.repeat); turn++) {
         const t0 = process.cpuUsage(), frame = await worker.decoded(version, f), { user, system } = process.cpuUsage(t0);
         seconds += (user + system) / 1e6;
         splats += frame.n;
-        if (!opt.ply) continue;
+        if (!opt.ply && !opt.like) continue;
         const g = await worker.advance(version, f);
-        writePly(path.join(opt.ply, `frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`), g, f);
+        frameOf(`frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`, g, f);
     }
 }
 console.log(`${v.name}: ${v.splats.length} frames, ${splats} splats, ${seconds.toFixed(2)} s, ${(splats / seconds / 1e6).toFixed(2)} million splats a second`);

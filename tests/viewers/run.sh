@@ -91,7 +91,7 @@ use_page() {
     echo "served.html"
     node "$here/page.mjs" --picture-only --size 390,844 --out "$sample-shots" --truth "$sample/truth" \
         "$sample/served.html" || fail "$sample: the page does not do what it should on a phone"
-    node "$here/page-decode.mjs" "$sample/page.html" || fail "$sample: the page's worker fails"
+    node "$here/page-decode.mjs" --like "$sample/truth" "$sample/page.html" || fail "$sample: the page's worker fails"
 }
 
 # python: one that has NumPy.
@@ -192,6 +192,15 @@ if "$bin/spin-retrain" -q mini-source.spin -o anti.spin --device cpu --method ex
 else
     fail "antialiased splats cannot be made"
 fi
+
+# Frames with rows of their own, which no other frame shares.
+echo
+echo "== varied"
+import varied --from ply "$root/fixtures/ply/inria_sh0_varN" && mkdir -p varied &&
+    "$bin/spin-export" -q --force varied.spin --to html -o varied/page.html &&
+    "$bin/spin-export" -q --force varied.spin --to ply --sh 1 -o varied/truth &&
+    node "$here/page-decode.mjs" --like varied/truth varied/page.html ||
+    fail "varied: the page has other splats than the frames"
 
 if [ -z "$short" ]; then
     import d3dgs --from d3dgs "$root/fixtures/d3dgs/trained" && show d3dgs
