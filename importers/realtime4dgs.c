@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/notes.h"
 #include "importers/lib/realtime4dgs_rows.h"
@@ -34,6 +35,7 @@ struct model {
     struct clip_times times;
     struct gaussian4d gaussians;
     size_t count; /* of a static scene, for the track */
+    bool whole;   /* no Gaussian is left out at any time */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -216,7 +218,10 @@ static spin_status open_model(struct model *m, const struct spin_plugin_values *
                               struct spin_sequence_info *sequence)
 {
     double sh_degree = -1;
+    int rule;
 
+    SPIN_TRY(spin_option_word(values, "cull", "time|none", &rule));
+    m->whole = rule == 1;
     SPIN_TRY(spin_torch_open(m->path, &m->torch));
     m->torch_open = true;
     SPIN_TRY(spin_realtime4dgs_parts(m->torch.root, &m->parts));
@@ -283,7 +288,7 @@ static spin_status realtime4dgs_frame(void *self, int frame, double time, unsign
     columns &= SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES |
                (m->stale ? 0 : SPIN_COL_ATTRIBUTES);
     time = m->parts.moving ? time / m->ratio : 0;
-    spin_gaussian4d_select(&m->gaussians, time, LEAST_WEIGHT, 0);
+    spin_gaussian4d_select(&m->gaussians, time, m->whole ? -1 : LEAST_WEIGHT, 0);
     SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, m->rows.degree));
     spin_gaussian4d_fill(&m->gaussians, time, columns, out);
     for (size_t k = 0; k < m->gaussians.n_kept && (columns & SPIN_COL_SH); k++) {
@@ -299,6 +304,7 @@ static const struct spin_plugin_option options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
     {"convention", "WORD", "of rotations: auto, today, or older (before 2024-09)", "auto"},
+    {"cull", "RULE", "leave out Gaussians by time (weight below 0.05), or none: not sliced", "time"},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -1,6 +1,11 @@
-"""make-checkpoint.py OUT SPLATS [plain]: a Realtime-4DGS checkpoint as PyTorch saves it, with the
-optimiser's two moments for every parameter unless it shall be plain, of random numbers and without PyTorch.
-230,000 splats are 450 MB, a third of which a reader needs."""
+"""A Realtime-4DGS checkpoint as PyTorch saves it, without PyTorch.
+
+make-checkpoint.py OUT SPLATS [plain]: of random numbers, with the optimiser's two moments for every parameter unless
+it shall be plain. 230,000 splats are 450 MB, a third of which a reader needs.
+
+make-checkpoint.py OUT PARAMS.npz [SPAN]: 4-D Gaussians that stand for the tracks of a Dynamic 3D Gaussians run. A
+track within 3 cm of its mean is one Gaussian for all times; any other is one for every SPAN frames (2), on the straight
+line nearest to the track there. Times are 0 to 1. Needs NumPy."""
 import array
 import collections
 import io
@@ -10,7 +15,7 @@ import sys
 import types
 import zipfile
 
-out, n = sys.argv[1], int(sys.argv[2])
+out, tracks = sys.argv[1], sys.argv[2].endswith('.npz')
 random.seed(0)
 
 # The names that a checkpoint calls, in modules that stand in for PyTorch's.
@@ -84,16 +89,75 @@ def parameter(low, high, *shape):
     return Tensor(shape, pool(low, high))
 
 
-parameters = [
-    parameter(-3, 3, n, 3), parameter(-1, 1, n, 1, 3), parameter(-0.1, 0.1, n, 47, 3),
-    parameter(-6, -3, n, 3), parameter(-1, 1, n, 4), parameter(-3, 3, n, 1),
-]
+# ---- Of tracks ---------------------------------------------------------------------------------------
+
+def isoclinic(l, r):
+    """4-D rotations of pairs of quaternions, [n][4][4], axes x y z t."""
+    import numpy as np
+    a, b, c, d = l
+    p = np.array([[a, -b, -c, -d], [b, a, -d, c], [c, d, a, -b], [d, -c, b, a]])
+    a, b, c, d = r
+    q = np.array([[a, b, c, d], [-b, a, -d, c], [-c, d, a, -b], [-d, -c, b, a]])
+    return (p @ q)[::-1, ::-1]
+
+
+def of_tracks(file, span):
+    """xyz, rgb, log scales, left, right, logits, times, log scales of time: of 4-D Gaussians, float32."""
+    import numpy as np
+    run = np.load(file)
+    means, n_frames = run['means3D'].astype(float), len(run['means3D'])
+    still = np.abs(means - means.mean(0)).max((0, 2)) < 0.03
+    step = 1 / max(1, n_frames - 1)
+    pieces = [(0, n_frames, still)] + [(a, min(a + span, n_frames), ~still) for a in range(0, n_frames, span)]
+    columns = []
+    for first, end, which in pieces:
+        which = np.flatnonzero(which)
+        t = step * np.arange(first, end)
+        at = means[first:end, which]
+        middle, dt = t.mean(), t - t.mean()
+        velocity = np.zeros((len(which), 3))
+        if first > 0 or end < n_frames:  # of the nearest straight line
+            velocity = np.einsum('f,fnc->nc', dt, at) / max(1e-12, (dt * dt).sum())
+        # A weight above 0.05 half a frame beyond both ends: sigma is the reach over sqrt(-2 ln 0.05).
+        sigma = 100.0 if first == 0 and end == n_frames else step * (end - first) / 2 / 2.4477
+        size = np.exp(2.0 * run['log_scales'][which])
+        # Covariance of x y z t: at one time an ellipsoid of that size, its centre on the line.
+        cov = np.zeros((len(which), 4, 4))
+        cov[:, :3, :3] = size[:, :, None] * np.eye(3) + sigma ** 2 * velocity[:, :, None] * velocity[:, None]
+        cov[:, :3, 3] = cov[:, 3, :3] = sigma ** 2 * velocity
+        cov[:, 3, 3] = sigma ** 2
+        value, vector = np.linalg.eigh(cov)
+        vector[:, :, 0] *= np.sign(np.linalg.det(vector))[:, None]
+        # A rotation is the sum of l_a r_b times 16 matrices that are orthogonal to each other.
+        basis = np.array([[isoclinic(l, r) for r in np.eye(4)] for l in np.eye(4)])
+        u, s, v = np.linalg.svd(np.einsum('abij,nij->nab', basis, vector) / 4)
+        columns.append([at.mean(0), run['rgb_colors'][first:end, which].mean(0), 0.5 * np.log(value), u[:, :, 0],
+                        s[:, :1] * v[:, 0], run['logit_opacities'][which], np.full((len(which), 1), middle)])
+    return [np.concatenate(c).astype('<f4') for c in zip(*columns)]
+
+
+# ---- The parameters ----------------------------------------------------------------------------------
+
+if tracks:
+    import numpy
+    xyz, rgb, scales, left, right, logits, t = of_tracks(sys.argv[2], int(sys.argv[3]) if sys.argv[3:] else 2)
+    n = len(xyz)
+    given = [xyz, (rgb - 0.5) / 0.28209479177387814, numpy.zeros((n, 47, 3)), scales[:, :3], left, logits, t, scales[:, 3:], right]
+    shapes = [(n, 3), (n, 1, 3), (n, 47, 3), (n, 3), (n, 4), (n, 1), (n, 1), (n, 1), (n, 4)]
+    made = [Tensor(s, numpy.ascontiguousarray(g, '<f4').tobytes()) for s, g in zip(shapes, given)]
+    parameters, times = made[:6], made[6:]
+else:
+    n = int(sys.argv[2])
+    parameters = [
+        parameter(-3, 3, n, 3), parameter(-1, 1, n, 1, 3), parameter(-0.1, 0.1, n, 47, 3),
+        parameter(-6, -3, n, 3), parameter(-1, 1, n, 4), parameter(-3, 3, n, 1),
+    ]
+    times = [parameter(0, 10, n, 1), parameter(-2, 1, n, 1), parameter(-1, 1, n, 4)]
 statistics = [Tensor((n,), pool(0, 1), False)] + [Tensor((n, 1), pool(0, 1), False) for _ in range(3)]
-times = [parameter(0, 10, n, 1), parameter(-2, 1, n, 1), parameter(-1, 1, n, 4)]
 state = {
     i: {'step': 30000, 'exp_avg': Tensor(p.shape, pool(-1, 1), False),
         'exp_avg_sq': Tensor(p.shape, pool(0, 1), False)}
-    for i, p in enumerate([] if sys.argv[3:] else parameters + times)
+    for i, p in enumerate([] if tracks or sys.argv[3:] else parameters + times)
 }
 model = (3, *parameters, *statistics, {'state': state, 'param_groups': []}, 5.0, *times, True, None, 2)
 

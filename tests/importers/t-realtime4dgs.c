@@ -89,6 +89,43 @@ static void compare_fixture(const char *folder, const char *name)
     run_close(&run);
 }
 
+/* Not sliced: every Gaussian is in every frame, at its place on its line. */
+static void compare_whole(const char *folder, const char *name)
+{
+    const char *none[] = {"cull", "none", NULL}, *odd[] = {"cull", "some", NULL};
+    struct spin_splats s = {0};
+    struct spin_npz npz;
+    struct table times, mean;
+    struct run run;
+
+    fails_with(FROM, folder, odd, "expected time or none", "a rule that is none");
+    bounds_of = folder;
+    if (!ok(open_with(FROM, folder, none, &run) == SPIN_OK &&
+                spin_npz_open(path_in(folder, "expected.npz"), &npz) == SPIN_OK,
+            "%s: opens with --cull none", name))
+        return;
+    times = table_load(&npz, "times", 0);
+    mean = table_load(&npz, "mean", 1);
+    for (size_t i = 0; i < times.n_rows; i++) {
+        size_t n = mean.n_rows, *row = malloc((n + 1) * sizeof *row);
+
+        for (size_t k = 0; k < n; k++)
+            row[k] = k;
+        if (ok(run.importer->frame(run.self, 0, times.value[i], run.sequence.columns, &s) == SPIN_OK &&
+                   s.n == n,
+               "%s at %g: --cull none keeps all %zu Gaussians", name, times.value[i], n)) {
+            compare_rows(&mean, i, row, n, s.means, 3, bound("mean").abs, bound("mean").rel, name);
+            check_sane(&s, run.sequence.columns, name);
+        }
+        free(row);
+    }
+    free(times.value);
+    free(mean.value);
+    spin_splats_free(&s);
+    spin_npz_close(&npz);
+    run_close(&run);
+}
+
 static double manifest_number(const char *folder, const char *key)
 {
     spin_json *manifest = load_manifest(folder);
@@ -464,10 +501,12 @@ TAP_MAIN
         return;
     }
     for (size_t i = 0; names[i]; i++) {
-        if (manifest_number(path_in(root, names[i]), "gaussian_dim") == 3)
+        if (manifest_number(path_in(root, names[i]), "gaussian_dim") == 3) {
             compare_static(path_in(root, names[i]));
-        else
-            compare_fixture(path_in(root, names[i]), names[i]);
+            continue;
+        }
+        compare_fixture(path_in(root, names[i]), names[i]);
+        compare_whole(path_in(root, names[i]), names[i]);
     }
     free(names);
     if (has(root, "rot4d_sht"))
