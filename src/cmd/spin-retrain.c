@@ -275,8 +275,9 @@ static const char *const of_clip[] = {"iterations",  "batch",    "views-per-fram
                                       "lr-position", "residual", "lr-residual",     "eval-every",
                                       "save-every",  NULL};
 static const char *const of_tracks[] = {
-    "lr-track",      "lr-tracked",        "lr-displacement", "dynamic-residual",
-    "densify-every", "densify-threshold", "densify-until",   NULL};
+    "lr-track",         "lr-tracked",    "lr-displacement",   "track-iterations",
+    "dynamic-residual", "densify-every", "densify-threshold", "densify-until",
+    NULL};
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};

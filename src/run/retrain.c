@@ -323,6 +323,7 @@ static spin_status open_trainer(struct run *r, bool resume)
         .end = 1e-7,
         .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,
         .iterations = o->iterations,
+        .track_iterations = o->track_iterations,
         .network_from = (int64_t)(o->network_start * o->iterations),
     };
     for (int k = 0; k < SPIN_HEADS; k++) {

@@ -214,7 +214,7 @@ static bool densifies(const struct spin_loop *l, int64_t iteration)
     const struct spin_retrain_options *o = l->plan->o;
 
     return l->trainer->n_tracks > 0 && o->densify_every > 0 &&
-           (double)iteration < o->densify_until * o->iterations;
+           (double)iteration < o->densify_until * o->track_iterations;
 }
 
 static spin_status densify(const struct spin_loop *l)

@@ -185,15 +185,24 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 }
 
 /* Of scenes that were tried: what a clip needs as such, and what a frame adds. */
-enum { CLIP_ITERATIONS = 1500, FRAME_ITERATIONS = 100, DENSIFICATIONS = 20 };
+enum {
+    CLIP_ITERATIONS = 1500,
+    FRAME_ITERATIONS = 100,
+    MOST_TRACK_ITERATIONS = 5000,
+    DENSIFICATIONS = 20
+};
 
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 {
     if (o->iterations < 0)
         o->iterations = (int)fmin(
             -o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames), 1e9);
+    if (o->track_iterations < 0)
+        o->track_iterations = MOST_TRACK_ITERATIONS;
+    if (o->track_iterations > o->iterations)
+        o->track_iterations = o->iterations;
     if (o->densify_every < 0)
-        o->densify_every = o->iterations / DENSIFICATIONS;
+        o->densify_every = o->track_iterations / DENSIFICATIONS;
 }
 
 /* ---- Limits ----------------------------------------------------------------------------------- */

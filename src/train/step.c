@@ -118,7 +118,7 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
                      struct spin_param_group *group)
 {
     if (rate > 0)
-        *group = spin_param_group(&t->tracks, first, end, spin_trainer_rate(t, rate, t->iteration),
+        *group = spin_param_group(&t->tracks, first, end, spin_trainer_track_rate(t, rate),
                                   t->iteration);
     else
         t->device->op->zero(t->device, t->tracks.g + first, (end - first) * sizeof(float));

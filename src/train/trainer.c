@@ -339,6 +339,15 @@ double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t itera
     return spin_lr(lr0, r->end, iteration, r->warmup, r->iterations);
 }
 
+double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
+{
+    const struct spin_train_rates *r = &t->rates;
+
+    if (t->iteration >= r->track_iterations)
+        return r->end;
+    return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);
+}
+
 /* The network's steps: those after it joined. */
 int64_t spin_trainer_network_steps(const struct spin_trainer *t)
 {

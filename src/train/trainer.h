@@ -15,6 +15,7 @@ struct spin_train_rates {
     double tracked; /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
+    int64_t track_iterations; /* the first of them: tracks learn in these */
     int64_t network_from; /* the network joins after this many iterations: its rates begin then */
 };
 
@@ -115,9 +116,10 @@ int spin_trainer_sh_degree(const struct spin_trainer *t);
 spin_status spin_trainer_take_table(struct spin_trainer *t, float SPIN_DEV **out);
 void spin_trainer_put_back(struct spin_trainer *t);
 
-/* Rates now, of what begins with lr0: of all that is trained, and of the network, which may join later and counts
- * its own steps. */
+/* Rates now, of what begins with lr0: of all that is trained; of tracks, which learn in the first steps; and of the
+ * network, which may join later and counts its own steps. */
 double spin_trainer_rate(const struct spin_trainer *t, double lr0, int64_t iteration);
+double spin_trainer_track_rate(const struct spin_trainer *t, double lr0);
 double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step);
 int64_t spin_trainer_network_steps(const struct spin_trainer *t);
 /* After a resume the rates of the steps before it are noted again, for lazy Adam. */

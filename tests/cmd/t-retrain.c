@@ -822,7 +822,7 @@ static void test_plan(void)
        "--dry-run without a preset: quick, by the number of frames");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset best --range 1:3", bin, folder);
     ok(said_text("preset", "best") && said_number("iterations") == 5100 &&
-           said_number("densify_every") == 255,
+           said_number("densify_every") == 250,
        "--preset best: three times as many; of the frames that are used");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --iterations 40", bin, folder);
     ok(said_number("iterations") == 40 && said_number("densify_every") == 2,
@@ -1119,6 +1119,11 @@ static void test_tracks(void)
                            "--densify-until 0.4"),
                *calm = retrain("--method tracks --warmup 0 --densify-every 2 --densify-threshold 1 "
                                "--densify-until 1"),
+               *soon = retrain("--method tracks --warmup 0 --track-iterations 2"),
+               *soon_grown =
+                   retrain("--method tracks --warmup 0 --track-iterations 2 --densify-every 2 "
+                           "--densify-threshold 1e-9 --densify-until 1"),
+               *two = retrain("--method tracks --warmup 0 --iterations 2"),
                *late = retrain("--tracks auto --warmup 0 --network-start 0.5"),
                *never = retrain("--tracks auto --warmup 0 --network-start 1"),
                *never_two = retrain("--tracks auto --warmup 0 --network-start 1 --iterations 2");
@@ -1156,6 +1161,11 @@ static void test_tracks(void)
        splats_of(only));
     ok(splats_of(capped) <= splats_of(only), "--max-points");
     ok(splats_of(early) == splats_of(only), "--densify-until");
+    ok(farthest_tracks(soon, fixed, 3, 14) > 1e-3 && farthest_tracks(soon, two, 0, 14) < 1e-5 &&
+           farthest_tracks(soon, only, 3, 14) > 1e-3 &&
+           largest(soon, "network/residual/00000") > 1e-4,
+       "--track-iterations 2: after two steps tracks stay, what frames have alone does not");
+    ok(splats_of(soon_grown) == splats_of(only), "nor are they densified then");
     ok(same_order(off, 0, late, 0, 4) && late->step[1].loss != all->step[1].loss &&
            late->step[0].loss == only->step[0].loss && late->step[1].loss == only->step[1].loss,
        "--network-start 0.5: two steps of four without the network");

@@ -57,6 +57,7 @@ static const struct spin_retrain_options paper = {
     2,
     1,
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
+    -1,     /* track_iterations */
     true,   /* dynamic_residual */
     0,      /* densify_every */
     6e-4,
@@ -132,6 +133,7 @@ static const struct spin_retrain_options shorter = {
     2,
     1,
     2.5e-4, /* lr_track, lr_tracked, lr_displacement */
+    -1,     /* track_iterations */
     true,   /* dynamic_residual */
     0,      /* densify_every */
     6e-4,
@@ -250,6 +252,7 @@ static void test_limits(void)
     LIMIT(iterations, -1, -2);
     LIMIT(iterations, -3, -4);
     LIMIT(densify_every, -1, -2);
+    LIMIT(track_iterations, -1, 0);
     LIMIT(batch, 1024, 1025);
     LIMIT(views_per_frame, 3, 4);
     LIMIT(views_per_frame, 1, 0);
@@ -324,9 +327,9 @@ static void test_resolve(void)
 {
     resolves("quick", 1, 1600, 80);
     resolves("quick", 18, 3300, 165);
-    resolves("quick", 150, 16500, 825);
-    resolves("best", 18, 9900, 495);
-    resolves("best", 100000000, 1000000000, 50000000);
+    resolves("quick", 150, 16500, 250);
+    resolves("best", 18, 9900, 250);
+    resolves("best", 100000000, 1000000000, 250);
     resolves("paper", 18, 40000, 0);
     resolves("short", 18, 1500, 0);
     spin_retrain_defaults(&o);
@@ -338,6 +341,13 @@ static void test_resolve(void)
     o.densify_every = 0;
     spin_options_resolve(&o, 18);
     ok(o.iterations == 3300 && o.densify_every == 0, "a given rhythm stays");
+    ok(o.track_iterations == 3300, "tracks learn in all of 3300 iterations");
+    spin_retrain_defaults(&o);
+    spin_options_resolve(&o, 150);
+    ok(o.track_iterations == 5000, "in the first 5000 of 16500");
+    o.track_iterations = 20000;
+    spin_options_resolve(&o, 150);
+    ok(o.track_iterations == 16500, "and never in more than there are");
 }
 
 /* ---- Settings in JSON ---------------------------------------------------------------------------- */
@@ -394,7 +404,7 @@ static void test_json(void)
             "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
             "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
             "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
-            "'lr_tracked':1,'lr_displacement':0.00025,'dynamic_residual':true,'densify_every':0,"
+            "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'dynamic_residual':true,'densify_every':0,"
             "'densify_threshold':0.0006,'densify_until':0.6,'network_start':0.25,"
             "'hash_log2':21,'base_resolution':[8,8,8,8],"
             "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"
