@@ -243,7 +243,7 @@ enum {
     SPIN_OP_MLP_BACK,
     SPIN_OP_GRID_BACK,
     SPIN_OP_ADAM,
-    SPIN_OP_CLEAR,
+    SPIN_OP_CLEAR, /* and copies within the device's memory */
     SPIN_OP_NONZERO_GRAD,
     SPIN_N_OPS
 };
@@ -253,6 +253,13 @@ enum {
             "blend_back", "project_back", "activate_back", "mlp_back", "grid_back", "adam",        \
             "clear", "nonzero_grad"                                                                \
     }
+
+/* Zero it to begin. */
+struct spin_host_memory {
+    void *at;
+    size_t bytes;
+    bool pinned; /* page-locked */
+};
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
@@ -268,6 +275,20 @@ struct spin_device_ops {
     spin_status (*download)(struct spin_device *d, void *host, const void SPIN_DEV *from,
                             size_t bytes);
     spin_status (*wait)(struct spin_device *d);
+    /* Host memory for bytes on their way to and from the device, 64-byte aligned (now). A card copies to and from
+     * it without a copy of its own, as it is page-locked; where that cannot be had it is ordinary memory, and so
+     * it is on the CPU. An upload from it is queued like a verb: it must not change before the next wait() or
+     * download(). Fails only without memory. */
+    spin_status (*host_reserve)(struct spin_device *d, size_t bytes, struct spin_host_memory *out);
+    void (*host_release)(struct spin_device *d, struct spin_host_memory *memory);
+    /* Where the host finds device memory; NULL: it cannot. */
+    void *(*host_view)(struct spin_device *d, void SPIN_DEV *at);
+    /* to [n][to_stride] = from [n][from_stride], the first width of each row. Any 4-byte values; to and from are
+     * apart. */
+    void (*copy_rows)(struct spin_device *d, size_t n, size_t width, const float SPIN_DEV *from,
+                      size_t from_stride, float SPIN_DEV *to, size_t to_stride);
+    /* to [n] += from [n] */
+    void (*add)(struct spin_device *d, size_t n, const float SPIN_DEV *from, float SPIN_DEV *to);
     size_t (*memory_available)(
         struct spin_device *d); /* bytes that could still be reserved (now) */
     /* Seconds that the verbs of one op (SPIN_OP_...) took since the last call for it. */
@@ -435,7 +456,8 @@ struct spin_device {
     char description[64]; /* "cpu (avx-512, 2 threads)" */
     int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
     bool is_host; /* its memory is the host's: what the plan needs is one sum */
-    bool deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
+    bool
+        deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
                          * calls give the same bits. The CPU does always. */
 };
 

@@ -2,8 +2,6 @@
  * table and heads gather over all of them; positions take their step when their group is done. */
 #include "train/step.h"
 
-#include <string.h>
-
 #include "base/err.h"
 #include "io/ranks.h"
 #include "model/residual.h"
@@ -13,26 +11,23 @@
 static void put_shared(struct spin_trainer *t)
 {
     size_t n = t->heads.n, n_exposure = t->exposures.param.n;
+    struct spin_device *d = t->device;
 
     if (!t->shared)
         return;
-    if (n > 0)
-        t->device->op->upload(t->device, t->heads.g, t->shared, n * sizeof(float));
-    if (n_exposure > 0)
-        t->device->op->upload(t->device, t->exposures.param.g, t->shared + n,
-                              n_exposure * sizeof(float));
-    memset(t->shared, 0, (n + n_exposure) * sizeof(float));
+    d->op->copy_rows(d, 1, n, t->shared, n, t->heads.g, n);
+    d->op->copy_rows(d, 1, n_exposure, t->shared + n, n_exposure, t->exposures.param.g, n_exposure);
+    d->op->zero(d, t->shared, (n + n_exposure) * sizeof(float));
 }
 
-static spin_status add_own_shared(struct spin_trainer *t)
+static void add_own_shared(struct spin_trainer *t)
 {
-    float *mine = t->shared + spin_step_shared(t);
+    float SPIN_DEV *mine = t->shared + spin_step_shared(t);
 
-    if (!t->shared || spin_step_shared(t) == 0)
-        return SPIN_OK;
-    SPIN_TRY(spin_step_take_shared(t, mine));
+    if (!t->shared)
+        return;
+    spin_step_take_shared(t, mine);
     spin_step_add_shared(t, mine);
-    return SPIN_OK;
 }
 
 /* The frames of these items, whose views may stand anywhere in the batch. */
@@ -51,7 +46,8 @@ static spin_status do_frames(struct spin_trainer *t, const struct spin_step_batc
     spin_field_backward(&t->field_eval, network, t->table.p, t->heads.p, &frames, t->table.g,
                         t->heads.g);
     spin_step_finish(t, b, first, &frames);
-    return add_own_shared(t);
+    add_own_shared(t);
+    return SPIN_OK;
 }
 
 /* ---- The step -------------------------------------------------------------------------------- */
@@ -161,10 +157,9 @@ static void step_shared(struct spin_trainer *t)
 /* The step's one read-back. */
 static spin_status read_values(struct spin_trainer *t, int n, struct spin_train_values *values)
 {
-    if (spin_n_ranks() == 1)
-        SPIN_TRY(t->device->op->download(t->device, t->host_values, t->values,
-                                         (size_t)t->n_drawn * SPIN_LOSS_VALUES *
-                                             sizeof *t->host_values));
+    SPIN_TRY(
+        t->device->op->download(t->device, t->host_values, t->values,
+                                (size_t)t->n_drawn * SPIN_LOSS_VALUES * sizeof *t->host_values));
     values->seen = t->seen;
     for (int i = 0; i < t->n_drawn; i++) {
         const double *v = t->host_values + i * SPIN_LOSS_VALUES;

@@ -152,7 +152,8 @@ spin_status spin_step_draw(struct spin_trainer *t, const struct spin_step_batch 
 
     d->op->zero(d, t->field_eval.d_attr, frames->n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, t->d_pos, frames->n * 3 * sizeof(float));
-    if (t->n_tracks > 0 || (spin_n_ranks() > 1 && t->residuals)) /* no Adam here, which would leave zeros */
+    if (t->n_tracks > 0 ||
+        (spin_n_ranks() > 1 && t->residuals)) /* no Adam here, which would leave zeros */
         d->op->zero(d, t->d_residual, frames->n * SPIN_RESIDUAL * sizeof(float));
     return draw_frames(t, b, first, frames);
 }
@@ -176,22 +177,18 @@ void spin_step_finish(struct spin_trainer *t, const struct spin_step_batch *b, c
 
 size_t spin_step_shared(const struct spin_trainer *t) { return t->heads.n + t->exposures.param.n; }
 
-spin_status spin_step_take_shared(struct spin_trainer *t, float *out)
+void spin_step_take_shared(struct spin_trainer *t, float SPIN_DEV *out)
 {
     const struct spin_param *param[2] = {&t->heads, &t->exposures.param};
     struct spin_device *d = t->device;
 
     for (int i = 0; i < 2; out += param[i++]->n) {
-        if (param[i]->n == 0)
-            continue;
-        SPIN_TRY(d->op->download(d, out, param[i]->g, param[i]->n * sizeof *out));
-        d->op->zero(d, param[i]->g, param[i]->n * sizeof *out);
+        d->op->copy_rows(d, 1, param[i]->n, param[i]->g, param[i]->n, out, param[i]->n);
+        d->op->zero(d, param[i]->g, param[i]->n * sizeof(float));
     }
-    return SPIN_OK;
 }
 
-void spin_step_add_shared(struct spin_trainer *t, const float *from)
+void spin_step_add_shared(struct spin_trainer *t, const float SPIN_DEV *from)
 {
-    for (size_t i = 0; i < spin_step_shared(t); i++)
-        t->shared[i] += from[i];
+    t->device->op->add(t->device, spin_step_shared(t), from, t->shared);
 }

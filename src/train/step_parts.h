@@ -33,10 +33,10 @@ void spin_step_finish(struct spin_trainer *t, const struct spin_step_batch *b, c
                       const struct spin_frame_batch *frames);
 
 /* What all frames share and is small, heads and exposures, has the sums of the frames' gradients, one after the
- * other. take: this frame's gradients [spin_step_shared()] to the host, and zeros in their place. */
+ * other. take: this frame's gradients [spin_step_shared()], and zeros in their place. */
 size_t spin_step_shared(const struct spin_trainer *t);
-spin_status spin_step_take_shared(struct spin_trainer *t, float *out);
-void spin_step_add_shared(struct spin_trainer *t, const float *from);
+void spin_step_take_shared(struct spin_trainer *t, float SPIN_DEV *out);
+void spin_step_add_shared(struct spin_trainer *t, const float SPIN_DEV *from);
 
 /* The frame's splats as they are drawn: their own values with those of their tracks. Good until the next call,
  * or the next step. */

@@ -16,6 +16,11 @@ static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV 
     return d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
 
+static void copy(struct spin_device *d, float SPIN_DEV *to, const float SPIN_DEV *from, size_t n)
+{
+    d->op->copy_rows(d, 1, n, from, n, to, n);
+}
+
 static size_t most_splats(const struct spin_trainer_size *size)
 {
     size_t most = 0;
@@ -37,6 +42,33 @@ static bool has_residual(const struct spin_trainer_size *size)
 
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
+/* Memory of step_ranks.c and of what goes with it, at most. */
+static size_t round_floats(const struct spin_field *field, const struct spin_trainer_size *size,
+                           size_t n)
+{
+    size_t frames = smaller(spin_n_ranks(), size->max_items), floats, width = 0, most = 0, all = 0;
+    size_t own = size->n_tracks > 0 ? SPIN_TRACK + 2 : has_residual(size) ? SPIN_TRACK : 3;
+
+    floats = (2 * frames + 2) * n * own; /* values, gradients; frames that visit or are lent */
+    for (int r = 0; r < spin_n_ranks() && size->network; r++) {
+        struct spin_levels of = spin_share_levels(&field->grid, r, spin_n_ranks());
+        struct spin_levels branch[SPIN_MAX_LEVELS];
+        size_t features = (size_t)((of.end - of.first) * field->grid.n_features);
+        size_t branches = (size_t)spin_share_branches(field->grid.n_levels, of, branch);
+
+        width = features > width ? features : width;
+        most = branches > most ? branches : most;
+        all += branches;
+    }
+    if (size->network) { /* features and their gradients both ways, rows, branches; the table as a whole; heads */
+        width =
+            frames * width > (size_t)field->heads.n_in ? frames * width : (size_t)field->heads.n_in;
+        floats += (2 * width + frames + 4 * (all + frames * most)) * n + field->n_table +
+                  (2 + frames) * field->n_heads;
+    }
+    return floats + floats / 8;
+}
+
 size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_field *field,
                           const struct spin_trainer_size *size)
 {
@@ -50,11 +82,8 @@ size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_fi
     floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->n_tracks > 0 ? 2 : 1);
     if (size->network)
         floats += 4 * (spin_share_most(&field->grid) + field->n_heads);
-    if (size->network && spin_n_ranks() > 1) /* messages; the whole table, twice, to look at it */
-        floats += 4 * n * (size_t)field->heads.n_in + 2 * field->n_table;
-    if (spin_n_ranks() > 1) /* a frame that visits; on the host those of a round, and their gradients */
-        floats += (1 + 2 * smaller(spin_n_ranks(), size->max_items)) * one *
-                  (size->n_tracks > 0 ? SPIN_TRACK + 2 : has_residual(size) ? SPIN_TRACK : 3);
+    if (spin_n_ranks() > 1)
+        floats += round_floats(field, size, one);
     return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
            views * spin_raster_bytes(one, size->max_pixels, true);
 }
@@ -125,8 +154,8 @@ static spin_status open_buffers(struct spin_trainer *t)
     }
     if (spin_n_ranks() > 1 && t->n_tracks > 0) {
         SPIN_TRY(reserve(d, t->n_max, &t->visit_gradient));
-        SPIN_TRY(d->op->reserve(d, t->n_max * sizeof *t->visit_seen,
-                                (void SPIN_DEV **)&t->visit_seen));
+        SPIN_TRY(
+            d->op->reserve(d, t->n_max * sizeof *t->visit_seen, (void SPIN_DEV **)&t->visit_seen));
     }
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
@@ -141,6 +170,12 @@ static void say_owned(const struct spin_trainer *t)
         n += spin_trainer_owns(f);
     if (spin_n_ranks() > 1)
         spin_log(1, "rank 0 has the values of %d of %d frames", n, t->n_frames);
+}
+
+/* Floats of the sums of what all frames share. */
+static size_t n_shared(const struct spin_trainer *t)
+{
+    return 2 * (t->heads.n + t->exposures.param.n) + 1;
 }
 
 spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device,
@@ -172,16 +207,15 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
     SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_exposures,
-                                     t->max_pixels *
-                                         smaller(device->views_at_once, t->max_items)));
+                                     t->max_pixels * smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0,
                                            spin_trainer_owns(f)));
     SPIN_TRY_OUT(open_buffers(t));
     say_owned(t);
     if (spin_n_ranks() > 1 || device->frames_at_once == 1)
-        SPIN_TRY_OUT(spin_alloc(2 * (t->heads.n + t->exposures.param.n) + 1, sizeof *t->shared,
-                                (void **)&t->shared));
+        SPIN_TRY_OUT(reserve(device, n_shared(t), &t->shared));
+    SPIN_TRY_OUT(spin_exchange_open(&t->exchange, device));
     return SPIN_OK;
 out:
     spin_trainer_close(t);
@@ -224,7 +258,7 @@ struct spin_train_frame spin_trainer_at(const struct spin_trainer *t, int frame)
 enum { N_PARTS = 4 };
 
 static void list_parts(const struct spin_trainer *t, const struct spin_train_frame *frame,
-                       void SPIN_DEV *at[N_PARTS], size_t floats[N_PARTS])
+                       float SPIN_DEV *at[N_PARTS], size_t floats[N_PARTS])
 {
     const struct spin_frame_size *size = &frame->size;
 
@@ -233,41 +267,38 @@ static void list_parts(const struct spin_trainer *t, const struct spin_train_fra
     at[1] = frame->residual;
     floats[1] = SPIN_RESIDUAL * size->n_residual;
     at[2] = frame->gradient;
-    at[3] = frame->seen;
+    at[3] = (float SPIN_DEV *)frame->seen;
     floats[2] = floats[3] = t->gather ? size->n : 0;
 }
 
 size_t spin_trainer_floats(const struct spin_trainer *t, int frame)
 {
-    void SPIN_DEV *at[N_PARTS];
+    float SPIN_DEV *at[N_PARTS];
     size_t floats[N_PARTS];
 
     list_parts(t, &t->frame[frame], at, floats);
     return floats[0] + floats[1] + floats[2] + floats[3];
 }
 
-spin_status spin_trainer_pack(const struct spin_trainer *t, int frame, float *to, bool whole)
+void spin_trainer_pack(const struct spin_trainer *t, int frame, float SPIN_DEV *to, bool whole)
 {
-    void SPIN_DEV *at[N_PARTS];
+    float SPIN_DEV *at[N_PARTS];
     size_t floats[N_PARTS];
 
     list_parts(t, &t->frame[frame], at, floats);
     for (int i = 0; i < (whole ? N_PARTS : 1); to += floats[i++])
-        if (floats[i] > 0)
-            SPIN_TRY(t->device->op->download(t->device, to, at[i], floats[i] * sizeof *to));
-    return SPIN_OK;
+        copy(t->device, to, at[i], floats[i]);
 }
 
-void spin_trainer_receive(struct spin_trainer *t, int frame, const float *from, bool whole)
+void spin_trainer_receive(struct spin_trainer *t, int frame, const float SPIN_DEV *from, bool whole)
 {
     const struct spin_train_frame to = spin_trainer_at(t, frame);
-    void SPIN_DEV *at[N_PARTS];
+    float SPIN_DEV *at[N_PARTS];
     size_t floats[N_PARTS];
 
     list_parts(t, &to, at, floats);
     for (int i = 0; i < (whole ? N_PARTS : 1); from += floats[i++])
-        if (floats[i] > 0)
-            t->device->op->upload(t->device, at[i], from, floats[i] * sizeof *from);
+        copy(t->device, at[i], from, floats[i]);
     t->visiting = frame;
 }
 
@@ -275,22 +306,22 @@ spin_status spin_trainer_lend(struct spin_trainer *t, int frame, int to)
 {
     size_t n = spin_trainer_floats(t, frame);
     int owner = spin_share_owner(frame);
-    struct spin_message m = {.peer = spin_rank() == to ? owner : to, .receive = spin_rank() == to};
-    float *host = NULL;
-    spin_status status = SPIN_OK;
+    struct spin_device_message m = {.peer = spin_rank() == to ? owner : to,
+                                    .receive = spin_rank() == to,
+                                    .bytes = n * sizeof(float)};
+    float SPIN_DEV *values;
+    spin_status status;
 
     if (owner == to || (spin_rank() != owner && spin_rank() != to))
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(n + 1, sizeof *host, (void **)&host));
-    m.at = host;
-    m.bytes = n * sizeof *host;
+    SPIN_TRY(reserve(t->device, n, &values));
+    m.at = values;
     if (!m.receive)
-        SPIN_TRY_OUT(spin_trainer_pack(t, frame, host, true));
-    status = spin_ranks_exchange(&m, 1);
+        spin_trainer_pack(t, frame, values, true);
+    status = spin_exchange(&t->exchange, &m, 1);
     if (m.receive && status == SPIN_OK)
-        spin_trainer_receive(t, frame, host, true);
-out:
-    free(host);
+        spin_trainer_receive(t, frame, values, true);
+    t->device->op->release(t->device, values, n * sizeof *values);
     return status;
 }
 
@@ -317,6 +348,7 @@ void spin_trainer_close(struct spin_trainer *t)
         d->op->lazy_adam_close(d, t->lazy);
     close_buffers(t);
     d->op->release(d, t->values, (size_t)t->max_items * SPIN_LOSS_VALUES * sizeof *t->values);
+    d->op->release(d, t->shared, n_shared(t) * sizeof *t->shared);
     spin_param_close(&t->table, d);
     spin_param_close(&t->heads, d);
     spin_param_close(&t->tracks, d);
@@ -326,9 +358,9 @@ void spin_trainer_close(struct spin_trainer *t)
     free(t->frame);
     free(t->host_values);
     free(t->drawn);
-    free(t->shared);
     for (int i = 0; i < SPIN_ROUND_BUFFERS; i++)
-        free(t->round[i]);
+        d->op->release(d, t->round[i], t->round_bytes[i]);
+    spin_exchange_close(&t->exchange);
     memset(t, 0, sizeof *t);
 }
 
@@ -402,52 +434,42 @@ static float SPIN_DEV *take_part(struct spin_trainer *t)
     return t->table.g;
 }
 
-/* The parts of all ranks, on the host. */
-static spin_status gather_table(struct spin_trainer *t, const float SPIN_DEV *part, float *host)
+/* The parts of all ranks, with this rank's, to t->whole. */
+static spin_status gather_table(struct spin_trainer *t, const float SPIN_DEV *part)
 {
     const struct spin_grid *grid = &t->field.grid;
+    float SPIN_DEV *mine = t->whole + spin_share_floats(grid, t->levels.first);
     int n_ranks = spin_n_ranks();
-    struct spin_message *m = NULL;
+    struct spin_device_message *m = NULL;
     size_t n = 0;
     spin_status status;
 
     SPIN_TRY(spin_alloc(2 * (size_t)n_ranks, sizeof *m, (void **)&m));
+    copy(t->device, mine, part, t->table.n);
     for (int r = 0; r < n_ranks; r++) {
         struct spin_levels of = spin_share_levels(grid, r, n_ranks);
         size_t first = spin_share_floats(grid, of.first), end = spin_share_floats(grid, of.end);
 
         if (r == spin_rank())
             continue;
-        m[n++] = (struct spin_message){r, 1, host + first, (end - first) * sizeof *host};
-        m[n++] = (struct spin_message){r, 0, host + spin_share_floats(grid, t->levels.first),
-                                       t->table.n * sizeof *host};
+        m[n++] =
+            (struct spin_device_message){r, true, t->whole + first, (end - first) * sizeof(float)};
+        m[n++] = (struct spin_device_message){r, false, mine, t->table.n * sizeof(float)};
     }
-    status = t->device->op->download(t->device, host + spin_share_floats(grid, t->levels.first),
-                                     part, t->table.n * sizeof *host);
-    if (status == SPIN_OK)
-        status = spin_ranks_exchange(m, n);
+    status = spin_exchange(&t->exchange, m, n);
     free(m);
     return status;
 }
 
 spin_status spin_trainer_take_table(struct spin_trainer *t, float SPIN_DEV **out)
 {
-    size_t n = t->field.n_table;
-    float *host = NULL;
-    spin_status status;
+    const float SPIN_DEV *part = *out = take_part(t);
 
-    *out = take_part(t);
     if (spin_n_ranks() == 1 || !t->network)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(n, sizeof *host, (void **)&host));
-    status = gather_table(t, *out, host);
-    if (status == SPIN_OK)
-        status = reserve(t->device, n, &t->whole);
-    if (status == SPIN_OK)
-        t->device->op->upload(t->device, t->whole, host, n * sizeof *host);
-    free(host);
+    SPIN_TRY(reserve(t->device, t->field.n_table, &t->whole));
     *out = t->whole;
-    return status;
+    return gather_table(t, part);
 }
 
 void spin_trainer_put_back(struct spin_trainer *t)

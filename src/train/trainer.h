@@ -5,6 +5,7 @@
 
 #include "model/field_eval.h"
 #include "render/raster.h"
+#include "train/exchange.h"
 #include "train/image_loss.h"
 #include "train/share.h"
 #include "train/train_frame.h"
@@ -12,7 +13,7 @@
 struct spin_train_rates {
     double table, head[SPIN_HEADS], position, exposure, end;
     double residual[SPIN_HEADS]; /* 0: residual values stay as they are */
-    double tracked; /* on position and residual, for splats with a track */
+    double tracked;              /* on position and residual, for splats with a track */
     double track[SPIN_HEADS], displacement;
     int64_t warmup, iterations;
     int64_t track_iterations; /* the first of them: tracks learn in these */
@@ -40,7 +41,9 @@ struct spin_trainer {
     struct spin_levels levels;        /* these, of all */
     struct spin_field part;           /* the network with these levels alone */
     float SPIN_DEV *whole;            /* the table of all ranks, between take_table and put_back */
-    float *shared; /* host: gradients of heads and exposures, summed frame by frame; or NULL */
+    float SPIN_DEV *
+        shared; /* [2][spin_step_shared()] gradients of heads and exposures: summed frame by frame, and of
+                             * one frame; or NULL */
     struct spin_param tracks; /* [SPIN_TRACK n_tracks] in groups (device.h) */
     size_t n_tracks;
     size_t n_moving,
@@ -53,7 +56,7 @@ struct spin_trainer {
     float SPIN_DEV *visit_pos, *visit_residual; /* its values, [3 n_max], [SPIN_RESIDUAL n_max] */
     float SPIN_DEV *visit_gradient; /* [n_max] with tracks: what densification goes by */
     uint32_t SPIN_DEV *visit_seen;  /* [n_max] */
-    bool residuals; /* splats have values besides the network's */
+    bool residuals;                 /* splats have values besides the network's */
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
     bool is_lazy;                /* the table's Adam is, as that pays */
@@ -71,7 +74,9 @@ struct spin_trainer {
     double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of a step */
     double *host_values;              /* the same */
     int *drawn;                       /* [max_items] the item of each row of values */
-    void *round[SPIN_ROUND_BUFFERS];  /* host memory of step_ranks.c */
+    struct spin_exchange exchange;    /* with other ranks */
+    void SPIN_DEV *round[SPIN_ROUND_BUFFERS]; /* memory of step_ranks.c */
+    size_t round_bytes[SPIN_ROUND_BUFFERS];
     int max_items, n_drawn;
     bool seen; /* some view of the step shows a splat */
 };
@@ -95,12 +100,13 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t);
 bool spin_trainer_owns(int frame);
 /* The frame as it can be drawn here: its own arrays, or of one that visits, its values. */
 struct spin_train_frame spin_trainer_at(const struct spin_trainer *t, int frame);
-/* A frame's values as floats in host memory: positions [3 n_pos], residual values [SPIN_RESIDUAL n_residual]; while
+/* A frame's values as floats one after the other: positions [3 n_pos], residual values [SPIN_RESIDUAL n_residual]; while
  * a densification is prepared also gradient [n], seen [n]. whole: all of them; else the positions alone. */
 size_t spin_trainer_floats(const struct spin_trainer *t, int frame);
-spin_status spin_trainer_pack(const struct spin_trainer *t, int frame, float *to, bool whole);
-/* From the host: the frame visits. */
-void spin_trainer_receive(struct spin_trainer *t, int frame, const float *from, bool whole);
+void spin_trainer_pack(const struct spin_trainer *t, int frame, float SPIN_DEV *to, bool whole);
+/* From there: the frame visits. */
+void spin_trainer_receive(struct spin_trainer *t, int frame, const float SPIN_DEV *from,
+                          bool whole);
 /* The values of a frame from its owner to rank `to`, where it then visits until the next step. All ranks call it. */
 spin_status spin_trainer_lend(struct spin_trainer *t, int frame, int to);
 

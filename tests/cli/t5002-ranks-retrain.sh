@@ -48,7 +48,7 @@ is "$(grep -c 'processes draw' "$work/err")" 0 "one of as many is not"
 # What 1, 2 and 4 processes need, and what 2 of them keep.
 for what in "--residual points" "--tracks auto"; do
     for n in 1 2 4; do
-        ranks $n "$bin/spin-retrain" "$in" --dry-run --json $small $what
+        ranks $n "$bin/spin-retrain" "$in" --dry-run --json $small $what --batch 2
         eval "needs_$n=$(member bytes_needed)"
     done
     [ "$needs_4" -lt "$needs_2" ]

@@ -171,6 +171,23 @@ static spin_status wait(struct spin_device *d)
     return status;
 }
 
+static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin_host_memory *out)
+{
+    return of(d)->inner->op->host_reserve(of(d)->inner, bytes, out);
+}
+
+static void host_release(struct spin_device *d, struct spin_host_memory *memory)
+{
+    of(d)->inner->op->host_release(of(d)->inner, memory);
+}
+
+static void *host_view(struct spin_device *d, void SPIN_DEV *at)
+{
+    (void)d;
+    (void)at;
+    return NULL;
+}
+
 static size_t memory_available(struct spin_device *d)
 {
     return of(d)->inner->op->memory_available(of(d)->inner);
@@ -327,6 +344,8 @@ static void check_spin_images(struct spin_device *d, const char *verb,
 typedef const float floats;
 /* clang-format off */
 QUEUED2(zero, P, void, V, size_t)
+QUEUED6(copy_rows, V, size_t, V, size_t, P, floats, V, size_t, P, float, V, size_t)
+QUEUED3(add, V, size_t, P, floats, P, float)
 QUEUED3(contract, S, spin_scene_transform, S, spin_frame_batch, P, float)
 QUEUED4(contract_back, S, spin_scene_transform, S, spin_frame_batch, S, spin_active, P, floats)
 QUEUED5(grid, S, spin_grid, P, floats, V, size_t, P, floats, P, float)
@@ -460,6 +479,11 @@ struct spin_device *strict_open(struct spin_device *inner, int frames_at_once, i
         .upload = upload,
         .download = download,
         .wait = wait,
+        .host_reserve = host_reserve,
+        .host_release = host_release,
+        .host_view = host_view,
+        .copy_rows = copy_rows,
+        .add = add,
         .memory_available = memory_available,
         .clock = clock_of,
         .contract = contract,

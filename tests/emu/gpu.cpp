@@ -3,18 +3,20 @@
  *
  * For tests: SPIN_EMU_CARDS=0, there is no card; SPIN_EMU_MEMORY=BYTES, it has so much, 0: it does not say;
  * SPIN_EMU_FULL=N, others have taken its memory when the N-th block is wanted; SPIN_EMU_LOST=N, it is lost at the N-th
- * piece of work, and what comes after does nothing. */
+ * piece of work, and what comes after does nothing; SPIN_EMU_PINNED=0, no page-locked memory is to be had;
+ * SPIN_EMU_COPIES=FILE, when it is closed it adds a line there: bytes copied between it and host memory of each kind. */
 #include "device/cuda/gpu.h"
 
 #include <algorithm>
 #include <malloc.h>
+#include <map>
 #include <numeric>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 #include <vector>
 
-static size_t used, work, blocks;
+static size_t used, work, blocks, copied[2]; /* copied: by way of ordinary, of page-locked memory */
 static bool lost;
 
 static size_t number_of(const char *name, size_t fallback)
@@ -24,9 +26,36 @@ static size_t number_of(const char *name, size_t fallback)
     return text && *text ? strtoull(text, NULL, 10) : fallback;
 }
 
+/* Page-locked blocks, and their bytes. */
+static std::map<char *, size_t> pinned;
+
+static bool is_pinned(const void *at)
+{
+    auto block = pinned.upper_bound((char *)at);
+
+    return block != pinned.begin() && (char *)at < (--block)->first + block->second;
+}
+
+/* A copy from page-locked memory is done as late as may be: when the next work begins, or is waited for. */
+static struct {
+    void *to;
+    const void *host;
+    size_t bytes;
+} late;
+
+static void copy_late(void)
+{
+    if (late.bytes)
+        memcpy(late.to, late.host, late.bytes);
+    late.bytes = 0;
+}
+
+static void count(const void *host, size_t bytes) { copied[is_pinned(host)] += bytes; }
+
 /* One more piece of work; false when there is no card any more to do it. */
 bool emu_works(struct gpu *)
 {
+    copy_late();
     lost |= ++work == number_of("SPIN_EMU_LOST", 0);
     return !lost;
 }
@@ -37,14 +66,24 @@ bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
         snprintf(why, n_why, "no CUDA-capable device is detected");
         return false;
     }
-    work = blocks = 0;
+    work = blocks = copied[0] = copied[1] = 0;
     lost = false;
     snprintf(gpu->name, sizeof gpu->name, "emulated");
     gpu->major = 8;
     return true;
 }
 
-void gpu_close(struct gpu *) {}
+void gpu_close(struct gpu *)
+{
+    const char *name = getenv("SPIN_EMU_COPIES");
+    FILE *file = name && *name ? fopen(name, "a") : NULL;
+
+    copy_late();
+    if (!file)
+        return;
+    fprintf(file, "ordinary %zu pinned %zu\n", copied[0], copied[1]);
+    fclose(file);
+}
 
 size_t gpu_memory_free(struct gpu *)
 {
@@ -60,7 +99,8 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes)
 
     if (++blocks == number_of("SPIN_EMU_FULL", 0))
         return NULL;
-    if ((number_of("SPIN_EMU_MEMORY", 1) > 0 && bytes > gpu_memory_free(gpu)) || posix_memalign(&block, 256, bytes + 1) != 0)
+    if ((number_of("SPIN_EMU_MEMORY", 1) > 0 && bytes > gpu_memory_free(gpu)) ||
+        posix_memalign(&block, 256, bytes + 1) != 0)
         return NULL;
     memset(block, 0xff, bytes);
     used += malloc_usable_size(block);
@@ -73,6 +113,22 @@ void gpu_free(struct gpu *, void *block)
     free(block);
 }
 
+void *gpu_host_alloc(struct gpu *, size_t bytes)
+{
+    void *block = number_of("SPIN_EMU_PINNED", 1) > 0 ? aligned_alloc(64, bytes) : NULL;
+
+    if (block)
+        pinned[(char *)block] = bytes;
+    return block;
+}
+
+void gpu_host_free(struct gpu *, void *block)
+{
+    copy_late();
+    pinned.erase((char *)block);
+    free(block);
+}
+
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
 {
     if (emu_works(gpu))
@@ -81,18 +137,30 @@ void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
 
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
 {
-    if (emu_works(gpu))
+    if (!emu_works(gpu))
+        return;
+    if (is_pinned(host))
+        late = {to, host, bytes};
+    else
         memcpy(to, host, bytes);
+    count(host, bytes);
 }
 
 void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes)
 {
-    if (emu_works(gpu))
-        memcpy(host, from, bytes);
+    if (!emu_works(gpu))
+        return;
+    memcpy(host, from, bytes);
+    count(host, bytes);
 }
 
 const char *gpu_error(struct gpu *) { return lost ? "the card is lost" : NULL; }
-const char *gpu_wait(struct gpu *gpu) { return gpu_error(gpu); }
+
+const char *gpu_wait(struct gpu *gpu)
+{
+    copy_late();
+    return gpu_error(gpu);
+}
 
 void *gpu_mark_new(struct gpu *) { return calloc(1, sizeof(double)); }
 void gpu_mark_free(void *mark) { free(mark); }

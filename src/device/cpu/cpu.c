@@ -93,6 +93,46 @@ static spin_status download(struct spin_device *d, void *host, const void *from,
     return wait(d);
 }
 
+static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin_host_memory *out)
+{
+    (void)d;
+    *out = (struct spin_host_memory){.bytes = bytes};
+    return spin_pages_reserve(bytes, &out->at);
+}
+
+static void host_release(struct spin_device *d, struct spin_host_memory *memory)
+{
+    (void)d;
+    if (memory->at)
+        spin_pages_release(memory->at, memory->bytes);
+    *memory = (struct spin_host_memory){0};
+}
+
+static void *host_view(struct spin_device *d, void *at)
+{
+    (void)d;
+    return at;
+}
+
+static void copy_rows(struct spin_device *d, size_t n, size_t width, const float *from,
+                      size_t from_stride, float *to, size_t to_stride)
+{
+    bool whole = width == from_stride && width == to_stride;
+
+    (void)d;
+    if (whole && n > 0)
+        memcpy(to, from, n * width * sizeof *to);
+    for (size_t i = 0; i < n && !whole; i++)
+        memcpy(to + i * to_stride, from + i * from_stride, width * sizeof *to);
+}
+
+static void add(struct spin_device *d, size_t n, const float *from, float *to)
+{
+    (void)d;
+    for (size_t i = 0; i < n; i++)
+        to[i] += from[i];
+}
+
 static size_t memory_available(struct spin_device *d)
 {
     (void)d;
@@ -118,6 +158,11 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .upload = upload,
     .download = download,
     .wait = wait,
+    .host_reserve = host_reserve,
+    .host_release = host_release,
+    .host_view = host_view,
+    .copy_rows = copy_rows,
+    .add = add,
     .memory_available = memory_available,
     .clock = clock_of,
     .tracks = SPIN_CPU(tracks),

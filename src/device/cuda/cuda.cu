@@ -118,6 +118,29 @@ static spin_status download(struct spin_device *d, void *host, const void SPIN_D
     return wait(d);
 }
 
+/* Ordinary memory is the way out where page-locked memory is not to be had. */
+static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin_host_memory *out)
+{
+    size_t room = (bytes + 63) / 64 * 64 + 64;
+
+    *out = spin_host_memory{gpu_host_alloc(gpu_of(d), room), bytes, true};
+    if (out->at)
+        return SPIN_OK;
+    *out = spin_host_memory{aligned_alloc(64, room), bytes, false};
+    return out->at ? SPIN_OK : cuda_no_memory();
+}
+
+static void host_release(struct spin_device *d, struct spin_host_memory *memory)
+{
+    if (memory->pinned)
+        gpu_host_free(gpu_of(d), memory->at);
+    else
+        free(memory->at);
+    *memory = spin_host_memory{};
+}
+
+static void *host_view(struct spin_device *, void SPIN_DEV *) { return NULL; }
+
 /* A sixteenth is kept for what the verbs need for themselves. */
 static size_t memory_available(struct spin_device *d)
 {
@@ -238,6 +261,11 @@ static const struct spin_device_ops ops = {
     .upload = upload,
     .download = download,
     .wait = wait,
+    .host_reserve = host_reserve,
+    .host_release = host_release,
+    .host_view = host_view,
+    .copy_rows = cuda_copy_rows,
+    .add = cuda_add,
     .memory_available = memory_available,
     .clock = clock_of,
     .tracks = cuda_tracks,

@@ -113,7 +113,9 @@ CUDA_VERB(grid); /* grid.cu */
 CUDA_VERB(grid_back);
 CUDA_VERB(mlp); /* mlp.cu */
 CUDA_VERB(mlp_back);
-CUDA_VERB(tracks); /* rows.cu */
+CUDA_VERB(copy_rows); /* rows.cu */
+CUDA_VERB(add);
+CUDA_VERB(tracks);
 CUDA_VERB(tracks_back);
 CUDA_VERB(residual);
 CUDA_VERB(residual_set);
@@ -133,7 +135,7 @@ CUDA_VERB(measure);
 CUDA_VERB(exposure); /* exposure.cu */
 CUDA_VERB(exposure_back);
 CUDA_VERB(exposure_centre);
-CUDA_VERB(adam); /* adam.cu */
+CUDA_VERB(adam);             /* adam.cu */
 CUDA_VERB(lazy_adam_enable); /* lazy_adam.cu */
 CUDA_VERB(lazy_adam_close);
 CUDA_VERB(lazy_adam_grid);

@@ -68,12 +68,29 @@ size_t gpu_memory_free(struct gpu *gpu)
     return cudaMemGetInfo(&left, &all) == cudaSuccess ? left : 0;
 }
 
+void *gpu_host_alloc(struct gpu *gpu, size_t bytes)
+{
+    void *block = NULL;
+
+    (void)gpu;
+    if (cudaHostAlloc(&block, bytes, cudaHostAllocDefault) == cudaSuccess)
+        return block;
+    cudaGetLastError(); /* it is told by the NULL; that of a lost card comes again */
+    return NULL;
+}
+
+void gpu_host_free(struct gpu *gpu, void *block)
+{
+    cudaStreamSynchronize(stream_of(gpu));
+    cudaFreeHost(block);
+}
+
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
 {
     cudaMemsetAsync(at, 0, bytes, stream_of(gpu));
 }
 
-/* From pageable memory this returns when the bytes were taken. */
+/* From pageable memory this returns when the bytes were taken, from page-locked memory at once. */
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
 {
     cudaMemcpyAsync(to, host, bytes, cudaMemcpyHostToDevice, stream_of(gpu));

@@ -45,9 +45,13 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes);
 void gpu_free(struct gpu *gpu, void *block);
 size_t gpu_memory_free(struct gpu *gpu);
 
+/* Page-locked host memory; NULL: none to be had. */
+void *gpu_host_alloc(struct gpu *gpu, size_t bytes);
+void gpu_host_free(struct gpu *gpu, void *block);
+
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes);
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host,
-                 size_t bytes); /* host is free on return */
+                 size_t bytes); /* host is free on return, page-locked memory after gpu_wait() */
 void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes); /* waits */
 /* What went wrong so far, without waiting or after all that is queued; NULL: nothing. */
 const char *gpu_error(struct gpu *gpu);

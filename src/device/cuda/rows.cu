@@ -153,3 +153,37 @@ void cuda_tracks_back(struct spin_device *d, const struct spin_frame_batch *fram
     }
     cuda_end(d, SPIN_OP_ACTIVATE_BACK);
 }
+
+/* ---- Rows as they are ------------------------------------------------------------------------- */
+
+static __global__ void copy_rows_kernel(size_t n, size_t width, const float *from,
+                                        size_t from_stride, float *to, size_t to_stride)
+{
+    size_t at = GPU_INDEX(), i = at / width, c = at % width;
+
+    if (i < n)
+        to[i * to_stride + c] = from[i * from_stride + c];
+}
+
+void cuda_copy_rows(struct spin_device *d, size_t n, size_t width, const float *from,
+                    size_t from_stride, float *to, size_t to_stride)
+{
+    cuda_begin(d, SPIN_OP_CLEAR);
+    GPU_EACH(gpu_of(d), n * width, copy_rows_kernel, n, width, from, from_stride, to, to_stride);
+    cuda_end(d, SPIN_OP_CLEAR);
+}
+
+static __global__ void add_kernel(size_t n, const float *from, float *to)
+{
+    size_t i = GPU_INDEX();
+
+    if (i < n)
+        to[i] += from[i];
+}
+
+void cuda_add(struct spin_device *d, size_t n, const float *from, float *to)
+{
+    cuda_begin(d, SPIN_OP_CLEAR);
+    GPU_EACH(gpu_of(d), n, add_kernel, n, from, to);
+    cuda_end(d, SPIN_OP_CLEAR);
+}
