@@ -112,7 +112,17 @@ endif
 CUDA      ?= auto
 CUDA_ARCH ?= 80 90 120
 NVCC      ?= $(shell command -v nvcc 2>/dev/null)
-CUDA_CU   := $(sort $(wildcard src/device/cuda/*.cu))
+# Messages between cards by NCCL are for who has its header, beside nvcc or where the compiler looks (NCCL=1: fail without;
+# 0: leave them out). The library is opened when it is needed; a machine without it needs no other build.
+NCCL      ?= auto
+ifneq ($(NVCC),)
+HAVE_NCCL := $(if $(filter auto 1,$(NCCL)),$(shell printf '\043if __has_include(<nccl.h>)\nfound\n\043endif\n' | \
+             $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -I$(dir $(realpath $(NVCC)))../include -E -P -x c++ - 2>/dev/null))
+ifeq ($(NCCL)$(HAVE_NCCL),1)
+$(error NCCL=1 needs nccl.h beside nvcc, or CPPFLAGS=-I/where/it/is)
+endif
+endif
+CUDA_CU   := $(filter-out $(if $(HAVE_NCCL),,%/nccl.cu),$(sort $(wildcard src/device/cuda/*.cu)))
 ifeq ($(CUDA),1)
 ifeq ($(NVCC),)
 $(error CUDA=1 needs nvcc in PATH, or NVCC=/path/to/nvcc)
@@ -126,7 +136,7 @@ endif
 endif
 endif
 
-EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults faults-race)
+EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults faults-race nccl)
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
 # clip.c is a program of its own, which export.sh runs.
@@ -256,7 +266,14 @@ $(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o $(B)/src/devic
 $(B)/%.cu.o: %.cu
 	@mkdir -p $(@D)
 	$(SAY) NVCC $<
-	$(Q)$(NVCC) $(SPIN_CPPFLAGS) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
+	$(Q)$(NVCC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(if $(HAVE_NCCL),-DSPIN_NCCL) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
+# With NCCL or without: another answer needs other objects.
+$(B)/src/device/cuda/cuda.cu.o: $(B)/nccl
+ifneq ($(shell cat $(B)/nccl 2>/dev/null),$(or $(HAVE_NCCL),none))
+.PHONY: $(B)/nccl
+endif
+$(B)/nccl:
+	@mkdir -p $(@D) && echo $(or $(HAVE_NCCL),none) >$@
 $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
@@ -264,10 +281,10 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 
 # The same kernels for the host, in tests/emu's emulation: with array bounds checked, and once more with the race
 # detector's calls.
-EMU_BASE  := -std=c++20 -g -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -include tests/emu/emu.h
+EMU_BASE  := -std=c++20 -g -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -DSPIN_NCCL -Itests/emu -include tests/emu/emu.h
 EMU_BOUND := -fsanitize=bounds -fno-sanitize-recover=bounds
 EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,$(EMU_BOUND))
-EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(CUDA_CU))
+EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(sort $(wildcard src/device/cuda/*.cu)))
 EMU_O     := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/norace.o
 RACE_O    := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/race.o
 $(B)/tests/emu/%.o: tests/emu/%.cpp
@@ -287,6 +304,7 @@ $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
 $(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(B)/%.race.o) $(RACE_O)
 $(B)/tests/emu/faults.so: $(B)/tests/emu/faults.emu.o $(EMU_O)
 $(B)/tests/emu/faults-race.so: $(B)/tests/emu/faults.race.o $(RACE_O)
+$(B)/tests/emu/nccl.so: $(B)/tests/emu/nccl.o
 $(EMU):
 	$(SAY) LINK $@
 	$(Q)$(CXX) $(filter -fsanitize%,$(OPT)) -shared -pthread -o $@ $^

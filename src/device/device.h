@@ -261,6 +261,18 @@ struct spin_host_memory {
     bool pinned; /* page-locked */
 };
 
+/* A piece of device memory to or from another rank. Messages between two ranks arrive in the order of the list. */
+struct spin_device_message {
+    int peer;
+    bool receive; /* else: send */
+    void SPIN_DEV *at;
+    size_t bytes;
+};
+/* A connection between the cards of all ranks: the name that rank 0 makes for it. */
+struct spin_link_name {
+    char text[128];
+};
+
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
     spin_status (*open)(struct spin_device *d, int n_threads);
@@ -289,6 +301,17 @@ struct spin_device_ops {
                       size_t from_stride, float SPIN_DEV *to, size_t to_stride);
     /* to [n] += from [n] */
     void (*add)(struct spin_device *d, size_t n, const float SPIN_DEV *from, float SPIN_DEV *to);
+    /* Messages between ranks from card to card, without the host; all NULL in a build without it. ready: whether it
+     * can be had here, and by what ("NCCL 2.28.9"). name: by rank 0 alone. link: all ranks join, each with a card of
+     * its own (now). exchange: all messages of the list, after what was queued before; now. While it waits it calls
+     * listen(): when that fails, the link is given up, and its failure is the verb's. close() gives up the link as
+     * well: before it, all ranks must know that all have done their last exchange. */
+    spin_status (*link_ready)(struct spin_device *d, char about[32]);
+    spin_status (*link_name)(struct spin_device *d, struct spin_link_name *out);
+    spin_status (*link)(struct spin_device *d, const struct spin_link_name *name, int rank,
+                        int n_ranks);
+    spin_status (*exchange)(struct spin_device *d, const struct spin_device_message *message,
+                            size_t n, spin_status (*listen)(void));
     size_t (*memory_available)(
         struct spin_device *d); /* bytes that could still be reserved (now) */
     /* Seconds that the verbs of one op (SPIN_OP_...) took since the last call for it. */
@@ -454,6 +477,7 @@ struct spin_device {
     const char *path;     /* code path: "base", "v3", "v4"; results differ in the last bits */
     void *state;          /* the device's own */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
+    char card[40];        /* of a card: a number that no other card in the world has */
     int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
     bool is_host; /* its memory is the host's: what the plan needs is one sum */
     bool

@@ -155,17 +155,33 @@ spin_status spin_ranks_begin(void)
 
 /* ---- Messages ----------------------------------------------------------------------------------- */
 
-/* Another rank has failed: this one fails with its words. */
-static spin_status fail_as_told(void)
+spin_status spin_ranks_listen(void)
 {
     struct notice notice;
     int from;
 
-    while (!shim->heed(&from, &notice, sizeof notice))
-        ;
+    if (n_ranks == 1 || !shim->heed(&from, &notice, sizeof notice))
+        return SPIN_OK;
     heard = true;
     notice.text[TEXT - 1] = '\0';
     return spin_fail((spin_status)notice.status, "%s", notice.text);
+}
+
+/* Another rank has failed: this one fails with its words. */
+static spin_status fail_as_told(void)
+{
+    spin_status status;
+
+    do
+        status = spin_ranks_listen();
+    while (status == SPIN_OK);
+    return status;
+}
+
+void spin_ranks_spend(uint64_t bytes, double seconds)
+{
+    sent_bytes += bytes;
+    waited_s += seconds;
 }
 
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n)

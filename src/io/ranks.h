@@ -27,7 +27,12 @@ spin_status spin_ranks_agree(spin_status status);
 /* Whether after a failure all ranks know of it, from spin_ranks_agree(), and can still do something together. */
 bool spin_ranks_agreed(void);
 
-/* Bytes that this rank sent so far, and seconds that it spent in these calls. */
+/* Without waiting: SPIN_OK, or another rank has failed, and this one fails in its words. */
+spin_status spin_ranks_listen(void);
+
+/* Bytes that this rank sent so far, and seconds that it spent in these calls. spend: what was sent in another way
+ * counts, too. */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);
+void spin_ranks_spend(uint64_t bytes, double seconds);
 
 #endif

@@ -1,7 +1,9 @@
-/* Device memory by way of the host's. */
+/* Device memory from card to card, or by way of the host's. */
 #include "train/exchange.h"
 
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/err.h"
 #include "base/log.h"
@@ -20,14 +22,76 @@ static spin_status need_host(struct spin_exchange *e, size_t bytes)
     return op->host_reserve(e->device, bytes + bytes / 8, &e->host);
 }
 
+/* What a rank could have for a link. */
+struct offer {
+    char about[32], card[40], why[200]; /* about "": nothing, and why */
+};
+
+static void make_offer(struct spin_device *d, struct offer *offer)
+{
+    memset(offer, 0, sizeof *offer);
+    memcpy(offer->card, d->card, sizeof d->card);
+    if (!d->op->link_ready)
+        snprintf(offer->why, sizeof offer->why, "this build is without NCCL");
+    else if (d->op->link_ready(d, offer->about) != SPIN_OK)
+        snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
+}
+
+/* Why the ranks cannot be linked; "" when they can. */
+static void compare(const struct offer *offer, int n, char why[300])
+{
+    *why = '\0';
+    for (int r = 0; r < n && !*why; r++) {
+        if (!*offer[r].about)
+            snprintf(why, 300, "%.199s", offer[r].why);
+        else if (strcmp(offer[r].about, offer[0].about) != 0)
+            snprintf(why, 300, "rank %d has %s and rank 0 has %s", r, offer[r].about,
+                     offer[0].about);
+        for (int k = 0; k < r && !*why; k++)
+            if (strcmp(offer[r].card, offer[k].card) == 0)
+                snprintf(why, 300, "ranks %d and %d have the same card", k, r);
+    }
+}
+
+/* Link the cards; else why not. */
+static spin_status link_cards(struct spin_exchange *e, char about[32], char why[300])
+{
+    struct spin_device *d = e->device;
+    struct spin_link_name name = {0};
+    struct offer *offer = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *offer, (void **)&offer));
+    make_offer(d, &offer[spin_rank()]);
+    SPIN_TRY_OUT(spin_ranks_gather(offer, sizeof *offer));
+    compare(offer, spin_n_ranks(), why);
+    memcpy(about, offer[0].about, sizeof offer[0].about);
+    if (*why)
+        goto out;
+    SPIN_TRY_OUT(spin_ranks_agree(spin_rank() == 0 ? d->op->link_name(d, &name) : SPIN_OK));
+    SPIN_TRY_OUT(spin_ranks_share(&name, sizeof name, 0));
+    SPIN_TRY_OUT(d->op->link(d, &name, spin_rank(), spin_n_ranks()));
+    e->linked = true;
+out:
+    free(offer);
+    return status;
+}
+
 spin_status spin_exchange_open(struct spin_exchange *e, struct spin_device *device)
 {
+    char about[32], why[300];
+
     *e = (struct spin_exchange){.device = device};
     if (spin_n_ranks() == 1 || device->is_host)
         return SPIN_OK;
+    SPIN_TRY(link_cards(e, about, why));
+    if (e->linked) {
+        spin_log(1, "messages between processes go from card to card by %s", about);
+        return SPIN_OK;
+    }
     SPIN_TRY(need_host(e, FIRST_BYTES));
-    spin_log(1, "messages between processes go through %s host memory",
-             e->host.pinned ? "page-locked" : "ordinary");
+    spin_log(1, "messages between processes go through %s host memory, as: %s",
+             e->host.pinned ? "page-locked" : "ordinary", why);
     return SPIN_OK;
 }
 
@@ -59,6 +123,19 @@ static size_t place(struct spin_exchange *e, const struct spin_device_message *m
     return at;
 }
 
+static spin_status exchange_linked(struct spin_exchange *e,
+                                   const struct spin_device_message *message, size_t n)
+{
+    double start = spin_now_s();
+    uint64_t bytes = 0;
+    spin_status status = e->device->op->exchange(e->device, message, n, spin_ranks_listen);
+
+    for (size_t i = 0; i < n; i++)
+        bytes += message[i].receive ? 0 : message[i].bytes;
+    spin_ranks_spend(bytes, spin_now_s() - start);
+    return status;
+}
+
 spin_status spin_exchange(struct spin_exchange *e, const struct spin_device_message *message,
                           size_t n)
 {
@@ -67,6 +144,8 @@ spin_status spin_exchange(struct spin_exchange *e, const struct spin_device_mess
 
     if (spin_n_ranks() == 1)
         return SPIN_OK;
+    if (e->linked)
+        return exchange_linked(e, message, n);
     if (n > e->room) {
         SPIN_TRY(spin_grow(n, sizeof *e->message, (void **)&e->message));
         e->room = n;

@@ -1,22 +1,17 @@
 /* Messages between ranks (io/ranks.h) that lie in a device's memory. The CPU's memory is the host's, and they go as they
- * are. Those of a card go through the host: down, from rank to rank by MPI, and up again; the memory for it is
- * page-locked where that is to be had (host_reserve() of device.h), so that a copy takes one way only. */
+ * are. Those of cards go from card to card by NCCL, when every rank has NCCL and a card of its own. Else they go through
+ * the host: down, from rank to rank by MPI, and up again; the memory for it is page-locked where that is to be had
+ * (host_reserve() of device.h), so that a copy takes one way only. */
 #ifndef SPIN_TRAIN_EXCHANGE_H
 #define SPIN_TRAIN_EXCHANGE_H
 
 #include "device/device.h"
 #include "io/ranks.h"
 
-struct spin_device_message {
-    int peer;
-    bool receive; /* else: send */
-    void SPIN_DEV *at;
-    size_t bytes;
-};
-
 /* What a rank keeps for it. All zero when there is one rank. */
 struct spin_exchange {
     struct spin_device *device;
+    bool linked;                  /* from card to card */
     struct spin_host_memory host; /* of a card's messages */
     struct spin_message *message; /* [room] the messages where the host has them */
     size_t room;

@@ -1,13 +1,15 @@
 #!/bin/sh
-# Several processes train on emulated cards: the messages of a step go through page-locked memory, and through ordinary
-# memory where there is none; the bundle is the same, and that of the run again.
+# Several processes train on emulated cards: the messages of a step go from card to card by an emulated NCCL, or through
+# page-locked memory, or where there is none through ordinary memory, and the bundle is the same; and what is said when
+# NCCL fails, or a process while others wait for its messages.
 # K: ranks mpi cuda emu device retrain
 . tests/cli/lib.sh
 . tests/cli/ranks.sh
 
 SPIN_CUDA_SHIM=$(cd "$build" && pwd)/tests/emu/spin-cuda.so
 SPIN_EMU_COPIES=$work/copies
-export SPIN_CUDA_SHIM SPIN_EMU_COPIES
+SPIN_NCCL=$(cd "$build" && pwd)/tests/emu/nccl.so
+export SPIN_CUDA_SHIM SPIN_EMU_COPIES SPIN_NCCL
 in=$work/in.spin
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:4
 is "$code" 0 "imports a clip"
@@ -30,20 +32,69 @@ same() { # NAME FILE FILE
     ok $? "$1: the same bundle"
 }
 
+by_host='messages between processes go through page-locked host memory, as: '
+by_nccl='messages between processes go from card to card by NCCL 2.0.0$'
 for n in 2 3; do
-    retrain $n staged $network --batch $((n - n / 3))
+    batch=$((n - n / 3)) # of three one has no frame
+    retrain $n staged $network --batch $batch
     is "$code" 0 "$n processes on a card"
-    err_has "messages between processes go through page-locked host memory" "and -v says how messages go"
+    err_has "${by_host}ranks 0 and 1 have the same card$" "and -v says how messages go, and why"
     pinned=$(copied pinned)
     [ "$pinned" -gt 100000 ]
     ok $? "they went through page-locked memory ($pinned bytes)"
-    SPIN_EMU_PINNED=0 retrain $n ordinary $network --batch $((n - n / 3))
+    SPIN_EMU_PINNED=0 retrain $n ordinary $network --batch $batch
     err_has "messages between processes go through ordinary host memory" "where none can be page-locked, ordinary memory"
     is "$(copied pinned)" 0 "and that alone"
     same "$n processes" staged ordinary
+    SPIN_EMU_CARDS=$n retrain $n linked $network --batch $batch
+    is "$code" 0 "$n processes on a card each"
+    err_has "$by_nccl" "and -v says that messages go by NCCL"
+    is "$(copied pinned)" 0 "nothing goes through page-locked memory"
+    same "$n processes with NCCL" staged linked
+    [ $n = 3 ] || mv "$work/linked.spin" "$work/two.spin"
 done
-retrain 2 tracks $tracks --batch 2
+SPIN_NCCL=0 retrain 2 tracks $tracks --batch 2
 is "$code" 0 "tracks that are densified"
+err_has "${by_host}SPIN_NCCL: it is 0$" "SPIN_NCCL=0 turns NCCL off"
 [ "$(copied pinned)" -gt 100000 ]
 ok $? "their messages too go through page-locked memory"
+SPIN_EMU_CARDS=2 retrain 2 tracks-linked $tracks --batch 2
+err_has "$by_nccl" "and with NCCL from card to card"
+same "tracks" tracks tracks-linked
+
+# ---- NCCL is not there, or fails
+
+SPIN_EMU_CARDS=2 SPIN_NCCL=$work/none.so retrain 2 none $network --batch 2
+is "$code" 0 "without libnccl"
+err_has "${by_host}NCCL does not load: .*none.so" "messages go through the host, and -v says why"
+same "without libnccl" none two
+for name in ncclGetUniqueId ncclCommInitRank ncclRecv ncclGroupEnd; do
+    began=$(date +%s)
+    SPIN_EMU_NCCL_FAIL=$name SPIN_EMU_CARDS=2 retrain 2 fails $network --batch 2
+    took=$(($(date +%s) - began))
+    is "$code" 1 "$name fails"
+    err_has "^spin-retrain: .*NCCL failed in $name: unhandled system error" "and the message names it"
+    is "$(grep -c '^spin-retrain: ' "$work/err")" 1 "once"
+    [ "$took" -lt 60 ]
+    ok $? "within seconds ($took)"
+done
+
+# fail VARIABLE=VALUE TEXT: the second process alone has it, while the first waits for messages.
+fail() {
+    began=$(date +%s)
+    run $mpirun -n 2 sh -c '[ "$OMPI_COMM_WORLD_RANK" = 0 ] || export "$0"; exec "$@"' "$1" \
+        "$bin/spin-retrain" "$in" -o "$work/fails.spin" --force --threads 1 -v --device cuda --scale 0.1 \
+        --iterations 3 $network --batch 2
+    took=$(($(date +%s) - began))
+    is "$code" 1 "one process fails: $2"
+    err_has "$by_nccl" "which were linked"
+    err_has "^spin-retrain: .*$2" "its message is the one that is seen"
+    is "$(grep -c '^spin-retrain: ' "$work/err")" 1 "once"
+    [ "$took" -lt 60 ]
+    ok $? "within seconds ($took)"
+}
+SPIN_EMU_CARDS=2
+export SPIN_EMU_CARDS
+fail SPIN_EMU_LOST=300 "the card is lost"
+fail SPIN_EMU_NCCL_FAIL=ncclSend "NCCL failed in ncclSend"
 done_testing

@@ -1,19 +1,21 @@
 /* The names of src/device/cuda/gpu.h for the emulation: a card whose memory is the host's, and which has finished
  * every piece of work before the call returns.
  *
- * For tests: SPIN_EMU_CARDS=0, there is no card; SPIN_EMU_MEMORY=BYTES, it has so much, 0: it does not say;
+ * For tests: SPIN_EMU_CARDS=N, there are so many cards (else one); SPIN_EMU_MEMORY=BYTES, it has so much, 0: it does not say;
  * SPIN_EMU_FULL=N, others have taken its memory when the N-th block is wanted; SPIN_EMU_LOST=N, it is lost at the N-th
  * piece of work, and what comes after does nothing; SPIN_EMU_PINNED=0, no page-locked memory is to be had;
  * SPIN_EMU_COPIES=FILE, when it is closed it adds a line there: bytes copied between it and host memory of each kind. */
 #include "device/cuda/gpu.h"
 
 #include <algorithm>
+#include <atomic>
 #include <malloc.h>
 #include <map>
 #include <numeric>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
+#include <unistd.h>
 #include <vector>
 
 static size_t used, work, blocks, copied[2]; /* copied: by way of ordinary, of page-locked memory */
@@ -43,8 +45,13 @@ static struct {
     size_t bytes;
 } late;
 
+/* The stream of nccl.cpp: groups of messages that are on their way. What comes after waits for them. */
+static std::atomic<int> messages;
+
 static void copy_late(void)
 {
+    while (messages > 0)
+        usleep(50);
     if (late.bytes)
         memcpy(late.to, late.host, late.bytes);
     late.bytes = 0;
@@ -60,7 +67,7 @@ bool emu_works(struct gpu *)
     return !lost;
 }
 
-bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
+bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
 {
     if (number_of("SPIN_EMU_CARDS", 1) == 0) {
         snprintf(why, n_why, "no CUDA-capable device is detected");
@@ -69,6 +76,9 @@ bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
     work = blocks = copied[0] = copied[1] = 0;
     lost = false;
     snprintf(gpu->name, sizeof gpu->name, "emulated");
+    gpu->number = number % (int)number_of("SPIN_EMU_CARDS", 1);
+    snprintf(gpu->id, sizeof gpu->id, "emulated %d", gpu->number);
+    gpu->stream = &messages;
     gpu->major = 8;
     return true;
 }
@@ -161,6 +171,8 @@ const char *gpu_wait(struct gpu *gpu)
     copy_late();
     return gpu_error(gpu);
 }
+
+bool gpu_done(struct gpu *) { return messages == 0; }
 
 void *gpu_mark_new(struct gpu *) { return calloc(1, sizeof(double)); }
 void gpu_mark_free(void *mark) { free(mark); }

@@ -10,6 +10,11 @@ static spin_fail_fn *fail;
 
 static void use(spin_fail_fn *how) { fail = how; }
 
+spin_status cuda_fail(spin_status status, const char *what, const char *why)
+{
+    return fail(status, "%s: %s", what, why);
+}
+
 spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); }
 
 /* The first error is the one that tells. */
@@ -23,6 +28,22 @@ static void note(struct spin_device *d, spin_status status, const char *why)
     snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
 }
 
+/* Processes on one machine that were started together take a card each, by the place of this one among them, which
+ * Open MPI, MPICH and Slurm tell. */
+static int card_number(void)
+{
+    static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
+                                       "SLURM_LOCALID"};
+
+    for (int i = 0; i < 3; i++) {
+        const char *value = getenv(name[i]);
+
+        if (value && *value)
+            return abs(atoi(value));
+    }
+    return 0;
+}
+
 static spin_status open_cuda(struct spin_device *d, int n_threads)
 {
     struct cuda *cuda = (struct cuda *)calloc(1, sizeof *cuda);
@@ -31,7 +52,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
     (void)n_threads;
     if (!cuda)
         return cuda_no_memory();
-    if (!gpu_open(&cuda->gpu, why, sizeof why)) {
+    if (!gpu_open(&cuda->gpu, card_number(), why, sizeof why)) {
         free(cuda);
         return fail(SPIN_E_DEVICE, "no CUDA device: %s", why);
     }
@@ -40,6 +61,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
     d->frames_at_once = SPIN_MAX_FRAMES;
     d->views_at_once = SPIN_MAX_VIEWS;
     snprintf(d->description, sizeof d->description, "cuda (%s)", cuda->gpu.name);
+    snprintf(d->card, sizeof d->card, "%s", cuda->gpu.id);
     return SPIN_OK;
 }
 
@@ -49,6 +71,9 @@ static void close_cuda(struct spin_device *d)
 
     if (!cuda)
         return;
+#ifdef SPIN_NCCL
+    cuda_unlink(d);
+#endif
     gpu_wait(&cuda->gpu);
     for (int i = 0; i < CUDA_SCRATCHES; i++)
         if (cuda->scratch[i].block)
@@ -266,6 +291,12 @@ static const struct spin_device_ops ops = {
     .host_view = host_view,
     .copy_rows = cuda_copy_rows,
     .add = cuda_add,
+#ifdef SPIN_NCCL
+    .link_ready = cuda_link_ready,
+    .link_name = cuda_link_name,
+    .link = cuda_link,
+    .exchange = cuda_exchange,
+#endif
     .memory_available = memory_available,
     .clock = clock_of,
     .tracks = cuda_tracks,

@@ -39,6 +39,7 @@ struct cuda {
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
     uint64_t view_pairs[SPIN_MAX_VIEWS]; /* of the views, from tile_count to tile_fill */
+    void *link;                          /* nccl.cu: the connection with other ranks' cards */
 };
 
 static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
@@ -47,8 +48,11 @@ static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gp
 /* cuda.cu: contents undefined. NULL when there is no memory: the verb then leaves its results as they are, and the
  * next wait() tells it. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
-/* cuda.cu: the host has no memory. */
+/* cuda.cu: the host has no memory; and any other failure, told at once. */
 spin_status cuda_no_memory(void);
+spin_status cuda_fail(spin_status status, const char *what, const char *why);
+/* nccl.cu: give up the link, if there is one. */
+void cuda_unlink(struct spin_device *d);
 /* A verb begins; and ends, with a look for errors of its launches. */
 void cuda_begin(struct spin_device *d, int op);
 void cuda_end(struct spin_device *d, int op);
@@ -115,7 +119,11 @@ CUDA_VERB(mlp); /* mlp.cu */
 CUDA_VERB(mlp_back);
 CUDA_VERB(copy_rows); /* rows.cu */
 CUDA_VERB(add);
-CUDA_VERB(tracks);
+CUDA_VERB(link_ready); /* nccl.cu */
+CUDA_VERB(link_name);
+CUDA_VERB(link);
+CUDA_VERB(exchange);
+CUDA_VERB(tracks); /* rows.cu */
 CUDA_VERB(tracks_back);
 CUDA_VERB(residual);
 CUDA_VERB(residual_set);

@@ -6,9 +6,14 @@
 #include <cub/device/device_scan.cuh>
 #include <cuda_runtime.h>
 
-static cudaStream_t stream_of(struct gpu *gpu) { return (cudaStream_t)gpu->stream; }
+/* CUDA's choice of a card is a thread's own; kernels are launched after a call of this, gpu_mark() at least. */
+static cudaStream_t stream_of(struct gpu *gpu)
+{
+    cudaSetDevice(gpu->number);
+    return (cudaStream_t)gpu->stream;
+}
 
-bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
+bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
 {
     int n = 0;
     cudaDeviceProp card;
@@ -17,10 +22,11 @@ bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
 
     if (error == cudaSuccess && n == 0)
         error = cudaErrorNoDevice;
+    gpu->number = n > 0 ? number % n : 0;
     if (error == cudaSuccess)
-        error = cudaSetDevice(0);
+        error = cudaSetDevice(gpu->number);
     if (error == cudaSuccess)
-        error = cudaGetDeviceProperties(&card, 0);
+        error = cudaGetDeviceProperties(&card, gpu->number);
     if (error == cudaSuccess)
         error = cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking);
     if (error != cudaSuccess) {
@@ -32,6 +38,8 @@ bool gpu_open(struct gpu *gpu, char *why, size_t n_why)
     gpu->major = card.major;
     gpu->minor = card.minor;
     snprintf(gpu->name, sizeof gpu->name, "%s", card.name);
+    for (int i = 0; i < 16; i++)
+        snprintf(gpu->id + 2 * i, 3, "%02x", (unsigned char)card.uuid.bytes[i]);
     return true;
 }
 
@@ -46,7 +54,7 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes)
 {
     void *block = NULL;
 
-    (void)gpu;
+    stream_of(gpu);
     if (cudaMalloc(&block, bytes > 0 ? bytes : 1) == cudaSuccess)
         return block;
     if (cudaPeekAtLastError() == cudaErrorMemoryAllocation)
@@ -64,7 +72,7 @@ size_t gpu_memory_free(struct gpu *gpu)
 {
     size_t left = 0, all = 0;
 
-    (void)gpu;
+    stream_of(gpu);
     return cudaMemGetInfo(&left, &all) == cudaSuccess ? left : 0;
 }
 
@@ -72,7 +80,7 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes)
 {
     void *block = NULL;
 
-    (void)gpu;
+    stream_of(gpu);
     if (cudaHostAlloc(&block, bytes, cudaHostAllocDefault) == cudaSuccess)
         return block;
     cudaGetLastError(); /* it is told by the NULL; that of a lost card comes again */
@@ -120,11 +128,13 @@ const char *gpu_wait(struct gpu *gpu)
     return before ? before : after;
 }
 
+bool gpu_done(struct gpu *gpu) { return cudaStreamQuery(stream_of(gpu)) != cudaErrorNotReady; }
+
 void *gpu_mark_new(struct gpu *gpu)
 {
     cudaEvent_t mark;
 
-    (void)gpu;
+    stream_of(gpu);
     return cudaEventCreate(&mark) == cudaSuccess ? mark : NULL;
 }
 

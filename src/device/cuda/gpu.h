@@ -33,11 +33,13 @@ static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK -
 struct gpu {
     void *stream;
     char name[48]; /* of the card */
+    char id[40];   /* as no other card has */
+    int number;    /* of the cards here */
     int major, minor;
 };
 
-/* The first card. False, with why, when there is none that works. */
-bool gpu_open(struct gpu *gpu, char *why, size_t n_why);
+/* The card of this number, or of what is left of it when it is divided by the number of cards. False, with why, when there is none that works. */
+bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why);
 void gpu_close(struct gpu *gpu);
 
 /* NULL: there is no memory left. */
@@ -56,6 +58,7 @@ void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes); 
 /* What went wrong so far, without waiting or after all that is queued; NULL: nothing. */
 const char *gpu_error(struct gpu *gpu);
 const char *gpu_wait(struct gpu *gpu);
+bool gpu_done(struct gpu *gpu); /* whether all that is queued is done, or failed */
 
 /* Marks in the queue, and the seconds between two of them, which waits for the second. NULL: none to be had. */
 void *gpu_mark_new(struct gpu *gpu);

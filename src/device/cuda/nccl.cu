@@ -1,0 +1,189 @@
+/* Messages between the cards of ranks by NCCL, compiled where nccl.h is found (NCCL= in the Makefile). libnccl is opened
+ * when it is first asked for: the machine that runs may lack it. Only sends and receives go by NCCL; sums are taken by
+ * kernels of ours in the order that they have without it, so the bits are the same.
+ *
+ * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and point-to-point
+ * communication. Calls of one group run together; those of two ranks with each other match in order. */
+#include <dlfcn.h>
+#include <nccl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "device/cuda/cuda.h"
+
+static_assert(sizeof(ncclUniqueId) <= sizeof(struct spin_link_name),
+              "a name of NCCL has its place");
+
+/* The functions of libnccl that are used. */
+#define FUNCTIONS(X)                                                                               \
+    X(ncclGetVersion)                                                                              \
+    X(ncclGetUniqueId)                                                                             \
+    X(ncclCommInitRank)                                                                            \
+    X(ncclCommAbort)                                                                               \
+    X(ncclCommGetAsyncError)                                                                       \
+    X(ncclGetErrorString)                                                                          \
+    X(ncclGroupStart)                                                                              \
+    X(ncclGroupEnd)                                                                                \
+    X(ncclSend)                                                                                    \
+    X(ncclRecv)
+
+#define FIELD(name) decltype(&::name) name;
+static struct {
+    void *object;
+    FUNCTIONS(FIELD)
+} nccl;
+
+static ncclComm_t comm_of(struct spin_device *d) { return (ncclComm_t)cuda_of(d)->link; }
+
+static spin_status failed(const char *call, ncclResult_t result)
+{
+    char what[64];
+
+    snprintf(what, sizeof what, "NCCL failed in %s", call);
+    return cuda_fail(SPIN_E_DEVICE, what, nccl.ncclGetErrorString(result));
+}
+
+/* One of its functions; a failure leaves the one that calls. */
+#define NCCL(name, ...)                                                                            \
+    do {                                                                                           \
+        ncclResult_t result = nccl.name(__VA_ARGS__);                                              \
+                                                                                                   \
+        if (result != ncclSuccess)                                                                 \
+            return failed(#name, result);                                                          \
+    } while (0)
+
+static spin_status load(void)
+{
+    const char *wanted = getenv("SPIN_NCCL"), *file = wanted && *wanted ? wanted : "libnccl.so.2";
+
+    if (strcmp(file, "0") == 0)
+        return cuda_fail(SPIN_E_UNSUPPORTED, "SPIN_NCCL", "it is 0");
+    if (nccl.object)
+        return SPIN_OK;
+    nccl.object = dlopen(file, RTLD_NOW | RTLD_LOCAL);
+    if (!nccl.object)
+        return cuda_fail(SPIN_E_UNSUPPORTED, "NCCL does not load", dlerror());
+#define FIND(name)                                                                                 \
+    nccl.name = (decltype(nccl.name))dlsym(nccl.object, #name);                                    \
+    if (!nccl.name) {                                                                              \
+        dlclose(nccl.object);                                                                      \
+        nccl.object = NULL;                                                                        \
+        return cuda_fail(SPIN_E_UNSUPPORTED, file, "it has no " #name);                            \
+    }
+    FUNCTIONS(FIND)
+    return SPIN_OK;
+}
+
+spin_status cuda_link_ready(struct spin_device *, char about[32])
+{
+    int version = 0;
+
+    SPIN_TRY(load());
+    NCCL(ncclGetVersion, &version);
+    snprintf(about, 32, "NCCL %d.%d.%d", version / 10000, version / 100 % 100, version % 100);
+    return SPIN_OK;
+}
+
+spin_status cuda_link_name(struct spin_device *, struct spin_link_name *out)
+{
+    ncclUniqueId id;
+
+    NCCL(ncclGetUniqueId, &id);
+    memcpy(out->text, &id, sizeof id);
+    return SPIN_OK;
+}
+
+spin_status cuda_link(struct spin_device *d, const struct spin_link_name *name, int rank,
+                      int n_ranks)
+{
+    ncclUniqueId id;
+    ncclComm_t comm;
+
+    memcpy(&id, name->text, sizeof id);
+    gpu_wait(gpu_of(d)); /* chooses this thread's card, too */
+    NCCL(ncclCommInitRank, &comm, n_ranks, id, rank);
+    cuda_of(d)->link = comm;
+    return SPIN_OK;
+}
+
+void cuda_unlink(struct spin_device *d)
+{
+    if (comm_of(d))
+        nccl.ncclCommAbort(comm_of(d));
+    cuda_of(d)->link = NULL;
+}
+
+static spin_status post_one(struct spin_device *d, const struct spin_device_message *m)
+{
+    cudaStream_t stream = (cudaStream_t)gpu_of(d)->stream;
+
+    if (m->receive)
+        NCCL(ncclRecv, m->at, m->bytes, ncclUint8, m->peer, comm_of(d), stream);
+    else
+        NCCL(ncclSend, m->at, m->bytes, ncclUint8, m->peer, comm_of(d), stream);
+    return SPIN_OK;
+}
+
+static spin_status post(struct spin_device *d, const struct spin_device_message *message, size_t n)
+{
+    spin_status status = SPIN_OK;
+    ncclResult_t end;
+
+    NCCL(ncclGroupStart);
+    for (size_t i = 0; i < n && status == SPIN_OK; i++)
+        status = post_one(d, &message[i]);
+    end = nccl.ncclGroupEnd();
+    return status != SPIN_OK || end == ncclSuccess ? status : failed("ncclGroupEnd", end);
+}
+
+static void take_a_nap(void)
+{
+    const struct timespec nap = {0, 50000};
+
+    nanosleep(&nap, NULL);
+}
+
+/* When a rank fails its link breaks, and what it has to say comes a little later. */
+static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
+{
+    enum { NAPS = 40000 }; /* two seconds or more */
+
+    for (int i = 0; i < NAPS; i++) {
+        SPIN_TRY(listen());
+        take_a_nap();
+    }
+    return failed("an exchange", result);
+}
+
+/* Another rank may have failed, and then what it was to send never comes: so the host does not wait in CUDA. */
+static spin_status wait_for_messages(struct spin_device *d, spin_status (*listen)(void))
+{
+    enum { EAGER = 2000 };
+    ncclResult_t state = ncclSuccess;
+
+    for (int turn = 0; !gpu_done(gpu_of(d)); turn += turn < EAGER) {
+        NCCL(ncclCommGetAsyncError, comm_of(d), &state);
+        if (state != ncclSuccess)
+            return hear_why(state, listen);
+        if (turn % 100 == 99 || turn == EAGER)
+            SPIN_TRY(listen());
+        if (turn == EAGER)
+            take_a_nap();
+    }
+    return d->op->wait(d);
+}
+
+spin_status cuda_exchange(struct spin_device *d, const struct spin_device_message *message,
+                          size_t n, spin_status (*listen)(void))
+{
+    spin_status status;
+
+    SPIN_TRY(d->op->wait(d)); /* a card that failed before says so itself */
+    status = post(d, message, n);
+    if (status == SPIN_OK)
+        status = wait_for_messages(d, listen);
+    if (status != SPIN_OK)
+        cuda_unlink(d);
+    return status;
+}

@@ -1,0 +1,254 @@
+/* A stand-in for libnccl between processes on one machine: each two of them have a socket. A group of messages is
+ * carried out by a thread of its own, as on a card, and what is queued on the stream after it waits (gpu.cpp).
+ *
+ * For tests: SPIN_EMU_NCCL_FAIL=NAME, this function fails. */
+#include "nccl.h"
+
+#include <atomic>
+#include <errno.h>
+#include <poll.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+struct message {
+    bool receive;
+    int peer;
+    char *at;
+    size_t bytes, done; /* done: with the 8 bytes that go first, and say how many follow */
+    uint64_t head;
+};
+
+struct ncclComm {
+    int rank, n;
+    std::vector<int> socket; /* to each rank */
+    std::thread worker;
+    std::atomic<bool> stop{false};
+    std::atomic<ncclResult_t> error{ncclSuccess};
+};
+
+static std::vector<message> group;
+static ncclComm *of_group;
+static std::atomic<int> *stream_of_group;
+static int depth;
+
+static bool is_to_fail(const char *name)
+{
+    const char *wanted = getenv("SPIN_EMU_NCCL_FAIL");
+
+    return wanted && strcmp(wanted, name) == 0;
+}
+#define MAY_FAIL()                                                                                 \
+    if (is_to_fail(__func__))                                                                      \
+    return ncclSystemError
+
+const char *ncclGetErrorString(ncclResult_t result)
+{
+    return result == ncclSystemError       ? "unhandled system error"
+           : result == ncclInvalidArgument ? "invalid argument"
+           : result == ncclInvalidUsage    ? "invalid usage"
+                                           : "no error";
+}
+
+ncclResult_t ncclGetVersion(int *version)
+{
+    *version = 20000;
+    return ncclSuccess;
+}
+
+ncclResult_t ncclGetUniqueId(ncclUniqueId *id)
+{
+    MAY_FAIL();
+    memset(id, 0, sizeof *id);
+    snprintf(id->internal, sizeof id->internal, "spin4d-emulated-nccl-%d", (int)getpid());
+    return ncclSuccess;
+}
+
+/* ---- Sockets ---- */
+
+/* A name that is no file. */
+static sockaddr_un address_of(const ncclUniqueId &id, int rank)
+{
+    sockaddr_un address = {};
+
+    address.sun_family = AF_UNIX;
+    snprintf(address.sun_path + 1, sizeof address.sun_path - 1, "%.80s.%d", id.internal, rank);
+    return address;
+}
+
+static bool move_all(int s, void *at, size_t bytes, bool receive)
+{
+    for (size_t done = 0; done < bytes;) {
+        ssize_t n = receive ? recv(s, (char *)at + done, bytes - done, 0)
+                            : send(s, (char *)at + done, bytes - done, MSG_NOSIGNAL);
+
+        if (n <= 0)
+            return false;
+        done += (size_t)n;
+    }
+    return true;
+}
+
+/* Ranks connect to those before them. */
+ncclResult_t ncclCommInitRank(ncclComm_t *out, int n, ncclUniqueId id, int rank)
+{
+    auto comm = new ncclComm;
+    sockaddr_un own = address_of(id, rank);
+    int listener = socket(AF_UNIX, SOCK_STREAM, 0);
+
+    MAY_FAIL();
+    comm->rank = rank;
+    comm->n = n;
+    comm->socket.assign((size_t)n, -1);
+    if (bind(listener, (sockaddr *)&own, sizeof own) != 0 || listen(listener, n) != 0)
+        return ncclSystemError;
+    for (int peer = 0; peer < rank; peer++) {
+        sockaddr_un address = address_of(id, peer);
+        int s = socket(AF_UNIX, SOCK_STREAM, 0);
+
+        while (connect(s, (sockaddr *)&address, sizeof address) != 0)
+            usleep(1000);
+        if (!move_all(s, &rank, sizeof rank, false))
+            return ncclSystemError;
+        comm->socket[(size_t)peer] = s;
+    }
+    for (int k = rank + 1; k < n; k++) {
+        int s = accept(listener, NULL, NULL), peer;
+
+        if (s < 0 || !move_all(s, &peer, sizeof peer, true))
+            return ncclSystemError;
+        comm->socket[(size_t)peer] = s;
+    }
+    close(listener);
+    *out = comm;
+    return ncclSuccess;
+}
+
+ncclResult_t ncclCommAbort(ncclComm_t comm)
+{
+    comm->stop = true;
+    if (comm->worker.joinable())
+        comm->worker.join();
+    for (int s : comm->socket)
+        if (s >= 0)
+            close(s);
+    delete comm;
+    return ncclSuccess;
+}
+
+ncclResult_t ncclCommGetAsyncError(ncclComm_t comm, ncclResult_t *error)
+{
+    *error = comm->error;
+    return ncclSuccess;
+}
+
+/* ---- Messages ---- */
+
+/* As much as goes now of a message; false: it is not as the other side has it, or the other side is gone. */
+static bool go_on(ncclComm *comm, message &m)
+{
+    const size_t head = sizeof m.head;
+    int s = comm->socket[(size_t)m.peer];
+
+    while (m.done < head + m.bytes) {
+        bool in_head = m.done < head;
+        char *at = in_head ? (char *)&m.head + m.done : m.at + (m.done - head);
+        size_t left = in_head ? head - m.done : head + m.bytes - m.done;
+        ssize_t n = m.receive ? recv(s, at, left, MSG_DONTWAIT)
+                              : send(s, at, left, MSG_DONTWAIT | MSG_NOSIGNAL);
+
+        if (n < 0 && (errno == EAGAIN || errno == EINTR))
+            return true;
+        if (n <= 0)
+            return false;
+        m.done += (size_t)n;
+        if (m.receive && m.done == head && m.head != m.bytes)
+            return false;
+    }
+    return true;
+}
+
+/* Each peer's sends in order, and its receives. */
+static void carry_out(ncclComm *comm, std::vector<message> messages, std::atomic<int> *stream)
+{
+    size_t left = 1;
+
+    while (left > 0 && !comm->stop && comm->error == ncclSuccess) {
+        std::vector<bool> busy((size_t)comm->n * 2);
+
+        left = 0;
+        for (auto &m : messages) {
+            auto way = busy.begin() + 2 * m.peer + m.receive;
+
+            if (*way || m.done == sizeof m.head + m.bytes) {
+                left += *way;
+                continue;
+            }
+            if (!go_on(comm, m))
+                comm->error = ncclSystemError;
+            *way = m.done < sizeof m.head + m.bytes;
+            left += *way;
+        }
+        if (left > 0)
+            usleep(100);
+    }
+    while (comm->error != ncclSuccess && !comm->stop) /* as a card would */
+        usleep(100);
+    --*stream;
+}
+
+ncclResult_t ncclGroupStart()
+{
+    MAY_FAIL();
+    depth++;
+    return ncclSuccess;
+}
+
+static ncclResult_t add(message m, ncclComm_t comm, cudaStream_t stream)
+{
+    if (m.peer < 0 || m.peer >= comm->n || m.peer == comm->rank)
+        return ncclInvalidArgument;
+    if (depth == 0)
+        return ncclInvalidUsage; /* with more than one message it would wait for ever */
+    of_group = comm;
+    stream_of_group = (std::atomic<int> *)stream;
+    group.push_back(m);
+    return ncclSuccess;
+}
+
+ncclResult_t ncclSend(const void *from, size_t count, ncclDataType_t, int peer, ncclComm_t comm,
+                      cudaStream_t stream)
+{
+    MAY_FAIL();
+    return add({false, peer, (char *)from, count, 0, count}, comm, stream);
+}
+
+ncclResult_t ncclRecv(void *to, size_t count, ncclDataType_t, int peer, ncclComm_t comm,
+                      cudaStream_t stream)
+{
+    MAY_FAIL();
+    return add({true, peer, (char *)to, count, 0, 0}, comm, stream);
+}
+
+ncclResult_t ncclGroupEnd()
+{
+    ncclComm *comm = of_group;
+
+    MAY_FAIL();
+    if (depth == 0)
+        return ncclInvalidUsage;
+    if (--depth > 0 || group.empty())
+        return ncclSuccess;
+    if (comm->worker.joinable())
+        comm->worker.join();
+    ++*stream_of_group;
+    comm->worker = std::thread(carry_out, comm, std::move(group), stream_of_group);
+    group.clear();
+    return ncclSuccess;
+}

@@ -1,0 +1,37 @@
+/* The names of NCCL that src/device/cuda/nccl.cu uses, in the emulation: nccl.cpp has them. */
+#ifndef SPIN_TESTS_EMU_NCCL_H
+#define SPIN_TESTS_EMU_NCCL_H
+
+#include <stddef.h>
+
+typedef void *cudaStream_t; /* gpu.cpp: groups of messages that are on their way */
+typedef struct ncclComm *ncclComm_t;
+typedef struct {
+    char internal[128];
+} ncclUniqueId;
+typedef enum {
+    ncclSuccess = 0,
+    ncclSystemError = 2,
+    ncclInvalidArgument = 4,
+    ncclInvalidUsage = 5
+} ncclResult_t;
+typedef enum { ncclUint8 = 1 } ncclDataType_t;
+
+#pragma GCC visibility push(default)
+extern "C" {
+ncclResult_t ncclGetVersion(int *version);
+ncclResult_t ncclGetUniqueId(ncclUniqueId *id);
+ncclResult_t ncclCommInitRank(ncclComm_t *comm, int n_ranks, ncclUniqueId id, int rank);
+ncclResult_t ncclCommAbort(ncclComm_t comm);
+ncclResult_t ncclCommGetAsyncError(ncclComm_t comm, ncclResult_t *error);
+const char *ncclGetErrorString(ncclResult_t result);
+ncclResult_t ncclGroupStart();
+ncclResult_t ncclGroupEnd();
+ncclResult_t ncclSend(const void *from, size_t count, ncclDataType_t type, int peer,
+                      ncclComm_t comm, cudaStream_t stream);
+ncclResult_t ncclRecv(void *to, size_t count, ncclDataType_t type, int peer, ncclComm_t comm,
+                      cudaStream_t stream);
+}
+#pragma GCC visibility pop
+
+#endif
