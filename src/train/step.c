@@ -13,10 +13,12 @@ static void put_shared(struct spin_trainer *t)
     size_t n = t->heads.n, n_exposure = t->exposures.param.n;
     struct spin_device *d = t->device;
 
-    if (!t->shared)
+    if (!t->shared || n + n_exposure == 0)
         return;
-    d->op->copy_rows(d, 1, n, t->shared, n, t->heads.g, n);
-    d->op->copy_rows(d, 1, n_exposure, t->shared + n, n_exposure, t->exposures.param.g, n_exposure);
+    if (n > 0)
+        d->op->copy_rows(d, 1, n, t->shared, n, t->heads.g, n);
+    if (n_exposure > 0)
+        d->op->copy_rows(d, 1, n_exposure, t->shared + n, n_exposure, t->exposures.param.g, n_exposure);
     d->op->zero(d, t->shared, (n + n_exposure) * sizeof(float));
 }
 

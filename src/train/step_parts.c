@@ -183,6 +183,8 @@ void spin_step_take_shared(struct spin_trainer *t, float SPIN_DEV *out)
     struct spin_device *d = t->device;
 
     for (int i = 0; i < 2; out += param[i++]->n) {
+        if (param[i]->n == 0)
+            continue;
         d->op->copy_rows(d, 1, param[i]->n, param[i]->g, param[i]->n, out, param[i]->n);
         d->op->zero(d, param[i]->g, param[i]->n * sizeof(float));
     }
