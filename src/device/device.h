@@ -480,8 +480,7 @@ struct spin_device {
     char card[40];        /* of a card: a number that no other card in the world has */
     int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
     bool is_host; /* its memory is the host's: what the plan needs is one sum */
-    bool
-        deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
+    bool deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
                          * calls give the same bits. The CPU does always. */
 };
 

@@ -110,16 +110,16 @@ def of_tracks(file, span):
     step = 1 / max(1, n_frames - 1)
     pieces = [(0, n_frames, still)] + [(a, min(a + span, n_frames), ~still) for a in range(0, n_frames, span)]
     columns = []
-    for first, end, which in pieces:
-        which = np.flatnonzero(which)
+    for number, (first, end, which) in enumerate(pieces):
+        which, always = np.flatnonzero(which), number == 0
         t = step * np.arange(first, end)
         at = means[first:end, which]
         middle, dt = t.mean(), t - t.mean()
         velocity = np.zeros((len(which), 3))
-        if first > 0 or end < n_frames:  # of the nearest straight line
+        if not always:  # of the nearest straight line
             velocity = np.einsum('f,fnc->nc', dt, at) / max(1e-12, (dt * dt).sum())
         # A weight above 0.05 half a frame beyond both ends: sigma is the reach over sqrt(-2 ln 0.05).
-        sigma = 100.0 if first == 0 and end == n_frames else step * (end - first) / 2 / 2.4477
+        sigma = 100.0 if always else step * (end - first) / 2 / 2.4477
         size = np.exp(2.0 * run['log_scales'][which])
         # Covariance of x y z t: at one time an ellipsoid of that size, its centre on the line.
         cov = np.zeros((len(which), 4, 4))

@@ -50,8 +50,8 @@ function turn(x) {
     return [Math.cos(angle / 2), ...x.map((c) => k * c)];
 }
 
-// The values themselves, by the layout of docs/page-format.md.
-function frameOf(file, g, frame) {
+// The values themselves, by the layout of docs/page-format.md: written, compared, or both.
+function useFrame(file, g, frame) {
     const s = clip.steps, n = g.n + v.own[frame], rest = v.sh / 3, names = ['x', 'y', 'z', 'f_dc_0', 'f_dc_1', 'f_dc_2'];
     for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
     names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
@@ -101,7 +101,7 @@ for (let turn = 0; turn < Number(opt.repeat); turn++) {
         splats += frame.n;
         if (!opt.ply && !opt.like) continue;
         const g = await worker.advance(version, f);
-        frameOf(`frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`, g, f);
+        useFrame(`frame_${String(clip.numbers[f]).padStart(5, '0')}.ply`, g, f);
     }
 }
 console.log(`${v.name}: ${v.splats.length} frames, ${splats} splats, ${seconds.toFixed(2)} s, ${(splats / seconds / 1e6).toFixed(2)} million splats a second`);
