@@ -138,8 +138,9 @@ enum spin_normalise {
     SPIN_NORMALISE_GIVEN
 };
 
-/* Of the values that a retraining writes. HALF: about that of half floats. FULL: to the bit. */
-enum spin_precision { SPIN_PRECISION_HALF, SPIN_PRECISION_FULL };
+/* Of the values that a retraining writes. COMPACT: steps that pictures hardly show. HALF: about that of half floats.
+ * FULL: to the bit. */
+enum spin_precision { SPIN_PRECISION_COMPACT, SPIN_PRECISION_HALF, SPIN_PRECISION_FULL };
 
 /* Defaults and limits of all numbers: spin-retrain(1). */
 struct spin_retrain_options {

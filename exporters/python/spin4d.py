@@ -44,8 +44,8 @@ class Clip:
             self.meta = json.loads(bytes(self._zip["meta.json"]))
         except (ValueError, KeyError, AttributeError) as e:
             raise ValueError(f"{self._path}: not a bundle of spin4d ({e})") from e
-        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2):
-            raise ValueError(f"{self._path}: not a bundle of version 1 or 2")
+        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3):
+            raise ValueError(f"{self._path}: not a bundle of version 1 to 3")
         self._network = self.meta.get("network")
         self._refined = self.meta.get("refined")
         self._kept = {}
@@ -95,19 +95,45 @@ class Clip:
         if name not in self._zip:
             raise ValueError(f"{self._path}: no array '{name}'")
         a = self._zip[name]
-        if a.dtype != np.uint8:
+        if a.dtype not in (np.uint8, np.int8):
             return a
-        if a.ndim < 2 or a.shape[0] != 4:
-            raise ValueError(f"{self._path}: array '{name}' is not of four planes")
-        bits = np.ascontiguousarray(np.moveaxis(a, 0, -1)).view("<u4")[..., 0]
+        words, units = self._words(name, a)
+        if units is not None:
+            whole = (words >> np.uint32(1)).view("<i4") ^ -(words & np.uint32(1)).view("<i4")
+            return whole.astype("<f4") / units.reshape(words.shape[1:])
+        return words if name.startswith("network/track/") else words.view("<f4")
+
+    def _words(self, name, a):
+        """The words of a packed array, and what whole numbers count for or None."""
         series, _, index = name.rpartition("/")
-        rows = self.meta.get("xor_rows", {}).get(series)
+        if not index.isdigit():
+            series = name
+        if a.ndim < 2 or not 0 < a.shape[0] <= 4 or (a.dtype == np.uint8 and a.shape[0] != 4):
+            raise ValueError(f"{self._path}: array '{name}' is not of one to four planes")
+        units = None
+        if a.dtype == np.int8:
+            a = np.moveaxis(a, -1, 1)
+            units = self.meta.get("per_unit", {}).get(series)
+        if units is not None:
+            units = np.array(units, np.float32)
+            if units.shape != (np.prod(a.shape[2:], dtype=int),) or not np.all(units > 0):
+                raise ValueError(f"{self._path}: 'per_unit' of '{series}' does not fit")
+        words = np.zeros(a.shape[1:], "<u4")
+        for k, plane in enumerate(a.view(np.uint8)):
+            words |= plane.astype("<u4") << np.uint32(8 * k)
+        rows = self.meta.get("xor_rows", {}).get(series) if series != name else None
         if rows and rows[int(index)] > 0:
-            n, key = rows[int(index)], self._once(series + "/00000").view("<u4")
-            if n > min(len(bits), len(key)) or bits.shape[1:] != key.shape[1:]:
+            n, key = rows[int(index)], self._key(series)
+            if n > min(len(words), len(key)) or words.shape[1:] != key.shape[1:]:
                 raise ValueError(f"{self._path}: array '{name}' has {n} rows of differences")
-            bits[:n] ^= key[:n]
-        return bits if series == "network/track" else bits.view("<f4")
+            words[:n] ^= key[:n]
+        return words, units
+
+    def _key(self, series):
+        name = series + "/00000"
+        if ("words", name) not in self._kept:
+            self._kept["words", name] = self._words(name, self._zip[name])[0]
+        return self._kept["words", name]
 
     # ---- Parts of a frame ---------------------------------------------------------------------
 

@@ -444,6 +444,7 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
                                unsigned columns, unsigned static_columns,
                                const struct spin_splats *splats)
 {
+    static const float bytes[3] = {255, 255, 255};
     struct spin_splats view = *splats;
 
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
@@ -456,6 +457,8 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
             continue;
         n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
         series_name(group, column, name);
+        if (column == SPIN_COL_RGB && w->packs && index == 0) /* from pictures, most likely */
+            SPIN_TRY(spin_packer_units(&w->packer, name, 3, bytes));
         SPIN_TRY(spin_bundle_write_array(w, name, still ? -1 : index, "<f4", n_dims, shape,
                                          *spin_column_of(&view, column)));
     }
@@ -482,7 +485,7 @@ spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
     spin_status status;
 
     if (w->packs)
-        spin_bundle_meta_packed(root, spin_packer_json(&w->packer));
+        spin_bundle_meta_packed(root, &w->packer);
     text = spin_json_text(root, true);
     spin_json_free(root);
     if (!text) {

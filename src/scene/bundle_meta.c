@@ -13,7 +13,7 @@
 
 #define FORMAT "spin bundle"
 /* Arrays as they are; packed, which the first readers cannot read. */
-enum { VERSION = 1, VERSION_PACKED = 2 };
+enum { VERSION = 1, VERSION_PACKED = 3 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
 {
@@ -241,8 +241,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     return root;
 }
 
-void spin_bundle_meta_packed(spin_json *root, spin_json *xor_rows)
+void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer)
 {
     spin_json_set_integer(root, "version", VERSION_PACKED);
-    spin_json_set(root, "xor_rows", xor_rows);
+    spin_packer_json(packer, root);
 }

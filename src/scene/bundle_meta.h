@@ -3,6 +3,7 @@
 #define SPIN_SCENE_BUNDLE_META_H
 
 #include "io/json.h"
+#include "scene/bundle_pack.h"
 
 /* What meta.json says, less the network's own part. */
 struct spin_bundle_meta {
@@ -29,8 +30,8 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
 /* The object to be written: our keys go into extra, if any, so a caller's key of the same name does not
  * survive. extra is taken. */
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra);
-/* What makes it that of a packed bundle; xor_rows is taken. */
-void spin_bundle_meta_packed(spin_json *root, spin_json *xor_rows);
+/* What makes it that of a packed bundle. */
+void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer);
 /* The names of these columns, as meta.json lists them. */
 spin_json *spin_column_names(unsigned columns);
 

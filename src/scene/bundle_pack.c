@@ -1,4 +1,5 @@
-/* Planes of bytes: what is alike in neighbouring values (signs, exponents) lies together, where deflate finds it. */
+/* Words of values as planes of bytes, column by column: what is alike in neighbouring words (signs, exponents, high
+ * bytes) lies together, where deflate finds it. */
 #include "scene/bundle_pack.h"
 
 #include <math.h>
@@ -10,29 +11,21 @@
 
 enum { PORTION = 1 << 15 }; /* values at a time */
 
+/* Words of an array, row by row. */
+struct words {
+    uint64_t n_rows, width;
+    uint32_t *at;
+    bool whole; /* of whole numbers, as per_unit says */
+};
+
 struct spin_pack_series {
     char name[64];
-    uint32_t *key; /* [key_rows][width] values of frame 0 */
-    uint64_t key_rows, width;
-    spin_json *rows; /* a number for every frame so far */
+    float *per_unit; /* [n_units], or NULL */
+    size_t n_units;
+    bool written;
+    struct words key; /* of frame 0 */
+    spin_json *rows;  /* a number for every frame so far; NULL: an array without frames */
 };
-
-/* An array whose first n_key values are taken as differences. */
-struct difference {
-    const uint32_t *values, *key;
-    uint64_t n_key;
-};
-
-static spin_status read_difference(void *context, uint64_t first, size_t n, uint32_t *to)
-{
-    const struct difference *d = context;
-    size_t i = 0;
-
-    for (; i < n && first + i < d->n_key; i++)
-        to[i] = d->values[first + i] ^ d->key[first + i];
-    memcpy(to + i, d->values + first + i, (n - i) * sizeof *to);
-    return SPIN_OK;
-}
 
 /* ---- One array ---------------------------------------------------------------------------------- */
 
@@ -60,22 +53,55 @@ spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_d
     return spin_zip_member_end(w);
 }
 
+static spin_status read_words(void *context, uint64_t first, size_t n, uint32_t *to)
+{
+    memcpy(to, (const uint32_t *)context + first, n * sizeof *to);
+    return SPIN_OK;
+}
+
+static spin_status write_columns(struct spin_zip_writer *w, const char *name, int n_dims,
+                                 const uint64_t *shape, const struct words *words)
+{
+    uint64_t dims[SPIN_NPY_MAX_DIMS] = {1};
+    uint32_t any = 0;
+    unsigned char bytes[PORTION];
+
+    for (uint64_t i = 0; i < words->n_rows * words->width; i++)
+        any |= words->at[i];
+    while (dims[0] < 4 && any >> 8 * dims[0] != 0)
+        dims[0]++;
+    memcpy(dims + 1, shape + 1, (size_t)(n_dims - 1) * sizeof *dims);
+    dims[n_dims] = shape[0];
+    SPIN_TRY(spin_npz_write_begin_deflated(w, name, "|i1", n_dims + 1, dims));
+    for (uint64_t plane = 0; plane < dims[0]; plane++)
+        for (uint64_t column = 0; column < words->width; column++)
+            for (uint64_t first = 0; first < words->n_rows; first += PORTION) {
+                const uint32_t *from = words->at + first * words->width + column;
+                uint64_t n = words->n_rows - first;
+
+                n = n < PORTION ? n : PORTION;
+                for (uint64_t i = 0; i < n; i++)
+                    bytes[i] = (unsigned char)(from[i * words->width] >> 8 * plane);
+                SPIN_TRY(spin_zip_member_write(w, bytes, (size_t)n));
+            }
+    return spin_zip_member_end(w);
+}
+
 /* ---- Series ------------------------------------------------------------------------------------- */
 
-/* About how many bits the planes become: the entropy of their bytes, each plane by itself. */
-static double weigh(uint64_t count, struct difference d)
+/* About how many bits the planes become where the first rows are differences from the key: the entropy of their
+ * bytes, each plane by itself. */
+static double weigh(const struct words *words, const uint32_t *key, uint64_t rows)
 {
-    uint32_t values[PORTION];
-    uint64_t seen[4][256] = {{0}};
+    uint64_t seen[4][256] = {{0}}, count = words->n_rows * words->width,
+             n_key = rows * words->width;
     double bits = 0;
 
-    for (uint64_t first = 0; first < count; first += PORTION) {
-        size_t n = count - first < PORTION ? (size_t)(count - first) : PORTION;
+    for (uint64_t i = 0; i < count; i++) {
+        uint32_t word = words->at[i] ^ (i < n_key ? key[i] : 0);
 
-        (void)read_difference(&d, first, n, values);
-        for (size_t i = 0; i < n; i++)
-            for (int plane = 0; plane < 4; plane++)
-                seen[plane][values[i] >> 8 * plane & 255]++;
+        for (int plane = 0; plane < 4; plane++)
+            seen[plane][word >> 8 * plane & 255]++;
     }
     for (int i = 0; i < 4 * 256; i++)
         if (seen[i / 256][i % 256] > 0)
@@ -85,22 +111,23 @@ static double weigh(uint64_t count, struct difference d)
 }
 
 /* How many rows are worth taking as differences: none, up to the last that is the same, or all. */
-static uint64_t choose_rows(const struct spin_pack_series *s, uint64_t n_rows,
-                            const uint32_t *values)
+static uint64_t choose_rows(const struct spin_pack_series *s, const struct words *words)
 {
-    uint64_t width = s->width, all = n_rows < s->key_rows ? n_rows : s->key_rows, same = all;
-    uint64_t tried[3], best = 0;
+    uint64_t width = words->width, best = 0;
+    uint64_t all = words->n_rows < s->key.n_rows ? words->n_rows : s->key.n_rows, same = all;
+    uint64_t tried[3];
     double least = INFINITY;
 
-    while (same > 0 && memcmp(values + width * (same - 1), s->key + width * (same - 1),
-                              width * sizeof *values) != 0)
+    if (!s->key.at || s->key.width != width || s->key.whole != words->whole)
+        return 0;
+    while (same > 0 && memcmp(words->at + width * (same - 1), s->key.at + width * (same - 1),
+                              width * sizeof *words->at) != 0)
         same--;
     tried[0] = 0;
     tried[1] = same;
     tried[2] = all;
     for (int i = 0; i < 3; i++) {
-        double bits =
-            weigh(n_rows * width, (struct difference){values, s->key, tried[i] * width});
+        double bits = weigh(words, s->key.at, tried[i]);
 
         if (bits < 0.99 * least) {
             least = bits;
@@ -121,9 +148,44 @@ static spin_status find_series(struct spin_packer *p, const char *name,
     SPIN_TRY(spin_room(p->n, &p->capacity, sizeof *p->series, (void **)&p->series));
     *out = &p->series[p->n++];
     memset(*out, 0, sizeof **out);
-    snprintf((*out)->name, sizeof (*out)->name, "%s", name);
-    (*out)->rows = spin_json_array();
+    snprintf((*out)->name, sizeof(*out)->name, "%s", name);
     return SPIN_OK;
+}
+
+spin_status spin_packer_units(struct spin_packer *packer, const char *series, size_t width,
+                              const float *per_unit)
+{
+    struct spin_pack_series *s;
+
+    SPIN_TRY(find_series(packer, series, &s));
+    SPIN_TRY(spin_alloc(width, sizeof *per_unit, (void **)&s->per_unit));
+    memcpy(s->per_unit, per_unit, width * sizeof *per_unit);
+    s->n_units = width;
+    return SPIN_OK;
+}
+
+/* Replaces values by the words of their whole numbers, unless one of them is no such multiple. */
+static bool make_whole(const struct spin_pack_series *s, struct words *words)
+{
+    uint64_t count = words->n_rows * words->width;
+
+    if (s->n_units != words->width)
+        return false;
+    for (int pass = 0; pass < 2; pass++)
+        for (uint64_t i = 0; i < count; i++) {
+            float per_unit = s->per_unit[i % words->width], value, k, back;
+
+            memcpy(&value, &words->at[i], sizeof value);
+            k = rintf(value * per_unit);
+            if (!(fabsf(k) < 0x1p31f))
+                return false;
+            back = (float)(int32_t)k / per_unit;
+            if (memcmp(&back, &value, sizeof back) != 0) /* -0, too, comes back as 0 */
+                return false;
+            if (pass == 1)
+                words->at[i] = spin_word_of((int32_t)k);
+        }
+    return true;
 }
 
 spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *w,
@@ -131,45 +193,68 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
                             const void *values)
 {
     struct spin_pack_series *s;
-    struct difference d = {.values = values};
-    uint64_t width = 1, rows = 0;
+    struct words words = {.n_rows = shape[0], .width = 1};
+    uint64_t rows;
     char name[80];
+    spin_status status;
 
-    if (frame < 0)
-        return spin_pack_write(w, series, n_dims, shape, read_difference, &d);
     for (int i = 1; i < n_dims; i++)
-        width *= shape[i];
+        words.width *= shape[i];
     SPIN_TRY(find_series(packer, series, &s));
-    if (frame == 0) {
-        SPIN_TRY(spin_alloc((size_t)(width * shape[0]) + 1, sizeof *s->key, (void **)&s->key));
-        memcpy(s->key, values, (size_t)(width * shape[0]) * sizeof *s->key);
-        s->key_rows = shape[0];
-        s->width = width;
-    } else if (width == s->width) {
-        rows = choose_rows(s, shape[0], values);
+    SPIN_TRY(
+        spin_alloc((size_t)(words.n_rows * words.width) + 1, sizeof *words.at, (void **)&words.at));
+    memcpy(words.at, values, (size_t)(words.n_rows * words.width) * sizeof *words.at);
+    s->written = true;
+    words.whole = make_whole(s, &words);
+    rows = choose_rows(s, &words);
+    if (frame < 0) {
+        snprintf(name, sizeof name, "%s", series);
+    } else {
+        if (!s->rows)
+            s->rows = spin_json_array();
+        spin_json_push_number(s->rows, (double)rows);
+        snprintf(name, sizeof name, "%s/%05d", series, frame);
     }
-    d.key = s->key;
-    d.n_key = rows * width;
-    spin_json_push_number(s->rows, (double)rows);
-    snprintf(name, sizeof name, "%s/%05d", series, frame);
-    return spin_pack_write(w, name, n_dims, shape, read_difference, &d);
+    for (uint64_t i = 0; i < rows * words.width; i++)
+        words.at[i] ^= s->key.at[i];
+    if (s->per_unit && !words.whole)
+        status = spin_pack_write(w, name, n_dims, shape, read_words, words.at);
+    else
+        status = write_columns(w, name, n_dims, shape, &words);
+    if (frame == 0)
+        s->key = words;
+    else
+        free(words.at);
+    return status;
 }
 
-spin_json *spin_packer_json(const struct spin_packer *packer)
+void spin_packer_json(const struct spin_packer *packer, spin_json *meta)
 {
-    spin_json *all = spin_json_object();
+    spin_json *all = spin_json_object(), *units = spin_json_object();
 
     for (size_t i = 0; i < packer->n; i++) {
-        spin_json_set(all, packer->series[i].name, packer->series[i].rows);
-        packer->series[i].rows = NULL;
+        struct spin_pack_series *s = &packer->series[i];
+
+        if (s->per_unit && s->written) {
+            spin_json *list = spin_json_array();
+
+            for (size_t c = 0; c < s->n_units; c++)
+                spin_json_push_number(list, s->per_unit[c]);
+            spin_json_set(units, s->name, list);
+        }
+        if (s->rows)
+            spin_json_set(all, s->name, s->rows);
+        s->rows = NULL;
     }
-    return all;
+    spin_json_set(meta, "xor_rows", all);
+    spin_json_set(meta, "per_unit", units);
 }
 
 void spin_packer_free(struct spin_packer *packer)
 {
     for (size_t i = 0; i < packer->n; i++) {
-        free(packer->series[i].key);
+        free(packer->series[i].per_unit);
+        free(packer->series[i].key.at);
         spin_json_free(packer->series[i].rows);
     }
     free(packer->series);
@@ -191,8 +276,8 @@ static float round_one(float value, int bits, float step)
     if (!isfinite(value) || !isfinite(rounded))
         return value;
     if (step > 0 && fabsf(rounded) < 0x1p22f * step)
-        return rintf(rounded / step) * step;
-    return rounded;
+        rounded = rintf(rounded / step) * step;
+    return rounded == 0 ? 0 : rounded; /* never -0, which is no whole number */
 }
 
 void spin_round_values(float *values, size_t n, int bits, float step)

@@ -2,6 +2,7 @@
  * and against the bytes that are there. */
 #include "scene/bundle_values.h"
 
+#include <float.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,10 +16,11 @@
 /* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
 #define CRC_LIMIT (64u << 20)
 
-/* A frame 0, decoded. */
+/* The words of a frame 0. */
 struct spin_bundle_key {
     char series[64];
-    uint32_t *values;
+    uint32_t *words;
+    bool whole;
     uint64_t shape[SPIN_NPY_MAX_DIMS];
 };
 
@@ -28,6 +30,46 @@ static void name_of(const char *series, int frame, char name[80])
         snprintf(name, 80, "%s", series);
     else
         snprintf(name, 80, "%s/%05d", series, frame);
+}
+
+/* ---- Words -------------------------------------------------------------------------------------- */
+
+/* Words [first, first + n) of an array whose planes have column after column. */
+static void gather_columns(const struct spin_bundle_values *v, uint64_t first, size_t n,
+                           uint32_t *to)
+{
+    uint64_t row = first / v->width, column = first % v->width;
+
+    for (size_t i = 0; i < n; i++) {
+        const unsigned char *p = v->bytes + column * v->shape[0] + row;
+
+        to[i] = 0;
+        for (int plane = 0; plane < v->n_planes; plane++, p += v->count)
+            to[i] |= (uint32_t)*p << 8 * plane;
+        if (++column == v->width) {
+            column = 0;
+            row++;
+        }
+    }
+}
+
+static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t n, uint32_t *to)
+{
+    const unsigned char *p = v->bytes + first;
+    size_t n_key = first < v->n_key ? (size_t)(v->n_key - first) : 0;
+
+    if (n == 0)
+        return;
+    if (v->columns)
+        gather_columns(v, first, n, to);
+    else if (v->n_planes > 0)
+        for (size_t i = 0; i < n; i++)
+            to[i] = p[i] | (uint32_t)p[v->count + i] << 8 | (uint32_t)p[2 * v->count + i] << 16 |
+                    (uint32_t)p[3 * v->count + i] << 24;
+    else
+        memcpy(to, v->bytes + 4 * first, 4 * n);
+    for (size_t i = 0; i < n && i < n_key; i++)
+        to[i] ^= v->key[first + i];
 }
 
 /* ---- Differences -------------------------------------------------------------------------------- */
@@ -53,9 +95,9 @@ static spin_status difference_rows(const struct spin_bundle_place *b, const char
     return SPIN_OK;
 }
 
-/* The decoded frame 0 of a series. */
-static spin_status find_key(const struct spin_bundle_place *b, const char *series, char kind, int n_dims,
-                            const struct spin_bundle_key **out)
+/* The words of frame 0 of a series. */
+static spin_status find_key(const struct spin_bundle_place *b, const char *series, char kind,
+                            int n_dims, const struct spin_bundle_key **out)
 {
     int64_t any[SPIN_NPY_MAX_DIMS];
     struct spin_bundle_values v;
@@ -74,8 +116,9 @@ static spin_status find_key(const struct spin_bundle_place *b, const char *serie
     for (int d = 0; d < n_dims; d++)
         any[d] = -1;
     SPIN_TRY(spin_bundle_place_open(b, series, 0, kind, n_dims, any, &v));
-    SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->values, (void **)&key->values));
-    spin_bundle_values_get(&v, 0, (size_t)v.count, key->values);
+    SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->words, (void **)&key->words));
+    get_words(&v, 0, (size_t)v.count, key->words);
+    key->whole = v.whole;
     snprintf(key->series, sizeof key->series, "%s", series);
     memcpy(key->shape, v.shape, sizeof key->shape);
     keys->n++;
@@ -87,31 +130,66 @@ out:
 
 /* ---- Headers ------------------------------------------------------------------------------------ */
 
-/* Whether it is packed; its shape without the planes goes to out. */
-static spin_status look_at(const struct spin_bundle_place *b, const char *name, char kind, int n_dims,
-                           const int64_t *shape, struct spin_bundle_values *out)
+/* What one whole number counts for in each column, where meta.json says so. */
+static spin_status find_units(const struct spin_bundle_place *b, const char *series, char kind,
+                              struct spin_bundle_values *out)
 {
-    int64_t wanted[SPIN_NPY_MAX_DIMS] = {4};
+    const spin_json *all = spin_json_get(b->meta, "per_unit"), *list = spin_json_get(all, series);
+
+    if (all && !spin_json_is_object(all))
+        return spin_meta_fail("per_unit", "an object");
+    if (!list)
+        return SPIN_OK;
+    out->whole = kind == 'f' && spin_json_length(list) == out->width && out->width <= SPIN_UNITS;
+    for (size_t c = 0; out->whole && c < out->width; c++) {
+        double value;
+
+        out->whole =
+            spin_json_number(spin_json_at(list, c), &value) && value >= FLT_MIN && value <= FLT_MAX;
+        out->per_unit[c] = out->whole ? (float)value : 0;
+    }
+    if (!out->whole)
+        return spin_fail(
+            SPIN_E_MALFORMED,
+            "meta.json: 'per_unit' of '%s' is not a positive number for each of %" PRIu64
+            " columns, %d at most",
+            series, out->width, SPIN_UNITS);
+    return SPIN_OK;
+}
+
+/* Whether it is packed; its shape without the planes goes to out. */
+static spin_status look_at(const struct spin_bundle_place *b, const char *series, const char *name,
+                           char kind, int n_dims, const int64_t *shape,
+                           struct spin_bundle_values *out)
+{
+    int64_t wanted[SPIN_NPY_MAX_DIMS] = {-1};
     struct spin_array a;
+    bool packed;
 
     memset(out, 0, sizeof *out);
     SPIN_TRY(spin_npz_head(b->npz, name, &a));
-    out->planes = a.kind == 'u' && a.item_size == 1;
-    memcpy(wanted + 1, shape, (size_t)n_dims * sizeof *wanted);
-    if (out->planes)
-        SPIN_TRY(spin_array_check_shape(name, &a, n_dims + 1, wanted));
-    else
-        SPIN_TRY(spin_array_check_shape(name, &a, n_dims, shape));
-    if ((!out->planes && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
-        !spin_array_is_contiguous(&a))
+    packed = a.item_size == 1 && (a.kind == 'u' || a.kind == 'i');
+    out->columns = packed && a.kind == 'i';
+    for (int d = 0; d < n_dims; d++) /* of columns, rows go last */
+        wanted[out->columns ? (d > 0 ? d : n_dims) : d + packed] = shape[d];
+    if (packed && !out->columns)
+        wanted[0] = 4;
+    SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
+    if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
+        (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
         return spin_fail(SPIN_E_MALFORMED,
-                         "array '%s' is neither of little-endian %s nor of planes of its bytes, in "
-                         "row-major order",
+                         "array '%s' is neither of little-endian %s nor of one to four planes of "
+                         "bytes, in row-major order",
                          name, kind == 'f' ? "float32" : "uint32");
+    out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;
-    out->count = a.count / (out->planes ? 4 : 1);
-    memcpy(out->shape, a.shape + (out->planes ? 1 : 0), (size_t)n_dims * sizeof *out->shape);
-    return SPIN_OK;
+    out->width = 1;
+    for (int d = 0; d < n_dims; d++) {
+        out->shape[d] = a.shape[out->columns ? (d > 0 ? d : n_dims) : d + packed];
+        out->width *= d > 0 ? out->shape[d] : 1;
+    }
+    out->count = out->shape[0] * out->width;
+    return out->columns ? find_units(b, series, kind, out) : SPIN_OK;
 }
 
 static spin_status look_at_frame(const struct spin_bundle_place *b, const char *series, int frame,
@@ -119,7 +197,7 @@ static spin_status look_at_frame(const struct spin_bundle_place *b, const char *
                                  struct spin_bundle_values *out, uint64_t *rows)
 {
     name_of(series, frame, name);
-    SPIN_TRY(look_at(b, name, kind, n_dims, shape, out));
+    SPIN_TRY(look_at(b, series, name, kind, n_dims, shape, out));
     return difference_rows(b, series, frame, out->shape[0], rows);
 }
 
@@ -135,42 +213,43 @@ spin_status spin_bundle_place_check(const struct spin_bundle_place *place, const
 
 /* ---- Values ------------------------------------------------------------------------------------- */
 
-static spin_status take_key(const struct spin_bundle_place *b, const char *series, const char *name, char kind,
-                            uint64_t rows, struct spin_bundle_values *out)
+static spin_status take_key(const struct spin_bundle_place *b, const char *series, const char *name,
+                            char kind, uint64_t rows, struct spin_bundle_values *out)
 {
     const struct spin_bundle_key *key;
-    uint64_t width = out->shape[0] > 0 ? out->count / out->shape[0] : 0;
     bool same;
 
     SPIN_TRY(find_key(b, series, kind, out->n_dims, &key));
-    same = key->shape[0] >= rows;
+    same = key->shape[0] >= rows && key->whole == out->whole;
     for (int d = 1; d < out->n_dims; d++)
         same = same && key->shape[d] == out->shape[d];
     if (!same)
         return spin_fail(SPIN_E_MALFORMED,
                          "array '%s' has %" PRIu64 " rows of differences from frame 0, which has "
-                         "%" PRIu64 " rows or others",
+                         "%" PRIu64 " rows, or others",
                          name, rows, key->shape[0]);
-    out->key = key->values;
-    out->n_key = rows * width;
+    out->key = key->words;
+    out->n_key = rows * out->width;
     return SPIN_OK;
 }
 
-static spin_status open_values(const struct spin_bundle_place *b, const char *series, int frame, char kind,
-                               int n_dims, const int64_t *shape, struct spin_bundle_values *out)
+static spin_status open_values(const struct spin_bundle_place *b, const char *series, int frame,
+                               char kind, int n_dims, const int64_t *shape,
+                               struct spin_bundle_values *out)
 {
     struct spin_array a;
     char name[80];
-    uint64_t rows = 0;
+    uint64_t rows = 0, bytes;
 
     SPIN_TRY(look_at_frame(b, series, frame, kind, n_dims, shape, name, out, &rows));
     if (rows > 0)
         SPIN_TRY(take_key(b, series, name, kind, rows, out));
-    SPIN_TRY(spin_npz_take(b->npz, name, 4 * out->count < CRC_LIMIT, &a, &out->owned));
-    if (a.n_bytes != 4 * out->count)
+    bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
+    SPIN_TRY(spin_npz_take(b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
+    if (a.n_bytes != bytes)
         return spin_fail(SPIN_E_MALFORMED, "array '%s' has changed while it was read", name);
     out->bytes = a.data;
-    if (!out->planes && !out->owned && out->n_key == 0)
+    if (out->n_planes == 0 && !out->owned && out->n_key == 0)
         out->floats = spin_array_f32(&a);
     return SPIN_OK;
 }
@@ -188,20 +267,19 @@ spin_status spin_bundle_place_open(const struct spin_bundle_place *place, const 
 
 void spin_bundle_values_get(const struct spin_bundle_values *v, uint64_t first, size_t n, void *out)
 {
-    const unsigned char *p = v->bytes + first;
-    uint32_t *to = out;
-    size_t n_key = first < v->n_key ? (size_t)(v->n_key - first) : 0;
+    uint32_t *word = out;
+    size_t column;
 
-    if (n == 0)
+    get_words(v, first, n, word);
+    if (!v->whole || n == 0)
         return;
-    if (v->planes)
-        for (size_t i = 0; i < n; i++)
-            to[i] = p[i] | (uint32_t)p[v->count + i] << 8 | (uint32_t)p[2 * v->count + i] << 16 |
-                    (uint32_t)p[3 * v->count + i] << 24;
-    else
-        memcpy(to, v->bytes + 4 * first, 4 * n);
-    for (size_t i = 0; i < n && i < n_key; i++)
-        to[i] ^= v->key[first + i];
+    column = (size_t)(first % v->width);
+    for (size_t i = 0; i < n; i++) {
+        float value = (float)spin_word_to(word[i]) / v->per_unit[column];
+
+        memcpy(&word[i], &value, sizeof value);
+        column = column + 1 < v->width ? column + 1 : 0;
+    }
 }
 
 uint32_t spin_bundle_values_crc(const struct spin_bundle_values *v)
@@ -209,7 +287,7 @@ uint32_t spin_bundle_values_crc(const struct spin_bundle_values *v)
     uint32_t piece[4096], crc = 0;
     const size_t most = sizeof piece / sizeof *piece;
 
-    if (!v->planes && v->n_key == 0)
+    if (v->n_planes == 0 && v->n_key == 0)
         return spin_crc32_whole(v->bytes, 4 * (size_t)v->count);
     for (uint64_t first = 0; first < v->count; first += most) {
         size_t n = v->count - first < most ? (size_t)(v->count - first) : most;
@@ -229,7 +307,7 @@ void spin_bundle_values_close(struct spin_bundle_values *values)
 void spin_bundle_keys_free(struct spin_bundle_keys *keys)
 {
     for (size_t i = 0; i < keys->n; i++)
-        free(keys->key[i].values);
+        free(keys->key[i].words);
     free(keys->key);
     memset(keys, 0, sizeof *keys);
 }

@@ -4,6 +4,7 @@
 
 #include "io/json.h"
 #include "io/npy.h"
+#include "scene/bundle_pack.h"
 
 /* One array, open until closed. */
 struct spin_bundle_values {
@@ -14,8 +15,12 @@ struct spin_bundle_values {
     /* Private. */
     const unsigned char *bytes; /* planes, or values */
     void *owned;
-    bool planes;
-    const uint32_t *key; /* the first n_key values are differences from these */
+    int n_planes;   /* 0: values */
+    bool columns;   /* of the planes: column after column */
+    uint64_t width; /* values of a row */
+    bool whole;     /* words are whole numbers, of units of 1 / per_unit[column] */
+    float per_unit[SPIN_UNITS];
+    const uint32_t *key; /* the first n_key words are differences from these */
     uint64_t n_key;
 };
 

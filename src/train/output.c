@@ -14,24 +14,84 @@
 
 /* ---- Precision ---------------------------------------------------------------------------------- */
 
-/* Of half precision: what a half float holds of a number, and for numbers near 0 no more than of one near 1.
- * Positions have more, as they are large beside the splats: a step of 2^-16 of the camera extent. */
+/* Values are multiples of 1 / per_unit. Half: what a half float holds of a number, and for numbers near 0 no more than
+ * of one near 1. Compact: steps that a picture of 8 bits hardly shows. Positions have more bits, as they are large
+ * beside the splats: a step of 2^-16 of the camera extent. */
 enum { BITS = 11, POSITION_BITS = 16 };
-static const float attribute_step = 0x1p-11f;
 
-static void round_attributes(const struct spin_output *output, float *values, size_t n)
+/* 0: not rounded. */
+static float per_unit(const struct spin_output *output, unsigned column)
 {
-    if (output->plan->o->precision == SPIN_PRECISION_HALF)
-        spin_round_values(values, n, BITS, attribute_step);
+    enum spin_precision precision = output->plan->o->precision;
+    double extent = output->plan->extent;
+
+    if (precision == SPIN_PRECISION_FULL)
+        return 0;
+    if (column == SPIN_COL_MEANS)
+        return extent > 1e-30 ? (float)exp2(POSITION_BITS - floor(log2(extent))) : 0;
+    if (precision == SPIN_PRECISION_HALF)
+        return 0x1p11f;
+    return column == SPIN_COL_QUATS ? 256 : column == SPIN_COL_SH ? 128 : 32;
 }
 
-static void round_positions(const struct spin_output *output, float *values, size_t n)
+static void round_values(const struct spin_output *output, unsigned column, float *values, size_t n)
 {
-    double extent = output->plan->extent;
-    float step = extent > 1e-30 ? (float)exp2(floor(log2(extent)) - POSITION_BITS) : 0;
+    float of = per_unit(output, column);
 
-    if (output->plan->o->precision == SPIN_PRECISION_HALF)
-        spin_round_values(values, n, POSITION_BITS, step);
+    if (of > 0)
+        spin_round_values(values, n, column == SPIN_COL_MEANS ? POSITION_BITS : BITS, 1 / of);
+}
+
+/* What a row of residual values, and after its displacement one of a track, is made of. */
+static const struct {
+    unsigned column;
+    size_t first, width;
+} part[] = {{SPIN_COL_LOG_SCALES, 0, 3},
+            {SPIN_COL_QUATS, 3, 4},
+            {SPIN_COL_SH, 7, 3},
+            {SPIN_COL_LOGIT_OPACITIES, 10, 1}};
+enum { PARTS = sizeof part / sizeof *part };
+
+static void round_rows(const struct spin_output *output, float *rows, size_t n, size_t stride)
+{
+    for (size_t i = 0; i < n; i++)
+        for (int k = 0; k < PARTS; k++)
+            round_values(output, part[k].column, rows + stride * i + part[k].first, part[k].width);
+}
+
+/* Of all values of a column alike. */
+static spin_status set_refined_units(const struct spin_output *output, struct spin_packer *packer,
+                                     unsigned columns, int sh_degree)
+{
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
+        size_t width = spin_column_width(column, sh_degree);
+        float unit[SPIN_UNITS];
+        char series[40];
+
+        if (!(columns & column) || per_unit(output, column) <= 0)
+            continue;
+        for (size_t i = 0; i < width; i++)
+            unit[i] = per_unit(output, column);
+        snprintf(series, sizeof series, "refined/%s", spin_column_name(column));
+        SPIN_TRY(spin_packer_units(packer, series, width, unit));
+    }
+    return SPIN_OK;
+}
+
+static spin_status set_units(const struct spin_output *output, struct spin_packer *packer)
+{
+    float unit[SPIN_TRACK];
+
+    for (int i = 0; i < 3; i++)
+        unit[i] = per_unit(output, SPIN_COL_MEANS);
+    for (int k = 0; k < PARTS; k++)
+        for (size_t i = 0; i < part[k].width; i++)
+            unit[3 + part[k].first + i] = per_unit(output, part[k].column);
+    if (unit[0] <= 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_packer_units(packer, "network/means", 3, unit));
+    SPIN_TRY(spin_packer_units(packer, "network/residual", SPIN_RESIDUAL, unit + 3));
+    return spin_packer_units(packer, "network/tracks", SPIN_TRACK, unit);
 }
 
 static void round_splats(const struct spin_output *output, unsigned columns, struct spin_splats *s)
@@ -39,12 +99,8 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         size_t n = s->n * spin_column_width(column, s->sh_degree);
 
-        if (!(columns & column))
-            continue;
-        if (column == SPIN_COL_MEANS)
-            round_positions(output, s->means, n);
-        else
-            round_attributes(output, *spin_column_of(s, column), n);
+        if (columns & column)
+            round_values(output, column, *spin_column_of(s, column), n);
     }
 }
 
@@ -105,9 +161,9 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
         if (place[i] < n)
             memcpy(packed + width * to++, rows.at + width * place[i], width * sizeof *packed);
     if (residual)
-        round_attributes(output, packed, width * n);
+        round_rows(output, packed, n, width);
     else
-        round_positions(output, packed, width * n);
+        round_values(output, SPIN_COL_MEANS, packed, width * n);
     status = spin_bundle_write_array(w, residual ? "network/residual" : "network/means", frame,
                                      "<f4", 2, shape, packed);
 out:
@@ -187,10 +243,9 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     for (size_t i = 0; i < n; i++)
         memcpy(rows + SPIN_TRACK * i, groups + 3 * i, 3 * sizeof *rows);
     spin_residual_to_rows(n, groups + 3 * n, NULL, rows + 3, SPIN_TRACK);
-    for (size_t i = 0; i < n; i++) {
-        round_positions(output, rows + SPIN_TRACK * i, 3);
-        round_attributes(output, rows + SPIN_TRACK * i + 3, SPIN_TRACK - 3);
-    }
+    for (size_t i = 0; i < n; i++)
+        round_values(output, SPIN_COL_MEANS, rows + SPIN_TRACK * i, 3);
+    round_rows(output, rows + 3, n, SPIN_TRACK);
     SPIN_TRY_OUT(spin_bundle_write_array(w, "network/tracks", -1, "<f4", 2, shape, rows));
     status = write_numbers(output, w, same_rows);
 out:
@@ -211,7 +266,7 @@ static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_
     float *values = (float *)(void *)to;
 
     SPIN_TRY(spin_read_device_values(w->output->trainer, w->name, w->at, (size_t)first, n, values));
-    if (w->output->plan->o->precision == SPIN_PRECISION_HALF)
+    if (w->output->plan->o->precision != SPIN_PRECISION_FULL)
         spin_round_values(values, n, BITS, 0);
     return SPIN_OK;
 }
@@ -223,6 +278,7 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
     uint64_t features = (uint64_t)t->field.grid.n_features;
     uint64_t table[2] = {t->field.n_table / features, features}, heads[1] = {t->heads.n};
 
+    SPIN_TRY(set_units(output, &w->packer));
     for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY(write_frame(output, w, f, false));
     for (int f = 0; spin_plan_has_residual(output->plan) && f < t->n_frames; f++)
@@ -254,6 +310,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
         SPIN_TRY_OUT(spin_refinement_read(output->refinement, plan, f, kept, &splats));
+        if (plan->o->method == SPIN_METHOD_EXPLICIT && f == 0)
+            SPIN_TRY_OUT(set_refined_units(output, &w->packer, kept, splats.sh_degree));
         if (plan->o->method == SPIN_METHOD_EXPLICIT) /* else they are what a network began with */
             round_splats(output, kept, &splats);
         SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
@@ -269,7 +327,9 @@ out:
 
 static const char *precision_name(const struct spin_retrain_options *o)
 {
-    return o->precision == SPIN_PRECISION_HALF ? "half" : "full";
+    static const char *const name[] = {"compact", "half", "full"};
+
+    return name[o->precision];
 }
 
 static spin_status fill_meta(const struct spin_output *output, struct spin_bundle_meta *meta)
@@ -452,7 +512,8 @@ spin_status spin_output_write(const struct spin_output *output)
         SPIN_TRY(spin_trainer_take_table(t, &whole));
     if (spin_rank() == 0)
         status = write_whole(&own, whole);
-    while (spin_n_ranks() > 1 && lent == SPIN_OK && n_lent < n_lendings(&own)) /* also what could not be written */
+    while (spin_n_ranks() > 1 && lent == SPIN_OK &&
+           n_lent < n_lendings(&own)) /* also what could not be written */
         lent = lend_next(&own);
     status = status == SPIN_OK ? lent : status;
     if (t->network)
@@ -463,7 +524,8 @@ spin_status spin_output_write(const struct spin_output *output)
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)
 {
     struct spin_bundle bundle;
-    const char *method = plan->o->method != SPIN_METHOD_EXPLICIT ? "network" : "refined", *text, *precision;
+    const char *method = plan->o->method != SPIN_METHOD_EXPLICIT ? "network" : "refined", *text,
+               *precision;
     bool same;
 
     if (spin_bundle_open(plan->o->output, &bundle) != SPIN_OK)

@@ -129,13 +129,16 @@ else
 fi
 awk -v a="$before" -v b="$after" 'BEGIN { d = a - b; exit !(a > 1 && d < 0.01 && d > -0.01) }'
 ok $? "and look the same: $before dB before and $after dB after"
-run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 6 --residual points --force --json \
-    --threads 1
-is "$code" 0 "retrains with points' values to add to"
-learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
-run "$bin/spin-eval" "$work/own.spin" --json
-awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
-ok $? "and spin-eval adds them as well"
+for precision in 'half 1e-3' 'compact 0.02'; do
+    run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 6 --residual points --force --json \
+        --threads 1 --precision ${precision% *}
+    is "$code" 0 "retrains with points' values to add to"
+    learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
+    run "$bin/spin-eval" "$work/own.spin" --json
+    awk -v a="$learned" -v b="$(member psnr)" -v most="${precision#* }" \
+        'BEGIN { d = a - b; exit !(b != "" && d < most && d > -most) }'
+    ok $? "and spin-eval adds them as well, ${precision% *} precision ($learned, $(member psnr))"
+done
 run "$bin/spin-retrain" "$in" -o "$work/own0.spin" $small --iterations 6 --residual points --lr-residual 0
 if command -v python3 >/dev/null 2>&1; then
     python3 -c 'import sys, zipfile

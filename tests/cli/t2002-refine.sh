@@ -69,11 +69,13 @@ ok $? "--max-points is kept, and frames start from the source's attributes"
 # What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
 for more in '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
     # shellcheck disable=SC2086
-    run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method explicit --densify off $more --force --json
+    run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method explicit --densify off $more --force --json \
+        --precision half
     is "$code" 0 "refines with $more"
     learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
     # shellcheck disable=SC2086
-    run "$bin/spin-retrain" "$in" -o "$work/more3.spin" $few --method explicit --densify off $more --force --threads 3
+    run "$bin/spin-retrain" "$in" -o "$work/more3.spin" $few --method explicit --densify off $more --force --threads 3 \
+        --precision half
     same "$work/more.spin" "$work/more3.spin" "$more: the same bytes on three threads"
     run "$bin/spin-eval" "$work/more.spin" --scale 0.25 --json
     awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: python bundle numpy
 # exporters/python/spin4d.py and the manual's own decoder read what spin-retrain writes as spin-export does:
-# networks, tracks and frames of their own, at half and at full precision.
+# networks, tracks and frames of their own, at every precision.
 . tests/cli/lib.sh
 if ! python3 -c 'import numpy' 2>/dev/null; then
     skip "bundles in Python" "no python3 with numpy"
@@ -62,7 +62,7 @@ same() {
 same "$in" source "an imported bundle"
 small='--scale 0.25 --test-cams 0 --device cpu -q'
 net='--preset paper --levels 4 --hash-log2 12 --finest-resolution 64,64,64,16 --hidden 16 --hash-init-range 0.5'
-for precision in half full; do
+for precision in compact half full; do
     for kind in "tracks:retrained:--preset quick --iterations 40 --densify-every 10" \
         "network:retrained:$net --iterations 3" \
         "plain:retrained:$net --iterations 3 --activation relu --scene-normalise none --sh-degree 1 --residual source" \
@@ -79,23 +79,30 @@ done
 same "$work/half-tracks.spin" source "the source beside it" --source
 
 # The manual's example is the decoder that it says it is.
-python3 - "$work/full-tracks.spin" "$work/half-tracks.spin" man/spin-bundle.5 <<'E' 2>"$work/err"
+python3 - "$work/full-tracks.spin" "$work/half-tracks.spin" "$work/compact-tracks.spin" man/spin-bundle.5 \
+    "$work/half-both.spin" <<'E' 2>"$work/err"
 import json, re, sys
 import numpy
 import spin4d
 
-text = re.search(r"\ndef values.*?(?=\n\.Ed)", open(sys.argv[3]).read(), re.S).group(0)
+text = re.search(r"\ndef words.*?(?=\n\.Ed)", open(sys.argv[4]).read(), re.S).group(0)
 scope = {"numpy": numpy}
 exec(text, scope)
-full, half = (spin4d.load(path) for path in sys.argv[1:3])
+full, half, compact = (spin4d.load(path) for path in sys.argv[1:4])
+for path in sys.argv[5], sys.argv[1], sys.argv[3]:
+    clip, zipped = spin4d.load(path), numpy.load(path)
+    meta = json.loads(zipped["meta.json"])
+    for name in set(zipped.files) - {"meta.json"}:
+        a, b = scope["values"](zipped, meta, name), clip.values(name)
+        assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), name
+assert list(meta["per_unit"]) == ["network/means", "network/residual", "network/tracks"], meta
 zipped = numpy.load(sys.argv[1])
 meta = json.loads(zipped["meta.json"])
 assert any(sum(rows) > 0 for rows in meta["xor_rows"].values())
 for name in zipped.files:
     if name == "meta.json":
         continue
-    a, b = scope["values"](zipped, meta, name), full.values(name)
-    assert a.dtype == b.dtype and a.tobytes() == b.tobytes(), name
+    b, small = full.values(name), compact.values(name)
     rounded = half.values(name)
     if name.startswith("source/") or name.startswith("network/track/"):
         assert rounded.tobytes() == b.tobytes(), name
@@ -104,6 +111,13 @@ for name in zipped.files:
     if "means" in name:
         bound = numpy.maximum(numpy.abs(b) * 2.0**-16, 2.0**-13)
     assert numpy.all(numpy.abs(b - rounded) <= bound), name
+    if "means" in name:
+        assert small.tobytes() == rounded.tobytes(), name
+    else:
+        step = numpy.array([1 / 32] * 3 + [1 / 256] * 4 + [1 / 128] * 3 + [1 / 32])
+        assert numpy.all(small[:, -11:] % step == 0), name
+        bound = bound[:, -11:] + 0.5 * step
+        assert numpy.all(numpy.abs(b - small)[:, -11:] <= bound), name
     assert b.size == 0 or rounded.tobytes() != b.tobytes(), name
 E
 ok $? "the manual's decoder; half precision within its bounds, the source to the bit"
@@ -180,7 +194,7 @@ def walk(value, inside):
         seen.add(key)
         assert key in named or (inside == "options" and key in options), (key, inside)
         assert key == "key" or not isinstance(item, str) or not re.fullmatch("-?[0-9.]+", item), (key, item)
-        if key != "xor_rows":
+        if key not in ("xor_rows", "per_unit"):
             walk(item, "options" if "options" in (key, inside) else key)
 
 for path in sys.argv[3:]:

@@ -68,8 +68,9 @@ static void write_clip(struct spin_splats frame[FRAMES], bool packs, bool same_n
                                     .columns = same_n ? columns : columns & ~still,
                                     .static_columns = same_n ? still : 0,
                                     .sh_degree = 1};
-    spin_json *extra = parse("{\"refined\": {\"columns\": [\"means\"], \"sh_degree\": -1, \"frames\": "
-                             "[{\"n\": 5}, {\"n\": 6}, {\"n\": 7}, {\"n\": 0}]}}");
+    spin_json *extra =
+        parse("{\"refined\": {\"columns\": [\"means\"], \"sh_degree\": -1, \"frames\": "
+              "[{\"n\": 5}, {\"n\": 6}, {\"n\": 7}, {\"n\": 0}]}}");
 
     if (spin_bundle_meta_reserve(&meta, FRAMES) != SPIN_OK ||
         spin_bundle_writer_open(path, true, false, &w) != SPIN_OK)
@@ -168,6 +169,93 @@ static void test_round_trip(bool same_n)
         spin_splats_free(&frame[f]);
 }
 
+/* ---- Whole numbers ------------------------------------------------------------------------------- */
+
+static struct spin_array head_of(const struct spin_bundle *b, const char *name)
+{
+    struct spin_array a;
+
+    if (spin_npz_head(&b->npz, name, &a) != SPIN_OK)
+        exit(1);
+    return a;
+}
+
+/* Frames 0, 1 and 3 are multiples of 1/64, 1/64 and 1/1024, frame 1 mostly those of frame 0; frame 2 would be but for one
+ * value, which is `odd`. Colours are those of bytes. */
+static void test_whole(float odd, const char *what)
+{
+    static const float per_unit[3] = {64, 64, 1024};
+    static const float bytes[] = {0, 1 / 255.0f, 254 / 255.0f, 1};
+    const unsigned both = SPIN_COL_MEANS | SPIN_COL_RGB;
+    struct spin_splats frame[FRAMES];
+    struct spin_bundle_writer w;
+    struct spin_bundle_meta meta = {.n_source_frames = FRAMES, .columns = both, .sh_degree = -1};
+    const spin_json *units;
+    struct spin_bundle b;
+    double unit = 0;
+
+    if (spin_bundle_meta_reserve(&meta, FRAMES) != SPIN_OK ||
+        spin_bundle_writer_open(path, true, false, &w) != SPIN_OK)
+        exit(1);
+    w.packs = true;
+    if (spin_packer_units(&w.packer, "source/means", 3, per_unit) != SPIN_OK)
+        exit(1);
+    memset(frame, 0, sizeof frame);
+    for (int f = 0; f < FRAMES; f++) {
+        if (spin_splats_reserve(&frame[f], N, both, 0) != SPIN_OK)
+            exit(1);
+        frame[f].n = meta.frame[f].n = N;
+        for (size_t i = 0; i < N * 3; i++) {
+            frame[f].means[i] = f == 1 && i < 3 * (N - 9) ? frame[0].means[i]
+                                : i % 3 < 2               ? rintf(300 * noise()) / 64
+                                                          : rintf(3000 * noise()) / 1024;
+            frame[f].means[i] += 0.0f; /* no -0 */
+            frame[f].rgb[i] = i < 4 ? bytes[i] : rintf(127 + 127 * noise()) / 255;
+        }
+    }
+    frame[0].means[0] = -0x1.234p8f;
+    frame[1].means[0] = 0x1.fffffep17f; /* of many planes, and frame 0 has it not */
+    frame[0].means[5] = frame[1].means[5] = 0x1p20f;
+    frame[2].means[100] = odd;
+    for (int f = 0; f < FRAMES; f++)
+        if (spin_bundle_write_frame(&w, f, both, 0, &frame[f]) != SPIN_OK)
+            exit(1);
+    ok(spin_bundle_writer_finish(&w, &meta, NULL) == SPIN_OK &&
+           spin_bundle_open(path, &b) == SPIN_OK,
+       "whole numbers, and %s: %s", what, spin_last_error());
+    for (int f = FRAMES - 1; f >= 0; f--)
+        same_frame(&b, f, &frame[f]);
+    ok(head_of(&b, "source/means/00000").kind == 'i' &&
+           head_of(&b, "source/means/00002").kind == 'u' &&
+           head_of(&b, "source/means/00003").kind == 'i',
+       "%s: only that frame is of the bits of values", what);
+    ok(head_of(&b, "source/rgb/00002").kind == 'i' &&
+           head_of(&b, "source/rgb/00002").shape[0] == 2 &&
+           head_of(&b, "source/rgb/00002").shape[2] == N,
+       "colours have two planes, and rows go last");
+    units = spin_json_get(spin_json_get(b.json, "per_unit"), "source/means");
+    ok(spin_json_length(units) == 3 && spin_json_number(spin_json_at(units, 2), &unit) &&
+           unit == 1024 && rows_of(&b, "source/means", 1) > 0 &&
+           rows_of(&b, "source/means", 2) == 0,
+       "meta.json says the units, and which rows are differences (%d %d)",
+       rows_of(&b, "source/means", 1), rows_of(&b, "source/means", 2));
+    spin_bundle_close(&b);
+    spin_bundle_meta_free(&meta);
+    for (int f = 0; f < FRAMES; f++)
+        spin_splats_free(&frame[f]);
+}
+
+static void test_words(void)
+{
+    static const int32_t k[] = {0, -1, 1, -2, 2, INT32_MAX, INT32_MIN};
+    static const uint32_t word[] = {0, 1, 2, 3, 4, UINT32_MAX - 1, UINT32_MAX};
+    bool good = true;
+
+    for (size_t i = 0; i < sizeof k / sizeof *k; i++)
+        good = good && spin_word_of(k[i]) == word[i] && spin_word_to(word[i]) == k[i];
+    ok(good, "words of whole numbers, and back");
+}
+
 /* ---- Rounding ------------------------------------------------------------------------------------ */
 
 static void test_rounding(void)
@@ -188,7 +276,8 @@ static void test_rounding(void)
         worst = fmax(worst, fabs((double)r[i] - (double)v[i]) / fabs((double)v[i]));
         r[i] = v[i];
     }
-    ok(bits_ok && worst <= 0x1p-11 && worst > 0x1p-12, "11 bits: an error of %.3g of a value", worst);
+    ok(bits_ok && worst <= 0x1p-11 && worst > 0x1p-12, "11 bits: an error of %.3g of a value",
+       worst);
     spin_round_values(r, 1000, 11, 0x1p-11f);
     for (int i = 0; i < 1000; i++) {
         step_ok = step_ok && fmod((double)r[i], 0x1p-11) == 0;
@@ -198,7 +287,7 @@ static void test_rounding(void)
     ok(step_ok && worst_small <= 0x1p-11, "and a step: %.3g of small values", worst_small);
     spin_round_values(odd, 9, 11, 0);
     ok(isnan(odd[0]) && odd[1] == INFINITY && odd[2] == -INFINITY && odd[3] == FLT_MAX &&
-           odd[4] == 0 && odd[5] == 1,
+           odd[4] == 0 && !signbit(odd[4]) && odd[5] == 1,
        "what is not finite stays, and nothing becomes infinite");
     ok(odd[6] == 2 && odd[7] == 2 && odd[8] == 1,
        "to the nearest, halfway to even, also into the next power of two");
@@ -253,27 +342,64 @@ static spin_status read_everything(void)
     return status;
 }
 
+#define UNITS(list, more) META(",\"per_unit\":{\"source/means\":" list "}" more)
+
 static void test_lies(void)
 {
     static const struct lie lies[] = {
+        {META(""), "source/means/00001", "five planes of columns", "|i1", {5, 3, 2}},
+        {META(""), "source/means/00001", "no plane", "|i1", {0, 3, 2}},
+        {META(",\"per_unit\":[]"), "per_unit", "units in a list", "|i1", {1, 3, 2}},
+        {UNITS("1", ""), "per_unit", "a number for a list of units", "|i1", {1, 3, 2}},
+        {UNITS("[1,1]", ""), "per_unit", "a unit too few", "|i1", {1, 3, 2}},
+        {UNITS("[1,1,0]", ""), "per_unit", "a unit of nothing", "|i1", {1, 3, 2}},
+        {UNITS("[1,-1,1]", ""), "per_unit", "a negative unit", "|i1", {1, 3, 2}},
+        {UNITS("[1,1e39,1]", ""), "per_unit", "a unit that no float holds", "|i1", {1, 3, 2}},
+        {UNITS("[1,null,1]", ""), "per_unit", "a unit that is no number", "|i1", {1, 3, 2}},
+        {UNITS("[1,1,1]", ",\"xor_rows\":{\"source/means\":[0,1]}"),
+         "source/means/00001",
+         "whole numbers as differences from bits",
+         "|i1",
+         {1, 3, 2}},
         {META(""), "source/means/00001", "three planes", "|u1", {3, 2, 3}},
         {META(""), "source/means/00001", "a point too few", "|u1", {4, 1, 3}},
         {META(""), "source/means/00001", "planes of signed bytes", "|i1", {4, 2, 3}},
         {META(",\"xor_rows\":[]"), "xor_rows", "xor_rows in a list", "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":3}"), "source/means/00000", "a number for a list",
-         "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":[0]}"), "source/means/00001", "a list too short",
-         "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":[0,3]}"), "source/means/00001",
-         "more differences than rows", "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":[0,-1]}"), "source/means/00001",
-         "a negative number of them", "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":[0,1.5]}"), "source/means/00001", "half a row",
-         "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":[0,1e99]}"), "source/means/00001",
-         "an absurd number of them", "|u1", {4, 2, 3}},
-        {META(",\"xor_rows\":{\"source/means\":[1,0]}"), "source/means/00000",
-         "a frame 0 of differences", "|u1", {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":3}"),
+         "source/means/00000",
+         "a number for a list",
+         "|u1",
+         {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0]}"),
+         "source/means/00001",
+         "a list too short",
+         "|u1",
+         {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,3]}"),
+         "source/means/00001",
+         "more differences than rows",
+         "|u1",
+         {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,-1]}"),
+         "source/means/00001",
+         "a negative number of them",
+         "|u1",
+         {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,1.5]}"),
+         "source/means/00001",
+         "half a row",
+         "|u1",
+         {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[0,1e99]}"),
+         "source/means/00001",
+         "an absurd number of them",
+         "|u1",
+         {4, 2, 3}},
+        {META(",\"xor_rows\":{\"source/means\":[1,0]}"),
+         "source/means/00000",
+         "a frame 0 of differences",
+         "|u1",
+         {4, 2, 3}},
     };
 
     for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
@@ -332,6 +458,11 @@ TAP_MAIN
     snprintf(path, sizeof path, "%s/clip.spin", check_folder());
     test_round_trip(false);
     test_round_trip(true);
+    test_whole(0.3f, "one value that is no multiple");
+    test_whole(-0.0f, "one value of -0");
+    test_whole(NAN, "one that is none");
+    test_whole(0x1p60f, "one that is too large");
+    test_words();
     test_rounding();
     test_lies();
     test_short_key();

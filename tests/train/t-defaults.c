@@ -72,7 +72,7 @@ static const struct spin_retrain_options paper = {
     0,         /* normalise_centre, normalise_radius */
     1,         /* views_per_frame */
     {0, 0, 0},           /* background */
-    SPIN_PRECISION_HALF, /* precision */
+    SPIN_PRECISION_COMPACT, /* precision */
     "auto",    /* device */
     0,         /* n_threads */
     false,     /* deterministic */
@@ -148,7 +148,7 @@ static const struct spin_retrain_options shorter = {
     0,         /* normalise_centre, normalise_radius */
     3,         /* views_per_frame */
     {0, 0, 0},           /* background */
-    SPIN_PRECISION_HALF, /* precision */
+    SPIN_PRECISION_COMPACT, /* precision */
     "auto",    /* device */
     0,         /* n_threads */
     false,     /* deterministic */
