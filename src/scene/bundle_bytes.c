@@ -41,6 +41,23 @@ static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
     return begins(name, "network/") ? &bytes->heads : NULL;
 }
 
+/* What a member has unpacked. Planes of bytes that would be 0 are left out of the file. */
+static uint64_t unpacked_size(const struct spin_bundle *bundle, const struct spin_zip_member *member)
+{
+    char name[80];
+    struct spin_array a;
+    size_t length = strlen(member->name);
+
+    if (length < 5 || length - 4 >= sizeof name || strcmp(member->name + length - 4, ".npy") != 0)
+        return member->size;
+    memcpy(name, member->name, length - 4);
+    name[length - 4] = '\0';
+    if (spin_npz_head(&bundle->npz, name, &a) != SPIN_OK || a.kind != 'i' || a.item_size != 1 ||
+        a.n_dims < 2 || a.shape[0] < 1 || a.shape[0] > 4)
+        return member->size;
+    return member->size + a.count / a.shape[0] * (4 - a.shape[0]);
+}
+
 void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked)
 {
@@ -51,11 +68,12 @@ void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_byte
     *unpacked = *packed;
     for (size_t i = 0; i < zip->n; i++) {
         const struct spin_zip_member *member = &zip->member[i];
+        uint64_t size = unpacked_size(bundle, member);
 
-        unpacked->file += member->size - member->packed_size;
+        unpacked->file += size - member->packed_size;
         if (part_of(packed, member->name)) {
             *part_of(packed, member->name) += member->packed_size;
-            *part_of(unpacked, member->name) += member->size;
+            *part_of(unpacked, member->name) += size;
         }
     }
 }

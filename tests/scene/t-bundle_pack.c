@@ -191,6 +191,7 @@ static void test_whole(float odd, const char *what)
     struct spin_bundle_writer w;
     struct spin_bundle_meta meta = {.n_source_frames = FRAMES, .columns = both, .sh_degree = -1};
     const spin_json *units;
+    struct spin_bundle_bytes stored, unpacked;
     struct spin_bundle b;
     double unit = 0;
 
@@ -233,6 +234,10 @@ static void test_whole(float odd, const char *what)
            head_of(&b, "source/rgb/00002").shape[0] == 2 &&
            head_of(&b, "source/rgb/00002").shape[2] == N,
        "colours have two planes, and rows go last");
+    spin_bundle_weigh(&b, &stored, &unpacked);
+    ok(unpacked.source > FRAMES * N * 6 * 4 && unpacked.source < FRAMES * N * 6 * 4 + 2000 &&
+           unpacked.file > unpacked.source && stored.source < unpacked.source / 2,
+       "unpacked they would be words of four bytes (%llu)", (unsigned long long)unpacked.source);
     units = spin_json_get(spin_json_get(b.json, "per_unit"), "source/means");
     ok(spin_json_length(units) == 3 && spin_json_number(spin_json_at(units, 2), &unit) &&
            unit == 1024 && rows_of(&b, "source/means", 1) > 0 &&
