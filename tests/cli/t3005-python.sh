@@ -96,6 +96,8 @@ for path in sys.argv[5], sys.argv[1], sys.argv[3]:
         a, b = scope["values"](zipped, meta, name), clip.values(name)
         assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), name
 assert list(meta["per_unit"]) == ["network/means", "network/residual", "network/tracks"], meta
+for name in "means/00000", "residual/00000", "tracks":
+    assert zipped["network/" + name].dtype == numpy.int8, name
 zipped = numpy.load(sys.argv[1])
 meta = json.loads(zipped["meta.json"])
 assert any(sum(rows) > 0 for rows in meta["xor_rows"].values())
