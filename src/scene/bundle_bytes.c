@@ -42,7 +42,8 @@ static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 }
 
 /* What a member has unpacked. Planes of bytes that would be 0 are left out of the file. */
-static uint64_t unpacked_size(const struct spin_bundle *bundle, const struct spin_zip_member *member)
+static uint64_t unpacked_size(const struct spin_bundle *bundle,
+                              const struct spin_zip_member *member)
 {
     char name[80];
     struct spin_array a;

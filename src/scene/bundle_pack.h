@@ -31,8 +31,8 @@ struct spin_packer {
 /* One array that does not fit into memory, as |u1; read() is called four times for every value. */
 spin_status spin_pack_write(struct spin_zip_writer *w, const char *name, int n_dims,
                             const uint64_t *shape, spin_pack_read_fn read, void *context);
-/* Values of column c of a series are multiples of 1 / per_unit[c], most likely: an array where one is not lies as
- * |u1. To be called before the first array of the series. */
+/* Values of column c of a series are meant to be multiples of 1 / per_unit[c]. An array with a value that is not one
+ * lies as |u1. To be called once, before the first array of the series. */
 spin_status spin_packer_units(struct spin_packer *packer, const char *series, size_t width,
                               const float *per_unit);
 /* `series`/`frame`, or an array of its own with a frame of -1. Frames of a series come in order, from 0. */

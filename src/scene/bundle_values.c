@@ -226,7 +226,7 @@ static spin_status take_key(const struct spin_bundle_place *b, const char *serie
     if (!same)
         return spin_fail(SPIN_E_MALFORMED,
                          "array '%s' has %" PRIu64 " rows of differences from frame 0, which has "
-                         "%" PRIu64 " rows, or others",
+                         "%" PRIu64 " rows, or whose words are of another kind or width",
                          name, rows, key->shape[0]);
     out->key = key->words;
     out->n_key = rows * out->width;

@@ -80,7 +80,7 @@ same "$work/half-tracks.spin" source "the source beside it" --source
 
 # The manual's example is the decoder that it says it is.
 python3 - "$work/full-tracks.spin" "$work/half-tracks.spin" "$work/compact-tracks.spin" man/spin-bundle.5 \
-    "$work/half-both.spin" <<'E' 2>"$work/err"
+    "$work/half-both.spin" "$work/compact-frames.spin" <<'E' 2>"$work/err"
 import json, re, sys
 import numpy
 import spin4d
@@ -98,6 +98,12 @@ for path in sys.argv[5], sys.argv[1], sys.argv[3]:
 assert list(meta["per_unit"]) == ["network/means", "network/residual", "network/tracks"], meta
 for name in "means/00000", "residual/00000", "tracks":
     assert zipped["network/" + name].dtype == numpy.int8, name
+frames = spin4d.load(sys.argv[6])
+for name in "means", "quats", "log_scales", "logit_opacities", "sh":
+    assert frames.meta["per_unit"]["refined/" + name][0] >= 32, name
+for name, step in ("quats", 1 / 256), ("log_scales", 1 / 32), ("logit_opacities", 1 / 32), ("sh", 1 / 128):
+    assert numpy.load(sys.argv[6])["refined/" + name + "/00001"].dtype == numpy.int8, name
+    assert numpy.all(frames.values("refined/" + name + "/00001") % step == 0), name
 zipped = numpy.load(sys.argv[1])
 meta = json.loads(zipped["meta.json"])
 assert any(sum(rows) > 0 for rows in meta["xor_rows"].values())

@@ -415,6 +415,39 @@ static void test_lies(void)
     }
 }
 
+/* A file of version 2, all of unsigned bytes: the first row of frame 1 is a difference from that of frame 0. */
+static void test_version_2(void)
+{
+    static const char meta[] = META(",\"xor_rows\":{\"source/means\":[0,1]}");
+    static const uint32_t first[6] = {0x3f800000, 0xc0490fdb, 1, 0x40000000, 0, 0x7f7fffff};
+    static const uint32_t second[6] = {0x3f800001, 0xc0490fdb, 2, 0x41000000, 0x80000000, 3};
+    unsigned char planes[2][24];
+    uint64_t shape[3] = {4, 2, 3};
+    struct spin_splats s = {0};
+    struct spin_zip_writer w;
+    struct spin_bundle b;
+
+    for (int i = 0; i < 6; i++)
+        for (int k = 0; k < 4; k++) {
+            planes[0][6 * k + i] = (unsigned char)(first[i] >> 8 * k);
+            planes[1][6 * k + i] = (unsigned char)((second[i] ^ (i < 3 ? first[i] : 0)) >> 8 * k);
+        }
+    if (spin_zip_writer_open(path, true, &w) != SPIN_OK ||
+        spin_npz_write(&w, "source/means/00000", "|u1", 3, shape, planes[0]) != SPIN_OK ||
+        spin_npz_write(&w, "source/means/00001", "|u1", 3, shape, planes[1]) != SPIN_OK ||
+        spin_zip_member_begin(&w, "meta.json", strlen(meta)) != SPIN_OK ||
+        spin_zip_member_write(&w, meta, strlen(meta)) != SPIN_OK ||
+        spin_zip_member_end(&w) != SPIN_OK || spin_zip_writer_commit(&w) != SPIN_OK ||
+        spin_bundle_open(path, &b) != SPIN_OK)
+        exit(1);
+    if (ok(spin_bundle_frame(&b, 1, SPIN_COL_MEANS, &s) == SPIN_OK, "version 2 is read"))
+        check_same_bits(s.means, second, sizeof second, "version 2, a difference and a value");
+    if (ok(spin_bundle_frame(&b, 0, SPIN_COL_MEANS, &s) == SPIN_OK, "and its frame 0"))
+        check_same_bits(s.means, first, sizeof first, "version 2, frame 0");
+    spin_bundle_close(&b);
+    spin_splats_free(&s);
+}
+
 /* Frames of different counts: more rows of differences than frame 0 has. */
 static void test_short_key(void)
 {
@@ -470,6 +503,7 @@ TAP_MAIN
     test_words();
     test_rounding();
     test_lies();
+    test_version_2();
     test_short_key();
     test_damage();
 }
