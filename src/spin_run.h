@@ -169,7 +169,7 @@ struct spin_retrain_options {
     uint64_t seed;
     int warmup; /* iterations; -1: iterations / 40 */
     double lr_table, lr_sh, lr_scale, lr_rotation, lr_opacity, lr_position;
-    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start */
+    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start, explicit: 1000 */
     enum spin_exposure learn_exposure; /* learn a gain and offset of every training camera */
     double lr_exposure;                /* their rate */
     double lr_head_factor;             /* on the four head rates */

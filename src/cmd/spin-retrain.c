@@ -265,19 +265,19 @@ static void report_text(const struct spin_retrain_report *r)
 
 /* ---- Options without effect ------------------------------------------------------------------- */
 
-static const char *const of_network[] = {
-    "levels",         "features",          "hash-log2",         "hidden",
-    "sh-degree",      "base-resolution",   "finest-resolution", "hash-init-range",
-    "init-log-scale", "scene-normalise",   "activation",        "lr-table",
-    "lr-sh",          "lr-scale",          "lr-rotation",       "lr-opacity",
-    "head-lr-factor", "sh-increase-every", "network-start",     NULL};
+static const char *const of_network[] = {"levels",          "features",        "hash-log2",
+                                         "hidden",          "base-resolution", "finest-resolution",
+                                         "hash-init-range", "init-log-scale",  "scene-normalise",
+                                         "activation",      "lr-table",        "lr-sh",
+                                         "lr-scale",        "lr-rotation",     "lr-opacity",
+                                         "head-lr-factor",  "network-start",   NULL};
+static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
 static const char *const of_clip[] = {"iterations",  "batch",    "views-per-frame", "warmup",
                                       "lr-position", "residual", "lr-residual",     "eval-every",
                                       "save-every",  NULL};
-static const char *const of_tracks[] = {
-    "lr-track",         "lr-tracked",    "lr-displacement",   "track-iterations",
-    "dynamic-residual", "densify-every", "densify-threshold", "densify-until",
-    NULL};
+static const char *const of_tracks[] = {"lr-track",          "lr-tracked",       "lr-displacement",
+                                        "track-iterations",  "dynamic-residual", "densify-every",
+                                        "densify-threshold", "densify-until",    NULL};
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
@@ -301,6 +301,7 @@ static void warn_without_effect(int argc, char **argv)
     bool clip = options.method != SPIN_METHOD_EXPLICIT;
 
     warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
+    warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
     warn_idle(argc, argv, of_clip, clip, "with --method explicit");
     warn_idle(argc, argv, of_tracks, clip && options.tracks, "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");

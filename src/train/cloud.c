@@ -28,6 +28,11 @@ spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
         return SPIN_OK;
     SPIN_TRY(spin_grow(capacity, sizeof *cloud->point, &block));
     cloud->point = block;
+    if (cloud->sh) {
+        block = cloud->sh;
+        SPIN_TRY(spin_grow(capacity, 3 * SPIN_REFINE_SH * sizeof(float), &block));
+        cloud->sh = block;
+    }
     cloud->capacity = capacity;
     return SPIN_OK;
 }
@@ -35,6 +40,7 @@ spin_status spin_refine_cloud_reserve(struct spin_refine_cloud *cloud, size_t n)
 void spin_refine_cloud_free(struct spin_refine_cloud *cloud)
 {
     free(cloud->point);
+    free(cloud->sh);
     memset(cloud, 0, sizeof *cloud);
 }
 
@@ -122,14 +128,36 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     return SPIN_OK;
 }
 
+spin_status spin_refine_add_sh(int sh_degree, const struct spin_splats *s,
+                               struct spin_refine_cloud *cloud)
+{
+    size_t width = spin_column_width(SPIN_COL_SH, sh_degree);
+    size_t from = s ? spin_column_width(SPIN_COL_SH, s->sh_degree) : 3;
+    size_t kept = (from < width ? from : width) - 3;
+    void *block = NULL;
+
+    SPIN_TRY(spin_alloc(cloud->capacity + 1, 3 * SPIN_REFINE_SH * sizeof(float), &block));
+    cloud->sh = block;
+    cloud->sh_degree = sh_degree;
+    for (size_t i = 0; i < cloud->n && kept > 0; i++)
+        memcpy(cloud->sh + 3 * SPIN_REFINE_SH * i, s->sh + from * i + 3, kept * sizeof(float));
+    return SPIN_OK;
+}
+
 spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out)
 {
-    SPIN_TRY(spin_splats_reserve(out, cloud->n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    size_t width = spin_column_width(SPIN_COL_SH, cloud->sh_degree);
+
+    SPIN_TRY(
+        spin_splats_reserve(out, cloud->n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, cloud->sh_degree));
     for (size_t i = 0; i < cloud->n; i++) {
         const struct spin_refine_row *p = &cloud->point[i].p;
 
         memcpy(out->means + 3 * i, p->pos_w, sizeof p->pos_w);
-        memcpy(out->sh + 3 * i, p->dc, sizeof p->dc);
+        memcpy(out->sh + width * i, p->dc, sizeof p->dc);
+        if (cloud->sh)
+            memcpy(out->sh + width * i + 3, cloud->sh + 3 * SPIN_REFINE_SH * i,
+                   (width - 3) * sizeof(float));
         memcpy(out->log_scales + 3 * i, p->log_scale, sizeof p->log_scale);
         out->logit_opacities[i] = p->logit_opacity;
         spin_rotation_of(p->rotation, out->quats + 4 * i);

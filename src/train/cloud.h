@@ -23,9 +23,14 @@ struct spin_refine_point {
     bool is_new;     /* made by it */
 };
 
+enum { SPIN_REFINE_SH = 45 }; /* SH coefficients beyond the first, [15][3] */
+
 /* Zero it to begin, free it once. */
 struct spin_refine_cloud {
     struct spin_refine_point *point; /* [n] */
+    float *
+        sh; /* [n][3][SPIN_REFINE_SH]: values of SH beyond the first, and Adam's moments; NULL at sh_degree 0 */
+    int sh_degree;
     size_t n, capacity;
 };
 
@@ -43,8 +48,12 @@ spin_status spin_refine_init_from_colours(const struct spin_splats *splats,
 /* The start from finished splats with all attribute columns; SH beyond the first is left behind. */
 spin_status spin_refine_init_from_splats(const struct spin_splats *splats,
                                          struct spin_refine_cloud *out);
+/* After one of these: the cloud gets an SH degree above 0. What `splats`, as many, have beyond the first
+ * coefficient is taken over as far as the degree goes; the rest is zero. splats may be NULL. */
+spin_status spin_refine_add_sh(int sh_degree, const struct spin_splats *splats,
+                               struct spin_refine_cloud *cloud);
 
-/* All attribute columns of the cloud, SH degree 0. */
+/* All attribute columns of the cloud, with its SH degree. */
 spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct spin_splats *out);
 
 #endif

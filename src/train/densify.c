@@ -95,11 +95,18 @@ static spin_status respect_cap(const struct spin_densify_options *o,
 
 /* ---- Changing -------------------------------------------------------------------------------- */
 
+enum { SH_ROW = 3 * SPIN_REFINE_SH };
+
 /* A new point: its parent's parameters, no moments, no statistics. */
 static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t parent)
 {
-    struct spin_refine_point *p = &c->point[c->n++];
+    struct spin_refine_point *p = &c->point[c->n];
 
+    if (c->sh) {
+        memset(c->sh + SH_ROW * c->n, 0, SH_ROW * sizeof(float));
+        memcpy(c->sh + SH_ROW * c->n, c->sh + SH_ROW * parent, SPIN_REFINE_SH * sizeof(float));
+    }
+    c->n++;
     memset(p, 0, sizeof *p);
     p->p = c->point[parent].p;
     p->origin = (uint32_t)parent;
@@ -168,12 +175,16 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
 }
 
 /* Differs: 3DGS keeps points that are not finite. Here they would be handed on to the network training. */
-static bool worth_keeping(const struct spin_refine_row *p, float prune_opacity)
+static bool worth_keeping(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {
+    const struct spin_refine_row *p = &c->point[i].p;
     const float *value = (const float *)p;
 
-    for (int i = 0; i < SPIN_REFINE_WIDTH; i++)
-        if (!isfinite(value[i]))
+    for (int k = 0; k < SPIN_REFINE_WIDTH; k++)
+        if (!isfinite(value[k]))
+            return false;
+    for (size_t k = 0; c->sh && k < SPIN_REFINE_SH; k++)
+        if (!isfinite(c->sh[SH_ROW * i + k]))
             return false;
     return spin_opacity_of(p->logit_opacity) >= prune_opacity;
 }
@@ -189,7 +200,7 @@ static size_t compact(struct spin_refine_cloud *c, const uint8_t *mark, size_t n
 
         if (i < n_marked && mark[i] == SPLIT)
             continue;
-        if (!worth_keeping(&p->p, (float)prune_opacity)) {
+        if (!worth_keeping(c, i, (float)prune_opacity)) {
             pruned++;
             continue;
         }
@@ -197,6 +208,8 @@ static size_t compact(struct spin_refine_cloud *c, const uint8_t *mark, size_t n
         p->seen = 0;
         if (n != i)
             c->point[n] = *p;
+        if (n != i && c->sh)
+            memcpy(c->sh + SH_ROW * n, c->sh + SH_ROW * i, SH_ROW * sizeof(float));
         n++;
     }
     c->n = n;

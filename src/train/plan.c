@@ -209,7 +209,8 @@ static void warn_idle_ranks(const struct spin_retrain_options *o)
     int frames = decodings(o), n = spin_n_ranks();
 
     if (o->method != SPIN_METHOD_EXPLICIT && frames < n)
-        spin_warn("a step shows %d frame%s (--batch %d), so only %d of %d processes draw%s: give --batch %d, or start "
+        spin_warn("a step shows %d frame%s (--batch %d), so only %d of %d processes draw%s: give "
+                  "--batch %d, or start "
                   "fewer processes",
                   frames, frames == 1 ? "" : "s", o->batch, frames, n, frames == 1 ? "s" : "",
                   n * o->views_per_frame);
@@ -229,13 +230,32 @@ size_t spin_plan_image_bytes(const struct spin_plan *plan)
     return 3 * plan->max_pixels + (spin_plan_is_weighted(plan) ? (plan->max_pixels + 7) / 8 : 0);
 }
 
+int spin_plan_sh_increase_every(const struct spin_plan *plan)
+{
+    if (plan->o->refine_start == SPIN_REFINE_FROM_SOURCE)
+        return 0;
+    return plan->o->sh_increase_every > 0 ? plan->o->sh_increase_every : 1000;
+}
+
+int spin_plan_frame_sh_degree(const struct spin_plan *plan)
+{
+    int most = plan->o->sh_degree, source = plan->clip.bundle.meta.sh_degree;
+
+    if (plan->o->method != SPIN_METHOD_EXPLICIT)
+        return 0;
+    if (plan->o->refine_start == SPIN_REFINE_FROM_SOURCE)
+        most = most < source ? most : source;
+    return spin_refine_sh_degree(most, spin_plan_sh_increase_every(plan), plan->o->refine);
+}
+
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
     size_t n_views = 0;
 
     for (size_t i = 0; i < plan->n_train; i++)
         n_views += plan->train[i].frame == plan->train[0].frame;
-    return spin_refine_bytes(2 * plan->clip.n_max, plan->max_pixels) +
+    return spin_refine_bytes(2 * plan->clip.n_max, plan->max_pixels,
+                             spin_plan_frame_sh_degree(plan)) +
            n_views * spin_plan_image_bytes(plan);
 }
 

@@ -56,6 +56,11 @@ bool spin_plan_is_lazy(const struct spin_plan *plan);
 
 /* Bytes of an image on the device, with its mask where pixels do not all count alike. */
 size_t spin_plan_image_bytes(const struct spin_plan *plan);
+/* SH degree that frames come to which the explicit method optimises, from a source at most that of the source;
+ * refined for a network they have 0. */
+int spin_plan_frame_sh_degree(const struct spin_plan *plan);
+/* Iterations until the next degree joins; 0: all from the start, as what a source has learned. */
+int spin_plan_sh_increase_every(const struct spin_plan *plan);
 /* Bytes of one frame that is being refined, should its points double. */
 size_t spin_plan_refine_bytes(const struct spin_plan *plan);
 /* SPIN_E_MEMORY when the run needs more than there is. */

@@ -1,7 +1,10 @@
-/* The loop of 3DGS over one frame at SH degree 0: the training step of explicit parameters without a network.
+/* The loop of 3DGS over one frame: the training step of explicit parameters without a network.
  *
  * An iteration is operations of the device only; the host reads back the loss. Densification happens on the host, in the cloud: points
- * come down with their moments and statistics, change in number, and go up again. */
+ * come down with their moments and statistics, change in number, and go up again.
+ *
+ * SH coefficients beyond the first are in the rows of field_eval.raw, whose other columns are written anew
+ * from the residual values in every iteration. So Adam steps whole rows of it with those of d_attr. */
 #include "train/refine.h"
 
 #include <math.h>
@@ -37,6 +40,7 @@ struct refine {
     float SPIN_DEV *d_pos, *d_residual; /* [n][3], [SPIN_RESIDUAL n]: gradients */
     float SPIN_DEV *gradient;           /* [n] since the last densification: sum over views ... */
     uint32_t SPIN_DEV *seen;            /* [n] ... and how many those were */
+    float SPIN_DEV *raw_m, *raw_v;      /* [n][SPIN_ATTR]: moments of raw, where the cloud has SH */
     double SPIN_DEV *values;            /* [SPIN_LOSS_VALUES] of the iteration */
     int *sequence;                      /* [n_views] the present permutation */
 };
@@ -50,6 +54,8 @@ void spin_refine_defaults(struct spin_refine_options *o)
     o->lr_position = 1.6e-4;
     o->lr_position_end = 1.6e-6;
     o->lr_dc = 2.5e-3;
+    o->lr_sh = 2.5e-3 / 20;
+    o->sh_increase_every = 1000;
     o->lr_opacity = 0.05;
     o->lr_scale = 5e-3;
     o->lr_rotation = 1e-3;
@@ -139,26 +145,49 @@ static bool densify_ahead(const struct spin_refine_options *o, int iteration)
     return !o->densify_at && iteration < window_last(o);
 }
 
+int spin_refine_sh_degree(int sh_degree, int increase_every, int iterations)
+{
+    int reached = increase_every > 0 ? (iterations - 1) / increase_every : sh_degree;
+
+    return reached < sh_degree ? reached : sh_degree;
+}
+
+static int sh_degree_at(const struct refine *r, int iteration)
+{
+    return spin_refine_sh_degree(r->cloud->sh_degree, r->o->sh_increase_every, iteration);
+}
+
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
 /* Arrays of this file, each with this many bytes for a point. */
-enum { N_ARRAYS = 4 };
+enum { N_ARRAYS = 6 };
 static void list_arrays(struct refine *r, void SPIN_DEV **list[N_ARRAYS], size_t bytes[N_ARRAYS])
 {
-    void SPIN_DEV **all[N_ARRAYS] = {(void SPIN_DEV **)&r->d_pos, (void SPIN_DEV **)&r->d_residual,
-                                     (void SPIN_DEV **)&r->gradient, (void SPIN_DEV **)&r->seen};
-    const size_t each[N_ARRAYS] = {3 * sizeof(float), SPIN_RESIDUAL * sizeof(float), sizeof(float),
-                                   sizeof(uint32_t)};
+    void SPIN_DEV **all[N_ARRAYS] = {
+        (void SPIN_DEV **)&r->d_pos,    (void SPIN_DEV **)&r->d_residual,
+        (void SPIN_DEV **)&r->gradient, (void SPIN_DEV **)&r->seen,
+        (void SPIN_DEV **)&r->raw_m,    (void SPIN_DEV **)&r->raw_v};
+    const size_t raw = r->cloud->sh ? SPIN_ATTR * sizeof(float) : 0;
+    const size_t each[N_ARRAYS] = {3 * sizeof(float),
+                                   SPIN_RESIDUAL * sizeof(float),
+                                   sizeof(float),
+                                   sizeof(uint32_t),
+                                   raw,
+                                   raw};
 
     memcpy(list, all, sizeof all);
     memcpy(bytes, each, sizeof each);
 }
 
-size_t spin_refine_bytes(size_t n, size_t pixels)
+size_t spin_refine_bytes(size_t n, size_t pixels, int sh_degree)
 {
     size_t device = spin_train_frame_bytes(true) + (SPIN_REFINE_WIDTH + 2) * sizeof(float);
     size_t host = sizeof(struct spin_refine_point) + SPIN_RESIDUAL * sizeof(float);
 
+    if (sh_degree > 0) {
+        device += 2 * SPIN_ATTR * sizeof(float);
+        host += (3 * SPIN_REFINE_SH + SPIN_ATTR) * sizeof(float);
+    }
     return n * (device + host) + spin_field_eval_bytes(NULL, n, true) +
            spin_raster_bytes(n, pixels, true);
 }
@@ -218,6 +247,35 @@ static spin_status carry(struct refine *r, enum spin_train_array which, bool up)
               : spin_train_frame_download(&r->frame, r->device, which, pos, residual, NULL);
 }
 
+/* SH beyond the first, and its moments. */
+static spin_status carry_sh(struct refine *r, bool up)
+{
+    struct spin_device *d = r->device;
+    float SPIN_DEV *rows[] = {r->field_eval.raw, r->raw_m, r->raw_v};
+    size_t n = r->cloud->n, bytes = n * SPIN_ATTR * sizeof(float);
+    float *host = NULL;
+    spin_status status = SPIN_OK;
+
+    if (!r->cloud->sh)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n, SPIN_ATTR * sizeof *host, (void **)&host));
+    for (size_t which = 0; which < 3; which++) {
+        if (!up)
+            SPIN_TRY_OUT(d->op->download(d, host, rows[which], bytes));
+        for (size_t i = 0; i < n; i++) {
+            float *sh = r->cloud->sh + (3 * i + which) * SPIN_REFINE_SH;
+            float *row = host + SPIN_ATTR * i + SPIN_ATTR_SH + 3;
+
+            memcpy(up ? row : sh, up ? sh : row, SPIN_REFINE_SH * sizeof(float));
+        }
+        if (up)
+            d->op->upload(d, rows[which], host, bytes);
+    }
+out:
+    free(host);
+    return status;
+}
+
 static spin_status send_cloud(struct refine *r)
 {
     struct spin_device *d = r->device;
@@ -228,6 +286,7 @@ static spin_status send_cloud(struct refine *r)
         return SPIN_OK;
     for (int which = SPIN_TRAIN_VALUES; which <= SPIN_TRAIN_MOMENT_2; which++)
         SPIN_TRY(carry(r, which, true));
+    SPIN_TRY(carry_sh(r, true));
     r->frames = spin_one_frame(n, r->frame.pos, 0, r->frame.residual);
     r->frames.frame[0].d_means = r->d_pos;
     r->frames.frame[0].d_residual = r->d_residual;
@@ -245,7 +304,14 @@ static spin_status fetch_cloud(struct refine *r)
         return SPIN_OK;
     for (int which = SPIN_TRAIN_VALUES; which <= SPIN_TRAIN_MOMENT_2; which++)
         SPIN_TRY(carry(r, which, false));
-    return SPIN_OK;
+    return carry_sh(r, false);
+}
+
+static spin_status not_finite(const char *name, size_t row, int iteration)
+{
+    return spin_fail(SPIN_E_MALFORMED,
+                     "array '%s' is not finite in row %zu after iteration %d: look for bad points",
+                     name, row, iteration);
 }
 
 /* The cloud's values must be finite. What is not finite would be pruned without a word. */
@@ -263,11 +329,12 @@ static spin_status check_finite(const struct refine *r, int iteration)
 
             for (size_t c = 0; c < groups[k].width; c++)
                 if (!isfinite(row[c]))
-                    return spin_fail(SPIN_E_MALFORMED,
-                                     "array '%s' is not finite in row %zu after iteration %d: "
-                                     "look for bad points",
-                                     groups[k].name, i, iteration);
+                    return not_finite(groups[k].name, i, iteration);
         }
+    for (size_t i = 0; r->cloud->sh && i < r->cloud->n; i++)
+        for (size_t c = 0; c < SPIN_REFINE_SH; c++)
+            if (!isfinite(r->cloud->sh[3 * SPIN_REFINE_SH * i + c]))
+                return not_finite("sh", i, iteration);
     return SPIN_OK;
 }
 
@@ -275,6 +342,7 @@ static spin_status check_finite(const struct refine *r, int iteration)
 static spin_status check_device(struct refine *r, int iteration)
 {
     SPIN_TRY(carry(r, SPIN_TRAIN_VALUES, false));
+    SPIN_TRY(carry_sh(r, false));
     return check_finite(r, iteration);
 }
 
@@ -333,7 +401,7 @@ static int choose_view(struct refine *r, const int *order, int iteration)
 }
 
 /* Render, loss, backward: leaves the losses, d_attr and the positions' gradients, and adds to the statistics. */
-static spin_status draw(struct refine *r, int view, bool statistics)
+static spin_status draw(struct refine *r, int view, int sh_degree, bool statistics)
 {
     const struct spin_refine_options *o = r->o;
     struct spin_device *d = r->device;
@@ -346,11 +414,11 @@ static spin_status draw(struct refine *r, int view, bool statistics)
     v->image = r->views[view].image;
     v->exposure = view;
     spin_field_forward(e, NULL, NULL, NULL, &r->frames);
-    SPIN_TRY(spin_raster_forward(&r->raster, &views, &r->frames, e->attr, 0));
+    SPIN_TRY(spin_raster_forward(&r->raster, &views, &r->frames, e->attr, sh_degree));
     spin_image_loss(&r->exposures, &r->raster, &views, r->images, (float)o->lambda_dssim,
                     r->values);
     d->op->zero(d, e->d_attr, r->frame.size.n * SPIN_ATTR * sizeof(float));
-    spin_raster_backward(&r->raster, &views, &r->frames, e->attr, 0, e->d_attr);
+    spin_raster_backward(&r->raster, &views, &r->frames, e->attr, sh_degree, e->d_attr);
     if (statistics)
         d->op->densify_stats(d, &views, &r->frames, r->raster.splat2d, r->raster.d_splat2d);
     return SPIN_OK;
@@ -375,6 +443,21 @@ static void step(struct refine *r, int iteration)
     spin_field_backward(&r->field_eval, NULL, NULL, NULL, &r->frames, NULL, NULL);
     n_groups = spin_train_frame_step(&r->frame, lr_pos, lr, 1, r->d_pos, r->d_residual, group);
     r->device->op->adam(r->device, n_groups, group);
+}
+
+/* SH beyond the first. While its degree is 0 its gradients and moments are all zero. */
+static void step_sh(struct refine *r, int iteration)
+{
+    struct spin_param_group rows = {.p = r->field_eval.raw,
+                                    .g = r->field_eval.d_attr,
+                                    .m = r->raw_m,
+                                    .v = r->raw_v,
+                                    .n = r->frame.size.n * SPIN_ATTR,
+                                    .lr = r->o->lr_sh,
+                                    .step = r->frame.steps};
+
+    if (sh_degree_at(r, iteration) > 0)
+        r->device->op->adam(r->device, 1, &rows);
 }
 
 /* Of the views' exposures, which the next frame forgets. */
@@ -414,12 +497,14 @@ static spin_status iterate(struct refine *r, const int *order, int iteration)
     if (spin_cancelled())
         return spin_fail_cancelled();
     now.view = choose_view(r, order, iteration);
-    SPIN_TRY(draw(r, now.view, densify_ahead(r->o, iteration)));
+    SPIN_TRY(draw(r, now.view, sh_degree_at(r, iteration), densify_ahead(r->o, iteration)));
     r->stats.blind += r->raster.tiles.n_intersections == 0;
-    if (densify_due(r->o, iteration))
+    if (densify_due(r->o, iteration)) {
         SPIN_TRY(densify(r, &now));
-    else
+    } else {
         step(r, iteration);
+        step_sh(r, iteration);
+    }
     if (iteration % CHECK_EVERY == 0 && r->frame.size.n > 0)
         SPIN_TRY(check_device(r, iteration));
     step_exposures(r, iteration);
@@ -442,6 +527,8 @@ static void start_afresh(struct spin_refine_cloud *cloud)
 
         memset(&cloud->point[i], 0, sizeof cloud->point[i]);
         cloud->point[i].p = p;
+        if (cloud->sh)
+            memset(cloud->sh + (3 * i + 1) * SPIN_REFINE_SH, 0, 2 * SPIN_REFINE_SH * sizeof(float));
     }
 }
 

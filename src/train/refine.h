@@ -22,9 +22,11 @@ struct spin_refine_step {
 };
 
 struct spin_refine_options {
-    int iterations;                                  /* 2000 */
-    double lr_position, lr_position_end;             /* times the extent; 1.6e-4, 1.6e-6 */
-    double lr_dc, lr_opacity, lr_scale, lr_rotation; /* 2.5e-3, 0.05, 5e-3, 1e-3 */
+    int iterations;                      /* 2000 */
+    double lr_position, lr_position_end; /* times the extent; 1.6e-4, 1.6e-6 */
+    double lr_dc, lr_sh, lr_opacity, lr_scale,
+        lr_rotation;       /* 2.5e-3, lr_dc / 20, 0.05, 5e-3, 1e-3 */
+    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start; 1000 */
     double lr_exposure;  /* of every view's gain and offset, forgotten afterwards; 0: none */
     double lambda_dssim; /* 0.2 */
     double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
@@ -50,7 +52,10 @@ struct spin_refine_stats {
     double loss_first, loss_last;
 };
 
-/* Optimise the cloud of one frame in place. order [iterations]: the view of each iteration;
+/* The highest SH degree that so many iterations come to. */
+int spin_refine_sh_degree(int sh_degree, int increase_every, int iterations);
+
+/* Optimise the cloud of one frame in place, at its SH degree. order [iterations]: the view of each iteration;
  * NULL: random permutations by (seed, frame), a new one whenever all views had their turn. The
  * same bits for any number of threads. stats may be NULL. On failure the cloud is valid, its
  * values unspecified. */
@@ -60,6 +65,6 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
                               struct spin_refine_cloud *cloud, struct spin_refine_stats *stats);
 
 /* Bytes that a frame of n points and pictures of `pixels` takes, host and device together. */
-size_t spin_refine_bytes(size_t n, size_t pixels);
+size_t spin_refine_bytes(size_t n, size_t pixels, int sh_degree);
 
 #endif

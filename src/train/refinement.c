@@ -276,15 +276,19 @@ static spin_status load_start(struct job *job)
 {
     struct spin_plan *plan = job->stage->plan;
     struct spin_splats *s = &job->splats;
+    int degree = spin_plan_frame_sh_degree(plan);
 
     SPIN_TRY(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, job->frame),
                                start_columns(plan), s));
-    if (starts_from_source(plan)) {
+    if (starts_from_source(plan))
         SPIN_TRY(spin_refine_init_from_splats(s, &job->cloud));
+    else
+        SPIN_TRY(spin_refine_init_from_colours(s, &job->cloud));
+    if (degree > 0)
+        SPIN_TRY(spin_refine_add_sh(degree, starts_from_source(plan) ? s : NULL, &job->cloud));
+    if (starts_from_source(plan))
         spin_refine_prune(&job->cloud, 0); /* values that are not finite */
-        return SPIN_OK;
-    }
-    return spin_refine_init_from_colours(s, &job->cloud);
+    return SPIN_OK;
 }
 
 static spin_status load(struct job *job, struct spin_device *device)
@@ -376,6 +380,7 @@ static void set_options(struct stage *stage)
 
     spin_refine_defaults(o);
     o->iterations = from->refine;
+    o->sh_increase_every = spin_plan_sh_increase_every(stage->plan);
     o->lambda_dssim = from->lambda_dssim;
     memcpy(o->background, from->background, sizeof o->background);
     if (!from->densify)
@@ -653,7 +658,7 @@ spin_json *spin_refinement_to_json(const struct spin_refinement *refinement,
         spin_json_push(frames, frame);
     }
     spin_json_set(j, "columns", spin_column_names(spin_refinement_columns(plan)));
-    spin_json_set_integer(j, "sh_degree", needs_whole(plan) ? 0 : -1);
+    spin_json_set_integer(j, "sh_degree", needs_whole(plan) ? spin_plan_frame_sh_degree(plan) : -1);
     if (plan->o->antialias)
         spin_json_set_bool(j, "antialias", true);
     spin_json_set(j, "options", spin_settings_refine(plan));

@@ -9,6 +9,10 @@ spin_json *spin_settings_refine(const struct spin_plan *plan)
     spin_json *j = spin_options_to_json(plan->o, SPIN_OPTIONS_OF_REFINEMENT);
 
     spin_json_set_number(j, "spatial_extent", plan->extent);
+    if (spin_plan_frame_sh_degree(plan) > 0) {
+        spin_json_set_integer(j, "sh_degree", spin_plan_frame_sh_degree(plan));
+        spin_json_set_integer(j, "sh_increase_every", spin_plan_sh_increase_every(plan));
+    }
     return j;
 }
 

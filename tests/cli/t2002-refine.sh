@@ -67,7 +67,7 @@ greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
 ok $? "--max-points is kept, and frames start from the source's attributes"
 
 # What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
-for more in '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
+for more in '--sh-increase-every 50' '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method explicit --densify off $more --force --json \
         --precision half
@@ -83,6 +83,41 @@ for more in '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic
     run "$bin/spin-retrain" "$work/more.spin" -o "$work/without.spin" $few --method explicit --densify off --force
     err_has "refining 2 of 2 frames" "$more: not taken for frames refined without"
 done
+
+# The SH of a source stays, up to --sh-degree. PLY writes f_rest channel by channel.
+run "$bin/spin-retrain" "$in" -o "$work/sh.spin" $one --method explicit --densify off --sh-increase-every 50 \
+    --precision full
+splats_of "$work/sh.spin" >/dev/null
+mkdir "$work/ply.sh"
+mv "$work/ply/frame_00001.ply" "$work/ply.sh/frame_00009.ply" # the data set's number
+is "$(grep -a -c '^property float f_rest_' "$work/ply.sh/frame_00009.ply")" 24 "136 iterations, a degree more every 50: SH degree 2"
+run "$bin/spin-import" "$work/ply.sh" --data $clip -o "$work/fromsh.spin"
+for pair in '3 24' '1 9'; do
+    degree=${pair% *} n=${pair#* }
+    run "$bin/spin-retrain" "$work/fromsh.spin" -o "$work/$n.spin" --device cpu --scale 0.25 \
+        --method explicit --refine 1 --refine-start source --precision full --sh-degree "$degree"
+    "$bin/spin-export" "$work/$n.spin" --to ply -o "$work/ply.$n" -q 2>"$work/err"
+    is "$(grep -a -c '^property float f_rest_' "$work"/ply.$n/frame_*.ply)" $n "--sh-degree $degree: $n numbers of a source with SH go on"
+done
+if python3 -c 'import numpy' 2>/dev/null; then
+    is "$(python3 - "$work/ply.sh/frame_00009.ply" "$work"/ply.24/frame_*.ply <<'END'
+import sys
+import numpy as np
+
+def rest(path):
+    head, body = open(path, "rb").read().split(b"end_header\n", 1)
+    names = [line.split()[2].decode() for line in head.split(b"\n") if line.startswith(b"property")]
+    rows = np.frombuffer(body, "<f4").reshape(-1, len(names))
+    width = sum(name.startswith("f_rest_") for name in names) // 3
+    return np.stack([rows[:, [names.index("f_rest_%d" % (c * width + k)) for c in range(3)]] for k in range(3)])
+
+a, b = rest(sys.argv[1]), rest(sys.argv[2])
+print(a.shape == b.shape and abs(a).max() > 1e-3 and abs(a - b).max() < 2e-4)
+END
+)" True "as they are, but for one step"
+else
+    skip "SH of the source" "no NumPy"
+fi
 
 # Refined frames, then the network.
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $few $net

@@ -879,6 +879,8 @@ static void test_idle(void)
     warns("--refine 5 --refine-start source --densify off --sh-degree 1", "");
     warns("--method explicit --iterations 5 --lr-position 0",
           "warning: no effect with --method explicit: --iterations, --lr-position\n");
+    warns("--method explicit --sh-degree 1 --sh-increase-every 5", "");
+    warns("--sh-degree 1", "warning: no effect with --method tracks: --sh-degree\n");
     warns("--method explicit --save-every 5 --eval-every 5",
           "warning: no effect with --method explicit: --eval-every, --save-every\n");
     warns("--save-every 5 --eval-every 5 --max-points 100", "");

@@ -118,6 +118,10 @@ static struct spin_refine_cloud copy_of(const struct spin_refine_cloud *from)
         exit(1);
     memcpy(c.point, from->point, from->n * sizeof *c.point);
     c.n = from->n;
+    if (spin_refine_add_sh(2, NULL, &c) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < 3 * SPIN_REFINE_SH * c.n; i++) /* moments are one more than values */
+        c.sh[i] = (float)(i / (3 * SPIN_REFINE_SH) + (i / SPIN_REFINE_SH % 3 > 0));
     return c;
 }
 
@@ -140,7 +144,7 @@ static void compare(struct fixture *f, const struct spin_refine_cloud *c, const 
 {
     double abs = check_tolerance("densify.npz", "abs", 1e-6), worst = 0;
     size_t k = 0;
-    int origin = 1, moments = 1, statistics = 1;
+    int origin = 1, moments = 1, statistics = 1, sh = 1;
 
     for (size_t i = 0; i < f->n_after; i++) {
         const struct spin_refine_point *p = &c->point[k];
@@ -160,6 +164,10 @@ static void compare(struct fixture *f, const struct spin_refine_cloud *c, const 
         moments &= p->m.pos_w[0] == (kept ? (float)source + 1 : 0);
         moments &= p->v.dc[0] == (kept ? (float)source + 1 : 0);
         statistics &= p->gradient == 0 && p->seen == 0;
+        for (size_t j = 0; j < 3 * SPIN_REFINE_SH; j++)
+            sh &= c->sh[3 * SPIN_REFINE_SH * (k - 1) + j] == (float)(j < SPIN_REFINE_SH ? source
+                                                                     : kept             ? source + 1
+                                                                                        : 0);
     }
     ok(k == c->n, "%s: %zu points", what, k);
     if (!ok(worst <= abs, "%s: places, scales, opacities as the reference's", what))
@@ -167,6 +175,7 @@ static void compare(struct fixture *f, const struct spin_refine_cloud *c, const 
     ok(origin, "%s: kept, clones, first children, second children, in order", what);
     ok(moments, "%s: kept points keep their moments, new ones have none", what);
     ok(statistics, "%s: statistics start again", what);
+    ok(sh, "%s: SH goes along, with its moments", what);
 }
 
 static void against_reference(struct fixture *f)
@@ -262,9 +271,30 @@ static void not_finite(struct fixture *f)
     c.point[2].p.log_scale[0] = INFINITY;
     c.point[3].gradient = NAN;
     c.point[3].seen = 1;
-    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && change.pruned == 2,
+    c.point[4].gradient = 0;
+    c.sh[4 * 3 * SPIN_REFINE_SH + SPIN_REFINE_SH - 1] = NAN;
+    ok(spin_densify(&o, 1, &c, &change) == SPIN_OK && change.pruned == 3,
        "points that are not finite go, one whose statistics are not stays");
     spin_refine_cloud_free(&c);
+}
+
+/* What a cloud of this degree has and hands on of splats with degree 1. */
+static void check_sh(struct spin_refine_cloud *c, const struct spin_splats *from, int degree)
+{
+    size_t width = 3 * (size_t)(degree + 1) * (size_t)(degree + 1);
+    struct spin_splats out = {0};
+    int good = 1;
+
+    ok(spin_refine_add_sh(degree, from, c) == SPIN_OK &&
+           spin_refine_to_splats(c, &out) == SPIN_OK && out.sh_degree == degree,
+       "SH of degree %d", degree);
+    for (size_t i = 0; i < c->n; i++)
+        for (size_t k = 0; k < width; k++)
+            good &= out.sh[width * i + k] == (from || k < 3 ? k < 12 ? (float)(12 * i + k) : 0 : 0);
+    ok(good, "is that of the %s", from ? "splats, and zero beyond" : "colours alone");
+    free(c->sh);
+    c->sh = NULL;
+    spin_splats_free(&out);
 }
 
 static void from_splats(void)
@@ -288,6 +318,9 @@ static void from_splats(void)
            c.point[1].p.logit_opacity == -0.5f && c.point[1].p.log_scale[1] == -5 &&
            c.point[1].p.rotation[1] == 1 && c.point[1].m.dc[0] == 0,
        "with their own attributes");
+    check_sh(&c, &s, 1);
+    check_sh(&c, &s, 3);
+    check_sh(&c, NULL, 2);
     spin_refine_cloud_free(&c);
 }
 
@@ -298,8 +331,9 @@ static void defaults(void)
 
     spin_refine_defaults(&o);
     ok(o.iterations == 2000 && o.lr_position == 1.6e-4 && o.lr_position_end == 1.6e-6 &&
-           o.lr_dc == 2.5e-3 && o.lr_opacity == 0.05 && o.lr_scale == 5e-3 &&
-           o.lr_rotation == 1e-3 && o.lambda_dssim == 0.2,
+           o.lr_dc == 2.5e-3 && o.lr_sh == 2.5e-3 / 20 && o.sh_increase_every == 1000 &&
+           o.lr_opacity == 0.05 && o.lr_scale == 5e-3 && o.lr_rotation == 1e-3 &&
+           o.lambda_dssim == 0.2,
        "rates and iterations of 3DGS");
     ok(o.densify_from == -1 && o.densify_until == -1 && o.densify_every == 100 && !o.densify_at &&
            o.densify.gradient_threshold == 2e-4 && o.densify.percent_dense == 0.01 &&

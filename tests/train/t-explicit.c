@@ -52,6 +52,8 @@ static struct spin_refine_options same_options(const struct spin_retrain_options
     o.densify.extent = extent;
     o.densify.max_points = (size_t)from->max_points;
     o.densify.seed = from->seed;
+    if (from->sh_increase_every > 0)
+        o.sh_increase_every = from->sh_increase_every;
     if (!from->densify)
         o.densify_until = 0;
     return o;
@@ -141,6 +143,11 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
              ? spin_refine_init_from_splats(&s, &cloud)
              : spin_refine_init_from_colours(&s, &cloud)) != SPIN_OK)
         exit(1);
+    if (spin_refine_sh_degree(from->sh_degree, o.sh_increase_every, o.iterations) > 0 &&
+        spin_refine_add_sh(
+            spin_refine_sh_degree(from->sh_degree, o.sh_increase_every, o.iterations), NULL,
+            &cloud) != SPIN_OK)
+        exit(1);
     if (spin_refine_frame(d, &o, &photos.images, view, n, NULL, &cloud, NULL) != SPIN_OK ||
         spin_refine_to_splats(&cloud, result) != SPIN_OK)
         exit(1);
@@ -185,10 +192,11 @@ static void compare(const struct spin_retrain_options *o, const char *what)
             if (ok(spin_bundle_refined_frame(&bundle, f, columns, &got) == SPIN_OK &&
                        got.n == want.n,
                    "%s: frame %d has as many splats", what, f)) {
-                size_t n = got.n * sizeof(float);
+                size_t n = got.n * sizeof(float), side = (size_t)want.sh_degree + 1;
 
                 check_same_bits(got.means, want.means, 3 * n, "places");
-                check_same_bits(got.sh, want.sh, 3 * n, "colours");
+                ok(got.sh_degree == want.sh_degree, "SH degree %d", want.sh_degree);
+                check_same_bits(got.sh, want.sh, 3 * side * side * n, "colours");
                 check_same_bits(got.logit_opacities, want.logit_opacities, n, "opacities");
                 check_same_bits(got.log_scales, want.log_scales, 3 * n, "scales");
                 check_same_bits(got.quats, want.quats, 4 * n, "rotations");
@@ -291,6 +299,9 @@ static void compare_keys(void)
     o = base, o.learn_exposure = SPIN_EXPOSURE_ON, o.lr_exposure = 0.1,
     another_key(o, "rate of these colours");
     o = base, o.image_scale = 0.2, another_key(o, "size of the images");
+    o = base, o.refine = 3, o.sh_increase_every = 1, another_key(o, "SH degree");
+    o = base, o.refine = 3, o.sh_increase_every = 1, o.sh_degree = 1, another_key(o, "limit of it");
+    o = base, o.refine = 3, o.sh_increase_every = 2, another_key(o, "pace of SH");
     o = base, o.test_cameras = others, another_key(o, "list of held-out cameras");
     o = base, o.range.first = 1, another_key(o, "frame");
     snprintf(bare, sizeof bare, "%s.bare", in);
@@ -317,7 +328,13 @@ TAP_MAIN
     o.background[0] = 0.2f;
     o.background[2] = 0.7f;
     o.lambda_dssim = 0.5;
-    compare(&o, "from points, with a cap");
+    o.sh_increase_every = 60;
+    compare(&o, "from points, with a cap, SH up to degree 2");
+    o.refine = 12;
+    o.sh_increase_every = 5;
+    o.sh_degree = 1;
+    o.max_points = 0;
+    compare(&o, "SH of degree 1");
     o = explicit_options(136);
     o.densify = false;
     o.refine_start = SPIN_REFINE_FROM_SOURCE;

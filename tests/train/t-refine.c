@@ -200,6 +200,8 @@ static struct spin_refine_cloud copy_of(const struct spin_refine_cloud *from)
         exit(1);
     memcpy(c.point, from->point, from->n * sizeof *c.point);
     c.n = from->n;
+    if (from->sh_degree > 0 && spin_refine_add_sh(from->sh_degree, NULL, &c) != SPIN_OK)
+        exit(1);
     return c;
 }
 
@@ -460,6 +462,121 @@ static void long_run(void)
     check_device_free(d);
 }
 
+/* The largest of the moved coefficients of a degree, and the smallest; 0 where none has moved. */
+static double moved(const struct spin_refine_cloud *c, int degree, double *smallest)
+{
+    size_t first = 3 * (size_t)(degree * degree - 1), last = first + 3 * (size_t)(2 * degree + 1);
+    double largest = 0;
+
+    *smallest = INFINITY;
+    for (size_t i = 0; i < c->n; i++)
+        for (size_t k = first; k < last; k++) {
+            double size = fabs((double)c->sh[3 * SPIN_REFINE_SH * i + k]);
+
+            largest = fmax(largest, size);
+            if (size > 0)
+                *smallest = fmin(*smallest, size);
+        }
+    return largest;
+}
+
+/* A cloud with SH: the degree rises by one after so many iterations. A coefficient's first step of Adam, in
+ * iteration k, has a length that follows from k and the rate alone. */
+static void sh_rises(struct fixture *f)
+{
+    static const struct {
+        int iterations, degree;
+    } run_of[] = {{10, 0}, {11, 1}, {21, 2}, {41, 3}};
+    double m = 0.1 / (1 - pow(0.9, 11)), v = 0.001 / (1 - pow(0.999, 11)), smallest;
+    struct log log = {0};
+    struct spin_refine_options o = plain_options(&log);
+    struct spin_refine_cloud c, many;
+
+    f->start.sh_degree = 3;
+    o.sh_increase_every = 10;
+    o.densify_until = 0;
+    o.lr_sh = 1e-2;
+    for (size_t k = 0; k < sizeof run_of / sizeof *run_of; k++) {
+        bool right = true;
+
+        o.iterations = run_of[k].iterations;
+        ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_OK, "%d iterations", o.iterations);
+        for (int degree = 1; degree <= 3; degree++)
+            right &= (moved(&c, degree, &smallest) > 0) == (degree <= run_of[k].degree);
+        ok(right && spin_refine_sh_degree(3, 10, o.iterations) == run_of[k].degree,
+           "SH comes to degree %d", run_of[k].degree);
+        if (o.iterations == 11)
+            ok(fabs(moved(&c, 1, &smallest) / (1e-2 * m / sqrt(v)) - 1) < 1e-4,
+               "by a first step of Adam");
+        spin_refine_cloud_free(&c);
+    }
+    o.sh_increase_every = 0;
+    o.iterations = 1;
+    ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_OK && moved(&c, 3, &smallest) > 0,
+       "or has all degrees from the start");
+    spin_refine_cloud_free(&c);
+    o = plain_options(&log);
+    o.sh_increase_every = 10;
+    ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_OK && c.n > f->start.n &&
+           run(f, &o, NULL, 3, &log, &many, NULL) == SPIN_OK && many.n == c.n,
+       "with clones and splits, one thread and three");
+    check_same_bits(many.sh, c.sh, 3 * SPIN_REFINE_SH * c.n * sizeof *c.sh, "the same bits");
+    spin_refine_cloud_free(&c);
+    spin_refine_cloud_free(&many);
+    f->start.sh_degree = 0;
+}
+
+/* An iteration that densifies leaves values and moments of the points that stay as they were. */
+static void sh_densified(struct fixture *f)
+{
+    struct log log = {0};
+    struct spin_refine_options o = plain_options(&log);
+    struct spin_refine_cloud before, after;
+    int at = STEPS + 1, kept = 0, same = 1;
+
+    f->start.sh_degree = 3;
+    o.sh_increase_every = 5;
+    o.lr_position_end = o.lr_position; /* else rates depend on the number of iterations */
+    o.densify_until = 0;
+    o.no_final_prune = true;
+    ok(run(f, &o, NULL, 1, &log, &before, NULL) == SPIN_OK, "%d iterations", STEPS);
+    o.iterations = at;
+    o.densify_at = &at;
+    o.n_densify_at = 1;
+    o.densify.gradient_threshold = 5e-3; /* some stay */
+    o.densify.prune_opacity = 0.09;
+    ok(run(f, &o, NULL, 1, &log, &after, NULL) == SPIN_OK, "and one that densifies");
+    for (size_t i = 0; i < after.n && !after.point[i].is_new; i++, kept++)
+        same &= memcmp(after.sh + 3 * SPIN_REFINE_SH * i,
+                       before.sh + 3 * SPIN_REFINE_SH * after.point[i].origin,
+                       3 * SPIN_REFINE_SH * sizeof(float)) == 0;
+    ok(kept > 0 && (size_t)kept < before.n && (size_t)kept < after.n && same,
+       "%d of %zu points stay, with their SH", kept, before.n);
+    f->start.sh_degree = 0;
+    spin_refine_cloud_free(&before);
+    spin_refine_cloud_free(&after);
+}
+
+/* Views of a scene whose colours differ from side to side are fitted better with SH. */
+static void sh_fits(struct fixture *f, const struct spin_refine_options *plain, double without)
+{
+    struct log log = {0};
+    struct spin_refine_options o = *plain;
+    struct spin_refine_cloud c;
+    double with = 0;
+
+    f->start.sh_degree = 3;
+    o.sh_increase_every = 0;
+    o.context = &log;
+    ok(run(f, &o, NULL, 2, &log, &c, NULL) == SPIN_OK, "with SH of degree 3");
+    for (int i = o.iterations - 3 * f->views; i < o.iterations; i++)
+        with += log.step[i].loss;
+    if (!ok(with < 0.9 * without, "the loss comes lower"))
+        printf("#   %.4f without, %.4f with\n", without / (3 * f->views), with / (3 * f->views));
+    f->start.sh_degree = 0;
+    spin_refine_cloud_free(&c);
+}
+
 /* Cameras that see other colours: with gains and offsets of their own the frame fits them better, and
  * keeps the colours of the mean camera; the same bits for any number of threads. */
 static void camera_colours(struct fixture *f)
@@ -491,6 +608,9 @@ static void camera_colours(struct fixture *f)
     }
     if (!ok(with < 0.9 * without, "the loss comes lower"))
         printf("#   %.4f without, %.4f with\n", without / (3 * f->views), with / (3 * f->views));
+    o.lr_exposure = 0;
+    sh_fits(&exposed, &o, without);
+    o.lr_exposure = 1e-2;
     ok(run(&exposed, &o, NULL, 3, &residual, &many, NULL) == SPIN_OK && many.n == c.n,
        "three threads");
     check_same_bits(many.point, c.point, c.n * sizeof *c.point, "and the same bits");
@@ -562,6 +682,8 @@ static void strictly(struct fixture *f)
     struct spin_device *d = strict_open(check_device(2), 1, 1);
     int complaints = strict_complaints(), densify_at[2] = {15, 30};
 
+    f->start.sh_degree = 1;
+    o.sh_increase_every = 5;
     o.lr_exposure = 1e-2;
     o.densify_at = densify_at;
     o.n_densify_at = 2;
@@ -569,6 +691,8 @@ static void strictly(struct fixture *f)
            run_on(d, f, &o, NULL, &log, &late, NULL) == SPIN_OK && late.n == c.n,
        "refines on a strict device");
     check_same_bits(late.point, c.point, c.n * sizeof *c.point, "to the same bits");
+    check_same_bits(late.sh, c.sh, c.n * 3 * SPIN_REFINE_SH * sizeof *c.sh, "of SH as well");
+    f->start.sh_degree = 0;
     ok(strict_complaints() == complaints, "without a complaint");
     spin_refine_cloud_free(&c);
     spin_refine_cloud_free(&late);
@@ -645,6 +769,8 @@ TAP_MAIN
     PART(window_and_cap, &f);
     PART(long_run);
     PART(camera_colours, &f);
+    PART(sh_rises, &f);
+    PART(sh_densified, &f);
     PART(options_act, &f);
     PART(strictly, &f);
     PART(refuses, &f);
