@@ -123,6 +123,8 @@ enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT, SPIN_METHOD_TRACKS
 /* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
  * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
+/* Iterations that 0 in sh_increase_every means to the explicit method. */
+enum { SPIN_SH_INCREASE_EVERY = 1000 };
 enum spin_refine_start { SPIN_REFINE_FROM_POINTS, SPIN_REFINE_FROM_SOURCE };
 
 /* AUTO: where cameras show the same points in different colours. */
@@ -178,7 +180,7 @@ struct spin_retrain_options {
     double lr_tracked;      /* on lr_position and lr_residual, for splats that share something */
     double lr_displacement; /* of a shared displacement, times the extent */
     int track_iterations; /* the first ones, in which what is shared learns; -1: all, at most 5000 */
-    bool dynamic_residual;  /* splats that move have residual values of every frame as well */
+    bool dynamic_residual; /* splats that move have residual values of every frame as well */
     int densify_every; /* iterations between densifications; 0: none; -1: track_iterations / 20 */
     double densify_threshold, densify_until; /* of the mean gradient; share of track_iterations */
     double network_start;                    /* share of the iterations before the network joins */
@@ -190,11 +192,11 @@ struct spin_retrain_options {
     double normalise_centre[3], normalise_radius; /* with SPIN_NORMALISE_GIVEN */
     int views_per_frame;                          /* of a batch taken from one frame */
     float background[3];
-    enum spin_precision precision;                /* of the output */
-    const char *device;         /* "auto", "cpu" or "cuda" */
-    int n_threads;              /* 0: all */
-    bool deterministic;         /* sums on a card repeat bit for bit; the CPU's always do */
-    int eval_every, save_every; /* iterations; 0: at the end; every 5 minutes */
+    enum spin_precision precision; /* of the output */
+    const char *device;            /* "auto", "cpu" or "cuda" */
+    int n_threads;                 /* 0: all */
+    bool deterministic;            /* sums on a card repeat bit for bit; the CPU's always do */
+    int eval_every, save_every;    /* iterations; 0: at the end; every 5 minutes */
     bool resume, force, dry_run;
     const char *preview, *log; /* folder, file; or NULL */
     const char

@@ -299,9 +299,13 @@ static void warn_idle(int argc, char **argv, const char *const *name, bool have_
 static void warn_without_effect(int argc, char **argv)
 {
     bool clip = options.method != SPIN_METHOD_EXPLICIT;
+    bool points = !clip && options.refine_start == SPIN_REFINE_FROM_POINTS;
+    int pace = options.sh_increase_every > 0 ? options.sh_increase_every : SPIN_SH_INCREASE_EVERY;
 
     warn_idle(argc, argv, of_network, options.method == SPIN_METHOD_NETWORK, "without a network");
     warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
+    warn_idle(argc, argv, of_sh, !points || options.refine > pace, "in so few iterations");
+    warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
     warn_idle(argc, argv, of_clip, clip, "with --method explicit");
     warn_idle(argc, argv, of_tracks, clip && options.tracks, "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");

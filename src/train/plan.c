@@ -234,7 +234,7 @@ int spin_plan_sh_increase_every(const struct spin_plan *plan)
 {
     if (plan->o->refine_start == SPIN_REFINE_FROM_SOURCE)
         return 0;
-    return plan->o->sh_increase_every > 0 ? plan->o->sh_increase_every : 1000;
+    return plan->o->sh_increase_every > 0 ? plan->o->sh_increase_every : SPIN_SH_INCREASE_EVERY;
 }
 
 int spin_plan_frame_sh_degree(const struct spin_plan *plan)

@@ -24,9 +24,9 @@ struct spin_refine_step {
 struct spin_refine_options {
     int iterations;                      /* 2000 */
     double lr_position, lr_position_end; /* times the extent; 1.6e-4, 1.6e-6 */
-    double lr_dc, lr_sh, lr_opacity, lr_scale,
-        lr_rotation;       /* 2.5e-3, lr_dc / 20, 0.05, 5e-3, 1e-3 */
-    int sh_increase_every; /* iterations until the next degree of SH joins; 0: all from the start; 1000 */
+    double lr_dc, lr_sh;                 /* 2.5e-3; of SH beyond the first, a twentieth of it */
+    double lr_opacity, lr_scale, lr_rotation; /* 0.05, 5e-3, 1e-3 */
+    int sh_increase_every; /* 1000 iterations until the next degree of SH joins; 0: all from the start */
     double lr_exposure;  /* of every view's gain and offset, forgotten afterwards; 0: none */
     double lambda_dssim; /* 0.2 */
     double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
@@ -52,7 +52,7 @@ struct spin_refine_stats {
     double loss_first, loss_last;
 };
 
-/* The highest SH degree that so many iterations come to. */
+/* The highest SH degree that so many iterations come to, of at most sh_degree; increase_every as in the options. */
 int spin_refine_sh_degree(int sh_degree, int increase_every, int iterations);
 
 /* Optimise the cloud of one frame in place, at its SH degree. order [iterations]: the view of each iteration;

@@ -881,6 +881,11 @@ static void test_idle(void)
           "warning: no effect with --method explicit: --iterations, --lr-position\n");
     warns("--method explicit --sh-degree 1 --sh-increase-every 5", "");
     warns("--sh-degree 1", "warning: no effect with --method tracks: --sh-degree\n");
+    warns("--method explicit --refine 1000 --sh-degree 1",
+          "warning: no effect in so few iterations: --sh-degree\n");
+    warns("--method explicit --refine 1001 --sh-degree 1", "");
+    warns("--method explicit --refine 5 --refine-start source --sh-degree 1 --sh-increase-every 2",
+          "warning: no effect with --refine-start source: --sh-increase-every\n");
     warns("--method explicit --save-every 5 --eval-every 5",
           "warning: no effect with --method explicit: --eval-every, --save-every\n");
     warns("--save-every 5 --eval-every 5 --max-points 100", "");
