@@ -3,7 +3,7 @@
 # Knobs: CONFIG=release|debug|asan|ubsan|tsan|cov (each its own folder in BUILD)  V=1 (show commands)
 #        BUILD=build (where all that is built goes; or, from any folder: make -f /path/to/spin4d/Makefile)
 #        CC=clang CXX= CPPFLAGS= CFLAGS= CXXFLAGS= LDFLAGS= (yours, after those that spin4d needs)
-#        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=  K=word (tests to run)  SETUP=0 (install nothing)
+#        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=  K=words (tests to run)  SETUP=0 (install nothing)
 #        RUN='qemu-aarch64 -L /usr/aarch64-linux-gnu' (what runs programs of another machine)
 # Private settings go into an untracked local.mk.
 HERE := $(patsubst %/,%,$(dir $(realpath $(firstword $(MAKEFILE_LIST)))))
@@ -174,11 +174,11 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@sh tests/demo.sh $(B)/bin
 
 # What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
-test: ## all tests; K=word selects; SETUP=0 installs nothing
+test: ## all tests, JOBS at a time; K='words' selects; SETUP=0 installs nothing
 	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
 	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
 	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
-	@sh tests/run.sh $(B) "$(K)"
+	@JOBS=$(JOBS) sh tests/run.sh $(B) "$(K)"
 
 test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip test-tools fuzz-bins
 test-tools: $(TOOLS)

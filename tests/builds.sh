@@ -39,9 +39,7 @@ built() {
 }
 
 tested() { # FOLDER
-    for word in $words; do
-        sh tests/run.sh "$1" "$word" || fail "$1: $word"
-    done
+    JOBS=$jobs sh tests/run.sh "$1" "$words" || fail "$1: $words"
 }
 
 same_bytes() {

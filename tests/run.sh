@@ -1,18 +1,73 @@
 #!/bin/sh
-# run.sh BUILD_DIR [WORD]: run the built tests from the root of the repository; prints a summary, and
-# what was skipped with the reason.
+# run.sh BUILD_DIR [WORDS]: run the built tests from the root of the repository, JOBS at a time; prints a
+# line and the seconds of each as it ends, a summary, and what was skipped with the reason.
 #
 # Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts) and BUILD_DIR/tests/fuzz/fuzz-*
-# on the saved finds in fixtures/hostile/<name>/. With WORD only those whose source path contains
-# it, or whose source has WORD in its line of keys ("K: golden threads"). A crash, a non-zero exit
+# on the saved finds in fixtures/hostile/<name>/. With WORDS only those whose source path
+# contains one of them, or whose source has one in its line of keys ("K: golden threads"). A crash, a non-zero exit
 # and more than ten minutes are failures.
 #
 # SPIN_RUN runs the programs of another machine (qemu-aarch64).
 # SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
-B=${1:?usage: run.sh BUILD_DIR [WORD]}
-WORD=${2:-}
+B=${1:?usage: run.sh BUILD_DIR [WORDS]}
 LIMIT=600
 
+# The line of one test, and what went wrong. Its skips go to the file SPIN_SKIPS.
+run_one() { # NAME COMMAND...
+    name=$1
+    shift
+    out=$(mktemp) || exit 255
+    trap 'rm -f "$out"' EXIT
+    trap 'exit 255' INT TERM
+    start=$(date +%s)
+    timeout "$LIMIT" "$@" >"$out" 2>&1 </dev/null
+    code=$?
+    seconds=$(($(date +%s) - start))
+    skipped=$(grep -c '^ok .*# SKIP' "$out")
+    sed -n "s|^ok [0-9]* - \(.*\) # SKIP \(.*\)|skip $name: \1: \2|p" "$out" >>"$SPIN_SKIPS"
+    passed=$(($(grep -c '^ok ' "$out") - skipped))
+    failed=$(grep -c '^not ok ' "$out")
+    reason=
+    if [ "$code" -eq 124 ]; then
+        reason=" stopped after $LIMIT s"
+    elif [ "$code" -ne 0 ] && [ "$failed" -eq 0 ]; then
+        reason=" exit code $code"
+    elif [ $((passed + failed + skipped)) -eq 0 ]; then
+        reason=" printed no test line"
+    fi
+    [ -n "$reason" ] && failed=$((failed + 1))
+    counts="($passed passed, $failed failed, $skipped skipped) $seconds s"
+    if [ "$failed" -eq 0 ]; then
+        echo "ok   $name $counts"
+        return
+    fi
+    {
+        echo "FAIL $name $counts$reason"
+        grep -A 3 '^not ok ' "$out" | grep -e '^not ok ' -e '^#' | sed 's/^/     /'
+        echo "     ---- its last lines:"
+        tail -n 20 "$out" | sed 's/^/     /'
+    } >"$out.told"
+    cat "$out.told"
+    rm -f "$out.told"
+}
+
+if [ "$B" = --one ]; then
+    B=$2 source=$3
+    program=$B/${source%.c}
+    # shellcheck disable=SC2086
+    case $source in
+    *.sh) run_one "$source" sh "$source" ;;
+    tests/fuzz/*)
+        finds=fixtures/hostile/$(basename "$source" .c | sed 's/^fuzz-//')
+        [ -d "$finds" ] || finds=
+        run_one "$source" "$program" ${finds:+"$finds"}
+        ;;
+    *) run_one "$source" ${SPIN_RUN:-} "$program" ;;
+    esac
+    exit 0
+fi
+
+WORDS=${2:-}
 if [ -z "${SPIN_FIXTURES:-}" ]; then
     SPIN_FIXTURES=fixtures
     [ -d ../shared/fixtures ] && SPIN_FIXTURES=../shared/fixtures
@@ -26,78 +81,40 @@ SPIN_BUILD=$B
 : "${SPIN_PROGRESS:=0}"
 export SPIN_PROGRESS SPIN_FIXTURES SPIN_BIN SPIN_BUILD ASAN_OPTIONS UBSAN_OPTIONS TSAN_OPTIONS
 
-out=$(mktemp) || exit 1
-skips=$(mktemp) || exit 1
-trap 'rm -f "$out" "$skips"' EXIT
+SPIN_SKIPS=$(mktemp) || exit 1
+listed=$(mktemp) || exit 1
+told=$(mktemp) || exit 1
+trap 'rm -f "$SPIN_SKIPS" "$listed" "$told"' EXIT
 trap 'exit 130' INT TERM
-total_passed=0 total_failed=0 total_skipped=0 programs=0
+export SPIN_SKIPS
 
 # matches SOURCE
 matches() {
-    [ -z "$WORD" ] && return 0
-    case $1 in
-    *"$WORD"*) return 0 ;;
-    esac
-    grep -E "(^|[^A-Za-z0-9])K:" "$1" 2>/dev/null | sed 's/.*K://; s/[^A-Za-z0-9_.-]/ /g' |
-        tr ' ' '\n' | grep -Fqx -e "$WORD"
+    [ -z "$WORDS" ] && return 0
+    for word in $WORDS; do
+        case $1 in
+        *"$word"*) return 0 ;;
+        esac
+        grep -E "(^|[^A-Za-z0-9])K:" "$1" 2>/dev/null | sed 's/.*K://; s/[^A-Za-z0-9_.-]/ /g' |
+            tr ' ' '\n' | grep -Fqx -e "$word" && return 0
+    done
+    return 1
 }
 
-# run NAME COMMAND...
-run() {
-    name=$1
-    shift
-    programs=$((programs + 1))
-    timeout "$LIMIT" "$@" >"$out" 2>&1 </dev/null
-    code=$?
-    skipped=$(grep -c '^ok .*# SKIP' "$out")
-    sed -n "s|^ok [0-9]* - \(.*\) # SKIP \(.*\)|skip $name: \1: \2|p" "$out" >>"$skips"
-    passed=$(($(grep -c '^ok ' "$out") - skipped))
-    failed=$(grep -c '^not ok ' "$out")
-    reason=
-    if [ "$code" -eq 124 ]; then
-        reason=" stopped after $LIMIT s"
-    elif [ "$code" -ne 0 ] && [ "$failed" -eq 0 ]; then
-        reason=" exit code $code"
-    elif [ $((passed + failed + skipped)) -eq 0 ]; then
-        reason=" printed no test line"
-    fi
-    [ -n "$reason" ] && failed=$((failed + 1))
-    total_passed=$((total_passed + passed))
-    total_failed=$((total_failed + failed))
-    total_skipped=$((total_skipped + skipped))
-    if [ "$failed" -eq 0 ]; then
-        echo "ok   $name ($passed passed, $failed failed, $skipped skipped)"
-        return
-    fi
-    echo "FAIL $name ($passed passed, $failed failed, $skipped skipped)$reason"
-    grep -A 3 '^not ok ' "$out" | grep -e '^not ok ' -e '^#' | sed 's/^/     /'
-    echo "     ---- its last lines:"
-    tail -n 20 "$out" | sed 's/^/     /'
-}
+for source in tests/*/t-*.c tests/cli/t*.sh tests/fuzz/fuzz-*.c; do
+    case $source in
+    *.sh) [ -f "$source" ] ;;
+    *) [ -x "$B/${source%.c}" ] ;;
+    esac && matches "$source" && echo "$source"
+done >"$listed"
+xargs -r -P "${JOBS:-1}" -n 1 sh "$0" --one "$B" <"$listed" | tee "$told"
 
-for source in tests/*/t-*.c; do
-    program=$B/${source%.c}
-    # shellcheck disable=SC2086
-    [ -x "$program" ] && matches "$source" && run "$source" ${SPIN_RUN:-} "$program"
-done
-for source in tests/cli/t*.sh; do
-    [ -f "$source" ] && matches "$source" && run "$source" sh "$source"
-done
-for source in tests/fuzz/fuzz-*.c; do
-    program=$B/${source%.c}
-    name=$(basename "$source" .c)
-    finds=fixtures/hostile/${name#fuzz-}
-    [ -x "$program" ] && matches "$source" || continue
-    if [ -d "$finds" ]; then
-        run "$source" "$program" "$finds"
-    else
-        run "$source" "$program"
-    fi
-done
-
-if [ "$programs" -eq 0 ]; then
-    echo "nothing to run: no test was built in '$B' that matches '$WORD'"
-fi
-sort "$skips" | uniq -c | sed 's/^ *1 //; s/^ *\([0-9]*\) \(.*\)/\2 (\1 times)/'
-echo "$total_passed passed, $total_failed failed, $total_skipped skipped"
-[ "$programs" -gt 0 ] && [ "$total_failed" -eq 0 ]
+sort "$SPIN_SKIPS" | uniq -c | sed 's/^ *1 //; s/^ *\([0-9]*\) \(.*\)/\2 (\1 times)/'
+awk -v B="$B" -v words="$WORDS" -v listed="$(wc -l <"$listed")" '
+    /^(ok  |FAIL) tests\// { split(substr($0, index($0, "(") + 1), n, " "); p += n[1]; f += n[3]; s += n[5]; programs++ }
+    END {
+        if (listed == 0) print "nothing to run: no test was built in \047" B "\047 that matches \047" words "\047"
+        else if (programs != listed) print listed - programs " of " listed " tests did not come to an end"
+        print p + 0 " passed, " f + 0 " failed, " s + 0 " skipped"
+        exit listed == 0 || programs != listed || f > 0
+    }' "$told"
