@@ -592,6 +592,7 @@ static void camera_colours(struct fixture *f)
             exposed.truth[at + i] = gain[k % 3] * f->truth[at + i];
     }
     o.iterations = 300;
+    o.densify.max_points = 10 * f->start.n;
     ok(run(&exposed, &o, NULL, 2, &log, &c, NULL) == SPIN_OK, "views of other colours");
     spin_refine_cloud_free(&c);
     o.lr_exposure = 1e-2;
