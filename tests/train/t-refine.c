@@ -592,7 +592,7 @@ static void camera_colours(struct fixture *f)
             exposed.truth[at + i] = gain[k % 3] * f->truth[at + i];
     }
     o.iterations = 300;
-    o.densify.max_points = 10 * f->start.n;
+    o.densify.max_points = 20 * f->start.n;
     ok(run(&exposed, &o, NULL, 2, &log, &c, NULL) == SPIN_OK, "views of other colours");
     spin_refine_cloud_free(&c);
     o.lr_exposure = 1e-2;
@@ -602,7 +602,7 @@ static void camera_colours(struct fixture *f)
         without += log.step[i].loss;
         with += residual.step[i].loss;
     }
-    if (!ok(with < 0.9 * without, "the loss comes lower"))
+    if (!ok(with < 0.75 * without, "the loss comes lower"))
         printf("#   %.4f without, %.4f with\n", without / (3 * f->views), with / (3 * f->views));
     o.lr_exposure = 0;
     sh_fits(&exposed, &o, without);
