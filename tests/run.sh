@@ -3,16 +3,16 @@
 # line and the seconds of each as it ends, a summary, and what was skipped with the reason.
 #
 # Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts) and BUILD_DIR/tests/fuzz/fuzz-*
-# on the saved finds in fixtures/hostile/<name>/. With WORDS only those whose source path
-# contains one of them, or whose source has one in its line of keys ("K: golden threads"). A crash, a non-zero exit
-# and more than ten minutes are failures.
+# on the saved finds in fixtures/hostile/<name>/. With WORDS only those whose source path contains one of
+# them, or whose source has one in its line of keys ("K: golden threads"). A crash, a non-zero exit, more
+# than ten minutes and a test without an end are failures.
 #
 # SPIN_RUN runs the programs of another machine (qemu-aarch64).
 # SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
 B=${1:?usage: run.sh BUILD_DIR [WORDS]}
 LIMIT=600
 
-# The line of one test, and what went wrong. Its skips go to the file SPIN_SKIPS.
+# Runs one test, prints its line and what went wrong. Its skips go to the file SPIN_SKIPS.
 run_one() { # NAME COMMAND...
     name=$1
     shift
@@ -41,14 +41,14 @@ run_one() { # NAME COMMAND...
         echo "ok   $name $counts"
         return
     fi
-    {
+    # In one piece, for others print beside it.
+    text=$(
         echo "FAIL $name $counts$reason"
         grep -A 3 '^not ok ' "$out" | grep -e '^not ok ' -e '^#' | sed 's/^/     /'
         echo "     ---- its last lines:"
         tail -n 20 "$out" | sed 's/^/     /'
-    } >"$out.told"
-    cat "$out.told"
-    rm -f "$out.told"
+    )
+    printf '%s\n' "$text"
 }
 
 if [ "$B" = --one ]; then

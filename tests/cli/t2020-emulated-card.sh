@@ -7,7 +7,7 @@
 build=${SPIN_BUILD:-build/release}
 emulated=$(cd "$build" && pwd)/tests/emu
 export SPIN_TEST_DEVICE=cuda
-orders='reverse shuffle:11' # the programs under the race detector, and other scripts, run forward
+orders='reverse shuffle:11' # the race detector's runs and other scripts go forward
 case $build in
 */asan) orders=shuffle:11 ;; # slower by four times
 esac

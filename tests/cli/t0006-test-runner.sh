@@ -1,0 +1,50 @@
+#!/bin/sh
+# What runs all tests: it counts them, runs those it is asked for, and does not take a lost test for a passed one.
+. "$(dirname "$0")/lib.sh"
+
+runner=$PWD/tests/run.sh
+mkdir -p "$work/tree/tests/cli" "$work/tree/tests/room" "$work/tree/tests/fuzz"
+mkdir -p "$work/tree/build/tests/room" "$work/tree/build/tests/fuzz" "$work/tree/fixtures/hostile/door"
+cd "$work/tree" || exit 1
+
+script() { # NAME LINES: a test of these lines
+    printf '%b\n' "$2" >"tests/cli/$1.sh"
+}
+program() { # PATH LINES
+    printf '%b\n' "$3" >"build/tests/$1"
+    chmod +x "build/tests/$1"
+    printf '/* K: %s */\n' "$2" >"tests/$1.c"
+}
+tests() { run env JOBS="$jobs" sh "$runner" build "$1"; }
+
+script t1-good 'echo ok 1 - a; echo "ok 2 - b # SKIP no door"'
+script t2-also 'echo ok 1 - a'
+program room/t-program 'golden' '#!/bin/sh\necho ok 1 - a'
+program fuzz/fuzz-door 'fuzz' '#!/bin/sh\n[ "$1" = fixtures/hostile/door ] && echo ok 1 - finds'
+for jobs in 1 3; do
+    tests ''
+    is "$code $(tail -n 1 "$work/out")" "0 4 passed, 0 failed, 1 skipped" "$jobs at a time: all are counted"
+    out_has '^ok   tests/cli/t1-good.sh (1 passed, 0 failed, 1 skipped) [0-9]* s$' "$jobs: a line for each"
+    out_has '^skip tests/cli/t1-good.sh: b: no door$' "$jobs: what was skipped, and why"
+    tests 'golden t2-also'
+    is "$code $(tail -n 1 "$work/out")" "0 2 passed, 0 failed, 0 skipped" "$jobs: those with a key or a path of two words"
+done
+tests no-such
+is "$code $(tail -n 1 "$work/out")" "1 0 passed, 0 failed, 0 skipped" "no test is a failure"
+
+fails_as() { # NAME LINES SUMMARY REASON
+    script t3-bad "$2"
+    tests t3-bad
+    is "$code $(tail -n 1 "$work/out")" "1 $3" "$1 is a failure"
+    out_has "$4" "$1: the reason"
+    tests ''
+    is "$code" 1 "$1 is a failure beside tests that pass"
+}
+fails_as "a check" 'echo not ok 1 - wrong; exit 1' "0 passed, 1 failed, 0 skipped" '^     not ok 1 - wrong$'
+fails_as "an exit code" 'echo ok 1 - a; exit 3' "1 passed, 1 failed, 0 skipped" ' s exit code 3$'
+fails_as "silence" 'true' "0 passed, 1 failed, 0 skipped" ' printed no test line$'
+# Its parent is timeout, and that one's the runner.
+# shellcheck disable=SC2016
+fails_as "a runner that is killed" 'kill -9 $(cut -d" " -f4 /proc/$PPID/stat)' "0 passed, 0 failed, 0 skipped" \
+    '1 of 1 tests did not come to an end'
+done_testing
