@@ -653,6 +653,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
         .command = command, .words = words, .max_words = max_words, .argc = argc, .argv = argv};
 
     *words = (struct spin_args_words){0};
+    setvbuf(stderr, NULL, _IOLBF, 0); /* a line is one write: mpirun puts nothing into it */
     speaks = spin_ranks_place() <= 0;
     if (command->plugins) {
         /* first: which options are known depends on it, wherever it stands */

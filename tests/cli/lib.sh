@@ -45,7 +45,7 @@ ok() {
     fi
     failed=$((failed + 1))
     echo "not ok $count - $2"
-    [ -s "$work/err" ] && sed 's/^/#   stderr: /' "$work/err" | head -n 3
+    [ -s "$work/err" ] && sed 's/^/#   stderr: /' "$work/err" | tail -n 12
 }
 
 is() { # GOT WANT NAME

@@ -39,6 +39,16 @@ nothing_at "$work/new" "what is not a bundle: nothing was written"
 run "$bin/spin-export" "$work/text.spin" -o "$work/new.glb"
 err_has "'$work/text.spin' is not a bundle\$" "text is not a bundle"
 
+# A line is one write, so that no text of another process stands within it.
+if strace -f -o "$work/strace" true 2>/dev/null; then
+    for command in spin-import spin-eval spin-export spin-retrain; do
+        run traced -f -qq -e trace=write -o "$work/strace" "$bin/$command" "$work/text.spin" -o "$work/new.glb"
+        is "$(grep -c 'write(2' "$work/strace")" "$(wc -l <"$work/err")" "$command: a line on stderr is one write"
+    done
+else
+    skip "a line on stderr is one write" "no strace"
+fi
+
 # SOG is a zip with a meta.json as well.
 cp fixtures/splats/splat/frame_00000.splat "$work/one.splat"
 "$bin/spin-import" -q "$work/one.splat" -o "$work/one.spin" && "$bin/spin-export" -q "$work/one.spin" -o "$work/one.sog"

@@ -56,7 +56,7 @@ run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps -
 stopped KILL 137
 # Tracks that are densified, with a network that joins late, and without one.
 for more in "$net --tracks auto --network-start 0.5" '--method tracks'; do
-    small="$bare $more --densify-every 15 --densify-threshold 1e-5 --precision half"
+    small="$bare $more --densify-every 15 --densify-threshold 1e-5 --max-points 1500 --precision half"
     run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
     is "$code" 0 "retrains with $more"
     stopped KILL 137
