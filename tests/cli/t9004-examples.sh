@@ -95,7 +95,7 @@ is "$(cat "$work/strangers")" "" "every picture of docs is in a document"
 # What examples take: each name in them is the same small clip.
 here=$work/place
 cp -r fixtures/court-mini "$here/court"
-for link in runs/ball data/ball data basketball run; do
+for link in runs/ball data/ball data basketball court-hd run; do
     mkdir -p "$here/$(dirname "$link")"
     [ -e "$here/$link" ] || ln -s "$here/court" "$here/$link"
 done
