@@ -220,6 +220,7 @@ enum { SPIN_LPIPS_VGG, SPIN_LPIPS_ALEX, SPIN_N_LPIPS };
 struct spin_quality {
     bool valid;
     double psnr, ssim, psnr_channel_mean;
+    double psnr_colour_fitted; /* after one gain and offset a channel were fitted to the camera's photographs */
     double psnr_dynamic,
         psnr_static; /* in and outside the dynamic regions, of views that have both */
     double dynamic;  /* share of the pixels */

@@ -106,6 +106,7 @@ static void print_quality(const struct spin_eval_report *r, const struct spin_qu
     spin_print_number("psnr", q->valid ? q->psnr : NAN);
     spin_print_number("ssim", q->valid ? q->ssim : NAN);
     spin_print_number("psnr_channel_mean", q->valid ? q->psnr_channel_mean : NAN);
+    spin_print_number("psnr_colour_fitted", q->valid ? q->psnr_colour_fitted : NAN);
     if (r->dynamic != SPIN_DYNAMIC_OFF) {
         spin_print_number("psnr_dynamic", q->psnr_dynamic);
         spin_print_number("psnr_static", q->psnr_static);

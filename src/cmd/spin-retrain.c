@@ -157,6 +157,7 @@ static void print_quality(const char *key, const struct spin_quality *q)
     spin_print_number("psnr", q->psnr);
     spin_print_number("ssim", q->ssim);
     spin_print_number("psnr_channel_mean", q->psnr_channel_mean);
+    spin_print_number("psnr_colour_fitted", q->psnr_colour_fitted);
     spin_print_close('}');
 }
 

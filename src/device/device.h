@@ -189,7 +189,7 @@ struct spin_view_batch {
         struct spin_camera_f32 camera;
         float weight;   /* of its loss in the gradient */
         uint32_t image; /* its photograph */
-        int exposure;   /* its camera's row of exposures */
+        int exposure, lens; /* rows of its camera, and of its camera's lens, among the exposures */
         int value;      /* its row in the values of loss() and measure() */
     } view[SPIN_MAX_VIEWS];
 };
@@ -437,15 +437,15 @@ struct spin_device_ops {
                     const struct spin_images *images, float SPIN_DEV *image,
                     double SPIN_DEV *values);
 
-    /* Cameras' gains and offsets, math/exposure.h, rows of SPIN_EXPOSURE floats: log gain r g b, offset r g
-     * b. out = exp(gain) image + offset. Back: d_image is scaled in place, d_exposure += */
+    /* Cameras' looks, math/exposure.h, rows of SPIN_EXPOSURE floats: of a camera log gain r g b, offset r g b; of a
+     * lens c1 r g b, c2 r g b. out may be image. Back: d_image changes in place, d_exposure += */
     void (*exposure)(struct spin_device *d, const struct spin_view_batch *views,
                      const float SPIN_DEV *exposure, const float SPIN_DEV *image,
                      float SPIN_DEV *out);
     void (*exposure_back)(struct spin_device *d, const struct spin_view_batch *views,
                           const float SPIN_DEV *exposure, const float SPIN_DEV *image,
                           float SPIN_DEV *d_image, float SPIN_DEV *d_exposure);
-    /* Subtract the mean of the n rows from each. */
+    /* Subtract the mean of the first n rows from each. */
     void (*exposure_centre)(struct spin_device *d, size_t n, float SPIN_DEV *exposure);
 
     /* ---- Steps ---- */
@@ -470,7 +470,7 @@ struct spin_device_ops {
                             float SPIN_DEV *out);
 };
 
-enum { SPIN_EXPOSURE = 6 }; /* floats of a camera's exposure */
+enum { SPIN_EXPOSURE = 6 }; /* floats of a row of exposures */
 
 struct spin_device {
     const struct spin_device_ops *op;

@@ -9,6 +9,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "eval/colour_fit.h"
 #include "io/picture_name.h"
 #include "io/ranks.h"
 #include "math/loss.h"
@@ -142,18 +143,16 @@ static spin_status load_photo(struct spin_metrics *m, size_t view, size_t plane,
     return SPIN_OK;
 }
 
-static bool needs_picture(const struct spin_metrics *m)
-{
-    bool needs = m->images != NULL;
-
-    for (int k = 0; k < SPIN_N_LPIPS; k++)
-        needs |= m->lpips[k] != NULL;
-    return needs;
-}
+/* What a view tells. */
+struct measured {
+    struct spin_eval_view view;
+    struct spin_colour_sums sums;
+};
 
 static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures *p,
-                               struct spin_eval_view *out)
+                               struct measured *one)
 {
+    struct spin_eval_view *out = &one->view;
     const struct spin_pair *pair = &m->pairs[i];
     const struct spin_view *view = &m->clip->views.view[pair->view];
     size_t plane = (size_t)view->camera.width * (size_t)view->camera.height, n_dynamic = 0;
@@ -167,8 +166,8 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
     set_quality(values, (double)plane, regions, (double)n_dynamic, &out->q);
-    if (needs_picture(m))
-        SPIN_TRY(spin_frame_renderer_picture(m->frame_renderer, p->image));
+    SPIN_TRY(spin_frame_renderer_picture(m->frame_renderer, p->image));
+    spin_colour_sums(view->camera_id, plane, p->image, p->truth, &one->sums);
     for (int k = 0; k < SPIN_N_LPIPS; k++)
         if (m->lpips[k])
             SPIN_TRY(spin_lpips_compare(m->lpips[k], view->camera.width, view->camera.height,
@@ -194,6 +193,7 @@ void spin_quality_add(struct spin_quality_sum *s, const struct spin_quality *q)
     s->sum.psnr += q->psnr;
     s->sum.ssim += q->ssim;
     s->sum.psnr_channel_mean += q->psnr_channel_mean;
+    s->sum.psnr_colour_fitted += q->psnr_colour_fitted;
     add_one(q->psnr_dynamic, &s->sum.psnr_dynamic, &s->n_dynamic);
     add_one(q->psnr_static, &s->sum.psnr_static, &s->n_still);
     add_one(q->dynamic, &s->sum.dynamic, &s->n_share);
@@ -210,6 +210,7 @@ struct spin_quality spin_quality_mean(const struct spin_quality_sum *s)
         .psnr = mean_of(s->sum.psnr, s->n),
         .ssim = mean_of(s->sum.ssim, s->n),
         .psnr_channel_mean = mean_of(s->sum.psnr_channel_mean, s->n),
+        .psnr_colour_fitted = mean_of(s->sum.psnr_colour_fitted, s->n),
         .psnr_dynamic = mean_of(s->sum.psnr_dynamic, s->n_dynamic),
         .psnr_static = mean_of(s->sum.psnr_static, s->n_still),
         .dynamic = mean_of(s->sum.dynamic, s->n_share),
@@ -236,7 +237,7 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
 int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 
 /* The views that each rank measured become everybody's, in *view [n_pairs], and the times are added up. */
-static spin_status merge_views(struct spin_metrics *m, struct spin_eval_view *view)
+static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
     struct times {
         double decode, draw;
@@ -266,13 +267,32 @@ out:
     return status;
 }
 
+static spin_status add_fitted(struct measured *view, size_t n)
+{
+    struct spin_colour_sums *sums = NULL;
+    double *psnr = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *sums, (void **)&sums));
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *psnr, (void **)&psnr));
+    for (size_t i = 0; i < n; i++)
+        sums[i] = view[i].sums;
+    spin_colour_fit(sums, n, psnr);
+    for (size_t i = 0; i < n; i++)
+        view[i].view.q.psnr_colour_fitted = psnr[i];
+out:
+    free(sums);
+    free(psnr);
+    return status;
+}
+
 spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
 {
     struct spin_quality_sum sum = {0};
     struct spin_progress progress;
     spin_status status;
     size_t pixels = spin_views_pixels(&m->clip->views);
-    struct spin_eval_view *view = NULL;
+    struct measured *view = NULL;
     struct pictures p = {0};
 
     memset(mean, 0, sizeof *mean);
@@ -289,14 +309,16 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
         if (spin_metrics_rank(m->pairs[i].frame) != spin_rank())
             continue;
         status = spin_cancelled() ? spin_fail_cancelled() : measure_one(m, i, &p, &view[i]);
-        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", view[i].q.psnr);
+        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", view[i].view.q.psnr);
     }
     SPIN_TRY_OUT(spin_ranks_agree(status));
     SPIN_TRY_OUT(merge_views(m, view));
-    for (size_t i = 0; i < m->n_pairs; i++)
-        spin_quality_add(&sum, &view[i].q);
-    if (m->view)
-        memcpy(m->view, view, m->n_pairs * sizeof *view);
+    SPIN_TRY_OUT(add_fitted(view, m->n_pairs));
+    for (size_t i = 0; i < m->n_pairs; i++) {
+        spin_quality_add(&sum, &view[i].view.q);
+        if (m->view)
+            m->view[i] = view[i].view;
+    }
     *mean = spin_quality_mean(&sum);
     status = SPIN_OK;
 out:

@@ -256,6 +256,9 @@ void spin_frame_renderer_close(struct spin_frame_renderer *p)
     free(p->looked);
     release_frame(p);
     release_pictures(p);
+    if (p->lenses)
+        p->device->op->release(p->device, p->falloff,
+                               (size_t)(1 + p->lenses->n) * SPIN_EXPOSURE * sizeof(float));
     spin_bundle_tracks_close(&p->tracks);
     if (p->owns_network) {
         p->device->op->release(p->device, (void SPIN_DEV *)p->table,
@@ -448,6 +451,36 @@ static spin_status need_pictures(struct spin_frame_renderer *p, size_t pixels, s
     return SPIN_OK;
 }
 
+spin_status spin_frame_renderer_set_lenses(struct spin_frame_renderer *p,
+                                           const struct spin_lenses *lenses)
+{
+    struct spin_device *d = p->device;
+    float none[SPIN_EXPOSURE] = {0};
+
+    if (lenses->n == 0)
+        return SPIN_OK;
+    SPIN_TRY(d->op->reserve(d, (size_t)(1 + lenses->n) * SPIN_EXPOSURE * sizeof(float),
+                            (void SPIN_DEV **)&p->falloff));
+    p->lenses = lenses;
+    d->op->upload(d, p->falloff, none, sizeof none);
+    for (int i = 0; i < lenses->n; i++)
+        d->op->upload(d, p->falloff + (size_t)(1 + i) * SPIN_EXPOSURE, lenses->lens[i].falloff,
+                      sizeof lenses->lens[i].falloff);
+    return SPIN_OK;
+}
+
+/* The picture drawn last as the camera shows it. */
+static void look_through_lens(struct spin_frame_renderer *p, const struct spin_camera *camera)
+{
+    int lens = p->lenses ? spin_lenses_find(p->lenses, camera) : -1;
+
+    if (lens < 0)
+        return;
+    p->drawn.view[0].exposure = 0;
+    p->drawn.view[0].lens = 1 + lens;
+    p->device->op->exposure(p->device, &p->drawn, p->falloff, p->raster.image, p->raster.image);
+}
+
 spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
                                      const struct spin_camera *camera, const float background[3],
                                      float *image)
@@ -459,6 +492,7 @@ spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
     p->drawn = spin_raster_batch(&p->raster, background);
     spin_raster_add_view(&p->raster, &p->drawn, 0, p->now.n, camera, p->now_antialias);
     SPIN_TRY(spin_raster_forward(&p->raster, &p->drawn, &p->now, p->now_attr, p->now_sh_degree));
+    look_through_lens(p, camera);
     return image ? spin_frame_renderer_picture(p, image) : SPIN_OK;
 }
 

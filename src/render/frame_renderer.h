@@ -5,6 +5,7 @@
 
 #include "scene/bundle_tracks.h"
 #include "scene/clip.h"
+#include "scene/lens.h"
 #include "model/field_eval.h"
 #include "render/image_store.h"
 #include "render/raster.h"
@@ -43,6 +44,8 @@ struct spin_frame_renderer {
     const float SPIN_DEV *now_attr;
     struct spin_view_batch drawn; /* the view drawn last */
     size_t drawn_pixels;
+    const struct spin_lenses *lenses; /* pictures have the falloff of these; NULL: none */
+    float SPIN_DEV *falloff;          /* [1 + lenses->n][SPIN_EXPOSURE] a camera of no gain, and the lenses */
     int now_sh_degree, now_frame;
     bool now_antialias;
     uint8_t *looked; /* [frames of the bundle] 1: counted below */
@@ -80,7 +83,13 @@ spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
 spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index, unsigned columns,
                                        struct spin_splats *out);
 
-/* Draw the frame that is shown; image (host, [3][h][w]) not clamped, or NULL: it stays on the device. */
+/* From now on pictures are what a camera with one of these lenses shows; a camera that has none of them has no
+ * falloff. The lenses stay the caller's; their values are taken now. */
+spin_status spin_frame_renderer_set_lenses(struct spin_frame_renderer *p,
+                                           const struct spin_lenses *lenses);
+
+/* Draw the frame that is shown; image (host, [3][h][w]) not clamped but where a lens shows no brighter than white, or
+ * NULL: it stays on the device. */
 spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
                                      const struct spin_camera *camera, const float background[3],
                                      float *image);

@@ -21,6 +21,7 @@ struct eval {
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_frame_renderer frame_renderer, source;
+    struct spin_lenses lenses; /* of the cameras that taught what is measured */
     bool has_source; /* source is open: what is measured is compared with it */
     enum spin_splat_source from;
     struct spin_pair *pairs;
@@ -44,6 +45,8 @@ static spin_status open_clip(struct eval *e)
 
     SPIN_TRY(spin_clip_open(&c, &e->clip));
     SPIN_TRY(spin_frame_renderer_choose(&e->clip.bundle, o->source, &e->from));
+    SPIN_TRY(spin_lenses_from_json(spin_json_get(e->clip.bundle.json, "lenses"), o->image_scale,
+                                   &e->lenses));
     e->report->network = e->from == SPIN_FROM_NETWORK;
     e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
@@ -61,6 +64,8 @@ static spin_status open_players(struct eval *e)
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_frame_renderer_open(&e->frame_renderer, &e->device, &e->clip.bundle, e->from));
+    if (e->from != SPIN_FROM_SOURCE)
+        SPIN_TRY(spin_frame_renderer_set_lenses(&e->frame_renderer, &e->lenses));
     if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
         (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
         return SPIN_OK;
@@ -202,6 +207,7 @@ spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report
     spin_dynamic_mask_close(&e.dynamic);
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         spin_lpips_close(e.lpips[i]);
+    spin_lenses_free(&e.lenses);
     spin_image_cache_close(&e.pixels);
     spin_clip_close(&e.clip);
     free(e.pairs);

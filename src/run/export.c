@@ -11,6 +11,7 @@
 #include "io/ranks.h"
 #include "render/frame_renderer.h"
 #include "run/share_splats.h"
+#include "scene/lens.h"
 #include "scene/probe.h"
 
 void spin_set_verbosity(int level) { spin_log_set_level(level); }
@@ -336,6 +337,24 @@ static spin_status begin_export(struct export *x)
     return x->exporter->end(x->self);
 }
 
+/* What the cameras' lens darkens is not the scene's, so it is in no export. */
+static spin_status say_lens(const struct export *x)
+{
+    struct spin_lenses lenses;
+    double corner;
+
+    if (x->from == SPIN_FROM_SOURCE)
+        return SPIN_OK;
+    SPIN_TRY(spin_lenses_from_json(spin_json_get(x->clip.bundle.json, "lenses"), 1, &lenses));
+    corner = spin_lenses_corner(&lenses);
+    if (lenses.n > 0)
+        spin_log(0, "without the falloff of the cameras' lens, whose pictures have %.0f %% of the brightness in "
+                    "the corners",
+                 100 * corner);
+    spin_lenses_free(&lenses);
+    return SPIN_OK;
+}
+
 static spin_status run_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -360,6 +379,7 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(spin_frame_renderer_open(&x->renderer->frame_renderer, &x->device, NULL,
                                           SPIN_FROM_SOURCE));
     }
+    SPIN_TRY(say_lens(x));
     x->report->frames = x->clip.n_frames;
     x->report->splats_mean = mean_count(x);
     return begin_export(x);

@@ -18,7 +18,8 @@
 #include "train/output.h"
 #include "train/test_views.h"
 
-static const double least_spread = 0.05; /* of the cameras' colours, that is worth learning */
+/* What is worth learning: of the cameras' colours, and of the brightness at the corners. */
+static const double least_spread = 0.05, least_falloff = 0.05;
 
 /* Who owns what; each stage is handed what it needs. */
 struct run {
@@ -172,16 +173,22 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     return o->dry_run || o->refine > 0 ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
+/* Brightness at the corners of the pictures. */
+static double corner_of(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
+
 /* auto becomes on or off: the difference is in colour_spread, where it was measured. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
 
     r->colour_spread = NAN;
-    if (*choice != SPIN_EXPOSURE_AUTO)
+    if (*choice == SPIN_EXPOSURE_OFF)
         return SPIN_OK;
     SPIN_TRY(spin_camera_colours(&r->plan, &r->truth, &r->colour_spread));
-    *choice = r->colour_spread > least_spread ? SPIN_EXPOSURE_ON : SPIN_EXPOSURE_OFF;
+    if (*choice == SPIN_EXPOSURE_AUTO)
+        *choice = r->colour_spread > least_spread || fabs(corner_of(r) - 1) > least_falloff
+                      ? SPIN_EXPOSURE_ON
+                      : SPIN_EXPOSURE_OFF;
     return SPIN_OK;
 }
 
@@ -190,14 +197,16 @@ static void say_exposure(const struct run *r)
     if (isnan(r->colour_spread))
         return;
     if (r->plan.o->learn_exposure == SPIN_EXPOSURE_ON)
-        spin_log(0, "cameras differ in colour by %.0f %%: learning an exposure for each camera",
-                 100 * r->colour_spread);
+        spin_log(0, "cameras differ in colour by %.0f %%, their pictures have %.0f %% of the brightness in "
+                    "the corners: learning an exposure for each camera, and the falloff of their lens",
+                 100 * r->colour_spread, 100 * corner_of(r));
     else if (r->colour_spread < 0)
         spin_log(1, "no point is seen by three training cameras to compare their colours: no "
                     "exposure is learned");
     else
-        spin_log(1, "cameras differ in colour by %.1f %%: no exposure is learned",
-                 100 * r->colour_spread);
+        spin_log(1, "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the brightness in "
+                    "the corners: no exposure is learned",
+                 100 * r->colour_spread, 100 * corner_of(r));
 }
 
 /* What the run is made from. */
@@ -271,7 +280,9 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
         .max_items = p->o->batch,
         .max_pixels = p->max_pixels,
         .max_tiles = p->max_tiles,
-        .n_exposures = p->o->learn_exposure == SPIN_EXPOSURE_ON ? p->n_cameras : 0,
+        .n_cameras = p->o->learn_exposure == SPIN_EXPOSURE_ON ? p->n_cameras : 0,
+        .n_lenses = p->lenses.n,
+        .exposure = p->exposure,
     };
     void *block = NULL;
     struct spin_frame_size *frame;

@@ -4,17 +4,24 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "math/exposure.h"
+#include "train/look_fit.h"
 
 enum {
     FRAMES = 3,
     POINTS = 4096,     /* of a frame whose colours are compared */
     CELLS = 64,        /* of the map of the nearest points, along each axis */
     LEAST_CAMERAS = 3, /* that show a point */
-    LEAST_POINTS = 32  /* that a camera shows */
+    LEAST_POINTS = 32, /* that a camera shows */
+    FIT_CAMERAS = 4,   /* that show a point which tells gains and falloff ... */
+    FIT_POINTS = 500   /* ... of so many */
 };
+/* Values that tell a gain: noise and white do not. */
+static const float darkest = 0.1f, brightest = 0.95f;
 /* A point is hidden at so many times the depth of the nearest of its cell. */
 static const double behind = 1.05;
 
@@ -24,9 +31,12 @@ struct colours {
     struct spin_splats splats; /* of the frame */
     size_t step, n_points;     /* every so many splats is a point */
     uint8_t *image;            /* of a view */
-    float (*seen)[3];          /* [points][cameras], of the frame; NaN: not seen */
+    float (*seen)[4]; /* [points][cameras], of the frame: r g b and r^2; NaN: not seen */
+    int *lens;                 /* [cameras] */
     float *difference[3];      /* [cameras][all points]: to the mean, from 0 to 1 */
     size_t *n;                 /* [cameras] of them */
+    struct spin_look_sample *sample;
+    size_t n_samples, n_points_seen;
     double nearest[CELLS][CELLS];
 };
 
@@ -83,6 +93,7 @@ static spin_status look(struct colours *c, size_t view)
 
     SPIN_TRY(spin_image_cache_get_rgb8(&c->truth->cache, view, c->image));
     map_nearest(c, &v->camera);
+    c->lens[k] = spin_lenses_find(&c->plan->lenses, &v->camera);
     for (size_t i = 0; i < c->n_points; i++) {
         double depth;
         int pixel[2];
@@ -96,6 +107,9 @@ static spin_status look(struct colours *c, size_t view)
                     c->image[3 * ((size_t)pixel[1] * (size_t)v->camera.width + (size_t)pixel[0]) +
                              rgb] /
                 255;
+        c->seen[i * n + k][3] =
+            spin_lens_r2(pixel[0], pixel[1], (float)v->camera.cx, (float)v->camera.cy,
+                         0.5f * (float)v->camera.width);
     }
     return SPIN_OK;
 }
@@ -106,7 +120,7 @@ static void compare(struct colours *c)
     size_t n = (size_t)c->plan->n_cameras;
 
     for (size_t i = 0; i < c->n_points; i++) {
-        const float(*seen)[3] = (const float(*)[3])c->seen + i * n;
+        const float(*seen)[4] = (const float(*)[4])c->seen + i * n;
         float mean[3] = {0};
         int cameras = 0;
 
@@ -126,6 +140,61 @@ static void compare(struct colours *c)
     }
 }
 
+static bool tells_gain(const float seen[4])
+{
+    bool tells = true;
+
+    for (int rgb = 0; rgb < 3; rgb++)
+        tells &= seen[rgb] > darkest && seen[rgb] < brightest; /* false for NaN */
+    return tells;
+}
+
+/* The frame's points that enough cameras show. */
+static spin_status take_samples(struct colours *c)
+{
+    size_t n = (size_t)c->plan->n_cameras;
+
+    for (size_t i = 0; i < c->n_points; i++) {
+        const float(*seen)[4] = (const float(*)[4])c->seen + i * n;
+        void *block = c->sample;
+        size_t cameras = 0;
+
+        for (size_t k = 0; k < n; k++)
+            cameras += tells_gain(seen[k]);
+        if (cameras < FIT_CAMERAS)
+            continue;
+        SPIN_TRY(spin_grow(c->n_samples + cameras, sizeof *c->sample, &block));
+        c->sample = block;
+        for (size_t k = 0; k < n; k++)
+            if (tells_gain(seen[k])) {
+                struct spin_look_sample *s = &c->sample[c->n_samples++];
+
+                *s = (struct spin_look_sample){.point = (uint32_t)c->n_points_seen,
+                                               .camera = (int)k,
+                                               .lens = c->lens[k],
+                                               .r2 = seen[k][3]};
+                memcpy(s->value, seen[k], sizeof s->value);
+            }
+        c->n_points_seen++;
+    }
+    return SPIN_OK;
+}
+
+static spin_status fit_samples(struct colours *c)
+{
+    struct spin_plan *plan = c->plan;
+    const float *lens = plan->exposure + SPIN_EXPOSURE * (size_t)plan->n_cameras;
+
+    if (c->n_points_seen < FIT_POINTS)
+        return SPIN_OK;
+    SPIN_TRY(spin_look_fit(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n,
+                           plan->exposure));
+    for (int k = 0; k < plan->lenses.n; k++)
+        memcpy(plan->lenses.lens[k].falloff, lens + SPIN_EXPOSURE * k,
+               sizeof plan->lenses.lens[k].falloff);
+    return SPIN_OK;
+}
+
 static spin_status look_at_frame(struct colours *c, int frame)
 {
     size_t n = (size_t)c->plan->n_cameras;
@@ -140,7 +209,7 @@ static spin_status look_at_frame(struct colours *c, int frame)
         if (c->plan->train[i].frame == frame)
             SPIN_TRY(look(c, c->plan->train[i].view));
     compare(c);
-    return SPIN_OK;
+    return take_samples(c);
 }
 
 static int compare_floats(const void *a, const void *b)
@@ -180,6 +249,7 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth
     SPIN_TRY_OUT(spin_alloc(plan->max_pixels, 3, (void **)&c->image));
     SPIN_TRY_OUT(spin_alloc(n * POINTS, sizeof *c->seen, (void **)&c->seen));
     SPIN_TRY_OUT(spin_alloc(n, sizeof *c->n, (void **)&c->n));
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *c->lens, (void **)&c->lens));
     for (int rgb = 0; rgb < 3; rgb++)
         SPIN_TRY_OUT(spin_alloc(n * FRAMES * POINTS, sizeof(float), (void **)&c->difference[rgb]));
     for (int i = 0; i < frames; i++)
@@ -187,10 +257,13 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth
             look_at_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
     for (int rgb = 0; rgb < 3; rgb++)
         *spread = fmax(*spread, spread_of(c, rgb));
+    status = fit_samples(c);
 out:
     for (int rgb = 0; rgb < 3; rgb++)
         free(c->difference[rgb]);
     free(c->n);
+    free(c->lens);
+    free(c->sample);
     free(c->seen);
     free(c->image);
     spin_splats_free(&c->splats);

@@ -30,6 +30,7 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
 {
     struct spin_trainer *t = l->trainer;
     struct spin_frame_renderer live;
+    struct spin_lenses lenses = l->plan->lenses; /* with the falloff of now */
     float SPIN_DEV *table;
     char label[40];
     spin_status status;
@@ -37,8 +38,12 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
     SPIN_TRY(spin_trainer_take_table(t, &table));
     spin_frame_renderer_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL,
                                   table, t->heads.p, frame_of, t);
+    status = spin_exposures_read_lenses(&t->exposures, t->device, &lenses);
+    if (status == SPIN_OK && t->exposures.param.n)
+        status = spin_frame_renderer_set_lenses(&live, &lenses);
     snprintf(label, sizeof label, "iteration_%07lld", (long long)t->iteration);
-    status = spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
+    if (status == SPIN_OK)
+        status = spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
     if (status == SPIN_OK && l->plan->o->preview)
         status = spin_trainer_lend(t, l->plan->clip.n_frames / 2, 0);
     if (status == SPIN_OK && spin_rank() == 0)

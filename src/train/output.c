@@ -386,7 +386,7 @@ static spin_status cameras_to_json(const struct spin_output *output, spin_json *
     SPIN_TRY_OUT(spin_alloc(exposure->n + 1, sizeof(float), &block));
     SPIN_TRY_OUT(d->op->download(d, block, exposure->p, exposure->n * sizeof(float)));
     all = spin_json_array();
-    for (size_t i = 0; i < exposure->n / 6; i++) {
+    for (size_t i = 0; i < output->trainer->exposures.n_cameras; i++) {
         spin_json *one = spin_json_object(), *gain = spin_json_array(), *offset = spin_json_array();
         const float *row = (const float *)block + 6 * i;
 
@@ -452,6 +452,8 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
     spin_json *refined = NULL, *network = NULL;
 
     spin_json_set_string(extra, "precision", precision_name(plan->o));
+    if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
+        spin_json_set(extra, "lenses", spin_lenses_to_json(&plan->lenses));
     if (output->refinement->frame) {
         refined = spin_refinement_to_json(output->refinement, plan);
         set_quality(refined, "test", &plan->report->refined);

@@ -70,7 +70,7 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
     return SPIN_OK;
 }
 
-/* The training cameras' ids, each once. */
+/* The training cameras' ids, each once, and their lenses. */
 static spin_status list_cameras(struct spin_plan *plan)
 {
     void *block = NULL;
@@ -88,6 +88,12 @@ static spin_status list_cameras(struct spin_plan *plan)
                 (size_t)(plan->n_cameras++ - k) * sizeof *plan->camera);
         plan->camera[k] = id;
     }
+    SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, plan->o->image_scale,
+                              &plan->lenses));
+    block = NULL;
+    SPIN_TRY(spin_alloc((size_t)(plan->n_cameras + plan->lenses.n), SPIN_EXPOSURE * sizeof(float),
+                        &block));
+    plan->exposure = block;
     return SPIN_OK;
 }
 
@@ -596,6 +602,8 @@ void spin_plan_close(struct spin_plan *plan)
 {
     free(plan->counts);
     free(plan->camera);
+    spin_lenses_free(&plan->lenses);
+    free(plan->exposure);
     free(plan->train);
     free(plan->test);
     free(plan->part);

@@ -6,7 +6,7 @@
 #include "spin_run.h"
 #include "device/device.h"
 #include "model/field.h"
-#include "scene/clip.h"
+#include "scene/lens.h"
 
 struct spin_plan {
     struct spin_retrain_options
@@ -19,6 +19,8 @@ struct spin_plan {
     size_t *counts;          /* [frames] splats; of the refined frames once there are some */
     int *camera;             /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
+    struct spin_lenses lenses; /* of the training cameras */
+    float *exposure; /* [n_cameras + lenses.n][SPIN_EXPOSURE] what training begins with: of cameras, then of lenses */
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
     size_t max_pixels, max_tiles; /* of the largest view */

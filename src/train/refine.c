@@ -413,6 +413,7 @@ static spin_status draw(struct refine *r, int view, int sh_degree, bool statisti
     v->weight = 1;
     v->image = r->views[view].image;
     v->exposure = view;
+    v->lens = r->n_views + r->views[view].lens;
     spin_field_forward(e, NULL, NULL, NULL, &r->frames);
     SPIN_TRY(spin_raster_forward(&r->raster, &views, &r->frames, e->attr, sh_degree));
     spin_image_loss(&r->exposures, &r->raster, &views, r->images, (float)o->lambda_dssim,
@@ -464,11 +465,14 @@ static void step_sh(struct refine *r, int iteration)
 static void step_exposures(struct refine *r, int iteration)
 {
     const struct spin_param *p = &r->exposures.param;
-    struct spin_param_group group = spin_param_group(p, 0, p->n, r->o->lr_exposure, iteration);
+    size_t n = SPIN_EXPOSURE * r->exposures.n_cameras;
+    struct spin_param_group group = spin_param_group(p, 0, n, r->o->lr_exposure, iteration);
 
     if (p->n == 0)
         return;
     r->device->op->adam(r->device, 1, &group);
+    if (p->n > n)
+        r->device->op->zero(r->device, p->g + n, (p->n - n) * sizeof(float));
     spin_exposures_centre(&r->exposures, r->device);
 }
 
@@ -532,6 +536,23 @@ static void start_afresh(struct spin_refine_cloud *cloud)
     }
 }
 
+/* The views' own exposures begin at nothing. */
+static spin_status open_exposures(struct refine *r)
+{
+    const struct spin_refine_options *o = r->o;
+    int n = o->lr_exposure > 0 ? r->n_views : 0, n_lenses = o->n_lenses > 0 ? o->n_lenses : 1;
+    void *first = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)(r->n_views + n_lenses), SPIN_EXPOSURE * sizeof(float), &first));
+    if (o->n_lenses > 0)
+        memcpy((float *)first + (size_t)r->n_views * SPIN_EXPOSURE, o->lenses,
+               (size_t)o->n_lenses * SPIN_EXPOSURE * sizeof(float));
+    status = spin_exposures_open(&r->exposures, r->device, n, n_lenses, first, r->max_pixels);
+    free(first);
+    return status;
+}
+
 spin_status spin_refine_frame(struct spin_device *device, const struct spin_refine_options *o,
                               const struct spin_images *images,
                               const struct spin_refine_view *views, int n_views, const int *order,
@@ -552,8 +573,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
     r.sequence = block;
     r.stats.n_first = cloud->n;
     start_afresh(cloud);
-    SPIN_TRY_OUT(
-        spin_exposures_open(&r.exposures, device, o->lr_exposure > 0 ? n_views : 0, r.max_pixels));
+    SPIN_TRY_OUT(open_exposures(&r));
     SPIN_TRY_OUT(device->op->reserve(device, SPIN_LOSS_VALUES * sizeof *r.values,
                                      (void SPIN_DEV **)&r.values));
     SPIN_TRY_OUT(send_cloud(&r));

@@ -83,6 +83,8 @@ static spin_status make_key(struct spin_plan *plan, const struct spin_truth *tru
     spin_json_set_string(j, "images", images);
     spin_json_set_integer(j, "frame", spin_plan_info(plan, f)->number);
     spin_json_set_integer(j, "input", input);
+    if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
+        spin_json_set(j, "lenses", spin_lenses_to_json(&plan->lenses));
     text = spin_json_text(j, false);
     spin_json_free(j);
     if (!text)
@@ -267,6 +269,7 @@ static spin_status load_views(struct job *job, struct spin_device *device)
         job->pair[image] = &plan->train[i];
         job->view[image].camera = plan->clip.views.view[plan->train[i].view].camera;
         job->view[image].image = image;
+        job->view[image].lens = spin_lenses_find(&plan->lenses, &job->view[image].camera);
         job->n_views++;
     }
     return SPIN_OK;
@@ -386,6 +389,8 @@ static void set_options(struct stage *stage)
     if (!from->densify)
         o->densify_until = 0;
     o->lr_exposure = from->learn_exposure == SPIN_EXPOSURE_ON ? from->lr_exposure : 0;
+    o->lenses = stage->plan->exposure + SPIN_EXPOSURE * stage->plan->n_cameras;
+    o->n_lenses = stage->plan->lenses.n;
     o->lambda_scale = from->lambda_scale;
     o->lambda_opacity = from->lambda_opacity;
     o->antialias = from->antialias;
@@ -553,6 +558,14 @@ static spin_status read_whole(void *context, int frame, struct spin_splats *out)
     return SPIN_OK;
 }
 
+static spin_status open_shown(struct stage *stage, struct spin_frame_renderer *shown)
+{
+    spin_frame_renderer_open_reader(shown, stage->device, read_whole, stage);
+    if (stage->plan->o->learn_exposure != SPIN_EXPOSURE_ON)
+        return SPIN_OK;
+    return spin_frame_renderer_set_lenses(shown, &stage->plan->lenses);
+}
+
 /* Measure the refined frames, and draw the preview. */
 static spin_status look(struct stage *stage)
 {
@@ -563,7 +576,7 @@ static spin_status look(struct stage *stage)
 
     if (!can_be_drawn(stage))
         return SPIN_OK;
-    spin_frame_renderer_open_reader(&shown, stage->device, read_whole, stage);
+    SPIN_TRY(open_shown(stage, &shown));
     status = spin_test_views_measure(plan, stage->truth, &shown, plan->counts,
                                      "evaluating the refined frames", q);
     spin_frame_renderer_close(&shown);
@@ -573,7 +586,7 @@ static spin_status look(struct stage *stage)
     if (q->valid)
         spin_log(0, "refined: %.0f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
                  q->psnr, q->ssim);
-    spin_frame_renderer_open_reader(&shown, stage->device, read_whole, stage);
+    SPIN_TRY(open_shown(stage, &shown));
     status = spin_test_views_preview(plan, stage->truth, &shown, "refined");
     spin_frame_renderer_close(&shown);
     return status;

@@ -81,6 +81,7 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
         item->frame = pair->frame;
         item->camera = &view->camera;
         item->exposure = spin_plan_camera(plan, view->camera_id);
+        item->lens = plan->n_cameras + spin_lenses_find(&plan->lenses, &view->camera);
         s->pairs[k] = pair;
     }
     for (size_t k = 0; k < batch; k++) {

@@ -35,6 +35,7 @@ static void add_item(struct spin_trainer *t, const struct spin_step_batch *b, in
     view->weight = 1.0f / (float)b->n;
     view->image = b->items[item].image;
     view->exposure = b->items[item].exposure;
+    view->lens = b->items[item].lens;
     view->value = t->n_drawn;
     t->drawn[t->n_drawn++] = item;
 }

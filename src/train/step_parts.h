@@ -8,7 +8,7 @@
 struct spin_train_item {
     int frame;
     const struct spin_camera *camera;
-    int exposure;   /* the camera's place among the exposures */
+    int exposure, lens; /* rows of the camera and of its lens among the exposures */
     uint32_t image; /* number of its photograph */
 };
 

@@ -206,7 +206,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                                  spin_lazy_pad(&t->part)));
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
-    SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_exposures,
+    SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_cameras, size->n_lenses,
+                                     size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
         SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0,

@@ -28,7 +28,8 @@ struct spin_trainer_size {
     bool network;
     int max_items; /* pictures of a batch */
     size_t max_pixels, max_tiles;
-    int n_exposures; /* cameras whose exposure is learned */
+    int n_cameras, n_lenses; /* whose exposure and falloff are learned */
+    const float *exposure;   /* [n_cameras + n_lenses][SPIN_EXPOSURE] what they begin with */
 };
 
 enum { SPIN_ROUND_BUFFERS = 6 };

@@ -502,19 +502,23 @@ static void test_own(void)
 
 /* ---- Camera colours ----------------------------------------------------------------------------- */
 
-/* The images of a camera, darker by a fifth. */
-static bool darken(int camera)
+/* The images of a camera, darker by a fifth, or (corners) by a sixth of r^2, see math/exposure.h. */
+static bool darken(const char *data, int camera, bool corners)
 {
     for (int f = 8; f < 14; f++) {
         char path[700];
         int width, height;
         uint8_t *rgb;
 
-        snprintf(path, sizeof path, "%s/tinted/ims/%d/%06d.jpg", folder, camera, f);
+        snprintf(path, sizeof path, "%s/%s/ims/%d/%06d.jpg", folder, data, camera, f);
         if (spin_image_read(path, NULL, &width, &height, &rgb) != SPIN_OK)
             return false;
-        for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++)
-            rgb[i] = (uint8_t)(rgb[i] * 4 / 5);
+        for (int i = 0; i < 3 * width * height; i++) {
+            double x = 2.0 * (i / 3 % width) / width - 1,
+                   y = (2.0 * (i / 3 / width) - height) / width;
+
+            rgb[i] = (uint8_t)(rgb[i] * (corners ? 1 - (x * x + y * y) / 6 : 0.8));
+        }
         remove(path);
         if (spin_image_write(path, width, height, rgb, false) != SPIN_OK)
             return false;
@@ -538,12 +542,12 @@ static void test_auto_exposure(void)
        "and so it stands in the bundle");
     free_run(&r);
     ok(shell("cp -r %s %s/tinted && chmod -R u+w %s/tinted", clip, folder, folder) == 0 &&
-           darken(7),
+           darken("tinted", 7, false),
        "a clip with a darker camera");
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s", bin, folder,
              folder, folder, one) == 0 &&
            strstr(said, "cameras differ in colour by ") &&
-           strstr(said, "%: learning an exposure for each camera"),
+           strstr(said, "in the corners: learning an exposure for each camera"),
        "a darker camera is seen: %s", said);
     snprintf(path, sizeof path, "%s/tinted.spin", folder);
     read_bundle(&r, path);
@@ -564,10 +568,62 @@ static void test_auto_exposure(void)
        "two cameras have no mean to differ from: %s", said);
 }
 
+/* c1 (k 0) or c2 of the only lens. */
+static double lens_value(const struct run *r, size_t k, size_t c)
+{
+    return number_at(spin_json_at(spin_json_get(r->bundle.json, "lenses"), 0), k ? "c2" : "c1", c);
+}
+
+/* All cameras of a clip have a lens that is darker towards the corners: it is found from the points alone, and test
+ * views are drawn through it, by spin-eval as by spin-retrain. */
+static void test_falloff(void)
+{
+    static const char one[] = "--device cpu --threads 1 --iterations 1 --force --lr-exposure 0 --precision full";
+    struct run r = {0};
+    char path[600];
+    double corner, psnr, drawn = 0;
+    bool dark = shell("cp -r %s %s/lens && chmod -R u+w %s/lens", clip, folder, folder) == 0;
+
+    for (int k = 0; k < TRAINING; k++)
+        dark &= darken("lens", training[k], true);
+    ok(dark, "a clip with dark corners");
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/lens -o %s/lens.spin %s", bin, folder, folder,
+             folder, one) == 0 &&
+           strstr(said, "% of the brightness in the corners: learning an exposure"),
+       "dark corners are seen: %s", said);
+    snprintf(path, sizeof path, "%s/lens.spin", folder);
+    read_bundle(&r, path);
+    corner = 1;
+    for (size_t c = 0; c < 3; c++)
+        corner += (1.31640625 * lens_value(&r, 0, c) + 1.7329 * lens_value(&r, 1, c)) / 3;
+    ok(fabs(corner - (1 - 1.31640625 / 6)) < 0.08, "how dark they are: %.3f of %.3f", corner,
+       1 - 1.31640625 / 6);
+    ok(spin_json_length(spin_json_get(r.meta, "lenses")) == 1, "cameras of one kind share a lens");
+    psnr = number(spin_json_get(r.network, "test"), "psnr");
+    free_run(&r);
+    ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --json", bin,
+             folder, folder) == 0 &&
+           strstr(said, "\"psnr\":"),
+       "spin-eval --json");
+    drawn = strtod(strstr(said, "\"psnr\":") + 7, NULL);
+    ok(fabs(drawn - psnr) < 1e-3, "spin-eval draws through the lens as well: %.4f dB, %.4f", drawn,
+       psnr);
+    ok(shell("%s/spin-export %s/lens.spin --to ply -o %s/lens-ply", bin, folder, folder) == 0 &&
+           strstr(said, "without the falloff of the cameras' lens"),
+       "an export says that it has no falloff");
+}
+
+/* How far the first step moved a camera. */
+static double gain_moved(const spin_json *cameras, const spin_json *first, size_t i, size_t c)
+{
+    return number_at(spin_json_at(cameras, i), "log_gain", c) -
+           number_at(spin_json_at(first, i), "log_gain", c);
+}
+
 static void test_cameras(void)
 {
-    struct run *none = retrain(""), *one, *all;
-    const spin_json *cameras;
+    struct run *none = retrain(""), *one, *all, *start;
+    const spin_json *cameras, *first;
 
     ok(spin_json_length(spin_json_get(none->network, "cameras")) == 0,
        "cameras have no colours by default");
@@ -594,6 +650,9 @@ static void test_cameras(void)
     one = retrain(
         "--learn-exposure on --lr-exposure 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
     cameras = spin_json_get(one->network, "cameras");
+    start = retrain(
+        "--learn-exposure on --lr-exposure 0 --iterations 1 --warmup 1 --views-per-frame 3");
+    first = spin_json_get(start->network, "cameras");
     for (size_t c = 0; c < 3; c++) {
         double mean = 0, unseen = NAN;
 
@@ -601,7 +660,7 @@ static void test_cameras(void)
             mean += number_at(spin_json_at(cameras, i), "log_gain", c) / TRAINING;
         near(mean, 0, 1e-7, "their mean is 0");
         for (size_t i = 0; i < TRAINING; i++) {
-            double value = number_at(spin_json_at(cameras, i), "log_gain", c);
+            double value = gain_moved(cameras, first, i, c);
             bool seen = false;
 
             for (int k = 0; k < one->step[0].n; k++)
@@ -610,7 +669,7 @@ static void test_cameras(void)
                 unseen = value;
         }
         for (size_t i = 0; i < TRAINING; i++) {
-            double value = number_at(spin_json_at(cameras, i), "log_gain", c);
+            double value = gain_moved(cameras, first, i, c);
             bool seen = false;
 
             for (int k = 0; k < one->step[0].n; k++)
@@ -619,7 +678,12 @@ static void test_cameras(void)
                  seen ? "a camera of the step moves by --lr-exposure" : "others do not move");
         }
     }
+    for (size_t k = 0; k < 2; k++)
+        for (size_t c = 0; c < 3; c++)
+            near(fabs(lens_value(one, k, c) - lens_value(start, k, c)), 0.01, 1e-6,
+                 "the lens they share moves by --lr-exposure");
     drop(one);
+    drop(start);
 }
 
 /* ---- Shapes and first values -------------------------------------------------------------------- */
@@ -1196,6 +1260,7 @@ TAP_MAIN
     PART(test_own);
     PART(test_cameras);
     PART(test_auto_exposure);
+    PART(test_falloff);
     PART(test_network);
     PART(test_sh_every);
     PART(test_files);

@@ -470,35 +470,38 @@ VERB void on_measure(struct spin_device *d, int width, int height, float *image,
     settle(&l);
 }
 
-static struct spin_view_batch row_of_pixels(size_t n)
+/* exposure: the row of the camera, then that of its lens. */
+static struct spin_view_batch exposed_view(const struct spin_camera_f32 *cam)
 {
-    struct spin_camera_f32 cam = {.width = (int)n, .height = 1};
+    struct spin_view_batch views = view_of_camera(cam, 0);
 
-    return view_of_camera(&cam, 0);
+    views.view[0].lens = 1;
+    return views;
 }
 
-VERB void on_exposure(struct spin_device *d, size_t n_pixels, const float *exposure,
-                      const float *image, float *out)
+VERB void on_exposure(struct spin_device *d, const struct spin_camera_f32 *cam,
+                      const float *exposure, const float *image, float *out)
 {
     struct loans l = {.d = d};
-    struct spin_view_batch views = row_of_pixels(n_pixels);
+    struct spin_view_batch views = exposed_view(cam);
+    size_t bytes = views.max_pixels * float_row[3];
 
-    d->op->exposure(d, &views, lend(&l, exposure, SPIN_EXPOSURE * sizeof(float)),
-                    lend(&l, image, n_pixels * float_row[3]),
-                    lend_both(&l, out, n_pixels * float_row[3]));
+    d->op->exposure(d, &views, lend(&l, exposure, 2 * SPIN_EXPOSURE * sizeof(float)),
+                    lend(&l, image, bytes), lend_both(&l, out, bytes));
     settle(&l);
 }
 
-VERB void on_exposure_back(struct spin_device *d, size_t n_pixels, const float *exposure,
-                           const float *image, float *d_image, float *d_exposure)
+VERB void on_exposure_back(struct spin_device *d, const struct spin_camera_f32 *cam,
+                           const float *exposure, const float *image, float *d_image,
+                           float *d_exposure)
 {
     struct loans l = {.d = d};
-    struct spin_view_batch views = row_of_pixels(n_pixels);
+    struct spin_view_batch views = exposed_view(cam);
+    size_t bytes = views.max_pixels * float_row[3];
 
-    d->op->exposure_back(d, &views, lend(&l, exposure, SPIN_EXPOSURE * sizeof(float)),
-                         lend(&l, image, n_pixels * float_row[3]),
-                         lend_both(&l, d_image, n_pixels * float_row[3]),
-                         lend_both(&l, d_exposure, SPIN_EXPOSURE * sizeof(float)));
+    d->op->exposure_back(d, &views, lend(&l, exposure, 2 * SPIN_EXPOSURE * sizeof(float)),
+                         lend(&l, image, bytes), lend_both(&l, d_image, bytes),
+                         lend_both(&l, d_exposure, 2 * SPIN_EXPOSURE * sizeof(float)));
     settle(&l);
 }
 

@@ -1,7 +1,7 @@
 /* Frames refined by spin-retrain are what spin_refine_frame() makes of the frame's splats and its training
  * views with the options that were given: the same bits. So no option is lost or changed on the way.
  * K: refine explicit retrain options */
-#include "scene/clip.h"
+#include "scene/lens.h"
 #include "spin_run.h"
 #include "eval/dynamic_mask.h"
 #include "render/image_store.h"
@@ -121,6 +121,21 @@ static void open_photos(const struct spin_retrain_options *from, const struct sp
     photos->images.mask_weight[1] = (float)from->dynamic_weight;
 }
 
+/* The falloff that the run found, by the bundle it wrote. */
+static void take_falloff(float falloff[SPIN_EXPOSURE])
+{
+    struct spin_bundle bundle;
+    struct spin_lenses lenses;
+
+    if (spin_bundle_open(out, &bundle) != SPIN_OK ||
+        spin_lenses_from_json(spin_json_get(bundle.json, "lenses"), 1, &lenses) != SPIN_OK)
+        exit(1);
+    if (lenses.n > 0)
+        memcpy(falloff, lenses.lens[0].falloff, sizeof lenses.lens[0].falloff);
+    spin_lenses_free(&lenses);
+    spin_bundle_close(&bundle);
+}
+
 /* Frame `frame` of the clip, refined here. */
 static void refine_here(const struct spin_retrain_options *from, struct spin_clip *clip, int frame,
                         struct spin_splats *result)
@@ -131,8 +146,13 @@ static void refine_here(const struct spin_retrain_options *from, struct spin_cli
     struct spin_splats s = {0};
     struct spin_device *d = check_device(1);
     struct spin_image_store photos;
+    float falloff[SPIN_EXPOSURE] = {0};
     int n;
 
+    take_falloff(falloff);
+    o.lenses = falloff;
+    o.n_lenses = 1;
+    memset(view, 0, sizeof view);
     open_photos(from, clip, d, &photos);
     n = take_views(from, clip, frame, view, &photos);
     o.densify.frame = clip->bundle.meta.frame[clip->frame[frame]].number;

@@ -1,65 +1,100 @@
-/* A camera's gain and offset over a picture, and back. Sums go chunk by chunk in double. */
+/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums go chunk by chunk in double. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
 #include "math/exposure.h"
 
-enum { CHUNK = 4096, SUMS = 2 };
+enum { ROWS = 8, SUMS = 4 }; /* a chunk is so many rows of the picture */
 
 struct job {
-    size_t n_pixels;
-    size_t n_chunks; /* of one channel */
-    const float *exposure, *image;
-    float *out;   /* with the exposure, or d_image in place */
+    int width, height, n_chunks; /* chunks of one channel */
+    float cx, cy;
+    const float *exposure, *lens, *image;
+    float *out;   /* the picture as the camera shows it, or d_image in place */
     double *sums; /* [3][n_chunks][SUMS] */
 };
+
+/* One chunk: its channel and rows. */
+struct part {
+    int channel, first, last;
+    size_t at; /* of the channel */
+    float gain, offset, c1, c2;
+};
+
+static struct part part_of(const struct job *j, int task)
+{
+    int channel = task / j->n_chunks, first = task % j->n_chunks * ROWS;
+
+    return (struct part){.channel = channel,
+                         .first = first,
+                         .last = first + ROWS < j->height ? first + ROWS : j->height,
+                         .at = (size_t)channel * (size_t)j->width * (size_t)j->height,
+                         .gain = expf(j->exposure[channel]),
+                         .offset = j->exposure[3 + channel],
+                         .c1 = j->lens[channel],
+                         .c2 = j->lens[3 + channel]};
+}
 
 static void forward(void *context, int task, int worker)
 {
     const struct job *j = context;
-    size_t channel = (size_t)task / j->n_chunks, first = (size_t)task % j->n_chunks * CHUNK;
-    size_t last = first + CHUNK < j->n_pixels ? first + CHUNK : j->n_pixels;
-    const float *image = j->image + channel * j->n_pixels;
-    float *out = j->out + channel * j->n_pixels;
-    float gain = expf(j->exposure[channel]), offset = j->exposure[3 + channel];
+    struct part p = part_of(j, task);
+    float half = 0.5f * (float)j->width;
 
     (void)worker;
-    for (size_t i = first; i < last; i++)
-        out[i] = spin_exposure(gain, offset, image[i]);
+    for (int y = p.first; y < p.last; y++) {
+        const float *image = j->image + p.at + (size_t)y * (size_t)j->width;
+        float *out = j->out + p.at + (size_t)y * (size_t)j->width;
+
+        for (int x = 0; x < j->width; x++) {
+            float r2 = spin_lens_r2(x, y, j->cx, j->cy, half);
+
+            out[x] = spin_exposure(p.gain * spin_falloff(p.c1, p.c2, r2), p.offset, image[x]);
+        }
+    }
 }
 
 static void backward(void *context, int task, int worker)
 {
     const struct job *j = context;
-    size_t channel = (size_t)task / j->n_chunks, first = (size_t)task % j->n_chunks * CHUNK;
-    size_t last = first + CHUNK < j->n_pixels ? first + CHUNK : j->n_pixels;
-    const float *image = j->image + channel * j->n_pixels;
-    float *d = j->out + channel * j->n_pixels;
-    float gain = expf(j->exposure[channel]);
-    double sum_m = 0, sum_c = 0;
+    struct part p = part_of(j, task);
+    float half = 0.5f * (float)j->width;
+    double sum[SUMS] = {0};
 
     (void)worker;
-    for (size_t i = first; i < last; i++) {
-        float d_m, d_c;
+    for (int y = p.first; y < p.last; y++) {
+        const float *image = j->image + p.at + (size_t)y * (size_t)j->width;
+        float *d = j->out + p.at + (size_t)y * (size_t)j->width;
 
-        d[i] = spin_exposure_adj(gain, image[i], d[i], &d_m, &d_c);
-        sum_m += (double)d_m;
-        sum_c += (double)d_c;
+        for (int x = 0; x < j->width; x++) {
+            float r2 = spin_lens_r2(x, y, j->cx, j->cy, half);
+            struct spin_exposure_slopes s;
+
+            d[x] = spin_exposure_adj(p.gain, spin_falloff(p.c1, p.c2, r2), p.offset, r2, image[x],
+                                     d[x], &s);
+            sum[0] += (double)s.m;
+            sum[1] += (double)s.offset;
+            sum[2] += (double)s.c1;
+            sum[3] += (double)s.c2;
+        }
     }
-    j->sums[(size_t)task * SUMS] = sum_m;
-    j->sums[(size_t)task * SUMS + 1] = sum_c;
+    for (int k = 0; k < SUMS; k++)
+        j->sums[task * SUMS + k] = sum[k];
 }
 
 static struct job job_of(const struct spin_view_batch *views, int k, const float *exposure,
                          const float *image, float *out)
 {
     const struct spin_view_of_batch *view = &views->view[k];
-    size_t n = (size_t)view->camera.width * (size_t)view->camera.height;
     size_t at = (size_t)k * 3 * views->max_pixels;
 
-    return (struct job){.n_pixels = n,
-                        .n_chunks = (n + CHUNK - 1) / CHUNK,
+    return (struct job){.width = view->camera.width,
+                        .height = view->camera.height,
+                        .n_chunks = (view->camera.height + ROWS - 1) / ROWS,
+                        .cx = view->camera.cx,
+                        .cy = view->camera.cy,
                         .exposure = exposure + (size_t)view->exposure * SPIN_EXPOSURE,
+                        .lens = exposure + (size_t)view->lens * SPIN_EXPOSURE,
                         .image = image + at,
                         .out = out + at};
 }
@@ -72,23 +107,24 @@ void SPIN_CPU(exposure)(struct spin_device *d, const struct spin_view_batch *vie
     for (int k = 0; k < views->n_views; k++) {
         struct job j = job_of(views, k, exposure, image, out);
 
-        spin_pool_run(spin_cpu_pool(d), (int)(3 * j.n_chunks), forward, &j);
+        spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, forward, &j);
     }
     spin_cpu_spent(d, SPIN_OP_LOSS, start);
 }
 
 /* The sums of the chunks, in order. */
-static void add_sums(const struct job *j, float *d_exposure)
+static void add_sums(const struct job *j, float *d_exposure, float *d_lens)
 {
-    for (size_t channel = 0; channel < 3; channel++) {
-        double sum[SUMS] = {0, 0};
+    float *const to[SUMS] = {d_exposure, d_exposure + 3, d_lens, d_lens + 3};
 
-        for (size_t k = 0; k < j->n_chunks; k++)
-            for (size_t s = 0; s < SUMS; s++)
-                sum[s] += j->sums[(channel * j->n_chunks + k) * SUMS + s];
-        d_exposure[channel] += (float)sum[0];
-        d_exposure[3 + channel] += (float)sum[1];
-    }
+    for (int channel = 0; channel < 3; channel++)
+        for (int s = 0; s < SUMS; s++) {
+            double sum = 0;
+
+            for (int k = 0; k < j->n_chunks; k++)
+                sum += j->sums[(channel * j->n_chunks + k) * SUMS + s];
+            to[s][channel] += (float)sum;
+        }
 }
 
 void SPIN_CPU(exposure_back)(struct spin_device *d, const struct spin_view_batch *views,
@@ -98,14 +134,16 @@ void SPIN_CPU(exposure_back)(struct spin_device *d, const struct spin_view_batch
     double start = spin_now_s();
 
     for (int k = 0; k < views->n_views; k++) {
+        const struct spin_view_of_batch *view = &views->view[k];
         struct job j = job_of(views, k, exposure, image, d_image);
 
-        j.sums =
-            spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS, 3 * j.n_chunks * SUMS * sizeof(double));
+        j.sums = spin_cpu_scratch_need(d, SPIN_SCRATCH_LOSS,
+                                       3 * (size_t)j.n_chunks * SUMS * sizeof(double));
         if (!j.sums)
             return;
-        spin_pool_run(spin_cpu_pool(d), (int)(3 * j.n_chunks), backward, &j);
-        add_sums(&j, d_exposure + (size_t)views->view[k].exposure * SPIN_EXPOSURE);
+        spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, backward, &j);
+        add_sums(&j, d_exposure + (size_t)view->exposure * SPIN_EXPOSURE,
+                 d_exposure + (size_t)view->lens * SPIN_EXPOSURE);
     }
     spin_cpu_spent(d, SPIN_OP_LOSS, start);
 }

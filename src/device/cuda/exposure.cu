@@ -1,14 +1,44 @@
-/* A camera's gain and offset over a picture, and back. Sums are in double, blocks in order. */
+/* A camera's gain and offset and its lens's falloff over a picture, and back. Sums are in double, blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/exposure.h"
 
-static __global__ void exposure_kernel(size_t plane, const float *exposure, const float *image,
-                                       float *out)
-{
-    size_t at = GPU_INDEX(), c = at / plane;
+enum { SUMS = 4 };
 
-    if (at < 3 * plane)
-        out[at] = spin_exposure(expf(exposure[c]), exposure[3 + c], image[at]);
+/* What a kernel knows of a view. */
+struct look {
+    int width;
+    size_t plane;
+    float cx, cy;
+    const float *exposure, *lens;
+};
+
+static struct look look_of(const struct spin_view_batch *views, int k, const float *exposure)
+{
+    const auto *view = &views->view[k];
+
+    return {view->camera.width,
+            (size_t)view->camera.width * (size_t)view->camera.height,
+            view->camera.cx,
+            view->camera.cy,
+            exposure + (size_t)view->exposure * SPIN_EXPOSURE,
+            exposure + (size_t)view->lens * SPIN_EXPOSURE};
+}
+
+static __device__ float r2_of(const struct look &l, size_t pixel)
+{
+    return spin_lens_r2((int)(pixel % (size_t)l.width), (int)(pixel / (size_t)l.width), l.cx, l.cy,
+                        0.5f * (float)l.width);
+}
+
+static __global__ void exposure_kernel(struct look l, const float *image, float *out)
+{
+    size_t at = GPU_INDEX(), c = at / l.plane;
+
+    if (at < 3 * l.plane) {
+        float falloff = spin_falloff(l.lens[c], l.lens[3 + c], r2_of(l, at % l.plane));
+
+        out[at] = spin_exposure(expf(l.exposure[c]) * falloff, l.exposure[3 + c], image[at]);
+    }
 }
 
 void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
@@ -16,47 +46,53 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
 {
     cuda_begin(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
-        const auto *view = &views->view[k];
-        size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
+        struct look l = look_of(views, k, exposure);
         size_t at = cuda_picture(views, k);
 
-        GPU_EACH(gpu_of(d), 3 * plane, exposure_kernel, plane,
-                 exposure + (size_t)view->exposure * SPIN_EXPOSURE, image + at, out + at);
+        GPU_EACH(gpu_of(d), 3 * l.plane, exposure_kernel, l, image + at, out + at);
     }
     cuda_end(d, SPIN_OP_LOSS);
 }
 
-/* A block has pixels of channel blockIdx.y; sums [3][blocks][2]. */
-static __global__ void back_kernel(size_t plane, const float *exposure, const float *image,
-                                   float *d_image, double *sums)
+/* A block has pixels of channel blockIdx.y; sums [3][blocks][SUMS]. */
+static __global__ void back_kernel(struct look l, const float *image, float *d_image, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
-    size_t i = GPU_INDEX(), c = blockIdx.y, at = c * plane + i;
-    float d_m = 0, d_c = 0;
-    double of_block[2];
+    size_t i = GPU_INDEX(), c = blockIdx.y, at = c * l.plane + i;
+    struct spin_exposure_slopes s = {0, 0, 0, 0};
+    double of_block[SUMS];
 
-    if (i < plane)
-        d_image[at] = spin_exposure_adj(expf(exposure[c]), image[at], d_image[at], &d_m, &d_c);
-    of_block[0] = cuda_block_sum(sum, d_m);
-    of_block[1] = cuda_block_sum(sum, d_c);
+    if (i < l.plane) {
+        float r2 = r2_of(l, i);
+
+        d_image[at] = spin_exposure_adj(expf(l.exposure[c]),
+                                        spin_falloff(l.lens[c], l.lens[3 + c], r2),
+                                        l.exposure[3 + c], r2, image[at], d_image[at], &s);
+    }
+    of_block[0] = cuda_block_sum(sum, s.m);
+    of_block[1] = cuda_block_sum(sum, s.offset);
+    of_block[2] = cuda_block_sum(sum, s.c1);
+    of_block[3] = cuda_block_sum(sum, s.c2);
     if (threadIdx.x == 0)
-        for (size_t s = 0; s < 2; s++)
-            sums[(c * gridDim.x + blockIdx.x) * 2 + s] = of_block[s];
+        for (size_t k = 0; k < SUMS; k++)
+            sums[(c * gridDim.x + blockIdx.x) * SUMS + k] = of_block[k];
 }
 
-/* One block: the sums of the blocks, to the exposure's gradient. */
-static __global__ void add_blocks_kernel(unsigned blocks, const double *sums, float *d_exposure)
+/* One block: the sums of the blocks, to the gradients of camera and lens. */
+static __global__ void add_blocks_kernel(unsigned blocks, const double *sums, float *d_exposure,
+                                         float *d_lens)
 {
     __shared__ double sum[GPU_BLOCK];
 
-    for (size_t k = 0; k < SPIN_EXPOSURE; k++) {
+    for (size_t k = 0; k < 3 * SUMS; k++) {
+        float *to = (k / 3 < 2 ? d_exposure : d_lens) + k / 3 % 2 * 3 + k % 3;
         double own = 0;
 
         for (unsigned b = threadIdx.x; b < blocks; b += GPU_BLOCK)
-            own += sums[(k % 3 * blocks + b) * 2 + k / 3];
+            own += sums[(k % 3 * blocks + b) * SUMS + k / 3];
         own = cuda_block_sum(sum, own);
         if (threadIdx.x == 0)
-            d_exposure[k] += (float)own;
+            *to += (float)own;
     }
 }
 
@@ -67,17 +103,19 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
     cuda_begin(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
-        size_t plane = (size_t)view->camera.width * (size_t)view->camera.height;
-        size_t at = cuda_picture(views, k), row = (size_t)view->exposure * SPIN_EXPOSURE;
-        unsigned blocks = gpu_blocks(plane);
-        double *sums =
-            (double *)cuda_scratch(d, CUDA_SCRATCH_LOSS, (size_t)blocks * 6 * sizeof *sums);
+        struct look l = look_of(views, k, exposure);
+        size_t at = cuda_picture(views, k);
+        unsigned blocks = gpu_blocks(l.plane);
+        double *sums = (double *)cuda_scratch(d, CUDA_SCRATCH_LOSS,
+                                              (size_t)blocks * 3 * SUMS * sizeof *sums);
 
         if (!sums)
             break;
-        GPU_LAUNCH(gpu_of(d), back_kernel, dim3(blocks, 3), GPU_BLOCK, plane, exposure + row,
-                   image + at, d_image + at, sums);
-        GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 1, GPU_BLOCK, blocks, sums, d_exposure + row);
+        GPU_LAUNCH(gpu_of(d), back_kernel, dim3(blocks, 3), GPU_BLOCK, l, image + at, d_image + at,
+                   sums);
+        GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 1, GPU_BLOCK, blocks, sums,
+                   d_exposure + (size_t)view->exposure * SPIN_EXPOSURE,
+                   d_exposure + (size_t)view->lens * SPIN_EXPOSURE);
     }
     cuda_end(d, SPIN_OP_LOSS);
 }
