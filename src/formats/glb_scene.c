@@ -354,7 +354,10 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
 {
     static const char *const known[] = {SPIN_GS_GLB_EXTENSION,
                                         SPIN_GS_GLB_EXTENSION "_compression_spz_2",
-                                        "KHR_mesh_quantization", SPIN_GLB_VISIBILITY, POINTER};
+                                        "KHR_mesh_quantization",
+                                        SPIN_GLB_VISIBILITY,
+                                        POINTER,
+                                        "KHR_materials_unlit"}; /* of points drawn instead */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {

@@ -302,16 +302,28 @@ static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_head
     return status;
 }
 
+/* Versions 2 and 3 as they are before the gzip. */
+static spin_status check_plain(const unsigned char *file, size_t size, struct spin_spz_header *h)
+{
+    uint64_t n = SPIN_SPZ_HEADER + all_bytes(h);
+
+    if (n > size || (n < size && !(file[14] & EXTENDED)))
+        return spin_fail(SPIN_E_MALFORMED, "SPZ with %zu splats in %llu bytes, but %zu bytes", h->n,
+                         (unsigned long long)n, size);
+    return read_extensions(file + n, size - (size_t)n, h);
+}
+
 spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header *out)
 {
     if (size < 4 || spin_u32_at(file) != MAGIC)
         return peek_gzip(file, size, out);
-    if (size < SPIN_SPZ_HEADER_4)
+    if (size < SPIN_SPZ_HEADER)
         return spin_fail(SPIN_E_MALFORMED, "SPZ that ends in its header");
     SPIN_TRY(parse_header(file, out));
     if (out->version != IN_STREAMS)
-        return spin_fail(SPIN_E_MALFORMED, "SPZ of version %d that is not compressed",
-                         out->version);
+        return check_plain(file, size, out);
+    if (size < SPIN_SPZ_HEADER_4)
+        return spin_fail(SPIN_E_MALFORMED, "SPZ that ends in its header");
     return check_streams(file, size, out);
 }
 
@@ -441,14 +453,20 @@ static spin_status inflate_streams(const unsigned char *file, const struct spin_
 spin_status spin_spz_read(const void *file, size_t size, unsigned columns, struct spin_splats *out)
 {
     struct spin_spz_header header;
-    unsigned char *bytes = NULL, *streams;
+    const unsigned char *streams = file;
+    unsigned char *bytes = NULL;
     size_t n = 0;
-    spin_status status;
+    spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_spz_peek(file, size, &header));
-    SPIN_TRY_OUT(header.version == IN_STREAMS ? inflate_streams(file, &header, &bytes)
-                                              : inflate_all(file, size, &header, &bytes, &n));
-    streams = bytes + (header.version == IN_STREAMS ? 0 : SPIN_SPZ_HEADER);
+    if (header.version == IN_STREAMS)
+        SPIN_TRY_OUT(inflate_streams(file, &header, &bytes));
+    else if (spin_u32_at(streams) != MAGIC)
+        SPIN_TRY_OUT(inflate_all(file, size, &header, &bytes, &n));
+    if (bytes)
+        streams = bytes;
+    if (header.version != IN_STREAMS)
+        streams += SPIN_SPZ_HEADER;
     SPIN_TRY_OUT(
         spin_splats_reserve(out, header.n, columns, header.sh_degree < 3 ? header.sh_degree : 3));
     out->antialias = header.antialias;

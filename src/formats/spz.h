@@ -1,4 +1,5 @@
-/* Niantic's SPZ. Read are versions 2 to 4; written are 3 and 4. Versions 2 and 3 are a gzip of a header of 16 bytes and one stream after the other:
+/* Niantic's SPZ. Read are versions 2 to 4; written are 3 and 4. Versions 2 and 3 are a gzip of a header of 16
+ * bytes and one stream after the other, or just these, which some writers leave unpacked:
  *
  *     places     9 bytes  per axis 24 bits, signed, in steps of 2^-fractional_bits
  *     alphas     1        opacity * 255

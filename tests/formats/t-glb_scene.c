@@ -555,7 +555,7 @@ static void test_extension(void)
     ok(open_scene(text, node, &scene) == SPIN_OK && scene.frame[0].n == 4 && scene.sh_degree == 1,
        "two primitives of one mesh");
     ok(open_scene(plain(),
-                  "\"extensionsRequired\":[\"KHR_mesh_quantization\",\"" E
+                  "\"extensionsRequired\":[\"KHR_mesh_quantization\",\"KHR_materials_unlit\",\"" E
                   "\"],\"nodes\":[{\"mesh\":0}]",
                   &scene) == SPIN_OK,
        "extensions that are known");

@@ -192,6 +192,38 @@ static void test_version_2(void)
     spin_splats_free(&s);
 }
 
+/* Versions 2 and 3 without their gzip. */
+static void test_plain(int version)
+{
+    static const unsigned char record[] = {3, 0, 0xbe, 0xad, 4, 0, 0, 0, 4, 0, 0, 0};
+    struct spin_splats s = {0}, packed_s = {0};
+    struct spin_spz_header header;
+    size_t n_bytes, n_packed;
+    unsigned char *bytes = make_raw(version, 7, 2, &n_bytes), *longer;
+    unsigned char *packed = pack(bytes, n_bytes, &n_packed);
+
+    ok(read_spz(bytes, n_bytes, &s) == SPIN_OK &&
+           read_spz(packed, n_packed, &packed_s) == SPIN_OK && s.n == 7 && s.sh_degree == 2 &&
+           !memcmp(s.means, packed_s.means, 12 * s.n) &&
+           !memcmp(s.quats, packed_s.quats, 16 * s.n) && !memcmp(s.sh, packed_s.sh, 108 * s.n),
+       "version %d that is not packed is what the packed one is", version);
+    check_hostile(read_spz, bytes, n_bytes, 0);
+    longer = calloc(n_bytes + sizeof record, 1);
+    memcpy(longer, bytes, n_bytes);
+    memcpy(longer + n_bytes, record, sizeof record);
+    ok(read_spz(longer, n_bytes + sizeof record, &s) == SPIN_E_MALFORMED,
+       "bytes behind its streams are refused");
+    longer[14] |= 2;
+    ok(spin_spz_peek(longer, n_bytes + sizeof record, &header) == SPIN_OK &&
+           header.axes == SPIN_SPZ_RIGHT_UP_BACK,
+       "but for extensions");
+    free(longer);
+    free(packed);
+    free(bytes);
+    spin_splats_free(&s);
+    spin_splats_free(&packed_s);
+}
+
 static void test_version_4(int degree)
 {
     struct spin_splats s = {0}, as_3 = {0};
@@ -232,7 +264,7 @@ static void test_streams(void)
         unsigned char value;
         const char *word, *what;
     } cases[] = {
-        {4, 3, "not compressed", "version 3 without a gzip"},
+        {4, 3, "21 splats in", "version 3 without a gzip, of another length"},
         {8, 20, "is not of 20 splats", "a splat less than there are"},
         {11, 1, "splats", "16 million splats"},
         {15, 5, "stream 5", "a stream less"},
@@ -368,6 +400,8 @@ TAP_MAIN
     test_places();
     test_headers();
     test_version_2();
+    test_plain(2);
+    test_plain(3);
     for (int degree = 0; degree <= 4; degree++)
         test_version_4(degree);
     test_streams();
