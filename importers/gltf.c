@@ -58,7 +58,7 @@ static const struct spin_splat_format format = {
 static int probe(const struct spin_peek *peek)
 {
     if (peek->is_folder)
-        return spin_splat_files_any(&format, peek) ? 70 : 0;
+        return spin_splat_files_probe(&format, peek);
     return peek->n_head >= 4 && memcmp(peek->head, "glTF", 4) == 0 ? 90 : 0;
 }
 

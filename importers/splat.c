@@ -43,10 +43,7 @@ static const struct spin_splat_format format = {
     .close = close_splat,
 };
 
-static int probe(const struct spin_peek *peek)
-{
-    return spin_splat_files_any(&format, peek) ? 70 : 0;
-}
+static int probe(const struct spin_peek *peek) { return spin_splat_files_probe(&format, peek); }
 
 static spin_status splat_open(const char *path, const struct spin_plugin_values *values,
                               void **self, struct spin_sequence_info *sequence)

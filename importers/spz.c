@@ -67,10 +67,10 @@ static const struct spin_splat_format format = {
  * anything. */
 static int probe(const struct spin_peek *peek)
 {
-    bool named = spin_splat_files_any(&format, peek);
+    int named = spin_splat_files_probe(&format, peek);
 
     if (peek->is_folder)
-        return named ? 70 : 0;
+        return named;
     if (peek->n_head >= 4 && memcmp(peek->head, "NGSP", 4) == 0)
         return 90;
     return named && peek->n_head >= 2 && peek->head[0] == 0x1f && peek->head[1] == 0x8b ? 90 : 0;

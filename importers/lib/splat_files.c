@@ -25,11 +25,16 @@ struct clip {
     struct spin_splats raw; /* as the file has them */
 };
 
-bool spin_splat_files_any(const struct spin_splat_format *format, const struct spin_peek *peek)
+int spin_splat_files_probe(const struct spin_splat_format *format, const struct spin_peek *peek)
 {
-    if (peek->is_folder)
-        return spin_file_sequence_count(peek, format->suffix) > 0;
-    return spin_file_has_suffix(peek->path, format->suffix);
+    bool run = false;
+
+    if (!peek->is_folder)
+        return spin_file_has_suffix(peek->path, format->suffix) ? 70 : 0;
+    for (size_t i = 0; peek->names && peek->names[i]; i++)
+        run = run || strncmp(peek->names[i], "point_cloud", 11) == 0 ||
+              strncmp(peek->names[i], "iteration_", 10) == 0;
+    return spin_file_sequence_count(peek, format->suffix) == 0 ? 0 : run ? 20 : 70;
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */

@@ -30,8 +30,9 @@ struct spin_splat_format {
     void (*close)(void *self);
 };
 
-/* Whether it is a folder with such files, or a file whose name ends so. */
-bool spin_splat_files_any(const struct spin_splat_format *format, const struct spin_peek *peek);
+/* How sure, by names alone: a file that ends so, or a folder with such files. In the folder of a run, which has
+ * clouds of its own, they were laid beside it. */
+int spin_splat_files_probe(const struct spin_splat_format *format, const struct spin_peek *peek);
 /* As an importer's open(), frame() and close(). turn: w x y z, from the axes of files that do not say theirs
  * to the run's; NULL: none. */
 spin_status spin_splat_files_open(const struct spin_splat_format *format, const double *turn,

@@ -40,6 +40,19 @@ static spin_status fail_errno(const char *verb, const char *path)
     return spin_fail(code, "cannot %s '%s': %s", verb, path, why(error));
 }
 
+/* What Git leaves in the place of a large file that was not fetched. */
+static spin_status check_pointer(const struct spin_map *map, const char *path)
+{
+    static const char begin[] = "version https://git-lfs.github.com/spec/";
+
+    if (map->size < sizeof begin - 1 || memcmp(map->data, begin, sizeof begin - 1) != 0)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_UNSUPPORTED,
+                     "cannot read '%s': it is a Git LFS pointer; the file itself was never fetched "
+                     "(git lfs pull)",
+                     path);
+}
+
 /* An ordinary file, opened for reading. A fifo must not block us, hence O_NONBLOCK. */
 static spin_status open_file(const char *path, int *fd, struct stat *st)
 {
@@ -83,6 +96,10 @@ spin_status spin_map_open(const char *path, struct spin_map *out)
         spin_watch_map(data, path, &st);
     }
     close(fd);
+    if (check_pointer(out, path) != SPIN_OK) {
+        spin_map_close(out);
+        return SPIN_E_UNSUPPORTED;
+    }
     return SPIN_OK;
 }
 

@@ -10,7 +10,7 @@ struct spin_map {
     const unsigned char *data;
     size_t size;
 };
-/* Errors name the path. A folder, a fifo or a missing file is an error. */
+/* Errors name the path. A folder, a fifo, a missing file or a Git LFS pointer is an error. */
 spin_status spin_map_open(const char *path, struct spin_map *out);
 void spin_map_close(struct spin_map *map);
 /* Is the file still as it was? For what is read long after it was opened: reading what was cut off ends

@@ -62,8 +62,6 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
 
     if (map->size == 0)
         what = "the file is empty";
-    else if (begins(map, "version https://git-lfs"))
-        what = "it is a Git LFS pointer; the file itself was never fetched (git lfs pull)";
     else if (begins(map, "<!doctype") || begins(map, "<html"))
         what = "it is an HTML page, not the checkpoint that it was to be downloaded from";
     else if (map->size >= 6 && memcmp(p,

@@ -11,7 +11,7 @@ struct spin_torch {
 };
 
 /* Reads the pickle; storages are looked at only when a tensor is bound. Errors name the file, and say
- * what it is when it is something else (an xz, a Git LFS pointer, safetensors, TorchScript, HTML). */
+ * what it is when it is something else (an xz, safetensors, TorchScript, HTML). */
 spin_status spin_torch_open(const char *path, struct spin_torch *out);
 void spin_torch_close(struct spin_torch *torch);
 

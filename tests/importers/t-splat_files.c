@@ -338,6 +338,7 @@ static void test_refused(void)
     const char *folder = new_folder();
     unsigned char row[2 * SPIN_SPLAT_ROW] = {0};
     const float bad = NAN;
+    static const char pointer[] = "version https://git-lfs.github.com/spec/v1\noid sha256:00\n";
 
     fails("spz", write_file(folder, "a.spz", "", 0), "a.spz", "an empty SPZ");
     fails("spz", write_file(folder, "b.spz", "NGSP", 4), "b.spz", "an SPZ of its magic");
@@ -351,6 +352,32 @@ static void test_refused(void)
     fails("gltf", new_folder(), "no .glb files", "a folder without files");
     fails(NULL, write_file(folder, "lfs.spz", "version https://git-lfs.github.com/spec/v1\n", 43),
           "LFS", "a pointer to an SPZ");
+    fails(NULL, write_file(folder, "lfs.splat", pointer, sizeof pointer - 1),
+          "lfs.splat': it is a Git LFS", "one to a .splat");
+    folder = new_folder();
+    write_file(folder, "0.splat", row, SPIN_SPLAT_ROW);
+    write_file(folder, "1.splat", pointer, sizeof pointer - 1);
+    fails("splat", folder, "1.splat': it is a Git LFS", "and one among the frames of a clip");
+}
+
+/* A run of 3DGS, beside whose clouds somebody laid the file of a viewer. */
+static void test_stray(void)
+{
+    static const char *const clouds[] = {"point_cloud/iteration_7", "iteration_7", "."};
+    static const char *const strays[] = {"scene.splat", "scene.spz", "scene.glb"};
+    const struct spin_importer *found = NULL;
+    unsigned char row[SPIN_SPLAT_ROW] = {0};
+
+    for (size_t i = 0; i < 3; i++) {
+        const char *folder = new_folder(), *cloud = path_in(folder, clouds[i]);
+
+        spin_folder_make(cloud);
+        write_file(cloud, "point_cloud.ply", "ply\n", 4);
+        write_file(folder, strays[i], row, sizeof row);
+        ok(spin_importer_find(folder, NULL, false, &found) == SPIN_OK &&
+               strcmp(found->name, "ply") == 0,
+           "%s and %s: the run", clouds[i], strays[i]);
+    }
 }
 
 TAP_MAIN
@@ -367,4 +394,5 @@ TAP_MAIN
     test_degrees();
     test_axes();
     test_refused();
+    test_stray();
 }
