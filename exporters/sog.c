@@ -335,7 +335,7 @@ static bool sog_complete(void *self, const struct spin_frame_info *info, const s
     struct export *x = self;
     struct spin_sog sog;
 
-    if (spin_sog_peek(map->data, map->size, &sog) != SPIN_OK)
+    if (spin_sog_peek(map->data, map->size, NULL, &sog) != SPIN_OK || sog.version == 1)
         return false;
     *n = sog.n;
     if (sog.n > info->n || sog.sh_degree != x->frames.rows.sh_degree ||
@@ -351,7 +351,7 @@ static spin_status sog_read(void *self, const struct spin_map *map, int frame,
 {
     (void)self;
     (void)frame;
-    return spin_sog_read(map->data, map->size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
+    return spin_sog_read(map->data, map->size, NULL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
 }
 
 static spin_status sog_order(void *self, const uint32_t **row)

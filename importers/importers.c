@@ -11,11 +11,13 @@ extern const struct spin_importer spin_importer_ex4dgs;
 extern const struct spin_importer spin_importer_gltf;
 extern const struct spin_importer spin_importer_grid4d;
 extern const struct spin_importer spin_importer_hybrid4dgs;
+extern const struct spin_importer spin_importer_ksplat;
 extern const struct spin_importer spin_importer_modecgs;
 extern const struct spin_importer spin_importer_omg4;
 extern const struct spin_importer spin_importer_ply;
 extern const struct spin_importer spin_importer_realtime4dgs;
 extern const struct spin_importer spin_importer_rotor4dgs;
+extern const struct spin_importer spin_importer_sog;
 extern const struct spin_importer spin_importer_spacetimegs;
 extern const struct spin_importer spin_importer_splat;
 extern const struct spin_importer spin_importer_spz;
@@ -36,11 +38,13 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_gltf,
     &spin_importer_grid4d,
     &spin_importer_hybrid4dgs,
+    &spin_importer_ksplat,
     &spin_importer_modecgs,
     &spin_importer_omg4,
     &spin_importer_ply,
     &spin_importer_realtime4dgs,
     &spin_importer_rotor4dgs,
+    &spin_importer_sog,
     &spin_importer_spacetimegs,
     &spin_importer_splat,
     &spin_importer_spz,

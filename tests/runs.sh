@@ -25,6 +25,8 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
     rotor4dgs) echo rotor4dgs/old_names ;;
     spacetimegs) echo spacetimegs/full_techni/model ;;
+    ksplat) echo splats/ksplat ;;
+    sog) echo splats/sog ;;
     splat) echo splats/splat ;;
     spz) echo splats/spz4 ;;
     tc3dgs) echo tc3dgs/trained ;;

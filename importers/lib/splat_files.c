@@ -64,7 +64,7 @@ static spin_status open_file(struct clip *clip, size_t file)
     close_file(clip);
     SPIN_TRY(spin_map_open(clip->files.frame[file].path, &clip->map));
     clip->file = file;
-    clip->opened = (struct spin_splat_file){.n_frames = 1};
+    clip->opened = (struct spin_splat_file){.path = clip->files.frame[file].path, .n_frames = 1};
     status = clip->format->open(clip->self, &clip->map, &clip->opened);
     if (status != SPIN_OK) {
         close_file(clip);

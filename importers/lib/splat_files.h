@@ -9,11 +9,12 @@
 
 /* What a file holds. */
 struct spin_splat_file {
-    size_t n_frames; /* 1 but in a clip */
-    int sh_degree;   /* that read() gives at most */
-    bool antialias;  /* trained to be drawn antialiased */
-    bool has_axes;   /* the file says which it has: */
-    double axes[4];  /* the turn w x y z from them to the run's */
+    const char *path; /* given; of what else open() needs */
+    size_t n_frames;  /* 1 but in a clip */
+    int sh_degree;    /* that read() gives at most */
+    bool antialias;   /* trained to be drawn antialiased */
+    bool has_axes;    /* the file says which it has: */
+    double axes[4];   /* the turn w x y z from them to the run's */
     const char *
         note[4]; /* what is guessed or lost; of all files alike, each is said once. NULL: nothing */
 };

@@ -17,6 +17,8 @@
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
 #define SLACK 4096 /* pixels that hold no Gaussian, beyond as many as do */
+/* A Gaussian takes a dozen bytes. With more Gaussians than bytes, beyond a million, a file is a bomb. */
+#define MOST_SPLATS (1u << 20)
 
 /* Of each picture: the object of meta.json and the place in its files. */
 static const struct {
@@ -169,6 +171,34 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     return SPIN_OK;
 }
 
+/* ---- The file at hand ------------------------------------------------------------------------- */
+
+/* What a byte of a picture stands for: in version 2 by books, in version 1 by the ends of a range. */
+struct reading {
+    struct spin_zip zip;
+    const char *folder; /* of loose files; NULL: they are in the zip */
+    spin_json *meta;
+    struct spin_sog sog;
+    float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
+    struct {
+        const unsigned char *data;
+        size_t size;
+        void *owned;
+        struct spin_map map; /* of a loose file */
+        int width, height;
+    } file[SPIN_SOG_PICTURES];
+};
+
+static void close_reading(struct reading *r)
+{
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++) {
+        free(r->file[p].owned);
+        spin_map_close(&r->file[p].map);
+    }
+    spin_json_free(r->meta);
+    spin_zip_close(&r->zip);
+}
+
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
 static spin_status read_numbers(const spin_json *object, const char *key, size_t n, double *out)
@@ -182,107 +212,202 @@ static spin_status read_numbers(const spin_json *object, const char *key, size_t
     return SPIN_OK;
 }
 
+/* The first may be null, as some writers left it: it goes on below the second. */
 static spin_status read_book(const spin_json *meta, const char *key, float book[SPIN_CODEBOOK])
 {
-    double values[SPIN_CODEBOOK];
+    const spin_json *list = spin_json_get(spin_json_get(meta, key), "codebook");
+    double value[SPIN_CODEBOOK];
 
-    SPIN_TRY(read_numbers(spin_json_get(meta, key), "codebook", SPIN_CODEBOOK, values));
-    for (int k = 0; k < SPIN_CODEBOOK; k++)
-        book[k] = (float)values[k];
+    for (size_t k = SPIN_CODEBOOK; k-- > 0;) {
+        const spin_json *json = spin_json_at(list, k);
+
+        if (k == 0 && spin_json_is_null(json))
+            value[0] = value[1] + (value[1] - value[SPIN_CODEBOOK - 1]) / (SPIN_CODEBOOK - 1);
+        else if (spin_json_length(list) != SPIN_CODEBOOK || !spin_json_number(json, &value[k]) ||
+                 fabs(value[k]) > 1e9)
+            return spin_fail(SPIN_E_MALFORMED, "SOG whose 'codebook' of '%s' is not %d numbers",
+                             key, SPIN_CODEBOOK);
+        book[k] = (float)value[k];
+    }
     return SPIN_OK;
 }
 
 /* A whole number from `least` to `most`. */
-static spin_status read_count(const spin_json *object, const char *key, int64_t least, int64_t most,
-                              int64_t *out)
+static spin_status check_count(const spin_json *json, const char *key, int64_t least, int64_t most,
+                               int64_t *out)
 {
-    if (!spin_json_integer(spin_json_get(object, key), out) || *out < least || *out > most)
+    if (!spin_json_integer(json, out) || *out < least || *out > most)
         return spin_fail(SPIN_E_MALFORMED, "SOG whose '%s' is not from %lld to %lld", key,
                          (long long)least, (long long)most);
     return SPIN_OK;
 }
 
-static spin_status parse_meta(const spin_json *meta, struct spin_sog *out)
+static spin_status parse_2(struct reading *r, int64_t *count)
 {
-    const spin_json *sh_n = spin_json_get(meta, "shN");
+    const spin_json *meta = r->meta, *sh_n = spin_json_get(meta, "shN");
     const char *model = spin_json_string(spin_json_get(meta, "model"));
-    int64_t version = 0, count, bands = 0, n_palette = 0;
+    int64_t bands = 0, n_palette = 0;
 
-    if (!spin_json_integer(spin_json_get(meta, "version"), &version) || version != VERSION)
-        return spin_fail(SPIN_E_UNSUPPORTED, "SOG of another version than %d", VERSION);
-    SPIN_TRY(read_count(meta, "count", 0, MAX_COUNT, &count));
-    out->n = (size_t)count;
-    out->antialias = model && strcmp(model, "antialiased") == 0;
-    SPIN_TRY(read_numbers(spin_json_get(meta, "means"), "mins", 3, out->mins));
-    SPIN_TRY(read_numbers(spin_json_get(meta, "means"), "maxs", 3, out->maxs));
-    SPIN_TRY(read_book(meta, "scales", out->scales));
-    SPIN_TRY(read_book(meta, "sh0", out->sh0));
-    if (sh_n) {
-        SPIN_TRY(read_count(sh_n, "bands", 1, 3, &bands));
-        SPIN_TRY(read_count(sh_n, "count", 1, SPIN_SOG_MAX_PALETTE, &n_palette));
-        SPIN_TRY(read_book(meta, "shN", out->sh_n));
+    SPIN_TRY(check_count(spin_json_get(meta, "count"), "count", 0, MAX_COUNT, count));
+    r->sog.antialias = model && strcmp(model, "antialiased") == 0;
+    SPIN_TRY(read_book(meta, "scales", r->sog.scales));
+    SPIN_TRY(read_book(meta, "sh0", r->sog.sh0));
+    for (int c = 0; c < 3; c++) {
+        memcpy(r->scale[c], r->sog.scales, sizeof r->scale[c]);
+        memcpy(r->dc[c], r->sog.sh0, sizeof r->dc[c]);
     }
-    out->sh_degree = (int)bands;
-    out->n_palette = (size_t)n_palette;
+    for (int k = 0; k < SPIN_CODEBOOK; k++)
+        r->logit[k] = spin_byte_logit((unsigned char)k);
+    if (sh_n) {
+        SPIN_TRY(check_count(spin_json_get(sh_n, "bands"), "bands", 1, 3, &bands));
+        SPIN_TRY(check_count(spin_json_get(sh_n, "count"), "count", 1, SPIN_SOG_MAX_PALETTE,
+                             &n_palette));
+        SPIN_TRY(read_book(meta, "shN", r->sog.sh_n));
+    }
+    r->sog.sh_degree = (int)bands;
+    r->sog.n_palette = (size_t)n_palette;
     return SPIN_OK;
 }
 
-/* ---- The archive ------------------------------------------------------------------------------ */
-
-struct reading {
-    struct spin_zip zip;
-    spin_json *meta;
-    struct spin_sog sog;
-    struct {
-        const unsigned char *data;
-        size_t size;
-        void *owned;
-        int width, height;
-    } file[SPIN_SOG_PICTURES];
-};
-
-static void close_reading(struct reading *r)
+static void fill_range(double least, double largest, float out[SPIN_CODEBOOK])
 {
-    for (int p = 0; p < SPIN_SOG_PICTURES; p++)
-        free(r->file[p].owned);
-    spin_json_free(r->meta);
-    spin_zip_close(&r->zip);
+    for (int k = 0; k < SPIN_CODEBOOK; k++)
+        out[k] = (float)(least + (largest - least) * k / (SPIN_CODEBOOK - 1));
 }
 
-static spin_status open_meta(struct reading *r)
+static spin_status read_ranges(const spin_json *meta, const char *key, size_t n, float *const out[])
 {
-    const struct spin_zip_member *member = spin_zip_find(&r->zip, "meta.json");
-    const unsigned char *data;
+    const spin_json *object = spin_json_get(meta, key);
+    double mins[4], maxs[4];
+
+    SPIN_TRY(read_numbers(object, "mins", n, mins));
+    SPIN_TRY(read_numbers(object, "maxs", n, maxs));
+    for (size_t c = 0; c < n; c++)
+        fill_range(mins[c], maxs[c], out[c]);
+    return SPIN_OK;
+}
+
+/* Its palette fills the picture: open_picture() counts it. */
+static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
+{
+    const spin_json *shape = spin_json_get(sh_n, "shape");
+    int64_t n_rest = 0;
+    double least, largest;
+
+    SPIN_TRY(check_count(spin_json_at(shape, 1), "shape", 9, 45, &n_rest));
+    for (int degree = 1; degree <= 3; degree++)
+        if (spin_n_rest(degree) == (size_t)n_rest)
+            r->sog.sh_degree = degree;
+    if (r->sog.sh_degree == 0 || !spin_json_number(spin_json_get(sh_n, "mins"), &least) ||
+        !spin_json_number(spin_json_get(sh_n, "maxs"), &largest) || fabs(least) > 1e9 ||
+        fabs(largest) > 1e9)
+        return spin_fail(SPIN_E_MALFORMED, "SOG whose 'shN' has no sound shape, mins and maxs");
+    fill_range(least, largest, r->sog.sh_n);
+    return SPIN_OK;
+}
+
+static spin_status parse_1(struct reading *r, int64_t *count)
+{
+    const spin_json *meta = r->meta, *sh_n = spin_json_get(meta, "shN");
+    const char *encoding =
+        spin_json_string(spin_json_get(spin_json_get(meta, "quats"), "encoding"));
+    float *const scale[3] = {r->scale[0], r->scale[1], r->scale[2]};
+    float *const colour[4] = {r->dc[0], r->dc[1], r->dc[2], r->logit};
+
+    if (!encoding || strcmp(encoding, "quaternion_packed") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "SOG of version 1 with rotations '%.60s', expected "
+                         "'quaternion_packed'",
+                         encoding ? encoding : "");
+    SPIN_TRY(check_count(spin_json_at(spin_json_get(spin_json_get(meta, "means"), "shape"), 0),
+                         "shape", 0, MAX_COUNT, count));
+    SPIN_TRY(read_ranges(meta, "scales", 3, scale));
+    SPIN_TRY(read_ranges(meta, "sh0", 4, colour));
+    return sh_n ? parse_1_sh(r, sh_n) : SPIN_OK;
+}
+
+static spin_status parse_meta(struct reading *r)
+{
+    const spin_json *version = spin_json_get(r->meta, "version");
+    int64_t number = 1, count = 0;
+
+    if (version && (!spin_json_integer(version, &number) || number < 1 || number > VERSION))
+        return spin_fail(SPIN_E_UNSUPPORTED, "SOG of version %lld, expected 1 or %d%s",
+                         (long long)number, VERSION, number == 4 ? " (4 is TSOG, a clip)" : "");
+    r->sog.version = (int)number;
+    SPIN_TRY(number == 1 ? parse_1(r, &count) : parse_2(r, &count));
+    r->sog.n = (size_t)count;
+    SPIN_TRY(read_numbers(spin_json_get(r->meta, "means"), "mins", 3, r->sog.mins));
+    return read_numbers(spin_json_get(r->meta, "means"), "maxs", 3, r->sog.maxs);
+}
+
+/* ---- The files ---------------------------------------------------------------------------------- */
+
+static spin_status open_meta(struct reading *r, const void *file, size_t size)
+{
+    const struct spin_zip_member *member;
+    const unsigned char *data = file;
     void *owned = NULL;
     spin_status status;
 
-    if (!member || member->size > MAX_META)
+    if (!r->folder) {
+        SPIN_TRY(spin_zip_parse("SOG", file, size, &r->zip));
+        member = spin_zip_find(&r->zip, "meta.json");
+        size = member ? (size_t)member->size : SIZE_MAX;
+        if (size <= MAX_META)
+            SPIN_TRY(spin_zip_read(&r->zip, member, true, MAX_META, &data, &owned));
+    }
+    if (size > MAX_META)
         return spin_fail(SPIN_E_MALFORMED, "no meta.json of SOG");
-    SPIN_TRY(spin_zip_read(&r->zip, member, true, MAX_META, &data, &owned));
-    status = spin_json_parse("meta.json", (const char *)data, (size_t)member->size, &r->meta);
+    status = spin_json_parse("meta.json", (const char *)data, size, &r->meta);
     free(owned);
     SPIN_TRY(status);
-    return parse_meta(r->meta, &r->sog);
+    return parse_meta(r);
 }
 
-/* Its bytes, and that it has pixels for all it holds and not many more. */
-static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
+/* The bytes of a picture. */
+static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
 {
     const spin_json *files = spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
     const char *name = spin_json_string(spin_json_at(files, pictures[p].place));
-    const struct spin_zip_member *member = name ? spin_zip_find(&r->zip, name) : NULL;
+    const struct spin_zip_member *member = NULL;
+    char *path = NULL;
+    spin_status status;
+
+    if (r->folder && name && *name && !strchr(name, '/')) {
+        SPIN_TRY(spin_path_join(r->folder, name, &path));
+        status = spin_map_open(path, &r->file[p].map);
+        free(path);
+        r->file[p].data = r->file[p].map.data;
+        r->file[p].size = r->file[p].map.size;
+        return status;
+    }
+    if (!r->folder && name)
+        member = spin_zip_find(&r->zip, name);
+    if (!member)
+        return spin_fail(SPIN_E_MALFORMED, "SOG without its picture '%s'", pictures[p].name);
+    r->file[p].size = (size_t)member->size;
+    return spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data,
+                         &r->file[p].owned);
+}
+
+/* A picture has pixels for all it holds and not many more. */
+static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
+{
     int least_width, least_height, width, height;
     int64_t least, pixels;
 
     spin_sog_size(&r->sog, p, &least_width, &least_height);
     if (least_width == 0)
         return SPIN_OK;
-    if (!member)
-        return spin_fail(SPIN_E_MALFORMED, "SOG without its picture '%s'", pictures[p].name);
-    SPIN_TRY(
-        spin_zip_read(&r->zip, member, true, r->zip.map.size, &r->file[p].data, &r->file[p].owned));
-    r->file[p].size = (size_t)member->size;
+    SPIN_TRY(find_picture(r, p));
     SPIN_TRY(spin_webp_size(r->file[p].data, r->file[p].size, &width, &height));
+    if (p == SPIN_SOG_CENTROIDS && r->sog.version == 1) {
+        r->sog.n_palette = (size_t)height * SPIN_SOG_PALETTE_LINE;
+        if (r->sog.n_palette > SPIN_SOG_MAX_PALETTE)
+            r->sog.n_palette = SPIN_SOG_MAX_PALETTE;
+        spin_sog_size(&r->sog, p, &least_width, &least_height);
+    }
     least = p == SPIN_SOG_CENTROIDS ? (int64_t)least_width * least_height : (int64_t)r->sog.n;
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
@@ -296,16 +421,22 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
 
 static spin_status open_reading(const void *file, size_t size, struct reading *r)
 {
-    SPIN_TRY(spin_zip_parse("SOG", file, size, &r->zip));
-    SPIN_TRY(open_meta(r));
-    for (int p = 0; p < SPIN_SOG_PICTURES; p++)
+    uint64_t n_bytes = 0;
+
+    SPIN_TRY(open_meta(r, file, size));
+    for (int p = 0; p < SPIN_SOG_PICTURES; p++) {
         SPIN_TRY(open_picture(r, (enum spin_sog_picture)p));
+        n_bytes += r->file[p].size;
+    }
+    if (r->sog.n > n_bytes + MOST_SPLATS)
+        return spin_fail(SPIN_E_MALFORMED, "SOG with %zu splats in %llu bytes", r->sog.n,
+                         (unsigned long long)n_bytes);
     return SPIN_OK;
 }
 
-spin_status spin_sog_peek(const void *file, size_t size, struct spin_sog *out)
+spin_status spin_sog_peek(const void *file, size_t size, const char *folder, struct spin_sog *out)
 {
-    struct reading r = {0};
+    struct reading r = {.folder = folder};
     spin_status status = open_reading(file, size, &r);
 
     *out = r.sog;
@@ -357,9 +488,9 @@ static spin_status read_sh_0(const struct reading *r, uint8_t **a, unsigned colu
     SPIN_TRY(read_picture(r, SPIN_SOG_SH0, a));
     for (size_t i = 0; i < r->sog.n; i++) {
         for (size_t c = 0; c < 3 && (columns & SPIN_COL_SH); c++)
-            out->sh[n_sh * i + c] = r->sog.sh0[(*a)[4 * i + c]];
+            out->sh[n_sh * i + c] = r->dc[c][(*a)[4 * i + c]];
         if (columns & SPIN_COL_LOGIT_OPACITIES)
-            out->logit_opacities[i] = spin_byte_logit((*a)[4 * i + 3]);
+            out->logit_opacities[i] = r->logit[(*a)[4 * i + 3]];
     }
     return SPIN_OK;
 }
@@ -398,7 +529,7 @@ static spin_status read_pixels(const struct reading *r, unsigned columns, struct
         SPIN_TRY_OUT(read_picture(r, SPIN_SOG_SCALES, &a));
         for (size_t i = 0; i < r->sog.n; i++)
             for (size_t c = 0; c < 3; c++)
-                out->log_scales[3 * i + c] = r->sog.scales[a[4 * i + c]];
+                out->log_scales[3 * i + c] = r->scale[c][a[4 * i + c]];
     }
     if (columns & (SPIN_COL_SH | SPIN_COL_LOGIT_OPACITIES))
         SPIN_TRY_OUT(read_sh_0(r, &a, columns, out));
@@ -410,9 +541,10 @@ out:
     return status;
 }
 
-spin_status spin_sog_read(const void *file, size_t size, unsigned columns, struct spin_splats *out)
+spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
+                          struct spin_splats *out)
 {
-    struct reading r = {0};
+    struct reading r = {.folder = folder};
     spin_status status;
 
     SPIN_TRY_OUT(open_reading(file, size, &r));

@@ -1,4 +1,5 @@
 /* PlayCanvas's SOG, version 2: a zip of stored members, lossless WebP pictures and a meta.json that names them.
+ * Read are also such files that lie loose in a folder, and version 1.
  * A Gaussian is the same pixel, row by row, in all pictures but that of the palette:
  *
  *     means_l, means_u   low and high bytes of x y z: 65535 steps between mins and maxs of
@@ -11,7 +12,11 @@
  *     shN_centroids      the palette, 64 vectors a line, one pixel a coefficient: indices of r g b in a book of
  *                        256
  *
- * Facts from PlayCanvas's specification of the format. The axes are the PLY's. */
+ * Version 1, whose meta.json says no version, has ranges in place of books: a byte of scales and sh0 lies between the mins
+ * and maxs of its channel, opacity as a logit, and one of shN between its two. The number of Gaussians and of
+ * coefficients are shapes of arrays.
+ *
+ * Facts from PlayCanvas's specification of the format, of version 1 from its readers. The axes are the PLY's. */
 #ifndef SPIN_FORMATS_SOG_H
 #define SPIN_FORMATS_SOG_H
 
@@ -38,6 +43,7 @@ struct spin_sog {
     double mins[3], maxs[3]; /* of spin_sog_log() of the places */
     float scales[SPIN_CODEBOOK], sh0[SPIN_CODEBOOK], sh_n[SPIN_CODEBOOK];
     size_t n_palette;
+    int version; /* 1 or 2, of a file that is read */
 };
 
 /* The member of a picture. */
@@ -61,11 +67,12 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* What meta.json says, and that its pictures are there, of the right size. Errors do not name the file, here
- * and below. */
-spin_status spin_sog_peek(const void *file, size_t size, struct spin_sog *out);
-/* All that comes out is finite, rotations are of unit length. Versions other than 2 are refused, and pictures that
- * are much larger than what they hold. */
-spin_status spin_sog_read(const void *file, size_t size, unsigned columns, struct spin_splats *out);
+/* What meta.json says, and that its pictures are there, of the right size. The file is the zip; or, with a folder,
+ * meta.json itself, whose pictures lie in the folder. Errors do not name the file, here and below. */
+spin_status spin_sog_peek(const void *file, size_t size, const char *folder, struct spin_sog *out);
+/* All that comes out is finite, rotations are of unit length. Refused are versions above 2, and pictures that are
+ * much larger than what they hold. */
+spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
+                          struct spin_splats *out);
 
 #endif

@@ -53,6 +53,8 @@ bool spin_json_is_array(const spin_json *j) { return json_is_array(j); }
 
 bool spin_json_is_object(const spin_json *j) { return json_is_object(j); }
 
+bool spin_json_is_null(const spin_json *j) { return json_is_null(j); }
+
 const spin_json *spin_json_at(const spin_json *array, size_t index)
 {
     return array ? json_array_get(array, index) : NULL;

@@ -18,6 +18,7 @@ const spin_json *spin_json_get(const spin_json *object, const char *key);
 size_t spin_json_length(const spin_json *array); /* 0 when not an array */
 bool spin_json_is_array(const spin_json *j);
 bool spin_json_is_object(const spin_json *j);
+bool spin_json_is_null(const spin_json *j);
 const spin_json *spin_json_at(const spin_json *array, size_t index);
 bool spin_json_number(const spin_json *j, double *out);
 bool spin_json_integer(const spin_json *j, int64_t *out);

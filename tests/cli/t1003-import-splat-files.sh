@@ -1,6 +1,6 @@
 #!/bin/sh
-# K: spz splat gltf glb import
-# SPZ, .splat and GLB: described, imported, their options, refused when malformed.
+# K: spz splat ksplat sog gltf glb import
+# SPZ, .splat, .ksplat, SOG and GLB: described, imported, their options, refused when malformed.
 . tests/cli/lib.sh
 
 files=fixtures/splats
@@ -15,6 +15,8 @@ describe spz2 spz 2
 describe spz3 spz 2
 describe spz4 spz 2
 describe splat splat 0
+describe ksplat ksplat 2
+describe sog sog 2
 describe glb gltf 2
 
 # ---- Axes --------------------------------------------------------------------------------------------
@@ -51,7 +53,8 @@ is "$code $(member frames)" "0 1" "--from does"
 
 # ---- Refused ---------------------------------------------------------------------------------------------
 
-for file in spz2/frame_00001.spz spz3/frame_00001.spz spz4/frame_00001.spz glb/frame_00001.glb; do
+for file in spz2/frame_00001.spz spz3/frame_00001.spz spz4/frame_00001.spz glb/frame_00001.glb \
+    ksplat/frame_00001.ksplat sog/frame_00001.sog; do
     size=$(wc -c <"$files/$file")
     cut=$work/cut.${file##*.}
     for part in 0 1 20 500 999; do

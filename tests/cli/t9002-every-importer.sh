@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs retrain
-# K: spz splat gltf
+# K: spz splat ksplat sog gltf
 # A run of every importer in the list goes out as PLY; some that are defined at any time and three of splat
 # files are retrained too.
 . tests/cli/lib.sh
@@ -107,6 +107,8 @@ retrained ed3dgs 8 1
 retrained spacetimegs 30 0.95
 retrained spz 7 2
 retrained splat 7 2
+retrained ksplat 7 2
+retrained sog 7 2
 retrained gltf 7 2
 retrained hybrid4dgs 7 9
 retrained ex4dgs 7 2

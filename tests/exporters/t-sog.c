@@ -146,6 +146,36 @@ static double sh_error(const struct sog *f, const struct spin_splats *s)
     return sqrt(sum / (double)(f->n * n_vec * 3));
 }
 
+/* The reader sees in a file what its specification says, which decode() follows. */
+static void check_read(const struct sog *f, const char *path)
+{
+    struct spin_splats back = {0};
+    double worst = 0, turned = 0;
+    struct spin_map map;
+
+    if (!ok(spin_map_open(path, &map) == SPIN_OK &&
+                spin_sog_read(map.data, map.size, NULL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                              &back) == SPIN_OK &&
+                back.n == f->n && back.sh_degree == f->bands && back.antialias,
+            "is read back"))
+        return;
+    for (size_t i = 0; i < f->n; i++) {
+        struct want is = want_of(&back, i), want = decode(f, i);
+
+        for (int c = 0; c < 3; c++) {
+            worst = fmax(worst, fabs(is.place[c] - want.place[c]));
+            worst = fmax(worst, fabs(is.log_scale[c] - want.log_scale[c]));
+            worst = fmax(worst, fabs(is.dc[c] - want.dc[c]));
+        }
+        worst = fmax(worst, fabs(is.opacity - want.opacity));
+        turned = fmax(turned, degrees_between(is.q, want.q));
+    }
+    ok(worst < 2e-6 && turned < 0.01, "as its specification reads (%.2g, %.2g degrees)", worst,
+       turned);
+    spin_map_close(&map);
+    spin_splats_free(&back);
+}
+
 static void test_values(int degree, const char *sh, int bands, size_t n)
 {
     const char *pairs[] = {"sh", sh, NULL};
@@ -190,6 +220,7 @@ static void test_values(int degree, const char *sh, int bands, size_t n)
         /* of as many vectors as rows only the book's steps are lost; these are random, the worst there is */
         ok(error < (n <= 1024 ? 0.003 : 0.4), "sh is off by %.4f", error);
     }
+    check_read(&f, in_folder("v/frame_00005.sog"));
     unload(&f);
     spin_splats_free(&s);
 }
@@ -302,7 +333,8 @@ static void rewrite(const struct spin_zip *zip, const char *path, const char *fr
 static void test_hostile(void)
 {
     static const char *const bad[][3] = {
-        {"\"version\":2", "\"version\":1", "version"},
+        {"\"version\":2", "\"version\":1", "of version 1 with rotations"},
+        {"\"version\":2", "\"version\":4", "version 4, expected 1 or 2 (4 is TSOG"},
         {"\"count\":900", "\"count\":-1", "'count'"},
         {"\"count\":900", "\"count\":9e9", "'count'"},
         {"\"count\":900", "\"count\":200000000", "pixels"},
@@ -330,12 +362,12 @@ static void test_hostile(void)
     if (!ok(run(&spin_exporter_sog, &job, &s, 0) == SPIN_OK &&
                 spin_map_open(in_folder("h/frame_00000.sog"), &map) == SPIN_OK &&
                 spin_zip_open(in_folder("h/frame_00000.sog"), &zip) == SPIN_OK &&
-                spin_sog_read(map.data, map.size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &back) ==
-                    SPIN_OK,
+                spin_sog_read(map.data, map.size, NULL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                              &back) == SPIN_OK,
             "a file is read: %s", spin_last_error()))
         return;
     for (size_t n = 0; n < map.size; n += 1 + n / 20)
-        n_good += spin_sog_read(map.data, n, SPIN_COL_MEANS, &back) == SPIN_OK;
+        n_good += spin_sog_read(map.data, n, NULL, SPIN_COL_MEANS, &back) == SPIN_OK;
     ok(n_good == 0, "no truncation is");
     spin_map_close(&map);
     for (size_t i = 0; i <= sizeof bad / sizeof *bad; i++) {
@@ -344,7 +376,7 @@ static void test_hostile(void)
         rewrite(&zip, path, from, i ? bad[i - 1][1] : NULL);
         if (spin_map_open(path, &map) != SPIN_OK)
             exit(1);
-        ok(spin_sog_read(map.data, map.size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &back) !=
+        ok(spin_sog_read(map.data, map.size, NULL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &back) !=
                    SPIN_OK &&
                strstr(spin_last_error(), want),
            "refused: %s", spin_last_error());

@@ -1,11 +1,15 @@
 /* Any bytes as each kind of splat file: what is read is finite. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "formats/compressed_ply.h"
 #include "formats/glb_scene.h"
+#include "formats/ksplat.h"
+#include "formats/sog.h"
 #include "formats/splat.h"
 #include "formats/spz.h"
+#include "io/webp.h"
 
 #define ALL (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 
@@ -51,6 +55,50 @@ static spin_status read_splat(const uint8_t *data, size_t size, struct spin_spla
     return spin_splat_read(data, size, ALL, out);
 }
 
+static spin_status read_ksplat(const uint8_t *data, size_t size, struct spin_splats *out)
+{
+    return spin_ksplat_read(data, size, ALL, out);
+}
+
+/* The pictures of a SOG with 16 splats and SH of degree 1, where a meta.json that is fuzzed finds them. */
+static const char *pictures(void)
+{
+    static char folder[] = "/tmp/spin-fuzz-XXXXXX";
+    static bool made;
+
+    if (made)
+        return folder;
+    made = mkdtemp(folder) != NULL;
+    for (int p = 0; made && p < SPIN_SOG_PICTURES; p++) {
+        static uint8_t pixels[4 * 192 * 4];
+        unsigned char *packed = NULL;
+        char path[80];
+        size_t n = 0;
+        FILE *file;
+
+        for (size_t i = 0; i < sizeof pixels; i++)
+            pixels[i] = (uint8_t)(i % 4 == 3                           ? 252 + i / 4 % 4
+                                  : i % 4 == 1 && p == SPIN_SOG_LABELS ? 0
+                                                                       : 7 * i * i + 3 * i);
+        snprintf(path, sizeof path, "%s/%s", folder, spin_sog_name((enum spin_sog_picture)p));
+        if (spin_webp_write(pixels, p == SPIN_SOG_CENTROIDS ? 192 : 4, 4, 0, &packed, &n) ==
+                SPIN_OK &&
+            (file = fopen(path, "wb"))) {
+            fwrite(packed, 1, n, file);
+            fclose(file);
+        }
+        free(packed);
+    }
+    return folder;
+}
+
+static spin_status read_sog(const uint8_t *data, size_t size, struct spin_splats *out)
+{
+    bool loose = size > 0 && data[0] == '{';
+
+    return spin_sog_read(data, size, loose ? pictures() : NULL, ALL, out);
+}
+
 static spin_status read_glb(const uint8_t *data, size_t size, struct spin_splats *out)
 {
     struct spin_gs_glb_scene scene = {0};
@@ -65,7 +113,7 @@ static spin_status read_glb(const uint8_t *data, size_t size, struct spin_splats
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static spin_status (*const read[])(const uint8_t *, size_t, struct spin_splats *) = {
-        read_ply, read_compressed, read_spz, read_splat, read_glb};
+        read_ply, read_compressed, read_spz, read_splat, read_ksplat, read_sog, read_glb};
     static const char *const what[5] = {"", "", "", "", ""};
 
     for (size_t i = 0; i < sizeof read / sizeof *read; i++) {

@@ -1,6 +1,6 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash 4dgaussian
- * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat gltf panoptic colmap dynerf
+ * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat sog gltf panoptic colmap dynerf
  * K: transforms */
 #include "tests/importers/runs.h"
 
@@ -57,6 +57,10 @@ static const struct known runs[] = {
     {"splats/spz4/frame_00001.spz", "spz"},
     {"splats/splat", "splat"},
     {"splats/splat/frame_00001.splat", "splat"},
+    {"splats/ksplat", "ksplat"},
+    {"splats/ksplat/frame_00002.ksplat", "ksplat"},
+    {"splats/sog", "sog"},
+    {"splats/sog/frame_00000.sog", "sog"},
     {"splats/glb", "gltf"},
     {"splats/glb/frame_00001.glb", "gltf"},
     {"splats", NULL},

@@ -1,11 +1,23 @@
-/* SPZ, .splat and GLB as sources: what other programs write, what ours writes, and files that lie.
- * K: spz splat gltf glb import */
+/* SPZ, .splat, .ksplat, SOG and GLB as sources: what other programs write, what ours writes, and files that lie.
+ * K: spz splat ksplat sog gltf glb import */
 #include "tests/importers/expected_clouds.h"
 
 #include "spin_run.h"
 #include "formats/splat.h"
+#include "io/webp.h"
+#include "io/zip.h"
 #include "tests/formats/spz_files.h"
 #include "scene/bundle.h"
+
+static const char *write_file(const char *folder, const char *name, const void *bytes, size_t n)
+{
+    const char *path = path_in(folder, name);
+    FILE *file = fopen(path, "wb");
+
+    if (!file || fwrite(bytes, 1, n, file) != n || fclose(file) != 0)
+        exit(1);
+    return path;
+}
 
 /* ---- What others write ------------------------------------------------------------------------- */
 
@@ -40,6 +52,55 @@ static void test_fixture(const char *name, const char *importer)
     ok(read_truncations(importer, first) == (strcmp(importer, "splat") == 0 ? 39 : 0),
        "%s: no truncation of a file can be read but whole rows", name);
     spin_json_free(manifest);
+}
+
+/* The files of a SOG as they lie in a folder. */
+static void test_loose(void)
+{
+    const char *sog = check_fixture("splats/sog"), *folder = new_folder(), *meta;
+    const struct spin_importer *found = NULL;
+    struct spin_splats packed = {0}, loose = {0};
+    struct spin_zip zip;
+    struct run run;
+
+    if (!sog || spin_webp_need() != SPIN_OK) {
+        skip("loose SOG", "no fixture, or no libwebp");
+        return;
+    }
+    sog = path_in(sog, "frame_00001.sog");
+    if (spin_zip_open(sog, &zip) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < zip.n; i++) {
+        const unsigned char *data;
+        void *owned;
+
+        if (spin_zip_read(&zip, &zip.member[i], true, 1 << 20, &data, &owned) != SPIN_OK)
+            exit(1);
+        write_file(folder, zip.member[i].name, data, (size_t)zip.member[i].size);
+        free(owned);
+    }
+    spin_zip_close(&zip);
+    ok(run_open("sog", sog, &run) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 0, ALL, &packed) == SPIN_OK,
+       "a SOG");
+    run_close(&run);
+    meta = path_in(folder, "meta.json");
+    for (int i = 0; i < 2; i++) {
+        const char *path = i ? meta : folder;
+
+        ok(spin_importer_find(path, NULL, false, &found) == SPIN_OK && !strcmp(found->name, "sog"),
+           "loose, it is recognised by its %s", i ? "meta.json" : "folder");
+        ok(run_open(NULL, path, &run) == SPIN_OK && run.sequence.n_frames == 1 &&
+               run.importer->frame(run.self, 0, 0, ALL, &loose) == SPIN_OK && loose.n == 40 &&
+               !memcmp(loose.means, packed.means, 3 * 40 * sizeof *loose.means) &&
+               !memcmp(loose.sh, packed.sh, 27 * 40 * sizeof *loose.sh),
+           "and the same");
+        run_close(&run);
+    }
+    write_file(folder, "quats.webp", "", 0);
+    fails("sog", folder, "meta.json': no WebP", "a picture that is empty");
+    spin_splats_free(&packed);
+    spin_splats_free(&loose);
 }
 
 /* ---- What we write ----------------------------------------------------------------------------- */
@@ -323,16 +384,6 @@ static void test_axes(void)
 
 /* ---- Files made here --------------------------------------------------------------------------- */
 
-static const char *write_file(const char *folder, const char *name, const void *bytes, size_t n)
-{
-    const char *path = path_in(folder, name);
-    FILE *file = fopen(path, "wb");
-
-    if (!file || fwrite(bytes, 1, n, file) != n || fclose(file) != 0)
-        exit(1);
-    return path;
-}
-
 static void test_refused(void)
 {
     const char *folder = new_folder();
@@ -388,6 +439,12 @@ TAP_MAIN
     test_fixture("spz3", "spz");
     test_fixture("spz4", "spz");
     test_fixture("splat", "splat");
+    test_fixture("ksplat", "ksplat");
+    if (spin_webp_need() == SPIN_OK)
+        test_fixture("sog", "sog");
+    else
+        skip("sog", spin_last_error());
+    test_loose();
     test_fixture("glb", "gltf");
     test_written();
     test_clip();

@@ -5,8 +5,8 @@
     PATH=node_modules/.bin:$PATH python3 tests/tools/splat-fixtures.py fixtures/splats
 
 A made-up cloud of 40 splats and SH degree 2 in three frames goes through splat-transform, which must be in
-PATH: to SPZ 4 and 3 and to GLB. What it does not write is written here, from the formats' descriptions: SPZ 2
-and .splat. expected.npz beside them is what splat-transform reads in each file, by way of a PLY; a GLB, which
+PATH: to SPZ 4 and 3, to SOG and to GLB. What it does not write is written here, from the formats' descriptions:
+SPZ 2, .splat and .ksplat (levels 0, 1 and 2, a frame each). expected.npz beside them is what splat-transform reads in each file, by way of a PLY; a GLB, which
 it cannot read, is held to the cloud itself. It reads rotations of .splat half a step apart from how the
 format's author does, which the manifest allows for."""
 import gzip
@@ -122,6 +122,33 @@ def write_splat(path, c):
             f.write(bytes(colour[i]) + bytes([alphas(c)[i]]) + bytes(rotation[i]))
 
 
+def write_ksplat(path, c):
+    """The level is the frame's number. Buckets of 16 splats, the last of the others."""
+    level, bucket, width, steps = int(path[-8:-7]), 16, 70.0, 32767
+    real = "<f4" if level == 0 else "<f2"
+    place = np.stack([c[a] for a in "xyz"], 1).astype(np.float64)
+    n_buckets = -(-N // bucket) if level else 0
+    centres = np.array([[0.5 * b, 0, -0.25 * b] for b in range(n_buckets)], "<f4").reshape(-1, 3)
+    lengths = np.array([N % bucket] if level else [], "<u4")
+    order = [channel * REST + k for l in range(1, DEGREE + 1) for channel in range(3)
+             for k in range(l * l - 1, l * l + 2 * l)]
+    rest = np.stack([c[f"f_rest_{k}"] for k in order], 1).astype(np.float64)
+    if level:
+        place = np.round((place - centres[np.arange(N) // bucket]) / width * 2 * steps) + steps
+    rows = [place.astype("<f4" if level == 0 else "<u2"),
+            np.exp(np.stack([c[f"scale_{k}"] for k in range(3)], 1)).astype(real), unit(c).astype(real),
+            byte((0.5 + 0.28209479177387814 * np.stack([c[f"f_dc_{k}"] for k in range(3)], 1)) * 255),
+            alphas(c)[:, None], byte((rest + 2) / 4 * 255) if level == 2 else rest.astype(real)]
+    rows = b"".join(a[i].tobytes() for i in range(N) for a in rows)
+    section = struct.pack("<IIIIfHxxIIIIH", N, N, bucket if level else 0, n_buckets, width if level else 0,
+                          12 if level else 0, steps if level else 0,
+                          len(rows) + 12 * n_buckets + 4 * len(lengths), n_buckets - len(lengths), len(lengths), DEGREE)
+    head = struct.pack("<BBxxIIIIHxx3fff", 0, 1, 1, 1, N, N, level, 0, 0, 0, -2, 2)
+    with open(path, "wb") as f:
+        f.write(head.ljust(4096, b"\0") + section.ljust(1024, b"\0"))
+        f.write(lengths.tobytes() + centres.tobytes() + rows)
+
+
 def convert(source, target, *options):
     subprocess.run(["splat-transform", "-q", "-w", source, *options, target], check=True)
 
@@ -170,6 +197,9 @@ def main():
          f"written by tests/tools/splat-fixtures.py, read by {PROGRAM}")
     make(out, "splat", "splat", lambda path, c, work: write_splat(path, c),
          f"written by tests/tools/splat-fixtures.py, read by {PROGRAM}", 0.006)
+    make(out, "ksplat", "ksplat", lambda path, c, work: write_ksplat(path, c),
+         f"levels 0, 1 and 2, written by tests/tools/splat-fixtures.py, read by {PROGRAM}")
+    make(out, "sog", "sog", by_program("-g", "cpu"), f"written and read by {PROGRAM}")
 
 
 main()
