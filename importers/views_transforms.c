@@ -1,6 +1,6 @@
-/* D-NeRF / Blender JSON, and what n3v2blender.py writes: cameras and images.
+/* D-NeRF / Blender JSON, what n3v2blender.py writes, and nerfstudio's: cameras and images.
  *
- *     transforms_train.json  transforms_test.json
+ *     transforms_train.json  transforms_test.json, or transforms.json alone
  *         camera_angle_x | fl_x fl_y cx cy    of all frames, or of one; w, h likewise
  *         frames[]: file_path, transform_matrix (c2w, OpenGL's axes), time
  *
@@ -9,12 +9,18 @@
  * unless its images are called cam<NN>. Images with alpha are composited where they are read, over the
  * colour of --background; D-NeRF's own training takes white.
  *
+ * transforms.json holds all images: those are held out that its lists test_filenames and val_filenames name,
+ * else the first of several cameras, or where there is one or no time each 8th. Without times every image is a
+ * camera of its own. Poses are taken as they stand: applied_transform says what was done to them before, and
+ * nerfstudio's own centring is not done.
+ *
  * Differs: 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
  * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as
  * it does, for models that were trained on such cameras. */
 #include "spin.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -33,26 +39,36 @@ struct options {
     const char *test_file, *ending;
     enum time_rule time;
     bool old_pose;
+    int hold; /* of transforms.json: each hold-th is test; 0: none; -1: what suits it */
 };
 
-/* One of the two files. */
+/* One of the files. */
 struct split {
     const char *folder;
     const struct options *options;
     const spin_json *root; /* while the file is read */
     int id;                /* of its camera when images are not called cam<NN> */
     bool test;
+    bool all; /* it is transforms.json */
+    bool has_lists,
+        timed; /* of that: whether it names what is held out; whether a frame has a time */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
+#define TRAIN "transforms_train.json"
+#define ALL "transforms.json"
+
 static int probe(const struct spin_peek *peek)
 {
+    bool one = false;
+
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], "transforms_train.json") == 0)
+        if (strcmp(peek->names[i], TRAIN) == 0)
             return 90;
+        one = one || strcmp(peek->names[i], ALL) == 0;
     }
-    return 0;
+    return one ? 60 : 0; /* tools leave it beside the files of another data set */
 }
 
 /* ---- One camera ------------------------------------------------------------------------------ */
@@ -208,24 +224,49 @@ static int camera_of(const struct split *s, const char *name)
     return n_digits > 0 ? value : s->id;
 }
 
-static spin_status fill_view(const struct split *s, const spin_json *frame, size_t index,
+static const char *without_dot(const char *name)
+{
+    while (name && strncmp(name, "./", 2) == 0)
+        name += 2;
+    return name;
+}
+
+/* Whether the file's list `key` names an image. */
+static bool lists(struct split *s, const char *key, const char *name)
+{
+    const spin_json *list = spin_json_get(s->root, key);
+    bool found = false;
+
+    for (size_t i = 0; i < spin_json_length(list) && s->all; i++) {
+        const char *other = without_dot(spin_json_string(spin_json_at(list, i)));
+
+        found = found || (other && strcmp(other, name) == 0);
+        s->has_lists = true;
+    }
+    return found;
+}
+
+static spin_status fill_view(struct split *s, const spin_json *frame, size_t index,
                              struct spin_view *view)
 {
-    const char *name = spin_json_string(spin_json_get(frame, "file_path"));
+    const char *name = without_dot(spin_json_string(spin_json_get(frame, "file_path")));
     const spin_json *time = spin_json_get(frame, "time");
 
     if (!name)
         return spin_fail(SPIN_E_MALFORMED, "no text 'file_path'");
-    while (strncmp(name, "./", 2) == 0)
-        name += 2;
     if (!spin_views_is_safe_name(name))
         return spin_fail(SPIN_E_MALFORMED, "'file_path' is '%s', expected a path below the folder",
                          name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
         return spin_fail(SPIN_E_MALFORMED, "'time' is not a number");
     view->number = spin_views_number(name);
+    s->timed = s->timed || time;
+    if (s->all)
+        s->id = time ? 0 : (int)index;
     view->camera_id = camera_of(s, name);
     view->test = s->test;
+    if (lists(s, "test_filenames", name) || lists(s, "val_filenames", name))
+        view->test = true;
     SPIN_TRY(find_image(s, name, &view->path));
     if (access(view->path, R_OK) != 0)
         return SPIN_OK; /* counted later, when all are known */
@@ -311,6 +352,41 @@ static spin_status set_rows(struct spin_views *views, size_t first, enum time_ru
     return SPIN_OK;
 }
 
+/* ---- Held out -------------------------------------------------------------------------------- */
+
+static int by_path(const void *a, const void *b)
+{
+    const struct spin_view *const *x = a, *const *y = b;
+
+    return strcmp((*x)->path, (*y)->path);
+}
+
+/* Of transforms.json without lists. */
+static spin_status hold_out(const struct split *s, struct spin_views *views, size_t first)
+{
+    size_t n = views->n - first, hold = s->options->hold < 0 ? 8 : (size_t)s->options->hold;
+    struct spin_view *view = views->view + first, **order = NULL;
+    int least = view[0].camera_id, largest = least;
+
+    for (size_t i = 1; i < n; i++) {
+        least = view[i].camera_id < least ? view[i].camera_id : least;
+        largest = view[i].camera_id > largest ? view[i].camera_id : largest;
+    }
+    if (s->options->hold < 0 && s->timed && least < largest) {
+        for (size_t i = 0; i < n; i++)
+            view[i].test = view[i].camera_id == least;
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_alloc(n, sizeof *order, (void **)&order));
+    for (size_t i = 0; i < n; i++)
+        order[i] = &view[i];
+    qsort(order, n, sizeof *order, by_path);
+    for (size_t i = 0; i < n; i++)
+        order[i]->test = hold > 0 && i % hold == 0;
+    free(order);
+    return SPIN_OK;
+}
+
 static spin_status read_options(const struct spin_plugin_values *values, struct options *out)
 {
     int time, pose;
@@ -324,7 +400,27 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     out->time = (enum time_rule)time;
     SPIN_TRY(spin_option_word(values, "pose", "right|4dgaussians", &pose));
     out->old_pose = pose == 1;
+    out->hold = -1;
+    return spin_option_count(values, "hold", 0, INT_MAX, &out->hold);
+}
+
+static spin_status is_there(const char *folder, const char *name, bool *out)
+{
+    char *path = NULL;
+
+    SPIN_TRY(spin_path_join(folder, name, &path));
+    *out = spin_path_exists(path);
+    free(path);
     return SPIN_OK;
+}
+
+static spin_status all_views(struct split *s, struct spin_views *out)
+{
+    size_t first = out->n;
+
+    s->all = true;
+    SPIN_TRY(spin_views_read_json(s->folder, ALL, read_frames, s, out, NULL));
+    return s->has_lists && s->options->hold < 0 ? SPIN_OK : hold_out(s, out, first);
 }
 
 static spin_status transforms_views(const char *path, const struct spin_plugin_values *values,
@@ -334,13 +430,23 @@ static spin_status transforms_views(const char *path, const struct spin_plugin_v
     struct split train = {.folder = path, .options = &o};
     struct split test = {.folder = path, .options = &o, .id = 1, .test = true};
     size_t first = out->n;
-    bool found;
+    bool found, one;
 
     SPIN_TRY(read_options(values, &o));
-    SPIN_TRY(spin_views_read_json(path, "transforms_train.json", read_frames, &train, out, NULL));
-    SPIN_TRY(spin_views_read_json(path, o.test_file, read_frames, &test, out, &found));
-    if (!found && spin_plugin_value(values, "test-file", NULL))
-        return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
+    SPIN_TRY(is_there(path, TRAIN, &found));
+    SPIN_TRY(is_there(path, ALL, &one));
+    one = one && !found;
+    if (spin_plugin_value(values, one ? "test-file" : "hold", NULL))
+        return spin_fail(SPIN_E_USAGE, "option '%s' is for '%s', and the data set has '%s'",
+                         one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
+    if (one) {
+        SPIN_TRY(all_views(&train, out));
+    } else {
+        SPIN_TRY(spin_views_read_json(path, TRAIN, read_frames, &train, out, NULL));
+        SPIN_TRY(spin_views_read_json(path, o.test_file, read_frames, &test, out, &found));
+        if (!found && spin_plugin_value(values, "test-file", NULL))
+            return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
+    }
     SPIN_TRY(spin_views_check_images(out, first));
     return set_rows(out, first, o.time);
 }
@@ -353,13 +459,19 @@ static const struct spin_plugin_option options[] = {
     {"ending", "TEXT", "what image names lack in the file", ".png"},
     {"pose", "RULE", "right; 4dgaussians: with the sign that it gives the translation's x",
      "right"},
+    {"hold", "N",
+     "of transforms.json: hold out each N-th image by name, the first included; 0: none (what its "
+     "lists name; the "
+     "first camera; 8)",
+     NULL},
     {NULL, NULL, NULL, NULL},
 };
 
 const struct spin_importer spin_importer_views_transforms = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "transforms",
-    .summary = "views: D-NeRF and n3v2blender JSON (transforms_train.json)",
+    .summary = "views: JSON of D-NeRF, n3v2blender and nerfstudio (transforms_train.json, "
+               "transforms.json)",
     .upstream = "fudan-zvg/4d-gaussian-splatting scene/dataset_readers.py",
     .options = options,
     .probe = probe,

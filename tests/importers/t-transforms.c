@@ -1,4 +1,4 @@
-/* transforms: D-NeRF and n3v2blender JSON against what the reference readers yield, and files that
+/* transforms: JSON of D-NeRF, n3v2blender and nerfstudio against what the reference readers yield, and files that
  * lie.
  * K: transforms import views */
 #include "tests/importers/sets.h"
@@ -328,11 +328,141 @@ static void test_lies(void)
        "no truncation of transforms_train.json can be read");
 }
 
+/* ---- transforms.json of nerfstudio ------------------------------------------------------------ */
+
+#define LENS                                                                                       \
+    "{\"camera_model\":\"OPENCV\",\"fl_x\":7,\"fl_y\":9,\"cx\":3,\"cy\":2,\"w\":8,\"h\":6,"        \
+    "\"k1\":0,\"k2\":0.0,\"p1\":0,\"p2\":0,"
+#define APPLIED "\"applied_transform\":[[0,1,0,5],[0,0,1,0],[1,0,0,0]],"
+#define STILL(path, more)                                                                          \
+    "{\"file_path\":\"" path "\"," more "\"colmap_im_id\":1,\"transform_matrix\":" POSE "}"
+
+static const char *make_one(const char *head, const char *frames)
+{
+    const char *folder = new_folder();
+    static char text[4000];
+
+    snprintf(text, sizeof text, "%s\"frames\":[%s]}", head, frames);
+    make_text(folder, "transforms.json", text);
+    make_folder(folder, "images");
+    for (int camera = 0; camera < 3; camera++)
+        for (int i = 0; i < 4; i++) {
+            char name[40];
+
+            snprintf(name, sizeof name, "images/cam%02d_%04d.png", camera + 4, i);
+            make_image(folder, name, 8, 6);
+            snprintf(name, sizeof name, "images/frame_%05d.png", 4 * camera + i);
+            make_image(folder, name, 8, 6);
+        }
+    return folder;
+}
+
+static int n_tests(const struct spin_views *views)
+{
+    int n = 0;
+
+    for (size_t i = 0; i < views->n; i++)
+        n += views->view[i].test;
+    return n;
+}
+
+static void test_one_file(void)
+{
+    struct spin_views views;
+    char frames[4000], timed[4000];
+    const char *folder;
+    size_t used = 0, used_timed = 0;
+
+    for (int i = 9; i >= 0; i--) /* not in the order of their names; one has a lens of its own */
+        used += (size_t)snprintf(
+            frames + used, sizeof frames - used,
+            "%s{\"file_path\":\"./images/frame_%05d.png\",%s"
+            "\"transform_matrix\":" POSE "}",
+            used ? "," : "", i,
+            i == 3 ? "\"fl_x\":11,\"fl_y\":12,\"cx\":4,\"cy\":3,\"w\":8,\"h\":6," : "");
+    for (int i = 0; i < 12; i++)
+        used_timed += (size_t)snprintf(timed + used_timed, sizeof timed - used_timed,
+                                       "%s{\"file_path\":\"images/cam%02d_%04d.png\",\"time\":%g,"
+                                       "\"transform_matrix\":" POSE "}",
+                                       used_timed ? "," : "", i / 4 + 4, i % 4, i % 4 / 3.0);
+    folder = make_one(LENS APPLIED, frames);
+    if (set_opens(folder, NULL, &views, "nerfstudio's transforms.json is recognised and read")) {
+        const struct spin_view *own = view_of(&views, "frame_00003.png"),
+                               *other = view_of(&views, "frame_00008.png");
+        int ids = 0;
+
+        for (size_t i = 0; i < views.n; i++)
+            ids |= 1 << views.view[i].camera_id;
+        ok(views.n == 10 && views.n_dataset_frames == 1 && ids == 1023,
+           "without times all images are of one frame, each a camera of its own");
+        ok(n_tests(&views) == 2 && other->test && view_of(&views, "frame_00000.png")->test,
+           "each 8th by name is held out");
+        ok(own->camera.fx == 11 && own->camera.fy == 12 && own->camera.cx == 4 &&
+               own->camera.cy == 3 && other->camera.fx == 7 && other->camera.cy == 2,
+           "a frame's own lens is its own only");
+        ok(other->camera.w2c[3] == -3 && other->camera.w2c[5] == 1 && other->camera.w2c[0] == 1,
+           "poses are as they stand, whatever was applied to them");
+        spin_views_free(&views);
+    }
+    if (set_opens(folder, "transforms:hold=5", &views, "each 5th held out")) {
+        ok(n_tests(&views) == 2 && view_of(&views, "frame_00005.png")->test, "are two of ten");
+        spin_views_free(&views);
+    }
+    if (set_opens(folder, "transforms:hold=0", &views, "nothing held out")) {
+        ok(n_tests(&views) == 0, "all train");
+        spin_views_free(&views);
+    }
+    set_refused(folder, "transforms:test-file=x.json", "'test-file' is for 'transforms_train.json'",
+                "a test file beside transforms.json");
+    folder = make_one(LENS "\"test_filenames\":[\"images/frame_00004.png\"],\"val_filenames\":"
+                           "[\"./images/frame_00006.png\"],\"train_filenames\":[],",
+                      frames);
+    if (set_opens(folder, NULL, &views, "lists of what is held out")) {
+        ok(n_tests(&views) == 2 && view_of(&views, "frame_00004.png")->test &&
+               view_of(&views, "frame_00006.png")->test,
+           "are followed");
+        spin_views_free(&views);
+    }
+    if (set_opens(folder, "transforms:hold=10", &views, "and an option")) {
+        ok(n_tests(&views) == 1 && view_of(&views, "frame_00000.png")->test, "instead of them");
+        spin_views_free(&views);
+    }
+    folder = make_one(LENS, timed);
+    if (set_opens(folder, NULL, &views, "cameras at several times")) {
+        ok(views.n_dataset_frames == 4 && n_tests(&views) == 4 &&
+               view_of(&views, "cam04_0002.png")->test &&
+               !view_of(&views, "cam05_0000.png")->test &&
+               view_of(&views, "cam06_0003.png")->dataset_frame == 3 &&
+               view_of(&views, "cam06_0003.png")->camera_id == 6,
+           "the first camera is held out, frames are the times");
+        spin_views_free(&views);
+    }
+    make_text(folder, "transforms_train.json",
+              LENS "\"frames\":[" FRAME("images/cam04_0000.png", "0") "]}");
+    if (set_opens(folder, NULL, &views, "transforms.json beside the files of D-NeRF")) {
+        ok(views.n == 1 && !views.view[0].test, "is not read");
+        spin_views_free(&views);
+    }
+    set_refused(folder, "transforms:hold=3", "'hold' is for 'transforms.json'", "nor its option");
+    set_refused(
+        make_one("{\"camera_model\":\"OPENCV\",\"fl_x\":9,\"k1\":0.1,\"p2\":0.001,", frames), NULL,
+        "'k1' is 0.1: images with lens distortion must be undistorted", "distortion");
+    set_refused(make_one(LENS, STILL("images/cam04_0000.png", "\"p2\":-0.001,")), NULL,
+                "transforms.json': frame 0: 'p2' is -0.001", "distortion of one frame");
+    set_refused(
+        make_one(LENS, STILL("images/cam04_0000.png", "\"camera_model\":\"OPENCV_FISHEYE\",")),
+        NULL, "OPENCV_FISHEYE", "a fisheye of one frame");
+    set_refused(make_one(LENS, STILL("images/none.png", "")), NULL, "1 of 1 images are missing",
+                "an image that is missing");
+    set_refused(make_one(LENS, ""), NULL, "is empty", "no frames");
+}
+
 TAP_MAIN
 {
     spin_log_set_level(-2);
     test_own();
     test_lies();
+    test_one_file();
     each_set("blender", test_blender);
     each_set("dynerf", test_n3v);
 }
