@@ -157,6 +157,137 @@ static void test_values(void)
     fails("ply", path, "scale", "an infinite scale");
 }
 
+/* ---- What few writers write ------------------------------------------------------------------- */
+
+static const char *write_text(const char *folder, const char *name, const char *text)
+{
+    const char *path = path_in(folder, name);
+    FILE *file = fopen(path, "wb");
+
+    if (!file || fputs(text, file) < 0 || fclose(file) != 0)
+        exit(1);
+    return path;
+}
+
+#define PLACE "property float x\nproperty float y\nproperty float z\n"
+#define RGB16 "property ushort red\nproperty ushort green\nproperty ushort blue\n"
+#define SHAPE                                                                                      \
+    "property float opacity\nproperty float scale_0\nproperty float scale_1\n"                     \
+    "property float scale_2\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\n"   \
+    "property float rot_3\n"
+
+/* Colours of 16 bits, whatever the largest of them is: of points, and of Gaussians without f_dc. */
+static void test_colours_of_16_bits(void)
+{
+    static const char binary[] = "ply\nformat binary_big_endian 1.0\nelement vertex 1\n" PLACE RGB16
+                                 "end_header\n\0\0\0\0\0\0\0\0\0\0\0\0\x33\x33\0\xff\xff\xff";
+    const char *folder = new_folder();
+    struct spin_splats s = {0};
+    struct run run;
+    FILE *file;
+
+    ok(run_open(NULL,
+                write_text(folder, "a.ply",
+                           "ply\nformat ascii 1.0\nelement vertex 2\n" PLACE RGB16
+                           "end_header\n1 2 3 65535 0 13107\n4 5 6 100 200 255\n"),
+                &run) == SPIN_OK &&
+           run.sequence.columns == (SPIN_COL_MEANS | SPIN_COL_RGB) &&
+           run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK && s.n == 2,
+       "points with colours of 16 bits");
+    near(s.rgb[0], 1, 1e-6, "65535 is 1");
+    near(s.rgb[2], 0.2, 1e-6, "13107 is 0.2");
+    near(s.rgb[5], 255 / 65535.0, 1e-6, "255 is dark");
+    run_close(&run);
+    file = fopen(path_in(folder, "b.ply"), "wb");
+    if (!file || fwrite(binary, 1, sizeof binary - 1, file) != sizeof binary - 1 ||
+        fclose(file) != 0)
+        exit(1);
+    ok(run_open(NULL, path_in(folder, "b.ply"), &run) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK,
+       "the same in binary, the high byte first");
+    near(s.rgb[0], 0.2, 1e-6, "0x3333 is 0.2");
+    near(s.rgb[1], 255 / 65535.0, 1e-6, "0x00ff is dark");
+    near(s.rgb[2], 1, 1e-6, "0xffff is 1");
+    run_close(&run);
+    ok(run_open(NULL,
+                write_text(folder, "c.ply",
+                           "ply\nformat ascii 1.0\nelement vertex 1\n" PLACE RGB16 SHAPE
+                           "end_header\n1 2 3 51 0 200 7 -1 -1 -1 1 0 0 0\n"),
+                &run) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK &&
+           s.sh_degree == 0,
+       "Gaussians with them");
+    near(s.sh[0] * 0.28209479, 51 / 65535.0 - 0.5, 1e-6, "51 is dark, where nothing is bright");
+    near(s.sh[2] * 0.28209479, 200 / 65535.0 - 0.5, 1e-6, "200 is dark");
+    run_close(&run);
+    spin_splats_free(&s);
+}
+
+/* Text files whose vertices stand between other elements, one of which has lists. */
+static void test_second_element(void)
+{
+    static const char head[] =
+        "ply\nformat ascii 1.0\nelement camera 2\nproperty float fx\nproperty list "
+        "uchar int seen\nproperty float fy\nelement vertex 2\n" PLACE SHAPE
+        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    static const char rows[] = "500 2 0 1 501\n600 0 601\n1 2 3 4 -5 -6 -7 1 0 0 0 11 12 13\n"
+                               "21 22 23 24 -5 -6 -7 0 1 0 0 31 32 33\n";
+    char text[1200];
+    const char *folder = new_folder();
+    struct spin_splats s = {0};
+    struct run run;
+
+    snprintf(text, sizeof text, "%s%s3 0 1 1\n", head, rows);
+    ok(run_open(NULL, write_text(folder, "a.ply", text), &run) == SPIN_OK &&
+           run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK && s.n == 2,
+       "vertices between cameras and faces");
+    ok(s.means[0] == 1 && s.means[5] == 23 && s.logit_opacities[1] == 24 && s.log_scales[2] == -7 &&
+           s.quats[5] == 1 && s.sh[0] == 11 && s.sh[5] == 33,
+       "are those that are read");
+    run_close(&run);
+    snprintf(text, sizeof text, "%s%s", head, rows);
+    fails("ply", write_text(folder, "b.ply", text), "element 'face' record 0",
+          "a face that is missing is named");
+    snprintf(text, sizeof text, "%s%s3 0 1\n", head, rows);
+    fails("ply", write_text(folder, "c.ply", text), "element 'face' record 0",
+          "a list that is too short");
+    spin_splats_free(&s);
+}
+
+/* A frame of SH degree 1 between those of degree 0, into the same columns. */
+static void test_lower_degree(void)
+{
+    static const char rest[] =
+        " f_rest_0 f_rest_1 f_rest_2 f_rest_3 f_rest_4 f_rest_5 f_rest_6 f_rest_7 f_rest_8";
+    char names[300];
+    const char *folder = new_folder();
+    struct spin_splats s = {0};
+    struct run run;
+    int n_rest = 0;
+
+    snprintf(names, sizeof names, "%s%s", gaussian, rest);
+    write_ply(folder, "1.ply", gaussian, 1, "1 2 3 4 5 6 7 -1 -1 -1 1 0 0 0\n");
+    write_ply(folder, "2.ply", names, 1, "1 2 3 4 5 6 7 -1 -1 -1 1 0 0 0 1 2 3 4 5 6 7 8 9\n");
+    write_ply(folder, "3.ply", gaussian, 1, "9 2 3 14 15 16 7 -1 -1 -1 1 0 0 0\n");
+    if (!ok(run_open(NULL, folder, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
+                run.sequence.sh_degree == 1 && strstr(run.sequence.notes, "padded"),
+            "a lower SH degree before and after a higher one: the higher, and a note"))
+        return;
+    for (int f = 1; f <= 3; f++) {
+        ok(run.importer->frame(run.self, f % 3, 0, run.sequence.columns, &s) == SPIN_OK &&
+               s.sh_degree == 1 && s.sh[0] == (f == 2 ? 14 : 4),
+           "frame %d", f % 3);
+        for (int k = 3; k < 12; k++)
+            n_rest += s.sh[k] != 0;
+        if (f == 1)
+            ok(n_rest == 9 && s.sh[3] == 1 && s.sh[4] == 4 && s.sh[11] == 9, "has its own SH");
+    }
+    ok(n_rest == 9, "the others have none, whatever was read before");
+    run_close(&run);
+    spin_splats_free(&s);
+}
+
 static void test_refused(void)
 {
     static const struct {
@@ -223,6 +354,9 @@ TAP_MAIN
     spin_log_set_level(-1);
     test_points();
     test_values();
+    test_colours_of_16_bits();
+    test_second_element();
+    test_lower_degree();
     test_refused();
     test_tree();
     if (!root || spin_folder_list(root, &names, &n) != SPIN_OK) {
