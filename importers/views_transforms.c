@@ -461,8 +461,7 @@ static const struct spin_plugin_option options[] = {
      "right"},
     {"hold", "N",
      "of transforms.json: hold out each N-th image by name, the first included; 0: none (what its "
-     "lists name; the "
-     "first camera; 8)",
+     "lists name; without, the first of several cameras or each 8th image)",
      NULL},
     {NULL, NULL, NULL, NULL},
 };
