@@ -460,8 +460,8 @@ static const struct spin_plugin_option options[] = {
     {"pose", "RULE", "right; 4dgaussians: with the sign that it gives the translation's x",
      "right"},
     {"hold", "N",
-     "of transforms.json: hold out each N-th image by name, the first included; 0: none (what its "
-     "lists name; without, the first of several cameras or each 8th image)",
+     "of transforms.json: hold out each N-th image by name, the first included; 0: none (its "
+     "lists; without, the first of several cameras or each 8th image)",
      NULL},
     {NULL, NULL, NULL, NULL},
 };
