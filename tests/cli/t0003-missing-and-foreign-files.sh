@@ -52,9 +52,10 @@ fi
 # SOG is a zip with a meta.json as well.
 cp fixtures/splats/splat/frame_00000.splat "$work/one.splat"
 "$bin/spin-import" -q "$work/one.splat" -o "$work/one.spin" && "$bin/spin-export" -q "$work/one.spin" -o "$work/one.sog"
-run "$bin/spin-import" "$work/one.sog" -o "$work/new.spin"
-fails 1 spin-import "import of SOG"
-err_has "no importer knows it" "import of SOG: no bundle"
+run "$bin/spin-import" "$work/one.sog" -o "$work/back.spin" --json
+is "$code $(member from)" "0 sog" "import of SOG: splats, and no bundle"
+run "$bin/spin-import" --info "$work/one.sog" --json
+is "$code $(member from)" "0 sog" "nor is it described as one"
 run "$bin/spin-export" "$work/one.sog" -o "$work/new.glb"
 fails 1 spin-export "export of SOG"
 nothing_at "$work/new" "SOG: nothing was written"
