@@ -80,12 +80,12 @@ spin_status spin_d3dgs_array(struct d3dgs_run *run, const char *key, struct spin
     return SPIN_OK;
 }
 
-static spin_status d3dgs_load_means(struct d3dgs_run *run)
+static spin_status d3dgs_check_means(struct d3dgs_run *run)
 {
     const char *key = d3dgs_keys[D3DGS_MEANS].name;
     struct spin_array *a = &run->array[D3DGS_MEANS];
 
-    SPIN_TRY(spin_d3dgs_array(run, key, a));
+    SPIN_TRY(spin_npz_head(&run->npz, key, a));
     if (a->n_dims != 3 || a->shape[2] != 3)
         return spin_d3dgs_fail_shape(a, key, "[T, N, 3]");
     run->n_frames = a->shape[0];
@@ -101,12 +101,12 @@ static spin_status d3dgs_load_means(struct d3dgs_run *run)
 }
 
 /* [T, N, width], or [N, width] for what does not change. */
-static spin_status d3dgs_load_column(struct d3dgs_run *run, int key)
+static spin_status d3dgs_check_column(struct d3dgs_run *run, int key)
 {
     struct spin_array *a = &run->array[key];
     char expected[128];
 
-    SPIN_TRY(spin_d3dgs_array(run, d3dgs_keys[key].name, a));
+    SPIN_TRY(spin_npz_head(&run->npz, d3dgs_keys[key].name, a));
     if (a->n_dims == 3 && a->shape[0] == run->n_frames && a->shape[1] == run->n &&
         a->shape[2] == d3dgs_keys[key].width)
         return SPIN_OK;
@@ -117,6 +117,26 @@ static spin_status d3dgs_load_column(struct d3dgs_run *run, int key)
              (unsigned long long)d3dgs_keys[key].width, (unsigned long long)run->n,
              (unsigned long long)d3dgs_keys[key].width);
     return spin_d3dgs_fail_shape(a, d3dgs_keys[key].name, expected);
+}
+
+/* What the arrays unpack to and a frame made of them, held against the memory that is there, before any
+ * is unpacked: deflate yields a thousand times what went in. */
+static spin_status d3dgs_check_room(const struct d3dgs_run *run)
+{
+    uint64_t unpacked = 0, width = 0, frame, available = spin_memory_available();
+
+    for (int k = 0; k < D3DGS_N_KEYS; k++) {
+        unpacked += spin_npz_unpacked(&run->npz, d3dgs_keys[k].name);
+        width += d3dgs_keys[k].width;
+    }
+    frame = run->n * width * sizeof(float);
+    if (unpacked == 0 || unpacked + frame <= available)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_MEMORY,
+                     "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, but "
+                     "only %.1f MB of memory are there",
+                     run->path, (double)unpacked / 1e6, (double)frame / 1e6,
+                     (double)available / 1e6);
 }
 
 spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run)
@@ -130,9 +150,12 @@ spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "array 'cam_unnorm_rots' says that this is a map of SplaTAM or one of its "
                          "descendants, which has no frames");
-    SPIN_TRY(d3dgs_load_means(run));
+    SPIN_TRY(d3dgs_check_means(run));
     for (int k = D3DGS_MEANS + 1; k < D3DGS_N_KEYS; k++)
-        SPIN_TRY(d3dgs_load_column(run, k));
+        SPIN_TRY(d3dgs_check_column(run, k));
+    SPIN_TRY(d3dgs_check_room(run));
+    for (int k = 0; k < D3DGS_N_KEYS; k++)
+        SPIN_TRY(spin_d3dgs_array(run, d3dgs_keys[k].name, &run->array[k]));
     return SPIN_OK;
 }
 

@@ -275,14 +275,29 @@ static bool group_available(uint64_t *out)
     return false;
 }
 
+/* What is left of the address space, where `ulimit -v` bounds it. */
+static bool limit_available(uint64_t *out)
+{
+    struct rlimit limit;
+    uint64_t used;
+
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY ||
+        !system_number("/proc/self/status", "VmSize:", 1024, &used))
+        return false;
+    *out = limit.rlim_cur > used ? limit.rlim_cur - used : 0;
+    return true;
+}
+
 size_t spin_memory_available(void)
 {
-    uint64_t bytes, group;
+    uint64_t bytes, bound;
 
     if (!system_number("/proc/meminfo", "MemAvailable:", 1024, &bytes))
         bytes = (uint64_t)sysconf(_SC_AVPHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
-    if (group_available(&group) && group < bytes)
-        bytes = group;
+    if (group_available(&bound) && bound < bytes)
+        bytes = bound;
+    if (limit_available(&bound) && bound < bytes)
+        bytes = bound;
     return bytes > SIZE_MAX ? SIZE_MAX : (size_t)bytes;
 }
 

@@ -35,7 +35,7 @@ struct spin_scratch {
 spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
 void spin_scratch_free(struct spin_scratch *scratch);
 
-/* Bytes of memory the machine could still give us. */
+/* Bytes of memory that the machine, a control group and `ulimit -v` would still give us. */
 size_t spin_memory_available(void);
 /* Peak resident bytes of this process. */
 size_t spin_memory_peak(void);

@@ -11,6 +11,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/zip_format.h"
 
 /* No header of a numeric array is longer; numpy too stops at 10000. */
 #define MAX_HEAD (12 + 10000)
@@ -366,6 +367,13 @@ spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct sp
     return read_head(npz, key, member, out);
 }
 
+uint64_t spin_npz_unpacked(const struct spin_npz *npz, const char *key)
+{
+    const struct spin_zip_member *member = find_array(npz, key);
+
+    return member && member->method != METHOD_STORED ? member->size : 0;
+}
+
 spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool check_crc,
                           struct spin_array *out, void **owned)
 {
@@ -374,7 +382,9 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
 
     *owned = NULL;
     SPIN_TRY(find(npz, key, &member));
-    SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, spin_memory_available(), &bytes, owned));
+    /* Half, as what is made of an unpacked array must find room as well. */
+    SPIN_TRY(
+        spin_zip_read(&npz->zip, member, check_crc, spin_memory_available() / 2, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
 }
 

@@ -25,6 +25,8 @@ spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc
                            struct spin_array *out);
 /* What its header says, from its first bytes alone; out->data is NULL. */
 spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out);
+/* Bytes of memory that its values take once they are read: 0 when they lie in the file as they are. */
+uint64_t spin_npz_unpacked(const struct spin_npz *npz, const char *key);
 /* Its values; those that were deflated go to *owned, to be freed by the caller, instead of staying until the
  * archive is closed. NULL: they lie in the file as they are. */
 spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool check_crc,

@@ -1,5 +1,7 @@
 /* d3dgs: real-shaped runs against what the method's own loader yields, and files that lie.
  * K: d3dgs import */
+#include <sys/resource.h>
+
 #include "tests/importers/runs.h"
 
 #define SH_C0 0.28209479177387814
@@ -257,6 +259,72 @@ static void test_lies(void)
           "a cut file is still recognised");
 }
 
+/* Zeros, deflated to a thousandth: a frame of BOMB Gaussians, the last array `narrow` wide. */
+enum { BOMB = 1500000 };
+
+static const char *make_bomb(const char *name, uint64_t narrow)
+{
+    static const char *const key[] = {"means3D", "rgb_colors", "unnorm_rotations",
+                                      "logit_opacities", "log_scales"};
+    static float zeros[4 * BOMB];
+    const char *path = path_in(new_folder(), name);
+    struct spin_zip_writer w;
+
+    if (spin_zip_writer_open(path, true, &w) != SPIN_OK)
+        exit(1);
+    for (int i = 0; i < 5; i++) {
+        uint64_t shape[] = {1, BOMB, i == 2 ? 4 : i == 3 ? 1 : i == 4 ? narrow : 3};
+
+        if (spin_npz_write_begin_deflated(&w, key[i], "<f4", 3, shape) != SPIN_OK ||
+            spin_zip_member_write(&w, zeros, BOMB * shape[2] * sizeof *zeros) != SPIN_OK ||
+            spin_zip_member_end(&w) != SPIN_OK)
+            exit(1);
+    }
+    if (spin_zip_writer_commit(&w) != SPIN_OK)
+        exit(1);
+    return path;
+}
+
+static rlim_t address_space(void)
+{
+    unsigned long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+
+    if (!file || fscanf(file, "%lu", &pages) != 1)
+        exit(1);
+    fclose(file);
+    return (rlim_t)pages * (rlim_t)sysconf(_SC_PAGESIZE);
+}
+
+/* What an array will take is held against the memory that is there before anything is unpacked. */
+static void test_bomb(void)
+{
+#ifdef __SANITIZE_ADDRESS__
+    skip("a bomb", "the address sanitiser needs more address space than a limit leaves");
+#else
+    const char *bomb = make_bomb("bomb.npz", 3), *narrow = make_bomb("narrow.npz", 2);
+    struct rlimit before, limit;
+    struct run run;
+    size_t peak = spin_memory_peak();
+
+    fails("d3dgs", narrow, "log_scales", "a bomb with one array of another shape");
+    getrlimit(RLIMIT_AS, &before);
+    limit = before;
+    limit.rlim_cur = address_space() + (120u << 20);
+    setrlimit(RLIMIT_AS, &limit);
+    ok(spin_memory_available() <= 120u << 20 && spin_memory_available() > 60u << 20,
+       "the memory that is there ends where the address space is limited");
+    fails("d3dgs", bomb, "its arrays unpack to 84.0 MB and a frame takes 84.0 MB, but only 12",
+          "arrays and a frame that the memory does not hold");
+    ok(spin_memory_peak() < peak + (20u << 20), "neither was unpacked to see that");
+    limit.rlim_cur = address_space() + (300u << 20);
+    setrlimit(RLIMIT_AS, &limit);
+    ok(run_open("d3dgs", bomb, &run) == SPIN_OK, "with more memory it is read");
+    run_close(&run);
+    setrlimit(RLIMIT_AS, &before);
+#endif
+}
+
 TAP_MAIN
 {
     const char *root = check_fixture("d3dgs");
@@ -267,6 +335,7 @@ TAP_MAIN
     fill_numbers();
     test_layouts();
     test_lies();
+    test_bomb();
     if (!root || spin_folder_list(root, &names, &n) != SPIN_OK) {
         skip("d3dgs fixtures", "there are none here");
         return;
