@@ -63,6 +63,14 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
                spin_ply_has_prefix(e, "scale_t_")) {
         method = "Realtime-4DGS";
         name = spin_ply_has_prefix(e, "rot_r_") ? "rot_r_*" : "scale_t";
+    } else if (spin_ply_has(e, "log_duration")) {
+        method = "FreeTimeGS (.ftgs.ply)";
+        name = "log_duration";
+        use = "; spin4d does not read it yet";
+    } else if (spin_ply_has(e, "t_center")) {
+        method = "the interchange PLY of .sogst";
+        name = "t_center";
+        use = "; spin4d does not read it yet";
     } else if (spin_ply_has(e, "t") && spin_gs_ply_any(e)) {
         method = "Realtime-4DGS or SpacetimeGaussians";
     }

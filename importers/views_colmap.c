@@ -24,6 +24,7 @@
 #include "importers/lib/colmap_model.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
+#include "io/json.h"
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
@@ -43,14 +44,89 @@ static int frame_number(const char *name)
 
 static int probe(const struct spin_peek *peek)
 {
-    bool frames = false;
+    bool frames = false, cameras = false, videos = false;
 
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
         if (strcmp(peek->names[i], "sparse") == 0)
             return 100;
         frames = frames || frame_number(peek->names[i]) >= 0;
+        cameras = cameras || strcmp(peek->names[i], "cameras.json") == 0;
+        videos = videos || strcmp(peek->names[i], "videos") == 0;
     }
-    return frames ? 50 : 0;
+    return frames || (cameras && videos) ? 50 : 0;
+}
+
+/* ---- Look-alikes ----------------------------------------------------------------------------- */
+
+/* A clip of 4DAnyone has a folder videos/sparse, which is no model. */
+static spin_status check_not_4danyone(const char *path)
+{
+    char *file = NULL;
+    spin_json *json = NULL;
+    bool found = false;
+
+    SPIN_TRY(spin_path_join(path, "cameras.json", &file));
+    if (spin_path_exists(file) && spin_json_load(file, &json) == SPIN_OK)
+        found = spin_json_string(spin_json_get(json, "camera_model")) &&
+                spin_json_is_array(spin_json_get(json, "cameras"));
+    spin_json_free(json);
+    free(file);
+    return found ? spin_fail(SPIN_E_UNSUPPORTED,
+                             "'%s/cameras.json' is of a clip of 4DAnyone, which spin4d does not "
+                             "read yet",
+                             path)
+                 : SPIN_OK;
+}
+
+/* Length of what names the camera of an image: its folder, else its name without the ending. */
+static size_t camera_part(const char *name)
+{
+    const char *end = strrchr(name, '/');
+
+    if (!end)
+        end = strrchr(name, '.');
+    return end ? (size_t)(end - name) : strlen(name);
+}
+
+/* How many numbered files the folder of this camera has. */
+static spin_status count_frames(const char *images, const char *name, size_t *n_frames)
+{
+    char *folder = NULL, **names = NULL;
+    size_t n = 0;
+    spin_status status = SPIN_OK;
+
+    *n_frames = 0;
+    SPIN_TRY(spin_path_join(images, name, &folder));
+    folder[strlen(folder) - strlen(name) + camera_part(name)] = '\0';
+    if (spin_path_is_folder(folder))
+        status = spin_folder_list(folder, &names, &n);
+    for (size_t i = 0; i < n; i++)
+        *n_frames += names[i][0] != '.' && spin_views_number(names[i]) >= 0;
+    spin_folder_list_free(names);
+    free(folder);
+    return status;
+}
+
+/* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it lies in,
+ * or that has its name, holds the frames. */
+static spin_status check_not_freetimegs(const struct colmap_model *m, const char *images)
+{
+    for (size_t i = 0; i < m->n_images; i++) {
+        const char *name = m->image[i].name;
+        size_t n = camera_part(name), n_frames;
+
+        if (i > 0 && n == camera_part(m->image[i - 1].name) &&
+            strncmp(name, m->image[i - 1].name, n) == 0)
+            return SPIN_OK;
+        SPIN_TRY(count_frames(images, name, &n_frames));
+        if (n_frames < 2)
+            return SPIN_OK;
+    }
+    return spin_fail(
+        SPIN_E_UNSUPPORTED,
+        "each image of the model has a folder of frames in '%s': this looks like a data "
+        "set of FreeTimeGS, which spin4d does not read yet",
+        images);
 }
 
 /* ---- Views ----------------------------------------------------------------------------------- */
@@ -181,12 +257,16 @@ static spin_status read_one(const char *path, struct colmap_model *m, const stru
                             struct spin_views *out)
 {
     int *ids = NULL;
+    char *images = NULL;
     spin_status status;
 
     SPIN_TRY(spin_colmap_model_read(path, o->centre, m));
-    status = camera_ids(m, &ids);
-    if (status == SPIN_OK)
-        status = add_views(m, o, path, ids, -1, -1, out);
+    SPIN_TRY(spin_path_join(path, o->images, &images));
+    SPIN_TRY_OUT(check_not_freetimegs(m, images));
+    SPIN_TRY_OUT(camera_ids(m, &ids));
+    status = add_views(m, o, path, ids, -1, -1, out);
+out:
+    free(images);
     free(ids);
     return status;
 }
@@ -217,6 +297,7 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
     spin_status status;
 
     SPIN_TRY(read_options(values, &o));
+    SPIN_TRY(check_not_4danyone(path));
     SPIN_TRY(spin_path_join(path, "sparse", &sparse));
     if (spin_path_is_folder(sparse)) {
         SPIN_TRY_OUT(read_one(path, &m, &o, out));

@@ -312,6 +312,47 @@ static void test_order(void)
     }
 }
 
+/* Sets of other methods that look like a model of COLMAP. */
+static void test_look_alikes(void)
+{
+    static const char nested[] = "1 1 0 0 0 0 0 0 1 c0/000.png\n\n2 1 0 0 0 0 0 0 1 c1/000.png\n\n";
+    static const char flat[] = "1 1 0 0 0 0 0 0 1 c0.png\n\n2 1 0 0 0 0 0 0 1 c1.png\n\n";
+    const char *folder = new_folder(), *clip = new_folder();
+    struct spin_views views;
+    char name[64];
+
+    make_model(folder, lenses, nested);
+    for (int i = 0; i < 3; i++) {
+        snprintf(name, sizeof name, "images/c%d", i % 2);
+        make_folder(folder, name);
+        snprintf(name, sizeof name, "images/c%d/00%d.png", i % 2, i / 2);
+        make_image(folder, name, 8, 6);
+    }
+    if (set_opens(folder, NULL, &views, "a model whose images lie in folders"))
+        spin_views_free(&views);
+    make_image(folder, "images/c1/001.png", 8, 6);
+    set_refused(folder, NULL, "FreeTimeGS", "frames behind every image");
+    make_model(folder, lenses, flat);
+    set_refused(folder, NULL, "FreeTimeGS", "frames in folders called as the images");
+    make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 c0/000.png\n\n2 1 0 0 0 0 0 0 1 c0/001.png\n\n");
+    if (set_opens(folder, NULL, &views, "a model of all images of a folder"))
+        spin_views_free(&views);
+
+    make_folder(clip, "videos/sparse");
+    make_text(clip, "cameras.json", "[]");
+    set_refused(clip, NULL, "neither 'sparse'", "a list of cameras as 3DGS writes it is no clip");
+    make_text(clip, "cameras.json", "{\"cameras\": []}");
+    set_refused(clip, NULL, "neither 'sparse'", "nor are cameras of no model");
+    make_text(clip, "cameras.json", "{\"camera_model\": \"OPENCV\", \"cameras\": []}");
+    set_refused(clip, NULL, "is of a clip of 4DAnyone", "a clip of 4DAnyone");
+    if (check_fixture("datasets4d")) {
+        set_refused(check_fixture("datasets4d/4danyone_mini/clip"), NULL, "4DAnyone",
+                    "the fixture of 4DAnyone");
+        set_refused(check_fixture("datasets4d/freetimegs_mini/scene"), NULL, "FreeTimeGS",
+                    "the fixture of FreeTimeGS");
+    }
+}
+
 TAP_MAIN
 {
     const char *root = check_fixture("datasets/colmap_mini");
@@ -321,6 +362,7 @@ TAP_MAIN
     test_text();
     test_frames();
     test_lies();
+    test_look_alikes();
     if (root)
         test_binary(root);
     else

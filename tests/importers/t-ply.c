@@ -287,6 +287,8 @@ static void test_lower_degree(void)
     run_close(&run);
     spin_splats_free(&s);
 }
+#define GAUSSIAN                                                                                   \
+    "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
 
 static void test_refused(void)
 {
@@ -308,6 +310,11 @@ static void test_refused(void)
          "rot_3",
          "expected 0, 9", "one f_rest"},
         {"x y z packed_position", "packed_rotation", "half of a compressed PLY"},
+        {GAUSSIAN " time log_duration velocity_0 velocity_1 velocity_2",
+         "'log_duration' says that this is a 4D model, it looks like FreeTimeGS", "a .ftgs.ply"},
+        {GAUSSIAN " vx vy vz t_center t_sigma",
+         "'t_center' says that this is a 4D model, it looks like the interchange PLY of .sogst",
+         "the interchange PLY of .sogst"},
     };
     const char *folder = new_folder();
 
