@@ -467,6 +467,7 @@ static spin_status open_files(struct export *x)
         return SPIN_OK;
     snprintf(path, sizeof path, "%.*s.bin", (int)fmin((double)stem_of(job->output), 4000),
              job->output);
+    spin_out_sweep(path);
     status = spin_out_open(path, job->force, &x->data);
     x->data.sync = job->sync;
     if (status != SPIN_OK)

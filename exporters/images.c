@@ -110,7 +110,7 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
                            x->which == TEST ? "test" : "train");
         goto out;
     }
-    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, &x->folder));
+    SPIN_TRY_OUT(spin_output_folder_begin(job->output, job->force, ".png", &x->folder));
     *self = x;
     return SPIN_OK;
 out:

@@ -58,7 +58,8 @@ void spin_frames_free(struct spin_frames *x)
 
 static spin_status open_folder(struct spin_frames *x, const struct spin_export_job *job)
 {
-    SPIN_TRY(spin_output_folder_begin(job->output, job->force || x->skip_complete, &x->folder));
+    SPIN_TRY(spin_output_folder_begin(job->output, job->force || x->skip_complete, x->pattern.after,
+                                      &x->folder));
     if (x->folder.n_before > 0 && !x->skip_complete)
         spin_warn("folder '%s' was not empty: files that are not overwritten stay in it",
                   job->output);

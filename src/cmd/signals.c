@@ -1,4 +1,4 @@
-/* Ctrl-C and its relatives. */
+/* Ctrl-C, a terminal that closes, and their relatives. */
 #include "cmd/signals.h"
 
 #include <signal.h>
@@ -26,6 +26,8 @@ void spin_signals_catch(void)
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* under nohup it stays ignored */
+        sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* the write fails instead, and says so */
 }

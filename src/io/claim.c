@@ -19,6 +19,7 @@ spin_status spin_claim_file(const char *path, bool force)
 
     SPIN_TRY(spin_out_open(path, force, &out));
     spin_out_abandon(&out);
+    spin_out_sweep(path);
     return SPIN_OK;
 }
 

@@ -11,6 +11,7 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "base/err.h"
@@ -435,6 +436,7 @@ static spin_status check_target(const char *path, bool force)
 
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
 {
+    const int flags = O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW;
     char suffix[32];
     size_t n;
     void *name;
@@ -452,7 +454,9 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     out->temporary = name;
     snprintf(out->temporary, n, "%s%s", path, suffix);
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
-    fd = open(out->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+    fd = open(out->temporary, flags, 0666);
+    if (fd < 0 && errno == EEXIST && unlink(out->temporary) == 0) /* a process had our number */
+        fd = open(out->temporary, flags, 0666);
     if (fd >= 0)
         out->file = fdopen(fd, "w+b");
     if (!out->file) {
@@ -581,34 +585,57 @@ void spin_out_abandon(struct spin_out *out)
     forget_out(out);
 }
 
-/* "name.tmp.4711" of a process that is no more. */
-static bool is_leftover(const char *entry, const char *name)
+/* Where the end ".tmp.4711" of a name begins when its process is no more; NULL: there is none such. */
+static const char *dead_end(const char *entry)
 {
-    size_t n = strlen(name);
+    const char *dot = strrchr(entry, '.');
     char *end;
     long pid;
 
-    if (strncmp(entry, name, n) != 0 || strncmp(entry + n, ".tmp.", 5) != 0)
-        return false;
-    pid = strtol(entry + n + 5, &end, 10);
-    return pid > 0 && *end == '\0' && kill((pid_t)pid, 0) != 0 && errno == ESRCH;
+    if (!dot || dot - entry < 4 || strncmp(dot - 4, ".tmp", 4) != 0)
+        return NULL;
+    pid = strtol(dot + 1, &end, 10);
+    return pid > 0 && *end == '\0' && kill((pid_t)pid, 0) != 0 && errno == ESRCH ? dot - 4 : NULL;
+}
+
+/* Its process may live on another machine, but then it writes. */
+static bool is_idle(const char *path)
+{
+    struct stat st;
+
+    return lstat(path, &st) == 0 && st.st_mtime + 60 < time(NULL);
+}
+
+/* Remove what killed writers have left of `name`, or, NULL, of all names with this ending. */
+static void sweep(const char *folder, const char *name, const char *ending)
+{
+    char *entry = NULL, **names = NULL;
+    size_t n = 0, n_ending = strlen(ending);
+
+    if (spin_folder_list(folder, &names, &n) != SPIN_OK)
+        return;
+    for (size_t i = 0; i < n; i++) {
+        const char *end = dead_end(names[i]);
+        size_t n_before = end ? (size_t)(end - names[i]) : 0;
+
+        if (!end || spin_path_join(folder, names[i], &entry) != SPIN_OK)
+            continue;
+        if (name ? strlen(name) == n_before && memcmp(names[i], name, n_before) == 0
+                 : n_ending > 0 && n_before > n_ending &&
+                       memcmp(end - n_ending, ending, n_ending) == 0 && is_idle(entry))
+            unlink(entry);
+        free(entry);
+    }
+    spin_folder_list_free(names);
 }
 
 void spin_out_sweep(const char *path)
 {
-    char *folder = NULL, *entry = NULL, **names = NULL;
-    size_t n = 0;
+    char *folder = NULL;
 
-    if (spin_path_folder(path, &folder) != SPIN_OK ||
-        spin_folder_list(folder, &names, &n) != SPIN_OK)
-        n = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (is_leftover(names[i], spin_path_name(path)) &&
-            spin_path_join(folder, names[i], &entry) == SPIN_OK)
-            unlink(entry);
-        free(entry);
-        entry = NULL;
-    }
-    spin_folder_list_free(names);
+    if (spin_path_folder(path, &folder) == SPIN_OK)
+        sweep(folder, spin_path_name(path), "");
     free(folder);
 }
+
+void spin_out_sweep_folder(const char *folder, const char *ending) { sweep(folder, NULL, ending); }

@@ -52,6 +52,9 @@ long long spin_path_number(const char *path);
 
 /* Remove what writers of `path` that were killed have left beside it. */
 void spin_out_sweep(const char *path);
+/* The same of all files in a folder whose names have this ending, such as ".ply", when they were not
+ * written to for a minute. */
+void spin_out_sweep_folder(const char *folder, const char *ending);
 /* Of an output file (spin.h): bytes to a place in it, past the buffer of spin_out_write(), by any
  * thread, where pieces are made side by side. 0, or the errno, of which spin_out_failed() makes the
  * status in the thread that asks. Nothing of spin_out_write() may still lie in its buffer. */

@@ -9,7 +9,8 @@
 #include "base/mem.h"
 #include "io/watch.h"
 
-static spin_status take_existing(const char *path, bool force, struct spin_output_folder *out)
+static spin_status take_existing(const char *path, bool force, const char *ending,
+                                 struct spin_output_folder *out)
 {
     char **names = NULL;
 
@@ -20,14 +21,16 @@ static spin_status take_existing(const char *path, bool force, struct spin_outpu
     if (out->n_before > 0 && !force)
         return spin_fail(SPIN_E_IO, "folder '%s' exists and is not empty; use --force to overwrite",
                          path);
+    spin_out_sweep_folder(path, ending);
     return SPIN_OK;
 }
 
-spin_status spin_output_folder_begin(const char *path, bool force, struct spin_output_folder *out)
+spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
+                                     struct spin_output_folder *out)
 {
     *out = (struct spin_output_folder){0};
     if (spin_path_is_taken(path)) {
-        SPIN_TRY(take_existing(path, force, out));
+        SPIN_TRY(take_existing(path, force, ending, out));
     } else {
         SPIN_TRY(spin_folder_make(path));
         out->created = true;

@@ -10,8 +10,10 @@ struct spin_output_folder {
     bool created;    /* by us */
     size_t n_before; /* entries that were there */
 };
-/* Makes the folder, or takes one that is empty; one with entries only when force. */
-spin_status spin_output_folder_begin(const char *path, bool force, struct spin_output_folder *out);
+/* Makes the folder, or takes one that is empty; one with entries only when force. What killed writers of files
+ * with this ending have left in it is removed. */
+spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
+                                     struct spin_output_folder *out);
 void spin_output_folder_end(struct spin_output_folder *folder);
 /* Also removes it when it was made by begin and is still empty. */
 void spin_output_folder_abandon(struct spin_output_folder *folder);

@@ -8,6 +8,7 @@
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "io/file.h"
 #include "io/ranks.h"
 #include "render/frame_renderer.h"
 #include "run/share_splats.h"
@@ -328,6 +329,7 @@ static spin_status begin_export(struct export *x)
                   o->to);
     if (spin_rank() > 0)
         return write_rounds(x);
+    spin_out_sweep(o->output);
     SPIN_TRY(x->exporter->begin(&job, &x->self));
     status = spin_n_ranks() > 1 ? write_rounds(x) : write_frames(x);
     if (status != SPIN_OK) {

@@ -72,6 +72,10 @@ done
 run "$bin/spin-import" --from d3dgs "$runs/variants/missing_log_scales.npz" --info
 err_has log_scales "a missing array is named"
 
+touch "$work/swept.spin.tmp.999999999"
+run "$bin/spin-import" "$runs/trained" -o "$work/swept.spin"
+is "$(ls "$work" | grep -c swept)" 1 "an import removes what a killed one has left"
+
 size=$(wc -c <"$runs/trained/params.npz")
 for part in 0 1 3 100 1000; do
     head -c $((size * part / 1001)) "$runs/trained/params.npz" >"$work/params.npz"

@@ -75,6 +75,17 @@ run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps -
 stopped TERM 143
 # A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
 stopped INT 130
+stopped HUP 129
+# What was told to outlive its terminal does.
+rm -f "$work/stopped.spin"*
+trap '' HUP
+"$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 2>"$work/err" &
+pid=$!
+trap - HUP
+while [ ! -s "$work/stopped.spin.part" ] && kill -0 $pid 2>/dev/null; do sleep 0.05; done
+kill -HUP $pid 2>/dev/null
+wait $pid
+is $? 0 "under nohup a run goes on"
 
 # A table far larger than the splats need is stepped line by line when a line is needed.
 small='--preset paper --device cpu --levels 4 --hash-log2 15 --finest-resolution 512 --hidden 16'

@@ -1,6 +1,7 @@
 /* Maps, paths, folders, write-then-rename.  K: io file */
 #include <errno.h>
 #include <sys/stat.h>
+#include <sys/time.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -249,6 +250,54 @@ static void outputs(void)
              "nor is a device");
 }
 
+/* In a folder: what is left of names with one ending, when nobody has written to it for a minute. */
+static void sweeps_folder(void)
+{
+    static const char *const left[] = {"many/0.ply.tmp.999999999", "many/1.ply.tmp.999999999",
+                                       "many/2.ply.tmp.1", "many/notes.tmp.999999999",
+                                       "many/.ply.tmp.999999999"};
+    const struct timeval old[2] = {{1000, 0}, {1000, 0}};
+    struct spin_output_folder folder;
+
+    spin_folder_make(in_root("many"));
+    for (int i = 0; i < 5; i++) {
+        put_file(in_root(left[i]), "x");
+        if (i != 1)
+            utimes(in_root(left[i]), old);
+    }
+    ok(spin_output_folder_begin(in_root("many"), false, ".ply", &folder) == SPIN_E_IO &&
+           n_entries(in_root("many")) == 5,
+       "a folder that is not taken is not swept");
+    spin_out_sweep_folder(in_root("many"), "");
+    ok(n_entries(in_root("many")) == 5, "nor is anything without an ending");
+    ok(spin_output_folder_begin(in_root("many"), true, ".ply", &folder) == SPIN_OK &&
+           n_entries(in_root("many")) == 4 && !spin_path_exists(in_root(left[0])),
+       "of a folder that is taken what killed writers have left goes, and nothing else");
+    spin_output_folder_end(&folder);
+}
+
+/* The temporary name can be foreseen; where others may write, it may be theirs. */
+static void planted(void)
+{
+    char name[64];
+    struct spin_out out;
+    struct spin_map map;
+    struct stat st;
+
+    put_file(in_root("theirs"), "theirs");
+    snprintf(name, sizeof name, "planted.tmp.%ld", (long)getpid());
+    if (link(in_root("theirs"), in_root(name)) != 0)
+        exit(1);
+    ok(spin_out_open(in_root("planted"), false, &out) == SPIN_OK &&
+           spin_out_write(&out, "ours", 4) == SPIN_OK && spin_out_commit(&out) == SPIN_OK &&
+           stat(in_root("planted"), &st) == 0 && st.st_size == 4,
+       "what lies under the temporary name is replaced");
+    ok(spin_map_open(in_root("theirs"), &map) == SPIN_OK && map.size == 6 &&
+           memcmp(map.data, "theirs", 6) == 0,
+       "and not written to");
+    spin_map_close(&map);
+}
+
 /* What appears under the name after opening is not ours to replace, nor is a link to nothing. */
 static void made_meanwhile(void)
 {
@@ -395,7 +444,7 @@ static void fall(const char *path, const char *out_path)
     struct spin_map map;
 
     if (!freopen(in_root("stderr"), "w", stderr) || spin_map_open(path, &map) != SPIN_OK ||
-        spin_output_folder_begin(in_root("made"), false, &folder) != SPIN_OK ||
+        spin_output_folder_begin(in_root("made"), false, ".ply", &folder) != SPIN_OK ||
         spin_out_open(out_path, false, &out) != SPIN_OK)
         _exit(3);
     spin_catch_cut_files("tester");
@@ -443,6 +492,8 @@ TAP_MAIN
     paths();
     folders();
     outputs();
+    sweeps_folder();
+    planted();
     made_meanwhile();
     syncs();
     full_disk();
