@@ -61,29 +61,13 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the images ---------------------------------------------------------------------- */
 
-static bool has_ending(const char *name, const char *const *endings)
+static bool is_image(const char *name)
 {
     const char *dot = strrchr(name, '.');
 
-    for (; dot && *endings; endings++) {
-        if (strcasecmp(dot, *endings) == 0)
-            return name[0] != '.';
-    }
-    return false;
-}
-
-static bool is_image(const char *name)
-{
-    static const char *const endings[] = {".png", ".jpg", ".jpeg", NULL};
-
-    return has_ending(name, endings);
-}
-
-static bool is_video(const char *name)
-{
-    static const char *const endings[] = {".mp4", ".mov", ".mkv", ".avi", NULL};
-
-    return has_ending(name, endings);
+    return dot && name[0] != '.' &&
+           (strcasecmp(dot, ".png") == 0 || strcasecmp(dot, ".jpg") == 0 ||
+            strcasecmp(dot, ".jpeg") == 0);
 }
 
 /* "cam07", "cam_7", "cam07.mp4", "cam07_0001.png": 7; else -1. */
@@ -246,7 +230,7 @@ static spin_status find_images(struct set *set, char **names)
     for (size_t i = 0; names[i]; i++) {
         if (camera_number(names[i]) < 0)
             continue;
-        if (is_video(names[i]))
+        if (spin_video_is_name(names[i]))
             SPIN_TRY(add_video(set, camera_number(names[i])));
         else
             SPIN_TRY(add_camera_folder(set, names[i]));

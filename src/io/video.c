@@ -41,7 +41,7 @@ static unsigned long clock_now;
 
 static bool is_video(const char *name, size_t n)
 {
-    static const char *const endings[] = {".mp4", ".mov", ".m4v", ".mkv", ".webm"};
+    static const char *const endings[] = {".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi"};
 
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
         size_t n_ending = strlen(endings[i]);

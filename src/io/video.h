@@ -16,7 +16,8 @@
 #include "io/crc.h"
 #include "spin.h"
 
-/* "cam00.mp4#12": length of the file's name and the number. Only .mp4, .mov, .m4v, .mkv and .webm. */
+/* "cam00.mp4#12": length of the file's name and the number. Only .mp4, .mov, .m4v, .mkv and .webm;
+ * .avi, whose frames have no times, is known by name to be refused by name. */
 bool spin_video_path(const char *path, size_t *n_file, int64_t *frame);
 /* Whether the name ends like a video's. */
 bool spin_video_is_name(const char *name);

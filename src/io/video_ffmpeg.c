@@ -57,7 +57,8 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     av_dict_free(&options);
     free(url);
     if (error < 0)
-        return fail(SPIN_VIDEO_UNREADABLE, error, "not a video that can be read", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, error,
+                    "not an MP4, QuickTime, Matroska or WebM file that can be read", why, n_why);
     error = avformat_find_stream_info(*out, NULL);
     if (error >= 0)
         error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);

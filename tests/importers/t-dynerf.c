@@ -310,6 +310,11 @@ static void test_videos(void)
     }
     make_image(folder, "cam00/images/x.png", 8, 6);
     set_refused(folder, NULL, "no frame number", "an image without a number");
+    folder = make_set(3, 0, 0);
+    make_text(folder, "cam00.avi", "x");
+    make_text(folder, "cam01.avi", "x");
+    set_refused(folder, NULL, spin_video_start() == SPIN_OK ? "cam00.avi': not an MP4" : "2 videos",
+                "videos of a kind that is not read");
 }
 
 /* Every view's pixels, asked for in an order that jumps, beside those of the image that its path names
@@ -347,11 +352,12 @@ static void test_from_videos(void)
     int failed = spin_video_start() != SPIN_OK;
 
     for (int c = 0; c < 2 && !failed; c++) {
-        snprintf(command, sizeof command,
-                 "'%s/tests/tools/make-video' '%s/cam%02d.mp4' 12 %d %d %d",
-                 build ? build : "build/release", folder, c, VIDEO_W, VIDEO_H, c);
+        snprintf(command, sizeof command, "'%s/tests/tools/make-video' '%s/cam%02d.%s' 12 %d %d %d",
+                 build ? build : "build/release", folder, c, c ? "mkv" : "mp4", VIDEO_W, VIDEO_H,
+                 c);
         failed = system(command) != 0;
     }
+    failed = failed || rename(path_in(folder, "cam01.mkv"), path_in(folder, "cam01.webm")) != 0;
     if (failed) {
         skip("views straight from videos", "no FFmpeg, or it cannot encode");
         return;
@@ -361,7 +367,7 @@ static void test_from_videos(void)
     ok(views.n == 24 && views.n_dataset_frames == 12 && views.numbered &&
            views.view[23].number == 11,
        "have twelve frames of two cameras");
-    ok(view_of(&views, "cam01.mp4#11") && views.view[0].camera.width == VIDEO_W &&
+    ok(view_of(&views, "cam01.webm#11") && views.view[0].camera.width == VIDEO_W &&
            views.view[0].camera.fx == 10.0 * VIDEO_W / 8,
        "whose paths name them, in cameras of the videos' size");
     ok(spin_image_cache_open(&views, SIZE_MAX, NULL, &pixels) == SPIN_OK &&
