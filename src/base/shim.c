@@ -2,11 +2,15 @@
 #include "base/shim.h"
 
 #include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #ifndef SPIN_LIBDIR
@@ -21,6 +25,30 @@ struct search {
     const void *table;
 };
 
+/* Where `ulimit -v` bounds the address space, a library may end the process while it is loaded, as one does
+ * that starts threads: a child tries first. */
+static bool ends_process(const char *path)
+{
+    struct rlimit limit;
+    int how = 0;
+    pid_t child;
+
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
+        return false;
+    child = fork();
+    if (child == 0) {
+        const struct rlimit none = {0, 0};
+
+        (void)setrlimit(RLIMIT_CORE, &none);
+        (void)dup2(open("/dev/null", O_WRONLY), STDERR_FILENO);
+        (void)dlopen(path, RTLD_NOW | RTLD_LOCAL);
+        _exit(0);
+    }
+    while (child > 0 && waitpid(child, &how, 0) < 0 && errno == EINTR)
+        ;
+    return WIFSIGNALED(how);
+}
+
 /* Take the object at path; false when there is none, or none that fits: then the reason is kept. */
 static bool load(struct search *s, const char *path)
 {
@@ -29,6 +57,11 @@ static bool load(struct search *s, const char *path)
 
     if (access(path, R_OK) != 0)
         return false;
+    if (ends_process(path)) {
+        snprintf(s->shim->why, sizeof s->shim->why,
+                 "its libraries do not start in the memory that `ulimit -v` leaves");
+        return false;
+    }
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!object) {
         snprintf(s->shim->why, sizeof s->shim->why, "%s", dlerror());

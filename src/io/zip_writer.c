@@ -1,9 +1,9 @@
 /* Zip archives. Headers of stored members are padded so that the data lie aligned. */
 #include "io/zip_writer.h"
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <zlib.h>
 
 #include "base/err.h"
@@ -223,10 +223,9 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
  * again what lies around it. */
 static spin_status patch(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
 {
-    if (fflush(w->out.file) != 0 ||
-        pwrite(fileno(w->out.file), b->data, b->n, (off_t)at) != (ssize_t)b->n)
-        return spin_fail(SPIN_E_IO, "cannot write '%s': the disk refused", w->out.path);
-    return SPIN_OK;
+    if (fflush(w->out.file) != 0)
+        return spin_out_failed(&w->out, errno);
+    return spin_out_write_at(&w->out, at, b->data, b->n);
 }
 
 spin_status spin_zip_member_end(struct spin_zip_writer *w)

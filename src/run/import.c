@@ -181,6 +181,7 @@ static spin_status check_times(const struct import *im)
 {
     spin_status status = SPIN_OK;
 
+    SPIN_TRY(spin_frame_numbers_check(im->meta.frame, im->meta.n_frames));
     if (im->o->output)
         status = spin_times_check(im->meta.frame, NULL, im->meta.n_frames);
     return status != SPIN_OK && im->o->n_times > 0 ? spin_fail_context(SPIN_E_USAGE, "--times")

@@ -119,6 +119,29 @@ static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const 
     return SPIN_OK;
 }
 
+static int by_number(const void *a, const void *b)
+{
+    int x = *(const int *)a, y = *(const int *)b;
+
+    return (x > y) - (x < y);
+}
+
+spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
+{
+    spin_status status = SPIN_OK;
+    int *number;
+
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *number, (void **)&number));
+    for (int i = 0; i < n; i++)
+        number[i] = frame[i].number;
+    qsort(number, (size_t)n, sizeof *number, by_number);
+    for (int i = 1; i < n && status == SPIN_OK; i++)
+        if (number[i] == number[i - 1])
+            status = spin_fail(SPIN_E_MALFORMED, "two frames have the number %d", number[i]);
+    free(number);
+    return status;
+}
+
 static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *list = spin_json_get(root, "frames");
@@ -136,7 +159,7 @@ static spin_status read_frames(struct spin_bundle_meta *meta, const spin_json *r
         if (status != SPIN_OK)
             return spin_fail_context(status, "frame %zu", i);
     }
-    return SPIN_OK;
+    return spin_frame_numbers_check(meta->frame, meta->n_frames);
 }
 
 static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *root)

@@ -25,6 +25,9 @@ struct spin_bundle_meta {
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);
 
+/* No two frames of a clip have one number. */
+spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n);
+
 /* Fills *meta, which is zero before. SPIN_E_MALFORMED and SPIN_E_UNSUPPORTED name the key. */
 spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root);
 /* The object to be written: our keys go into extra, if any, so a caller's key of the same name does not

@@ -60,4 +60,43 @@ run "$bin/spin-export" "$work/one.sog" -o "$work/new.glb"
 fails 1 spin-export "export of SOG"
 nothing_at "$work/new" "SOG: nothing was written"
 
+# A full disk, as a limit on the size of files.
+(
+    ulimit -f 16
+    exec "$bin/spin-import" "$clip" -o "$work/new.spin" >"$work/out" 2>"$work/err"
+)
+code=$?
+fails 1 spin-import "a full disk"
+err_has "cannot write '$work/new.spin': File too large" "a full disk: says what the system said"
+nothing_at "$work/new" "a full disk: nothing was written"
+
+# little_memory KILOBYTES COMMAND...: the sanitisers need more address space than a limit leaves.
+little_memory() {
+    (
+        ulimit -v "$1"
+        shift
+        exec "$@" >"$work/out" 2>"$work/err"
+    )
+    code=$?
+}
+case ${SPIN_BUILD:-} in *asan* | *tsan*) skip "little memory" "a sanitiser" && done_testing ;; esac
+if [ ! -e "$(dirname "$bin")/lib/spin-image.so" ]; then
+    skip "little memory" "built without OpenImageIO"
+    done_testing
+fi
+"$bin/spin-import" -q "$clip" --data "$clip" -o "$work/clip.spin"
+echo '__attribute__((constructor)) static void fall(void) { __builtin_trap(); }' >"$work/falls.c"
+if ${CC:-gcc} -shared -fPIC -o "$work/falls.so" "$work/falls.c" 2>/dev/null; then
+    export SPIN_IMAGE_SHIM="$work/falls.so"
+    little_memory 8000000 "$bin/spin-retrain" "$work/clip.spin" -o "$work/new.spin"
+    unset SPIN_IMAGE_SHIM
+    fails 1 spin-retrain "libraries that fall when they are loaded"
+    err_has "do not start in the memory that .ulimit -v. leaves" "libraries that fall: says why"
+fi
+for limit in 200000 350000 400000 450000 500000 600000 700000; do
+    little_memory $limit "$bin/spin-retrain" "$work/clip.spin" -o "$work/new.spin" --iterations 1 -q
+    [ "$code" = 0 ] || fails 1 spin-retrain "ulimit -v $limit"
+    rm -rf "$work/new.spin"*
+done
+
 done_testing

@@ -145,6 +145,10 @@ breaks() {
     nothing_at "$work/bad.spin" "$1: nothing was written"
 }
 breaks frames 's/n_frames = run->n_frames;/n_frames = 0;/' "found no frames"
+variant twice 's/sequence->numbers = run->numbers;/static int same[99]; sequence->numbers = same;/'
+SPIN_PLUGIN_PATH=$work/broken/twice.so run "$bin/spin-import" "$work/two.csv" -o "$work/bad.spin"
+fails 1 spin-import "numbers twice"
+err_has "two frames have the number 0" "numbers twice: says which"
 breaks degree 's/sh_degree = 0;/sh_degree = 4;/' "gives SH of degree 4"
 breaks change 's/sh_degree = 0;/sh_degree = 1;/' "gives SH of degree 0 in frame 0, 1 before"
 breaks hollow 's/SPIN_TRY(spin_splats_reserve(.*/out->n = 3; return SPIN_OK;/' "gives no means of frame 0"
