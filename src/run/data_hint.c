@@ -49,12 +49,11 @@ static void look_beside(struct found *found, const char *input, const char *fold
     spin_folder_list_free(names);
 }
 
-void spin_data_hint(const char *input, char *text, size_t n_text)
+static struct found search(const char *input)
 {
     struct found found = {0};
     char *absolute = NULL, *folder = NULL, *copy = NULL;
 
-    text[0] = '\0';
     if (spin_path_absolute(input, &absolute) == SPIN_OK &&
         spin_path_folder(absolute, &folder) == SPIN_OK) {
         if (spin_strdup(absolute, &copy) == SPIN_OK)
@@ -65,6 +64,26 @@ void spin_data_hint(const char *input, char *text, size_t n_text)
         if (found.n == 0)
             look_beside(&found, absolute, folder);
     }
+    free(folder);
+    free(absolute);
+    return found;
+}
+
+char *spin_data_beside(const char *input)
+{
+    struct found found = search(input);
+
+    if (found.n == 1)
+        return found.path;
+    free(found.path);
+    return NULL;
+}
+
+void spin_data_hint(const char *input, char *text, size_t n_text)
+{
+    struct found found = search(input);
+
+    text[0] = '\0';
     if (found.n == 1)
         snprintf(text, n_text,
                  "a data set (%s) lies beside the run: --data '%s', if it was trained on that\n",
@@ -75,6 +94,4 @@ void spin_data_hint(const char *input, char *text, size_t n_text)
             "%d data sets lie beside the run, one in '%s': --data says which it was trained on\n",
             found.n, found.path);
     free(found.path);
-    free(folder);
-    free(absolute);
 }

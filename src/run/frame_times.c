@@ -4,8 +4,7 @@
 #include <stdarg.h>
 #include <string.h>
 
-/* One line, or none where there is no room for it. */
-static void add_note(struct spin_sequence_info *t, const char *fmt, ...)
+void spin_add_note(struct spin_sequence_info *t, const char *fmt, ...)
 {
     size_t used = strlen(t->notes), room = sizeof t->notes - used;
     va_list args;
@@ -43,10 +42,10 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
         all[i].time = time;
     }
     if (!counted)
-        add_note(t,
-                 "the data set's frames are at the method's times 0 to %g, not at their own "
-                 "(--frame-times data)\n",
-                 all[n - 1].time);
+        spin_add_note(t,
+                      "the data set's frames are at the method's times 0 to %g, not at their own "
+                      "(--frame-times data)\n",
+                      all[n - 1].time);
 }
 
 /* A data set whose times cover little of the method's range, or reach far beyond it, may count them in
@@ -61,7 +60,7 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     }
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
-        add_note(
+        spin_add_note(
             t,
             "the data set's times are %g to %g and the method's %g to %g: do both use the same "
             "unit? (--frame-times)\n",
@@ -88,7 +87,8 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     }
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
-    add_note(t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
-             automatic ? "the data set only counts its frames: " : "the data set's frames: ",
-             all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
+    spin_add_note(
+        t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
+        automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+        all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }

@@ -1,5 +1,6 @@
 /* spin_import(): another method's run to a bundle, or a description of it. */
 #include <float.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -36,6 +37,8 @@ struct import {
     const struct spin_import_options *o;
     struct spin_import_report *report;
     const struct spin_importer *importer;
+    const char *input; /* where the run is: as it was given, or one level down */
+    char *below;       /* NULL: as it was given */
     struct spin_plugin_values values;
     void *self;
     struct spin_sequence_info sequence;
@@ -45,6 +48,7 @@ struct import {
     struct spin_splats splats;
     struct spin_views views; /* of the data set, when one is given */
     char *data;              /* its absolute path */
+    int n_own;               /* frames that a continuous run has by itself; 0: not asked for */
     int *rows;               /* [n_frames] row of the data set of each frame */
     struct spin_column_stats describe;
     struct spin_frame_queue relay; /* to the thread that writes */
@@ -63,6 +67,28 @@ static spin_status open_data(struct import *im)
     SPIN_TRY(spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
                              sizeof im->meta.data_from));
     return spin_views_check_cameras(&im->views);
+}
+
+/* What a continuous run may be sampled at when nobody says where: its own frames, where its times count those,
+ * else the frames of the only data set beside it, whose images are not taken. */
+static void look_for_frames(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    struct spin_sequence_info *t = &im->sequence;
+    char from[sizeof im->meta.data_from], *beside = NULL;
+
+    if (!o->output || !t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
+        return;
+    if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
+        im->n_own = (int)(t->time_last - t->time_first) + 1;
+        spin_add_note(t, "sampled at the %d frames that the run says it has\n", im->n_own);
+        return;
+    }
+    beside = spin_data_beside(im->input);
+    if (beside && spin_views_open(beside, NULL, &im->views, from, sizeof from) == SPIN_OK)
+        spin_add_note(t, "sampled at the times of the %d frames of the data set '%s'\n",
+                      im->views.n_dataset_frames, beside);
+    free(beside);
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
@@ -92,14 +118,15 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
 {
     const struct spin_import_options *o = im->o;
     const struct spin_sequence_info *t = &im->sequence;
-    bool rows = o->n_times <= 0 && o->n_frames <= 0 && o->data;
+    int n_evenly = o->n_frames > 0 ? o->n_frames : im->n_own;
+    bool rows = o->n_times <= 0 && n_evenly <= 0 && im->views.n > 0;
     struct spin_frame_info *all;
 
-    *n = o->n_times > 0 ? o->n_times : o->n_frames > 0 ? o->n_frames : im->views.n_dataset_frames;
-    im->report->sampling = o->n_times > 0    ? SPIN_SAMPLED_TIMES
-                           : o->n_frames > 0 ? SPIN_SAMPLED_EVENLY
-                           : *n > 0          ? SPIN_SAMPLED_DATA
-                                             : SPIN_SAMPLED_ENDS;
+    *n = o->n_times > 0 ? o->n_times : n_evenly > 0 ? n_evenly : im->views.n_dataset_frames;
+    im->report->sampling = o->n_times > 0 ? SPIN_SAMPLED_TIMES
+                           : n_evenly > 0 ? SPIN_SAMPLED_EVENLY
+                           : *n > 0       ? SPIN_SAMPLED_DATA
+                                          : SPIN_SAMPLED_ENDS;
     if (*n <= 0 && o->output)
         return spin_fail(SPIN_E_USAGE,
                          "'%s' is continuous in time: give the times with "
@@ -499,7 +526,7 @@ static void say_why(struct import *im)
 
     if (im->o->from) {
         snprintf(report->recognised, sizeof report->recognised, "named by --from");
-    } else if (im->importer->probe && spin_peek_open(im->o->input, &peek) == SPIN_OK) {
+    } else if (im->importer->probe && spin_peek_open(im->input, &peek) == SPIN_OK) {
         snprintf(report->recognised, sizeof report->recognised,
                  "by %s, with a certainty of %d in 100",
                  peek.is_folder     ? "the names in the folder and what its files begin with"
@@ -516,7 +543,7 @@ static void hint_at_data(struct import *im)
     size_t used = strlen(im->report->notes);
     char hint[600];
 
-    spin_data_hint(im->o->input, hint, sizeof hint);
+    spin_data_hint(im->input, hint, sizeof hint);
     if (used + strlen(hint) < sizeof im->report->notes)
         memcpy(im->report->notes + used, hint, strlen(hint) + 1);
 }
@@ -592,12 +619,16 @@ static spin_status run_import(struct import *im)
         return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
     if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_claim_file(o->output, o->force));
-    SPIN_TRY(spin_importer_find(o->input, o->from, false, &im->importer));
+    SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));
+    im->input = im->below ? im->below : o->input;
     SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;
-    SPIN_TRY(im->importer->open(o->input, &im->values, &im->self, &im->sequence));
+    SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
     SPIN_TRY(check_track(im));
+    if (im->below)
+        spin_add_note(&im->sequence, "the run is in '%s'\n", im->below);
     SPIN_TRY(open_data(im));
+    look_for_frames(im);
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));
@@ -644,6 +675,7 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
     spin_column_stats_close(&im.describe);
     free(im.rows);
     free(im.data);
+    free(im.below);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot import '%s'", o->input);
     return status;

@@ -243,8 +243,10 @@ const struct spin_importer *spin_importer_guess(const char *path, bool want_view
     return c.score >= SURE && c.score - c.second_score >= TIE ? c.best : NULL;
 }
 
-/* A folder that no importer knows may have what is meant one level down. */
-static spin_status fail_folder(const struct spin_peek *peek, bool want_views)
+/* A folder that no importer knows may have what is meant one level down. The only run there is taken, when
+ * `in` is not NULL: *in is its folder, allocated. */
+static spin_status look_below(const struct spin_peek *peek, bool want_views,
+                              const struct spin_importer **out, char **in)
 {
     const struct spin_importer *first = NULL;
     char *below = NULL;
@@ -268,27 +270,31 @@ static spin_status fail_folder(const struct spin_peek *peek, bool want_views)
         }
         free(path);
     }
-    if (n == 0)
+    status = SPIN_OK;
+    if (n == 0) {
         status = spin_fail(SPIN_E_NOT_RECOGNISED,
                            "cannot recognise '%s': no importer knows it (see spin-import --list)",
                            peek->path);
-    else
+    } else if (n == 1 && in) {
+        *out = first;
+        *in = below;
+        below = NULL;
+    } else {
         status = spin_fail(SPIN_E_NOT_RECOGNISED, "cannot recognise '%s': %s '%s' (%s)", peek->path,
                            n > 1        ? "it holds several, such as"
                            : want_views ? "the data set is in"
                                         : "the run is in",
                            below, first->name);
+    }
 out:
     free(below);
     return status;
 }
 
-static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
+static spin_status fail_unknown(const struct spin_peek *peek)
 {
     struct spin_torch torch;
 
-    if (peek->is_folder)
-        return fail_folder(peek, want_views);
     if (spin_bundle_looks_like(peek->path))
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "'%s' is a bundle already: see --info, spin-retrain, spin-export",
@@ -306,12 +312,12 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 }
 
 static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
-                                 const struct spin_importer **out)
+                                 const struct spin_importer **out, char **in)
 {
     struct choice c = choose(peek, want_views);
 
     if (!c.best)
-        return fail_unknown(peek, want_views);
+        return peek->is_folder ? look_below(peek, want_views, out, in) : fail_unknown(peek);
     if (c.second && c.score - c.second_score < TIE)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "cannot recognise '%s': it may be '%s' or '%s'; say which with %s",
@@ -321,8 +327,8 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
     return SPIN_OK;
 }
 
-spin_status spin_importer_find(const char *path, const char *from, bool want_views,
-                               const struct spin_importer **out)
+static spin_status find(const char *path, const char *from, bool want_views,
+                        const struct spin_importer **out, char **in)
 {
     struct spin_peek peek;
     spin_status status;
@@ -331,9 +337,22 @@ spin_status spin_importer_find(const char *path, const char *from, bool want_vie
     if (from)
         return find_by_name(from, want_views, out);
     SPIN_TRY(spin_peek_open(path, &peek));
-    status = find_by_probe(&peek, want_views, out);
+    status = find_by_probe(&peek, want_views, out, in);
     spin_peek_free(&peek);
     return status;
+}
+
+spin_status spin_importer_find(const char *path, const char *from, bool want_views,
+                               const struct spin_importer **out)
+{
+    return find(path, from, want_views, out, NULL);
+}
+
+spin_status spin_importer_find_run(const char *path, const char *from,
+                                   const struct spin_importer **out, char **in)
+{
+    *in = NULL;
+    return find(path, from, false, out, in);
 }
 
 spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,

@@ -14,6 +14,10 @@ void spin_peek_free(struct spin_peek *peek);
  * level down that is known. */
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out);
+/* The same for a run that may lie one level down, when it is the only one there: *in is its folder, allocated,
+ * or NULL when it is `path` itself. */
+spin_status spin_importer_find_run(const char *path, const char *from,
+                                   const struct spin_importer **out, char **in);
 /* The importer that knows `path` by itself and well; NULL when there is none, or two. */
 const struct spin_importer *spin_importer_guess(const char *path, bool want_views);
 

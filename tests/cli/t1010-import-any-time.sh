@@ -26,6 +26,27 @@ fails 2 spin-import "an import needs to know where"
 err_has "--frames, --times or --data" "and says how to tell"
 nothing_at "$work/none" "nothing was written"
 
+mkdir -p "$work/beside/court"
+cp -r "$run_in" "$work/beside/run"
+cp -r "$clip/ims" "$clip"/*_meta.json "$work/beside/court"
+run "$bin/spin-import" "$work/beside/run" -o "$work/beside.spin" --json
+is "$code $(member frames)" "0 6" "but for the only data set beside it, whose frames say where"
+out_has "sampled at the times of the 6 frames of the data set '$work/beside/court'" "a note says so"
+run "$bin/spin-import" --info "$work/beside.spin"
+! grep -q "^data " "$work/out"
+ok $? "and its images are not taken for the run's"
+run "$bin/spin-import" "$work/beside/run" -o "$work/beside4.spin" --frames 4 --json
+is "$(member frames) $(grep -c 'sampled at the times' "$work/out")" "4 0" "--frames wins"
+run "$bin/spin-import" "$work/beside/run" -o "$work/beside1.spin" --times 0.5 --json
+is "$(member frames)" 1 "so does --times"
+cp -r "$work/beside/court" "$work/beside/court2"
+run "$bin/spin-import" "$work/beside/run" -o "$work/none.spin"
+fails 2 spin-import "two data sets beside it"
+run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
+is "$code" 0 "a run that counts its frames"
+is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run says it has.*/\1/p' "$work/out")" "$(member frames)" \
+    "is sampled at those"
+
 run "$bin/spin-import" "$run_in" -o "$work/five.spin" --frames 6 --json
 is "$code" 0 "--frames 6"
 is "$(member frames)" 6 "are six frames"
