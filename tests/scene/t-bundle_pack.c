@@ -79,6 +79,7 @@ static void write_clip(struct spin_splats frame[FRAMES], bool packs, bool same_n
     for (int f = 0; f < FRAMES; f++) {
         struct spin_splats refined = {.n = f == 3 ? 0 : 5 + (size_t)f, .means = frame[f].means};
 
+        meta.frame[f].number = f;
         frame[f].n = meta.frame[f].n = same_n ? N : count_of(f);
         if (spin_bundle_write_frame(&w, f, meta.columns, meta.static_columns, &frame[f]) !=
                 SPIN_OK ||
@@ -205,6 +206,7 @@ static void test_whole(float odd, const char *what)
     for (int f = 0; f < FRAMES; f++) {
         if (spin_splats_reserve(&frame[f], N, both, 0) != SPIN_OK)
             exit(1);
+        meta.frame[f].number = f;
         frame[f].n = meta.frame[f].n = N;
         for (size_t i = 0; i < N * 3; i++) {
             frame[f].means[i] = f == 1 && i < 3 * (N - 9) ? frame[0].means[i]
