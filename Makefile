@@ -4,6 +4,7 @@
 #        BUILD=build (where all that is built goes; or, from any folder: make -f /path/to/spin4d/Makefile)
 #        CC=clang CXX= CPPFLAGS= CFLAGS= CXXFLAGS= LDFLAGS= (yours, after those that spin4d needs)
 #        PREFIX=/usr/local  LIBDIR=PREFIX/lib  DESTDIR=  K=words (tests to run)  SETUP=0 (install nothing)
+#        PYTHON=/usr/bin/python3 (which is to find spin4d.py)  PYTHONDIR= (where it goes)
 #        RUN='qemu-aarch64 -L /usr/aarch64-linux-gnu' (what runs programs of another machine)
 # Private settings go into an untracked local.mk.
 HERE := $(patsubst %/,%,$(dir $(realpath $(firstword $(MAKEFILE_LIST)))))
@@ -397,6 +398,11 @@ BASH    := $(COMMANDS:%=share/bash-completion/completions/%)
 ZSH     := $(COMMANDS:%=share/zsh/site-functions/_%)
 COMPLETION = env -u SPIN_PLUGIN_PATH $(RUN) $(B)/bin/$$c --completion
 PAGES   := $(sort $(wildcard man/*.[157]))
+# The folder below PREFIX/lib where that Python looks for modules; where it looks in none, one without its version.
+PYTHON    ?= $(firstword $(wildcard /usr/bin/python3) python3)
+SITE      := import site, sys; lib = sys.argv[1] + "/lib/"; \
+             print(*[d for d in site.getsitepackages() + [site.getusersitepackages()] if d.startswith(lib)][:1])
+PYTHONDIR ?= $(or $(shell $(PYTHON) -c '$(SITE)' $(PREFIX) 2>/dev/null),$(PREFIX)/lib/python3/dist-packages)
 install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTDIR
 	install -d $(addprefix $(DEST)/,bin include/spin4d $(EXAMPLE)) $(addprefix $(DEST)/share/man/man,1 5 7)
 	install -d $(DESTLIB)/spin4d $(DESTLIB)/pkgconfig
@@ -407,8 +413,8 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	install -m 644 src/spin.h src/spin_run.h $(DEST)/include/spin4d
 	sed -e 's|@PREFIX@|$(PREFIX)|; s|@LIBDIR@|$(LIBDIR:$(PREFIX)/%=$${prefix}/%)|' -e 's|@VERSION@|$(VERSION)|' \
 	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
-	install -d $(DEST)/lib/python3/dist-packages
-	install -m 644 exporters/python/spin4d.py $(DEST)/lib/python3/dist-packages
+	install -d $(DESTDIR)$(PYTHONDIR)
+	install -m 644 exporters/python/spin4d.py $(DESTDIR)$(PYTHONDIR)
 	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
 	install -d $(sort $(dir $(addprefix $(DEST)/,$(BASH) $(ZSH))))
@@ -417,9 +423,9 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	    $(COMPLETION) zsh >$(DEST)/share/zsh/site-functions/_$$c || exit 1; \
 	done
 
-uninstall: ## take away what install put there, with the same PREFIX, LIBDIR and DESTDIR
+uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PYTHONDIR and DESTDIR
 	rm -f $(addprefix $(DEST)/,$(COMMANDS:%=bin/%) $(BASH) $(ZSH)) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
-	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_run.h lib/python3/dist-packages/spin4d.py)
+	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_run.h) $(DESTDIR)$(PYTHONDIR)/spin4d.py
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d

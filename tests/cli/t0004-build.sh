@@ -100,6 +100,31 @@ is "$code $(find "$work/d/p" ! -type d -print)" "0 $work/d/p/bin/other" \
     "make uninstall takes all that, and nothing else"
 is "$(find "$work/d/p" -name '*spin4d*')" "" "and its folders"
 
+# ---- spin4d.py where the system's Python looks ---------------------------------------------------------
+
+if /usr/bin/python3 -c 'import numpy' 2>/dev/null; then
+    (HOME=$work/home && export HOME && own_make -s DESTDIR= PREFIX="$HOME/.local" install) >"$work/out" 2>"$work/err"
+    run env -u PYTHONPATH -u PYTHONNOUSERSITE HOME="$work/home" /usr/bin/python3 -c \
+        'import spin4d; print(spin4d.__file__)'
+    is "$code $(cat "$work/out")" "0 $(ls "$work"/home/.local/lib/python3*/*-packages/spin4d.py)" \
+        "import spin4d works in an installed tree, without PYTHONPATH"
+    for prefix in /usr /usr/local; do
+        run own_make -s DESTDIR="$work/p" PREFIX=$prefix install
+        is "$(cd "$work/p" && find . -name spin4d.py)" ".$(/usr/bin/python3 -c 'import site, sys
+print(*[d for d in site.getsitepackages() if d.startswith(sys.argv[1])][:1])' $prefix/lib/)/spin4d.py" \
+            "PREFIX=$prefix: in a folder where Python looks"
+        rm -r "$work/p"
+    done
+    run own_make -s DESTDIR="$work/p" PYTHON=no-such-python install
+    is "$(cd "$work/p" && find . -name spin4d.py)" ./usr/local/lib/python3/dist-packages/spin4d.py \
+        "without Python below PREFIX"
+    run own_make -s DESTDIR="$work/p" PYTHONDIR=/else install
+    [ -s "$work/p/else/spin4d.py" ]
+    ok $? "PYTHONDIR is where it goes"
+else
+    skip "import spin4d" "no /usr/bin/python3 with numpy"
+fi
+
 # ---- SETUP=0 -------------------------------------------------------------------------------------------
 
 run own_make -n BUILD="$work/none" SETUP=0 test
