@@ -150,6 +150,20 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
     return SPIN_OK;
 }
 
+/* Rows of `now`, which keeps those of `last`, that belong to rows of the group's first frame. */
+static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now, size_t n_first)
+{
+    if (!last->row)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n_first + 1, sizeof *now->row, (void **)&now->row));
+    for (size_t i = 0; i < n_first; i++) {
+        uint32_t row = last->row[i];
+
+        now->row[i] = row != NONE && now->present[row] ? row : NONE;
+    }
+    return SPIN_OK;
+}
+
 spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_filter *rows,
                                 const struct spin_splats *splats, bool *full)
 {
@@ -165,7 +179,9 @@ spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_spl
     SPIN_TRY(take_frame(g, rows, n, now));
     free(now->row);
     now->row = NULL;
-    if (g->n_frames && !keeps_rows(g, now - 1, now)) {
+    if (g->n_frames && keeps_rows(g, now - 1, now))
+        SPIN_TRY(follow(now - 1, now, n_first));
+    else if (g->n_frames) {
         SPIN_TRY(spin_alloc(n_first + 1, sizeof *now->row, (void **)&now->row));
         SPIN_TRY(match_places(g, now, &n_matched));
         *full = (double)n_matched < LEAST_SHARED * (double)n;

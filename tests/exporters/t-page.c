@@ -210,6 +210,10 @@ static void test_group(void)
        "300 at places of before are shared, the others are each frame's own");
     ok(seen.still >= 298 && g->largest[SPIN_QUANT_PLACE] <= 0.001 && g->n_values == 1450 * 14,
        "they stand still; every value is held to its bound");
+    ok(add(g, &rows, &a) && add(g, &rows, &b) && add(g, &rows, &b) &&
+           spin_page_group_write(g, see, &seen) == SPIN_OK && seen.shared == 300 &&
+           seen.own[2] == 150 && seen.still >= 298,
+       "as many rows as the frame before, other rows than the first: the same 300");
     ok(add(g, &rows, &a), "a new group");
     make_frame(&b, 500, 0, 9);
     ok(!add(g, &rows, &b), "takes no frame that has nothing in common with it");
