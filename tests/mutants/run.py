@@ -14,8 +14,9 @@ The faults stand in the files *.list beside this one, as records with empty line
     survives: why                 it may pass all its tests; at most two may
 
 A fault is killed when one of its tests fails or does not end, and survives when all pass. A text that is
-not there, or more than once, a test that is not there and a fault that does not compile are mistakes in
-the list. The exit code is 0 when there are none and nothing survived that should not.
+not there, or more than once, a test that is not there and a fault that does not compile, or that is not of
+its language, are mistakes in the list. The exit code is 0 when there are none and nothing survived that
+should not.
 
 JOBS: trees worked on at a time, in build/mutants. DRY=1: only look for mistakes in the list. A test that
 skips for want of a fixture sees nothing: see SPIN_FIXTURES in tests/run.sh."""
@@ -284,6 +285,23 @@ def time_tests(trees, tests):
     return seconds
 
 
+CHECKS = {  # of what no compiler sees
+    ".py": [sys.executable, "-c", "import sys; compile(open(sys.argv[1]).read(), sys.argv[1], 'exec')"],
+    ".js": ["node", "--check"],
+    ".sh": ["sh", "-n"],
+    ".vert .frag": ["node", "--input-type=module", "-e", "import fs from 'node:fs'; import { compile } from "
+                    "'./tests/viewers/lib/glsl.mjs'; compile(fs.readFileSync(process.argv[1], 'utf8'));"],
+}
+
+
+def check(tree, path):
+    """Exit code and output of a look at a script's grammar."""
+    for endings, command in CHECKS.items():
+        if os.path.splitext(path)[1] in endings.split() and shutil.which(command[0]):
+            return run(command + [path], tree)
+    return 0, ""
+
+
 def try_fault(tree, fault, seconds):
     """What became of it, and how that was seen."""
     path = os.path.join(tree, fault["file"])
@@ -292,6 +310,9 @@ def try_fault(tree, fault, seconds):
     try:
         with open(path, "w") as f:
             f.write(changed(fault, whole))
+        code, out = check(tree, fault["file"])
+        if code != 0:
+            return "mistake", "is not of its language:\n" + out[-1500:]
         for i, test in enumerate(tests):
             code, out = build(tree, tests[i:i + 1])
             if code != 0:

@@ -4,6 +4,7 @@
 import fs from 'node:fs';
 import path from 'node:path';
 import { parseArgs } from 'node:util';
+import { readPage, workerOf } from './lib/browser.mjs';
 import { readPly } from './lib/splat.mjs';
 
 const HELP = `usage: node page-decode.mjs [options] PAGE.html
@@ -25,18 +26,13 @@ try {
     process.exit(2);
 }
 
-const html = fs.readFileSync(args[0], 'utf8');
-const script = (id) => html.match(new RegExp(`id="${id}">([^<]*)</script>`))?.[1];
-// Code has a "<" of its own; data has none.
-const code = (id) => html.match(new RegExp(`id="${id}">\n([\\s\\S]*?)</script>`))[1];
-const clip = JSON.parse(script('clip'));
-const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => script(`v${i}f${f}`)));
-const data = clip.data && fs.readFileSync(path.join(path.dirname(args[0]), clip.data));
+const { clip, texts, data, code } = readPage(args[0]);
 const fromFile = async (_, { headers }) => {
     const [from, to] = headers.Range.slice(6).split('-').map(Number);
     return new Response(data.subarray(from, to + 1), { status: 206 });
 };
-const worker = new Function('fetch', 'postMessage', `let onmessage; ${code('worker')}; onmessage({ data: ${'arguments[2]'} }); return { decoded, advance };`)(fromFile, () => {}, { clip, texts, address: clip.data });
+const worker = workerOf(code('worker'), ['decoded', 'advance'], { fetch: fromFile });
+worker.tell({ clip, texts, address: clip.data });
 const version = opt.version ? clip.versions.findIndex((v) => v.name === opt.version) : 0;
 if (version < 0) throw new Error(`no version '${opt.version}'`);
 const v = clip.versions[version];

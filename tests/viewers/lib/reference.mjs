@@ -25,8 +25,8 @@ function basis(x, y, z, bands) {
 // (viewers that do the sum in half pixels); 'even': 0.3 with the opacity lowered to keep the splat's total.
 export const MODELS = { plain: [0.3, false], thin: [0.075, false], even: [0.3, true] };
 
-// cam: { eye, target, up, fovy (degrees), width, height, bg:[r,g,b] }
-export function render(s, cam, model = 'plain') {
+// cam: { eye, target, up, fovy (degrees), width, height, bg:[r,g,b] }; reach: the square of where a splat ends, in sigma
+export function render(s, cam, model = 'plain', reach = 9) {
     const [widen, even] = MODELS[model];
     const { width: W, height: H } = cam;
     const f = unit(sub(cam.target, cam.eye)), r = unit(cross(f, cam.up)), d = cross(f, r); // right, down, forward
@@ -63,7 +63,7 @@ export function render(s, cam, model = 'plain') {
             for (let k = 0; k < bs.length; k++) t += bs[k] * s.shN[k][ch][i];
             return Math.max(0, t);
         });
-        list.push({ z, u: W / 2 + focal * x / z, v: H / 2 + focal * y / z, ia: cyy / det, ib: -cxy / det, ic: cxx / det, rad: Math.ceil(3 * Math.sqrt(Math.max(cxx, cyy))), rgb, o: s.alpha[i] * (even ? Math.sqrt(Math.max(0, before / det)) : 1) });
+        list.push({ z, u: W / 2 + focal * x / z, v: H / 2 + focal * y / z, ia: cyy / det, ib: -cxy / det, ic: cxx / det, rad: Math.ceil(Math.sqrt(reach * Math.max(cxx, cyy))), rgb, o: s.alpha[i] * (even ? Math.sqrt(Math.max(0, before / det)) : 1) });
     }
     list.sort((m, n) => m.z - n.z);
     const acc = new Float64Array(W * H * 3), T = new Float64Array(W * H).fill(1);
@@ -72,7 +72,7 @@ export function render(s, cam, model = 'plain') {
             for (let x = Math.max(0, Math.floor(g.u - g.rad)); x <= Math.min(W - 1, g.u + g.rad); x++) {
                 const dx = x + 0.5 - g.u, dy = y + 0.5 - g.v;
                 const m = g.ia * dx * dx + 2 * g.ib * dx * dy + g.ic * dy * dy;
-                if (m > 9) continue;
+                if (m > reach) continue;
                 const al = Math.min(0.99, g.o * Math.exp(-0.5 * m)), k = y * W + x;
                 if (al < 1 / 255 || T[k] < 1e-4) continue;
                 for (let c = 0; c < 3; c++) acc[k * 3 + c] += g.rgb[c] * al * T[k];
