@@ -42,7 +42,7 @@ class Clip:
         try:
             self._zip = np.load(self._path, allow_pickle=False)
             self.meta = json.loads(bytes(self._zip["meta.json"]))
-        except (ValueError, KeyError, AttributeError) as e:
+        except (ValueError, KeyError, IndexError, AttributeError) as e:
             raise ValueError(f"{self._path}: not a bundle of spin4d ({e})") from e
         if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3):
             raise ValueError(f"{self._path}: not a bundle of version 1 to 3")
@@ -202,9 +202,8 @@ class Clip:
         norm = net["norm"]
         p = (means - np.array(norm["centre"], np.float32)) * np.float32(norm["inv_radius"])
         if not norm.get("raw"):
-            r = np.maximum(np.linalg.norm(p, axis=1, keepdims=True), np.float32(1e-30))
-            p = np.where(r > 1, (2 - 1 / r) / r * p, p)
-            p = np.clip(p / 4 + np.float32(0.5), 0, 1)
+            r = np.maximum(np.linalg.norm(p, axis=1, keepdims=True), np.float32(1))
+            p = np.clip((2 - 1 / r) / r * p / 4 + np.float32(0.5), 0, 1)
         span = net["time_last"] - net["time_first"]
         t = (self.times[index] - net["time_first"]) / span if span > 0 else 0.0
         x = np.empty((len(p), 4), np.float32)
