@@ -61,6 +61,7 @@ missing_for_tests() {
     done
     has_numpy python3 || has_numpy /usr/bin/python3 || echo python3-numpy
     have strace || echo strace
+    have node || echo nodejs
     have mpirun || echo openmpi-bin
     have mpicc || echo libopenmpi-dev
 }

@@ -12,7 +12,7 @@ import { psnr } from './lib/png.mjs';
 import { render } from './lib/reference.mjs';
 import { writePly } from './lib/write.mjs';
 
-const [bin, work] = process.argv.slice(2), SPLATS = 300, FRAMES = 7, C0 = 0.28209479177387814;
+const [bin, work] = process.argv.slice(2), BANDS = [3, 1], SPLATS = 300, FRAMES = 7, C0 = 0.28209479177387814;
 let tests = 0, failed = 0;
 function ok(good, what, why = '') {
     tests++;
@@ -47,26 +47,26 @@ function covariance({ rot, scale }) {
 
 // ---- A clip ------------------------------------------------------------------------------------------
 // Splats that stand, move, turn, grow and fade; from frame 4 on some go and others come. Twice: with SH of degree 3,
-// and in other colours without.
+// and in other colours with SH of degree 1.
 
 let seed = 7;
 const random = () => { seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0; return seed / 2 ** 32; }, about = () => 2 * random() - 1;
 const some = Array.from({ length: SPLATS + 40 }, (_, i) => ({
     pos: [1.3 * about() + 3, about() - 1, 0.8 * about() + 2], by: i % 5 > 1 ? [0.02 * about(), 0.02 * about(), 0.02 * about()] : [0, 0, 0], alpha: i % 6 ? 0.15 + 0.8 * random() : 0.004 + 0.05 * random(), fade: i % 5 === 3 ? 0.02 : 0,
-    scale: [0.02 + 0.1 * random(), 0.02 + 0.1 * random(), 0.004 + 0.05 * random()], grows: i % 5 > 1 ? 1 + 0.05 * about() : 1, rot: turnAbout([about(), about(), about()], 3 * about()), axis: [about(), about(), about()], spin: i % 5 > 1 ? about() : 0,
+    scale: [0.02 + 0.1 * random(), 0.02 + 0.1 * random(), 0.004 + 0.05 * random()], grows: i % 5 > 1 ? 1 + 0.05 * about() : 1, rot: turnAbout([about(), about(), about()], 3 * about()), axis: i % 5 === 2 ? [0, 0, 1] : [about(), about(), about()], spin: i % 5 > 1 ? about() : 0,
     sh0: [2 * about(), 2 * about(), 2 * about()], shN: Array.from({ length: 15 }, () => [0.4 * about(), 0.4 * about(), 0.4 * about()])
 }));
-function splatsOf(frame, plain) {
+function splatsOf(frame, other) {
     return some.filter((_, i) => (frame < 4 ? i < SPLATS : i % 7 !== 3)).map((s) => ({
         pos: s.pos.map((v, c) => Math.fround(v + frame * s.by[c])), alpha: s.alpha + frame * s.fade * (s.alpha < 0.5 ? 1 : -1), scale: s.scale.map((v) => v * s.grows ** frame), rot: times(s.rot, turnAbout(s.axis, frame * s.spin)),
-        sh0: plain ? s.sh0.map((v) => -v) : s.sh0, shN: s.shN
+        sh0: other ? s.sh0.map((v) => -v) : s.sh0, shN: other ? s.shN.slice(0, 3).reverse() : s.shN
     }));
 }
-const clips = [false, true].map((plain) => Array.from({ length: FRAMES }, (_, f) => splatsOf(f, plain)));
+const clips = BANDS.map((_, k) => Array.from({ length: FRAMES }, (_, f) => splatsOf(f, k > 0)));
 const command = (name, ...args) => execFileSync(path.resolve(bin, name), args, { cwd: work, stdio: ['ignore', 'ignore', 'inherit'] });
 clips.forEach((frames, k) => {
     fs.mkdirSync(`${work}/clip${k}`);
-    frames.forEach((s, f) => writePly(`${work}/clip${k}/frame_${String(10 + 2 * f).padStart(5, '0')}.ply`, s, k ? 0 : 3));
+    frames.forEach((s, f) => writePly(`${work}/clip${k}/frame_${String(10 + 2 * f).padStart(5, '0')}.ply`, s, BANDS[k]));
     command('spin-import', '-q', '--from', 'ply', `clip${k}`, '-o', `clip${k}.spin`);
 });
 const bounds = { place: 2e-4, colour: 0.25, scale: 0.2, rotation: 0.2, sh: 0.002 }, exact = Object.entries(bounds).flatMap(([k, v]) => [`--bound-${k}`, String(v)]);
@@ -93,13 +93,13 @@ function splatsIn({ n, texels, place, sh, words }) {
     });
 }
 // What is not as it was exported; nothing when all is well.
-function wrongIn(frame, wanted, plain, within = 1.6 * bounds.place, slack = 0) {
+function wrongIn(frame, wanted, within = 1.6 * bounds.place, slack = 0) {
     const left = new Set(wanted);
     for (const s of splatsIn(frame)) {
         const of = [...left].find((w) => w.pos.every((v, c) => Math.abs(v - s.pos[c]) <= within));
         if (!of) { if (s.alpha > 0) return `no splat at ${s.pos}`; continue; }
         left.delete(of);
-        const cov = covariance(of), trace = cov[0] + cov[3] + cov[5], colour = of.sh0.map((v) => 0.5 + C0 * v), sh = plain ? [] : of.shN.flat();
+        const cov = covariance(of), trace = cov[0] + cov[3] + cov[5], colour = of.sh0.map((v) => 0.5 + C0 * v), sh = of.shN.flat();
         if (s.colour.some((v, c) => Math.abs(v - colour[c]) > (bounds.colour + 0.02) / 255)) return `colour ${s.colour} for ${colour}`;
         if (Math.abs(s.alpha - of.alpha) > (bounds.colour + 0.02) / 255 && !slack) return `opacity ${s.alpha} for ${of.alpha}`;
         if (s.covariance.some((v, k) => Math.abs(v - cov[k]) > 0.009 * trace) && !slack) return `covariance ${s.covariance} for ${cov}`;
@@ -109,7 +109,7 @@ function wrongIn(frame, wanted, plain, within = 1.6 * bounds.place, slack = 0) {
 }
 for (const version of [0, 1]) {
     for (const f of [0, 1, 2, 3, 4, 5, 6, 1, 5, 5, 2]) {
-        const why = wrongIn(await first.decoded(version, f), clips[version][f], version === 1);
+        const why = wrongIn(await first.decoded(version, f), clips[version][f]);
         ok(why === '', `version ${version}, frame ${f}: the splats that were exported`, why);
     }
 }
@@ -213,16 +213,16 @@ const missing = server({ status: 404 }), short = server({ status: 200, cut: serv
 await fails('a file that is not there', 'http://x/served.bin: 404 Not Found', () => missing.w.blockOf(0, 0));
 await fails('a file that is too short', 'served.bin is shorter than the page says', () => short.w.blockOf(0, 0));
 for (const { w } of [partly, wholly]) {
-    const draft = await w.draftOf(0), why = wrongIn(draft, clips[0][0], false, 1.6 * bounds.place, 1);
+    const draft = await w.draftOf(0), why = wrongIn(draft, clips[0][0], 1.6 * bounds.place, 1);
     ok(draft.n === s0.draft.splats && why === '', 'the draft has splats of the first frame', why);
 }
 
 // What is asked for last is answered; a mistake does not end the work.
-const said = [], busy = worker({ post: (reply) => said.push(reply) }), view = { eye: [0, 0, -3], forward: [0, 0, 1], near: 0.05 };
+const said = [], ready = [], busy = worker({ post: (reply) => { said.push(reply); ready.push(busy.frames.has('0 5')); } }), view = { eye: [0, 0, -3], forward: [0, 0, 1], near: 0.05 };
 const asks = (frame, more = {}) => busy.tell({ parts: [{ version: 0, data: true }], frame, ...view, ...more });
 for (const f of [0, 1, 2]) asks(f, { next: 5 });
 await until(() => said.length > 1 && busy.frames.has('0 5'));
-is([said.map((r) => r.frame), said[0].parts[0].words, busy.frames.has('0 1')], [[0, 2], 23, false], 'the wanted frame, and not those asked for in between; then the next one is made ready');
+is([said.map((r) => r.frame), said[0].parts[0].words, busy.frames.has('0 1'), ready], [[0, 2], 23, false, [false, false]], 'the wanted frame, and not those asked for in between; then the next one is made ready');
 asks(99);
 await until(() => said.length > 2);
 ok(said[2].error, 'a frame that is not there');
@@ -240,7 +240,7 @@ const opened = (more) => openPage(two, more).settle();
 
 const page = await opened({ clip: (c) => ({ ...c, background: [0.1, 0.2, 0.3] }) });
 like(page, truth(page, clips[0][0], 3), 'the first view');
-ok(psnr(page.gl.picture(), truth(page, clips[1][0], 0)) < 25, 'which is not that of the other version');
+ok(psnr(page.gl.picture(), truth(page, clips[1][0], 1)) < 25, 'which is not that of the other version');
 {
     const c = page.camera(), d = sub(clip.target, clip.eye);
     near([c.eye, c.target, c.forward, [c.fovy]].flat(), [clip.eye, clip.target, unit(d), [clip.fovy]].flat(), 1e-6, 'the first view is that of the clip');
@@ -255,13 +255,23 @@ for (const degree of [2, 1, 0]) {
 // Small, and more than a row of the textures has.
 const small0 = [0, 0.7, 1.4, 2.1].flatMap((x) => clips[0][0].map((s) => ({ ...s, pos: [Math.fround(s.pos[0] + 0.1 * x), Math.fround(s.pos[1] - 0.2 * x), s.pos[2]], scale: s.scale.map((v) => 0.12 * v) })));
 fs.mkdirSync(`${work}/dots`);
-writePly(`${work}/dots/frame_00000.ply`, small0, 3);
+writePly(`${work}/dots/frame_00000.ply`, small0, 0);
 command('spin-import', '-q', '--from', 'ply', 'dots', '-o', 'dots.spin');
 const dots = html('dots.spin', 'dots.html');
 for (const antialias of [false, true]) {
     const p = await openPage({ ...dots, clip: { ...dots.clip, versions: [{ ...dots.clip.versions[0], antialias }] } }).settle();
-    like(p, truth(p, small0, 3, antialias ? 'even' : 'plain'), `small splats, ${antialias ? 'meant to be drawn antialiased' : 'plain'}`);
-    ok(psnr(p.gl.picture(), truth(p, small0, 3, antialias ? 'plain' : 'even')) < 40, 'and not the other way');
+    like(p, truth(p, small0, 0, antialias ? 'even' : 'plain'), `small splats, ${antialias ? 'meant to be drawn antialiased' : 'plain'}`);
+    ok(psnr(p.gl.picture(), truth(p, small0, 0, antialias ? 'plain' : 'even')) < 40, 'and not the other way');
+}
+{
+    const { vertex, uniforms } = page.gl, { centre } = clip, at = (k) => clip.eye.map((v, i) => (v + k * page.camera().forward[i] - centre[i]) / clip.size);
+    near(uniforms.near, clip.near / clip.size, 1e-12, 'the near plane, in units of the page');
+    const nearest = Math.min(...clips[0][0].map((s) => dot(sub(s.pos, clip.eye), page.camera().forward))), drawn = (eye) => {
+        Object.assign(vertex.uniforms, { ...uniforms, splats: page.gl.sampler(0), harmonics: page.gl.sampler(1), eye });
+        return Array.from({ length: SPLATS }, (_, splat) => [0, 1, 2, 3].filter((corner) => vertex.run({ gl_VertexID: corner, splat }).gl_Position[2] <= 1).length).filter((k) => k > 0);
+    };
+    ok(drawn(at(0)).length > 250 && drawn(at(0)).every((k) => k === 4), 'splats before the camera have four corners');
+    ok(drawn(at(nearest - 0.21)).length === drawn(at(0)).length && drawn(at(nearest - 0.19)).length < drawn(at(0)).length && drawn(at(99)).length === 0, 'those before the near plane none, though the order is of an older view');
 }
 // Other windows: the whole picture of the first camera is in view.
 for (const [width, height, ratio] of [[30, 50, 1], [20, 12, 3], [70, 20, 1]]) {
@@ -313,7 +323,7 @@ ok(at(page, 5) && page.$('play').textContent === 'Play', 'keys of the slider, a 
     const before = page.gl.picture();
     page.key('b');
     await page.settle();
-    like(page, truth(page, clips[1][5], 0), 'the other version');
+    like(page, truth(page, clips[1][5], 1), 'the other version');
     is([page.root.dataset.shown, page.$('versions').children.map((b) => b.getAttribute('aria-pressed'))], ['before 20', ['false', 'true', 'false']], 'and its button');
     page.key('B');
     await page.settle();
@@ -335,7 +345,7 @@ for (const [x, left, now] of [[16, 0.25, '25'], [-5, 0.02, '2'], [64, 0.98, '98'
     line.fire('pointerdown', { pointerId: 3 });
     line.fire('pointermove', { pointerId: 3, clientX: x });
     await page.settle();
-    const column = Math.round(left * 64), shot = page.gl.picture(), [b, a] = [truth(page, clips[1][5], 0), truth(page, clips[0][5], 3)];
+    const column = Math.round(left * 64), shot = page.gl.picture(), [b, a] = [truth(page, clips[1][5], 1), truth(page, clips[0][5], 3)];
     for (let y = 0; y < 40; y++) b.rgb.set(a.rgb.subarray(3 * (64 * y + column), 3 * 64 * (y + 1)), 3 * (64 * y + column));
     ok(psnr(shot, b) > 44 && line.getAttribute('aria-valuenow') === now && line.style.left === `${100 * left}%`, `a line at ${x}: before on its left, after on its right`, `${psnr(shot, b)} dB, ${line.style.left}`);
 }
@@ -427,6 +437,15 @@ page.key('r');
     canvas.fire('pointermove', { pointerId: 77, clientX: 30, clientY: 30, buttons: 0 });
     near(page.camera().eye, clip.eye, 1e-6, 'a pointer that is not down does nothing');
     ok(canvas.fire('contextmenu'), 'the right button has no menu');
+    // Near the target the eye hardly moves when it turns.
+    const close = await opened({ width: 16, height: 10, clip: (c) => ({ ...c, reach: [0.001, 1] }) });
+    close.$('view').fire('wheel', { deltaY: -1e5 });
+    await close.settle();
+    const messages = close.sent.length;
+    close.$('view').fire('pointerdown', { pointerId: 1, clientX: 0, clientY: 0 });
+    close.$('view').fire('pointermove', { pointerId: 1, clientX: 9, clientY: 0, buttons: 1 });
+    await close.settle();
+    ok(close.sent.length > messages, 'a turn on the spot makes a new order');
 }
 {
     const fine = await opened({ ratio: 2, width: 40, height: 30 }), c = fine.camera();
@@ -514,8 +533,17 @@ page.key('r');
     p.tick();
     is([p.root.dataset.draft, p.sent[2].parts, p.sent[2].draft], ['no', [{ version: 0, data: true }], false], 'then the frame itself');
     like(p, truth(p, clips[0][0], 3), 'that frame');
+    is(p.gl.textures, 2, 'in textures that are larger; the small ones are given back');
     p.tick(250);
     is(p.$('label').textContent, 'Frame 3 of 7', 'and now it plays');
+}
+// Whoever asks for another frame, or for both versions, before the draft is there gets no draft.
+for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['both versions', (p) => p.key('w')]]) {
+    const p = openPage({ ...served, clip: { ...served.clip, versions: [s0, { ...s0, name: 'other' }] } });
+    does(p);
+    p.tick();
+    await new Promise(setImmediate);
+    is(p.sent[1].draft, false, `no draft of ${what}`);
 }
 // More splats than a row of the texture has.
 {
