@@ -527,8 +527,8 @@ static void say_size(const struct export *x, const struct spin_export_job *job)
         bytes += gltf_bytes(x, job->counts[f] - x->still.n);
     bytes += x->still.n * x->layout.row;
     if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, bytes,
-                             x->frames.rows.min_logit > -INFINITY);
+        spin_frames_say_size(job->output, job->n_frames, bytes, /* frames share what is the same */
+                             job->n_frames > 1 || x->frames.rows.min_logit > -INFINITY);
 }
 
 static spin_status open_single(struct export *x, const struct spin_export_job *job)

@@ -253,7 +253,7 @@ static void report_json(const struct spin_import_report *r)
     print_vector("min", r->bounds_min);
     print_vector("max", r->bounds_max);
     spin_print_close('}');
-    if (wants_info)
+    if (r->n_ranges > 0)
         print_ranges(r);
     print_notes(r->notes);
     if (options.check_cameras)

@@ -470,8 +470,9 @@ static void count_splats(struct import *im, const int *read, int n_read)
 
         report->splats_min = count < report->splats_min ? count : report->splats_min;
         report->splats_max = count > report->splats_max ? count : report->splats_max;
-        report->splats_mean += (double)count / n;
+        report->splats_mean += (double)count;
     }
+    report->splats_mean /= n;
 }
 
 /* An import reads every frame; a description some, as a clip may be many gigabytes. */
