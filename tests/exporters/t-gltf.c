@@ -500,6 +500,51 @@ static void test_clip_edges(void)
     spin_splats_free(&s);
 }
 
+static char warned[2][400];
+static int n_warned;
+
+static bool keep_warning(const char *line)
+{
+    snprintf(warned[n_warned++ % 2], sizeof *warned, "%s", line);
+    return false;
+}
+
+/* More than a .glb may hold: said after the first frame, once. */
+static void test_too_large(void)
+{
+    struct spin_export_job one = {.output = in_folder("size.glb"), .n_frames = 1};
+    struct spin_export_job job = {.output = in_folder("large.glb"), .n_frames = 4000};
+    struct spin_frame_info info = {.number = 3};
+    struct spin_splats s = {0};
+    struct spin_map map;
+    void *self = NULL;
+    char want[400];
+
+    make_frame(&s, 20000, 0, 5);
+    info.n = s.n;
+    ok(run(&spin_exporter_gltf, &one, &s, 0) == SPIN_OK && spin_map_open(one.output, &map) == SPIN_OK,
+       "a frame by itself");
+    snprintf(want, sizeof want,
+             "4000 frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh and "
+             "--min-opacity, or give a folder",
+             4000 * (double)map.size / 1e9);
+    spin_map_close(&map);
+    spin_log_set_level(-1);
+    spin_log_set_sink(keep_warning);
+    ok(spin_exporter_gltf.begin(&job, &self) == SPIN_OK &&
+           spin_exporter_gltf.frame(self, 0, &info, &s) == SPIN_OK,
+       "begins a clip of many");
+    s.means[0] += 1;
+    info.number++;
+    ok(spin_exporter_gltf.frame(self, 1, &info, &s) == SPIN_OK, "a second frame");
+    spin_exporter_gltf.abort(self);
+    spin_log_set_sink(NULL);
+    spin_log_set_level(-2);
+    ok(n_warned == 1, "one warning: %d", n_warned);
+    is_text(warned[0], want, "says how large it may be");
+    spin_splats_free(&s);
+}
+
 /* Every number at its longest: what the reserve for the JSON must hold. */
 static void test_room(void)
 {
@@ -584,6 +629,7 @@ int main(int argc, char **argv)
     test_shared_attributes();
     test_visibility();
     test_clip_edges();
+    test_too_large();
     test_room();
     check_folder_rules(&spin_exporter_gltf, "frame_00001.glb", bad, sizeof bad / sizeof bad[0]);
     return tap_done();
