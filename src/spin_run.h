@@ -298,6 +298,7 @@ struct spin_eval_report {
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
     int n_frames;
+    int n_bundle_frames;            /* storage is of these, whichever were measured */
     bool network, refined;          /* what was measured; neither: the source */
     enum spin_dynamic_from dynamic; /* where the dynamic regions came from; OFF: nowhere */
     uint64_t left_out;              /* splats that cannot be drawn, over all frames */

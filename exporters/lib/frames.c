@@ -143,6 +143,9 @@ spin_status spin_frames_add(struct spin_frames *x, const struct spin_frame_info 
 {
     SPIN_TRY(spin_room(x->n_entries, &x->room, sizeof *x->entry, (void **)&x->entry));
     x->entry[x->n_entries++] = (struct spin_frames_entry){info->number, info->time, n};
+    x->n_splats += n;
+    if (x->rows.report)
+        x->rows.report->splats_mean = (double)x->n_splats / (double)x->n_entries;
     return SPIN_OK;
 }
 

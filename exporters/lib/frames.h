@@ -77,6 +77,7 @@ struct spin_frames {
     double fps;
     struct spin_frames_entry *entry; /* [room] */
     size_t n_entries, room;
+    uint64_t n_splats; /* of all entries */
     size_t n_skipped;
     unsigned char *scratch;
     size_t scratch_bytes;

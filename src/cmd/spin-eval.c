@@ -137,7 +137,7 @@ static void print_bytes(const char *key, const struct spin_eval_report *r,
     spin_print_integer("table", (long long)s->table);
     spin_print_integer("heads", (long long)s->heads);
     spin_print_integer("measured", (long long)bytes_needed(r, s));
-    spin_print_number("measured_per_frame", (double)bytes_needed(r, s) / r->n_frames);
+    spin_print_number("measured_per_frame", (double)bytes_needed(r, s) / r->n_bundle_frames);
     spin_print_close('}');
 }
 
@@ -249,7 +249,7 @@ static void print_foot(const struct spin_eval_report *r)
            1 / (r->seconds_decode + r->seconds_draw), 1 / r->seconds_draw);
     printf("storage  %s for these attributes, %s a frame; the file has %s, unpacked %s\n",
            spin_print_bytes((double)bytes_needed(r, &r->storage), needed),
-           spin_print_bytes((double)bytes_needed(r, &r->storage) / r->n_frames, frame),
+           spin_print_bytes((double)bytes_needed(r, &r->storage) / r->n_bundle_frames, frame),
            spin_print_bytes((double)r->storage.file, file),
            spin_print_bytes((double)r->unpacked.file, unpacked));
 }

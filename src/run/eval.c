@@ -187,6 +187,7 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
     report->n_frames = e->clip.n_frames;
+    report->n_bundle_frames = e->clip.bundle.meta.n_frames;
     report->dynamic = e->dynamic.from;
     report->seconds_decode = m.seconds_decode / m.n_decoded;
     report->seconds_draw = m.seconds_draw / (double)e->n_pairs;

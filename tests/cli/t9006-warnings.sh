@@ -61,12 +61,13 @@ def read_ply(file):
 
 for k in range(4):
     ply("sequence/%d.ply" % k)
+    ply("exp/%d.ply" % (3 + k), scale=0.05, opacity=0.5 if k else 3.0)
 for k in range(3):
     ply("filter/%d.ply" % k, more=["filter_3D"])
     ply("embedding/%d.ply" % k, more=["embedding_0", "embedding_1"])
     ply("four/%d.ply" % k, rest=72)
     ply("extra/%d.ply" % k, end=b"7 bytes" if k else b"")
-    ply("exp/%d.ply" % k, scale=0.05 if k else -3.0, opacity=0.5 if k == 2 else 3.0)
+    ply("exp/%d.ply" % k, scale=0.05 if k else -3.0, opacity=3.0)
     ply("odd/%d.ply" % k, scale=[-3] + [9] * k)  # k of 40 are too large
     ply("far/%d.ply" % k, x=[0, 3000.0] if k else 1.0)
 ply("half/0.ply", n=2, scale=[0.05, 0.5])  # half of them small is not most
@@ -99,7 +100,7 @@ for magic, at in ((b"PK\1\2", 16), (b"PK\3\4", 14)):
         name = place + (46 if at == 16 else 30)
         if place < 0:
             break
-        if data[name:name + len(pickle)] == pickle.encode():
+        if data[name:name + len(pickle)] in (pickle.encode(), pickle.replace("data.pkl", ".version\0")[:len(pickle)].encode()):
             data[place + at] ^= 255
         place += 4
 open(weights, "wb").write(data)
@@ -195,9 +196,9 @@ warns "SH degree 4" "'$work/four/0.ply': SH degree 4 is cut to degree 3"
 of extra
 warns "bytes after the last record, in two files" "'$work/extra/1.ply' has 7 bytes after its last record"
 of exp
-warns "values that look activated, in two files and one" \
+warns "values that look activated, in several files" \
     "'$work/exp/1.ply': all scales are positive and most are below 0.1; they look as if they were not logarithms" \
-    "'$work/exp/2.ply': all opacities lie in 0..1; they look as if they were not logits"
+    "'$work/exp/4.ply': all opacities lie in 0..1; they look as if they were not logits"
 of half
 warns "half of the scales small"
 of 4dg --frames 2

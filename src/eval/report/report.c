@@ -116,7 +116,7 @@ static void put_tiles(struct page *p)
     put_tile(p->to, "LPIPS (VGG)", after->lpips[0], before->lpips[0], 4, "");
     put_tile(p->to, "LPIPS (Alex)", after->lpips[1], before->lpips[1], 4, "");
     put_tile(p->to, "frames per second", 1 / (a->seconds_decode + a->seconds_draw), NAN, 2, "");
-    put_tile(p->to, "storage per frame", (double)bytes / 1e6 / a->n_frames, NAN, 2, " MB");
+    put_tile(p->to, "storage per frame", (double)bytes / 1e6 / a->n_bundle_frames, NAN, 2, " MB");
     fprintf(p->to, "</div>\n");
 }
 
