@@ -33,6 +33,12 @@ awk 'BEGIN {
 SPIN_PLUGIN_PATH="$work/holes.so" "$bin/spin-import" "$work/points.csv" --size 0.1 --data "$clip" -q \
     -o "$work/holes.spin" 2>"$work/err"
 ok $? "a bundle with holes"
+run env SPIN_PLUGIN_PATH="$work/holes.so" "$bin/spin-import" --info "$work/points.csv" --size 0.1
+is "$(sed -n 's/ *\(sh.dc\|quats\|logit_opacities\|log_scales\) .*   \([0-9.e-]*\) % not finite$/\1 \2/p' "$work/out")" \
+    "quats 0.139
+log_scales 1.48
+logit_opacities 3.89
+sh.dc 0.185" "--info: the share of such values, of each attribute"
 said="^warning: '$work/holes.spin': 5 splats in 2 of its frames have values that are not finite, and are not drawn"
 
 run "$bin/spin-eval" "$work/holes.spin" --source --json --split all
