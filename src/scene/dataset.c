@@ -50,7 +50,7 @@ static void warn_duplicates(const struct spin_views *views)
 
         if (v->dataset_frame == before->dataset_frame && v->camera_id == before->camera_id) {
             spin_warn("'%s' and '%s' are both camera %d of frame %d", before->path, v->path,
-                      v->camera_id, v->dataset_frame);
+                      v->camera_id, v->number >= 0 ? v->number : v->dataset_frame);
             return;
         }
     }

@@ -63,7 +63,10 @@ ok $? "and drawn"
 variant twice 's/\[3, 7, 12, 19,/[7, 7, 7, 7,/g'
 run "$bin/spin-import" --check-cameras "$work/both" --data "$work/twice" "$clip" --json
 is "$code" 0 "a camera that is there more than once"
-err_has "^warning: .* are both camera 7 of frame 0" "is a warning"
+err_has "^warning: '$work/twice/ims/[0-9]*/000008.jpg' and '$work/twice/ims/[0-9]*/000008.jpg' are both camera 7 of frame 8$" \
+    "is a warning"
+! grep -q "ims/\([0-9]*/\)000008.jpg' and '$work/twice/ims/\1" "$work/err"
+ok $? "that names two files"
 for file in cam_07_2_frame_00000.png cam_07_4_frame_00000.png; do
     [ -s "$work/both/$file" ] && grep -q "\"file\": \"$file\"" "$work/out"
     ok $? "$file is drawn and listed"

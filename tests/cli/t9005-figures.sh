@@ -2,6 +2,7 @@
 # K: figures info report eval retrain export sequence
 # Every figure that the commands and the report page show to people, against --json; and --json against sums
 # that figures.py makes apart, from the bundle, the images and the files.
+# $TAP_PART runs one alone: PART(imports) PART(plans) PART(retrains) PART(pages) PART(exports).
 . tests/cli/lib.sh
 
 if ! python3 -c 'import numpy' 2>/dev/null; then
