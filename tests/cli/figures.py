@@ -907,7 +907,7 @@ def check_folder(name, fmt, frames, counts, retrained, *args):
     """frames: [(number, time)] that are written, with these counts of splats."""
     out = path("out-" + fmt)
     if fmt == "sog" and "libwebp" in subprocess.run([os.path.join(BIN, "spin-export"), path(name), "--to", "sog", "-o", out,
-                                                     *args], stderr=subprocess.PIPE, universal_newlines=True).stderr:
+                                                     *args], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, universal_newlines=True).stderr:
         return None
     text = run("export", path(name), "--to", fmt, "-o", out, "--check", "--fps", "12.5", "--force", *args)
     told, j = said, json.loads(run("export", path(name), "--to", fmt, "-o", out, "--check", "--fps", "12.5", "--force",

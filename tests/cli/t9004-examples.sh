@@ -15,6 +15,12 @@ is "$(grep '^stray' "$work/index")" "" "every line that begins with a command is
 [ "$(grep -vc '^stray' "$work/index")" -gt 40 ]
 ok $? "finds the examples"
 
+# The two commands of a fresh machine. Continuous integration runs the second one as it stands there.
+grep -q '^    make demo' README.md
+ok $? "README says how to see it work"
+tests=$(sed -n 's/^    \(make test.*\)/\1/p' README.md)
+is "$(sed -n 's/^step \(make test\)$/\1/p' .ci/run)" "${tests:-a command}" "README says how to test it, and .ci/run does that"
+
 # ---- Options -------------------------------------------------------------------------------------
 
 for name in spin-import spin-retrain spin-eval spin-export; do
