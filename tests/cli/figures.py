@@ -800,8 +800,8 @@ def check_page(name, j, before, seen, log, split="test"):
              ("PSNR, elsewhere", "psnr_static", 2, " dB")]
     want = ["<div><b>%.*f%s</b>%s%s</div>" % (digits, j[key], unit, label, "<br><span>before %.*f</span>" % (
         digits, before[key]) if before else "") for label, key, digits, unit in tiles]
-    want += ["<div><b>%.2f</b>frames per second</div>" % j["fps"], "<div><b>%.2f MB</b>storage per frame</div>" % (
-        j["storage"]["measured_per_frame"] / 1e6)]
+    want += ["<div><b>%.2f</b>frames per second</div>" % j["fps"], "<div><b>%s</b>storage per frame</div>" % size3(
+        math.floor(j["storage"]["measured_per_frame"]))]
     same("\n".join(re.findall(r"<div><b>.*", text)), "\n".join(want), name + ": the tiles")
 
     # Curves.

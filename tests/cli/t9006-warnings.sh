@@ -156,15 +156,15 @@ images[start + 52:start + 60] = struct.pack("<d", -1000.0)
 open(path("behind/sparse/0/images.bin"), "wb").write(images)
 print(name, file=counts)
 
-# The clip with cameras that look away: all, and camera 12 in frame 1; that stand aside.
-for name in ("away", "apart", "aside"):
+# The clip with cameras that look away: all, five of eight, and camera 12 in frame 1; that stand aside.
+for name in ("away", "five", "apart", "aside"):
     os.makedirs(path(name))
     os.symlink(os.path.join(work, "data", "ims"), path(name, "ims"))
     for which in ("train_meta.json", "test_meta.json"):
         m = json.load(open(os.path.join(work, "data", which)))
         for f, row in enumerate(m["w2c"]):
             for c, w in enumerate(row):
-                if name == "away" or (name == "apart" and m["cam_id"][f][c] == 12 and f == 1):
+                if name == "away" or (name == "five" and m["cam_id"][f][c] <= 15) or (name == "apart" and m["cam_id"][f][c] == 12 and f == 1):
                     w[1:3] = [[-x for x in r] for r in w[1:3]]
                 if name == "aside":
                     w[0][3] += 900
@@ -258,6 +258,9 @@ over data
 warns "cameras that see the points"
 over away
 warns "cameras that look away" "only $(shares in_front) % of the points are in front of the cameras: are the axes right, \
+and is this the data set of that run"
+over five
+warns "five of eight that look away" "only $(shares in_front) % of the points are in front of the cameras: are the axes right, \
 and is this the data set of that run"
 over aside
 warns "cameras that look past them" "only $(shares inside) % of the points are inside the images: are the axes right, \

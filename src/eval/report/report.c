@@ -107,6 +107,7 @@ static void put_tiles(struct page *p)
     uint64_t bytes = a->network   ? s->positions + s->tracks + s->table + s->heads
                      : a->refined ? s->refined
                                   : s->source;
+    char each[32];
 
     fprintf(p->to, "<div class=\"tiles\">\n");
     put_tile(p->to, "PSNR", after->psnr, before->psnr, 2, " dB");
@@ -116,8 +117,8 @@ static void put_tiles(struct page *p)
     put_tile(p->to, "LPIPS (VGG)", after->lpips[0], before->lpips[0], 4, "");
     put_tile(p->to, "LPIPS (Alex)", after->lpips[1], before->lpips[1], 4, "");
     put_tile(p->to, "frames per second", 1 / (a->seconds_decode + a->seconds_draw), NAN, 2, "");
-    put_tile(p->to, "storage per frame", (double)bytes / 1e6 / a->n_bundle_frames, NAN, 2, " MB");
-    fprintf(p->to, "</div>\n");
+    fprintf(p->to, "<div><b>%s</b>storage per frame</div>\n</div>\n",
+            spin_text_bytes(bytes / (uint64_t)a->n_bundle_frames, each));
 }
 
 /* How it was trained, in a line; all options are at the end. */
