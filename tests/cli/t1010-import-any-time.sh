@@ -43,7 +43,7 @@ cp -r "$work/beside/court" "$work/beside/court2"
 run "$bin/spin-import" "$work/beside/run" -o "$work/none.spin"
 fails 2 spin-import "two data sets beside it"
 run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
-is "$code" 0 "a run that counts its frames"
+is "$code $(member frames)" "0 30" "a run that counts its frames"
 is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run says it has.*/\1/p' "$work/out")" "$(member frames)" \
     "is sampled at those"
 

@@ -29,6 +29,7 @@ stopped() {
         sleep 0.05
         tries=$((tries + 1))
     done
+    caught=$(sed -n 's/^SigCgt:.*\(.\)$/\1/p' /proc/$pid/status)
     kill -"$1" $pid 2>/dev/null
     wait $pid 2>/dev/null
     code=$?
@@ -76,6 +77,8 @@ stopped TERM 143
 # A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
 stopped INT 130
 stopped HUP 129
+case $caught in [13579bdf]) true ;; *) false ;; esac
+ok $? "SIGHUP is caught"
 # What was told to outlive its terminal does.
 rm -f "$work/stopped.spin"*
 trap '' HUP
