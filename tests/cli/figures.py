@@ -773,6 +773,8 @@ def read_charts(page):
                 scale = (q - p) / (b - a) if b != a else 0
                 good = good and abs(p + (float(value) - a) * scale - float(place)) < 0.16 + abs(scale) * 1e-4 * abs(float(value))
             style_of, d = paths[list(lines).index(name)]
+            if name.startswith(("after", "before")):  # in two colours, what is of dynamic regions dashed
+                good = good and style_of == "line-%d%s" % (name[0] == "b", " dashed" * ("dynamic" in name))
             good = good and style_of.split()[0] == style and re.split("[ML]", d)[1:][at] == x + " " + y
         if legend:
             good = good and [n for _, n in legend] == list(lines) and [s for s, _ in legend] == [s for s, _ in paths]

@@ -522,12 +522,14 @@ static void test_too_large(void)
 
     make_frame(&s, 20000, 0, 5);
     info.n = s.n;
-    ok(run(&spin_exporter_gltf, &one, &s, 0) == SPIN_OK && spin_map_open(one.output, &map) == SPIN_OK,
+    ok(run(&spin_exporter_gltf, &one, &s, 0) == SPIN_OK &&
+           spin_map_open(one.output, &map) == SPIN_OK,
        "a frame by itself");
-    snprintf(want, sizeof want,
-             "4000 frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh and "
-             "--min-opacity, or give a folder",
-             4000 * (double)map.size / 1e9);
+    snprintf(
+        want, sizeof want,
+        "4000 frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh and "
+        "--min-opacity, or give a folder",
+        4000 * (double)map.size / 1e9);
     spin_map_close(&map);
     spin_log_set_level(-1);
     spin_log_set_sink(keep_warning);
