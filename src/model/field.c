@@ -230,24 +230,30 @@ static bool get_float(const spin_json *j, double lo, double hi, float *out)
     return true;
 }
 
+/* A level that says of itself what its numbers make of it: a dense one with fewer rows than vertices would
+ * be read beyond its end. */
 static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
 {
     const spin_json *scale = spin_json_at(spin_json_get(json, "scale"), (size_t)l);
     const spin_json *res = spin_json_at(spin_json_get(json, "res"), (size_t)l);
-    double offset, hashed, r;
+    const spin_json *offset = spin_json_get(json, "offset");
+    int64_t first, end, hashed, r;
 
     for (size_t d = 0; d < 4; d++) {
         if (!get_float(spin_json_at(scale, d), 0, 65536, &grid->scale[l][d]) ||
-            !spin_json_number(spin_json_at(res, d), &r) || !(r >= 1 && r <= 65537))
+            !spin_json_integer(spin_json_at(res, d), &r) || r < 1 || r > 65537 ||
+            fabs((double)r - 1.5 - (double)grid->scale[l][d]) > 0.51)
             return false;
         grid->res[l][d] = (uint32_t)r;
     }
-    if (!spin_json_number(spin_json_at(spin_json_get(json, "offset"), (size_t)l + 1), &offset) ||
-        !(offset > grid->offset[l] && offset <= UINT32_MAX / 8) ||
-        !spin_json_number(spin_json_at(spin_json_get(json, "hashed"), (size_t)l), &hashed))
+    if (!spin_json_integer(spin_json_at(offset, (size_t)l), &first) || first != grid->offset[l] ||
+        !spin_json_integer(spin_json_at(offset, (size_t)l + 1), &end) || end <= first ||
+        end > UINT32_MAX / 8 ||
+        !spin_json_integer(spin_json_at(spin_json_get(json, "hashed"), (size_t)l), &hashed) ||
+        hashed != spin_grid_is_hashed(grid->res[l], (uint64_t)(end - first)))
         return false;
-    grid->offset[l + 1] = (uint32_t)offset;
-    grid->hashed[l] = hashed != 0;
+    grid->offset[l + 1] = (uint32_t)end;
+    grid->hashed[l] = (uint8_t)hashed;
     return true;
 }
 
@@ -268,7 +274,10 @@ spin_status spin_field_from_json(const spin_json *json, struct spin_field *out)
     out->sh_degree = sh_degree;
     for (int l = 0; l < levels; l++)
         if (!read_level(json, l, &out->grid))
-            return spin_fail(SPIN_E_MALFORMED, "meta.json: bad grid level %d of the network", l);
+            return spin_fail(SPIN_E_MALFORMED,
+                             "meta.json: level %d of the network: its scale, res, offset and "
+                             "hashed do not make a grid",
+                             l);
     plan_heads(&out->heads, levels * features, hidden);
     out->heads.relu = activation && strcmp(activation, "relu") == 0;
     if (activation && !out->heads.relu && strcmp(activation, "gelu") != 0)

@@ -18,13 +18,16 @@ FLAGS="-std=gnu11 -g -O1 -Isrc -I. -D_GNU_SOURCE -pthread -fno-sanitize-recover=
 SANITIZE=-fsanitize=fuzzer-no-link,address,undefined
 
 # An archive of what readers are made of, so that a target links only what it calls.
-for source in src/base/*.c src/io/*.c src/formats/*.c src/scene/*.c importers/*.c importers/lib/*.c; do
+for source in src/base/*.c src/io/*.c src/formats/*.c src/scene/*.c src/device/*.c src/device/cpu/*.c src/model/*.c \
+    src/render/*.c importers/*.c importers/lib/*.c; do
     case $source in src/io/video*ffmpeg.c | src/io/ranks_mpi.c) continue ;; esac # shims, opened at run time
     object=build/fuzz/lib/${source%.c}.o
     [ "$object" -nt "$source" ] && continue
     mkdir -p "$(dirname "$object")"
+    path= # the one code path of the CPU device
+    case $source in src/device/cpu/*) path=-DSPIN_CPU_PATH=base ;; esac
     # shellcheck disable=SC2086
-    clang $FLAGS $SANITIZE -c -o "$object" "$source" || exit 1
+    clang $FLAGS $SANITIZE $path -c -o "$object" "$source" || exit 1
 done
 # The loader of plug-ins names the list of exporters, which no reader needs.
 echo 'const void *const spin_exporters[1];' | clang -x c -c -o build/fuzz/lib/exporters.o - || exit 1

@@ -125,6 +125,54 @@ static void check_json(void)
     free(text);
 }
 
+/* One level of 4 x 4 x 4 x 3 vertices, with one of its members other than it should be. */
+static spin_status level_with(const char *key, const char *value)
+{
+    const int base[4] = {4, 4, 4, 3};
+    struct spin_field m, back;
+    spin_json *j, *other = NULL;
+    spin_status status;
+
+    if (spin_field_plan(&m, 1, 4, 8, 4, 0, base, base) != SPIN_OK)
+        return SPIN_OK;
+    j = spin_field_to_json(&m);
+    if (spin_json_parse(key, value, strlen(value), &other) == SPIN_OK)
+        spin_json_set(j, key, other);
+    status = spin_field_from_json(j, &back);
+    spin_json_free(j);
+    return status;
+}
+
+/* A level must be what its numbers say: rows beyond the table are not read, on any device. */
+static void check_levels(void)
+{
+    static const char *const bad[][2] = {
+        {"hashed", "[1]"}, /* though every vertex has its row */
+        {"hashed", "[2]"},
+        {"hashed", "[0.5]"},
+        {"offset", "[0, 191]"}, /* a row too few for its vertices */
+        {"offset", "[0, 192.5]"},
+        {"offset", "[0, 0.5]"},
+        {"offset", "[0, 4294967488]"}, /* 2^32 + 192 */
+        {"offset", "[0, -192]"},
+        {"offset", "[1, 193]"},
+        {"res", "[[4, 4, 4, 4]]"},
+        {"res", "[[4, 4, 4, 3.5]]"},
+        {"res", "[[3, 4, 4, 3]]"},
+        {"res", "[[65537, 65537, 65537, 65537]]"}, /* 2^64 and more vertices */
+        {"res", "[[65536, 65536, 65536, 65536]]"}, /* 0 in 64 bits */
+        {"scale", "[[3, 3, 3, 0.9]]"},
+        {"scale", "[[3, 3, 3, 2.1]]"},
+    };
+
+    ok(level_with("hashed", "[0]") == SPIN_OK, "a dense level reads back");
+    ok(level_with("offset", "[0.0, 192.0]") == SPIN_OK,
+       "and with numbers as Python may write them");
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        ok(level_with(bad[i][0], bad[i][1]) == SPIN_E_MALFORMED, "%s %s: %s", bad[i][0], bad[i][1],
+           spin_last_error());
+}
+
 static void check_morton(void)
 {
     float points[4][3] = {{1, 1, 1}, {0, 0, 0}, {1, 0, 0}, {0, 0, 0}};
@@ -143,5 +191,6 @@ TAP_MAIN
     check_bounds();
     check_times();
     check_json();
+    check_levels();
     check_morton();
 }
