@@ -228,26 +228,32 @@ $(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
 	$(SAY) CC $@
 	$(Q)$(COMPILE_C) -c -o $@ $<
 
-# What stands before a C++ library is an object of its own: who does not need it does not load it.
+# What stands before a C++ library is an object of its own: who does not need it does not load it. Commands load none
+# that others can write, so what umask allows the group is taken away.
+SHIM_DONE = $(Q)chmod go-w $(@D) $@
 $(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(COMPILE_CXX) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
+	$(SHIM_DONE)
 
 $(B)/lib/spin-gltf.so: src/io/gltf_tiny.cpp src/io/gltf_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(COMPILE_CXX) -shared -o $@ $< -ltinygltf
+	$(SHIM_DONE)
 
 $(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(COMPILE_CXX) -fopenmp -shared -o $@ $< -ldnnl
+	$(SHIM_DONE)
 
 $(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)OMPI_CC="$(CC)" MPICH_CC="$(CC)" $(MPICC) $(COMPILE_SHIM) -shared -o $@ $<
+	$(SHIM_DONE)
 
 FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
 $(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_encode_ffmpeg.c \
@@ -255,6 +261,7 @@ $(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_e
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CC) $(COMPILE_SHIM) -shared -o $@ $(filter %.c,$^) $(FFMPEG)
+	$(SHIM_DONE)
 
 $(B)/tests/tools/make-video: tests/tools/make-video.c
 	@mkdir -p $(@D)
@@ -280,6 +287,7 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(NVCC) -cudart static -shared -o $@ $^
+	$(SHIM_DONE)
 
 # The same kernels for the host, in tests/emu's emulation: with array bounds checked, and once more with the race
 # detector's calls.
@@ -329,8 +337,8 @@ $(B)/%.o: %.c
 	$(SAY) CC $<
 	$(Q)$(COMPILE_C) -MMD -MP -c -o $@ $<
 
-# Where an installed library finds the plug-ins that it does not find from its program's folder. Another PREFIX
-# with lib/ below it does not need another build; another LIBDIR does.
+# Where an installed library finds the plug-ins that do not lie in the lib/ or lib/spin4d/ beside its program's bin/.
+# Another PREFIX with lib/ below it does not need another build; another LIBDIR does.
 $(B)/src/device/device.o: SPIN_DEFINES := -DSPIN_CPU_PATHS_$(words $(PATHS))
 $(B)/src/base/shim.o: SPIN_DEFINES := -DSPIN_LIBDIR='"$(LIBDIR)"'
 $(B)/src/base/shim.o: $(B)/libdir

@@ -1,4 +1,4 @@
-/* Where the shared objects lie, and whether they are of this version. */
+/* Where the shared objects lie, who can write them, and whether they are of this version. */
 #include "base/shim.h"
 
 #include <dlfcn.h>
@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -17,12 +18,10 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
-/* Folders above the program's in which lib/ is looked for: tests lie two below the build's. */
-#define MAX_PARENTS 4
-
 struct search {
     struct spin_shim *shim;
     const void *table;
+    uid_t owner; /* of the program; 0 when not known */
 };
 
 /* Where `ulimit -v` bounds the address space, a library may end the process while it is loaded, as one does
@@ -77,32 +76,60 @@ static bool load(struct search *s, const char *path)
     return true;
 }
 
-static bool load_below(struct search *s, const char *folder, const char *below)
+/* Somebody other than root, the user and the owner of the program can write what is at path. */
+static bool others_write(struct search *s, const char *path)
+{
+    struct stat st;
+
+    if (stat(path, &st) != 0)
+        return false; /* not there: load() looks */
+    if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
+        (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
+        return false;
+    snprintf(s->shim->why, sizeof s->shim->why, "others can write '%.400s', see spin4d(7)", path);
+    return true;
+}
+
+/* The object in the folder parent/below, where nobody else can have put it. */
+static bool load_from(struct search *s, const char *parent, const char *below)
 {
     char path[PATH_MAX + 64];
 
-    snprintf(path, sizeof path, "%s/%s/%s", folder, below, s->shim->file);
+    snprintf(path, sizeof path, "%s/%s/%s", parent, below, s->shim->file);
+    if (access(path, F_OK) != 0 || others_write(s, path))
+        return false;
+    *strrchr(path, '/') = '\0';
+    if (others_write(s, path))
+        return false;
+    snprintf(path, sizeof path, "%s/%s/%s", parent, below, s->shim->file);
     return load(s, path);
 }
 
+/* lib of the build or of the prefix whose bin/ has the program, or whose tests/ROOM/. */
 static bool load_beside_program(struct search *s)
 {
     char folder[PATH_MAX];
     ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);
+    struct stat st;
+    char *bin, *tests;
 
     if (n <= 0)
         return false;
     folder[n] = '\0';
-    for (int i = 0; i <= MAX_PARENTS; i++) {
-        char *slash = strrchr(folder, '/');
-
-        if (!slash)
+    if (stat(folder, &st) == 0)
+        s->owner = st.st_uid;
+    *strrchr(folder, '/') = '\0';
+    bin = strrchr(folder, '/');
+    if (!bin)
+        return false;
+    *bin = '\0';
+    tests = strrchr(folder, '/');
+    if (strcmp(bin + 1, "bin") != 0) {
+        if (!tests || strcmp(tests + 1, "tests") != 0)
             return false;
-        *slash = '\0';
-        if (load_below(s, folder, "lib") || load_below(s, folder, "lib/spin4d"))
-            return true;
+        *tests = '\0';
     }
-    return false;
+    return load_from(s, folder, "lib") || load_from(s, folder, "lib/spin4d");
 }
 
 static const void *find(struct spin_shim *shim)
@@ -117,7 +144,7 @@ static const void *find(struct spin_shim *shim)
         return s.table;
     }
     if (!load_beside_program(&s))
-        load_below(&s, SPIN_LIBDIR, "spin4d");
+        load_from(&s, SPIN_LIBDIR, "spin4d");
     return s.table;
 }
 

@@ -16,8 +16,9 @@ struct spin_shim {
     char why[512]; /* it does not load; "" when there simply is no such file */
 };
 
-/* Loads it once and sets *table; else SPIN_E_UNSUPPORTED. Looks beside the program (in lib/ of the build,
- * where `make install` puts it) and below the prefix. By any thread. */
+/* Loads it once and sets *table; else SPIN_E_UNSUPPORTED. Looks in lib/ and lib/spin4d/
+ * beside the bin/ of the program (of the build, and of a prefix), and in spin4d/ of the LIBDIR of the build; takes
+ * none that others can write, or whose folder they can. By any thread. */
 spin_status spin_shim_need(struct spin_shim *shim, const void **table);
 
 #endif
