@@ -10,17 +10,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
+
 enum { TRAIL = 4096 };
 
 static _Thread_local char trail[TRAIL];
 static atomic_int cancelled; /* lock-free: may be set from a signal handler */
-
-static void tidy(char *text)
-{
-    for (unsigned char *p = (unsigned char *)text; *p; p++)
-        if (*p < 0x20 || *p == 0x7f)
-            *p = '?';
-}
 
 spin_status spin_fail(spin_status code, const char *fmt, ...)
 {
@@ -30,7 +25,7 @@ spin_status spin_fail(spin_status code, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
-    tidy(text);
+    spin_text_tidy(text, false);
     memcpy(trail, text, strlen(text) + 1);
     return code;
 }
@@ -44,7 +39,7 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, TRAIL, fmt, args);
     va_end(args);
-    tidy(text);
+    spin_text_tidy(text, false);
     n = strlen(text);
     if (trail[0])
         snprintf(text + n, sizeof text - n, ": %s", trail);

@@ -32,12 +32,15 @@ double spin_now_s(void)
 
 static void write_line(const char *prefix, const char *fmt, va_list args)
 {
+    char line[8192];
+
+    vsnprintf(line, sizeof line, fmt, args);
+    spin_text_tidy(line, true);
     flockfile(stderr);
     if (atomic_exchange(&line_shown, 0))
         fputs(erase_line, stderr);
     fputs(prefix, stderr);
-    vfprintf(stderr, fmt, args);
-    fputc('\n', stderr);
+    fprintf(stderr, "%s\n", line);
     fflush(stderr);
     funlockfile(stderr);
 }

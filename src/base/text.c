@@ -44,6 +44,26 @@ void spin_text_html(FILE *to, const char *text)
     }
 }
 
+/* C1, which UTF-8 has in two bytes: terminals obey U+009B as they do ESC [. */
+static bool is_c1(const char *text)
+{
+    const unsigned char *c = (const unsigned char *)text;
+
+    return c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0;
+}
+
+void spin_text_tidy(char *text, bool lines)
+{
+    for (; *text; text++) {
+        unsigned char c = (unsigned char)*text;
+
+        if (is_c1(text))
+            text[0] = text[1] = '?';
+        else if ((c < 0x20 || c == 0x7f) && !(lines && c == '\n'))
+            *text = '?';
+    }
+}
+
 void spin_text_json(FILE *to, const char *text)
 {
     fputc('"', to);
@@ -56,6 +76,8 @@ void spin_text_json(FILE *to, const char *text)
             fputs("\\n", to);
         else if (c < 0x20 || c == 0x7f)
             fprintf(to, "\\u%04x", c);
+        else if (is_c1(text))
+            fprintf(to, "\\u%04x", (unsigned char)*++text);
         else
             fputc(c, to);
     }

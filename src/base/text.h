@@ -9,8 +9,11 @@
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n);
 /* As text or the value of an attribute of HTML; control characters but line feeds are left out. */
 void spin_text_html(FILE *to, const char *text);
-/* UTF-8 as a string of JSON, in its quotes. */
+/* UTF-8 as a string of JSON, in its quotes; control characters are escaped. */
 void spin_text_json(FILE *to, const char *text);
+/* For a terminal: control characters become '?' in place, as text from files may hold its commands. With `lines`
+ * line feeds stay. */
+void spin_text_tidy(char *text, bool lines);
 
 /* Powers of 1000, as disks are sold: "12.3 MB". Returns text. */
 const char *spin_text_bytes(uint64_t bytes, char text[32]);

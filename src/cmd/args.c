@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "spin_run.h"
+#include "base/text.h"
 #include "cmd/signals.h"
 
 enum { MAX_PLUGINS = 128 };
@@ -21,12 +22,13 @@ static bool speaks = true;
 /* Text from outside may hold line breaks and escape sequences; an error stays one plain line. */
 static void put_line(const char *name, const char *text, const char *tail)
 {
+    char line[4096];
+
     if (!speaks)
         return;
-    fprintf(stderr, "%s: ", name);
-    for (const unsigned char *c = (const unsigned char *)text; *c; c++)
-        fputc(*c < 0x20 || *c == 0x7f ? '?' : *c, stderr);
-    fprintf(stderr, "%s\n", tail);
+    snprintf(line, sizeof line, "%s", text);
+    spin_text_tidy(line, false);
+    fprintf(stderr, "%s: %s%s\n", name, line, tail);
 }
 
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "base/text.h"
 #include "io/json.h"
 
 const char *spin_print_bytes(double bytes, char text[32])
@@ -14,6 +15,13 @@ const char *spin_print_bytes(double bytes, char text[32])
     for (; bytes >= 1000 && u < 5; u++)
         bytes /= 1000;
     snprintf(text, 32, u ? "%.1f %s" : "%.0f %s", bytes, unit[u]);
+    return text;
+}
+
+const char *spin_print_path(const char *path, char text[4096])
+{
+    snprintf(text, 4096, "%s", path);
+    spin_text_tidy(text, false);
     return text;
 }
 

@@ -6,6 +6,8 @@
 
 /* "12.3 MB" into text. */
 const char *spin_print_bytes(double bytes, char text[32]);
+/* A path without control characters, into text. */
+const char *spin_print_path(const char *path, char text[4096]);
 /* "2940", or "2940.5" when it is not whole, into text. */
 const char *spin_print_mean(double mean, char text[32]);
 /* "1 frame", "2 frames" into text. */

@@ -143,9 +143,9 @@ static void report_json(const struct spin_export_report *r)
 
 static void report_text(const struct spin_export_report *r)
 {
-    char bytes[32], mean[32], frames[48];
+    char bytes[32], mean[32], frames[48], path[4096];
 
-    printf("%s: %s as %s, %s splats each", options.output,
+    printf("%s: %s as %s, %s splats each", spin_print_path(options.output, path),
            spin_print_count(r->frames, "frame", frames), options.to,
            spin_print_mean(r->splats_mean, mean));
     if (r->bytes)

@@ -301,11 +301,14 @@ static void text_ranges(const struct spin_import_report *r)
 
 static void text_cameras(const struct spin_import_report *r)
 {
+    char path[4096];
+
     for (int i = 0; i < r->n_cameras; i++)
         printf("check       frame %d, camera %d: %.1f %% of the points in front, %.1f %% inside, "
                "%s/%s\n",
                r->camera[i].frame, r->camera[i].camera, 100 * r->camera[i].in_front,
-               100 * r->camera[i].inside, options.check_cameras, r->camera[i].file);
+               100 * r->camera[i].inside, spin_print_path(options.check_cameras, path),
+               r->camera[i].file);
     for (int i = 0; i < r->n_shares; i++)
         printf("camera %-4d at least %.1f %% of the points in front, %.1f %% inside%s\n",
                r->share[i].camera, 100 * r->share[i].in_front, 100 * r->share[i].inside,
@@ -354,6 +357,8 @@ static void text_columns(const char *what, unsigned held, int sh_degree)
 
 static void report_text(const struct spin_import_report *r)
 {
+    char path[4096];
+
     printf("from        %s%s%s\n", r->from, *r->variant ? ", " : "", r->variant);
     if (wants_info) {
         printf("recognised  %s\n", r->recognised);
@@ -377,7 +382,7 @@ static void report_text(const struct spin_import_report *r)
     }
     text_cameras(r);
     if (options.output)
-        printf("written     %s\n", options.output);
+        printf("written     %s\n", spin_print_path(options.output, path));
 }
 
 /* A data set's options follow its name: "dynerf:time=unit". */

@@ -251,9 +251,10 @@ static void print_row(const char *name, const struct spin_quality *q)
 
 static void report_text(const struct spin_retrain_report *r)
 {
-    char time[32], mean[32], count[48], frames[48];
+    char time[32], mean[32], count[48], frames[48], path[4096];
 
-    printf("%s: %s in %s (%.3g s each) on %s, %s, %s splats each\n", options.output,
+    printf("%s: %s in %s (%.3g s each) on %s, %s, %s splats each\n",
+           spin_print_path(options.output, path),
            spin_print_count(r->iterations, "iteration", count),
            spin_print_seconds(r->seconds, time), r->seconds_per_iteration, r->device,
            spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));

@@ -1,4 +1,5 @@
 /* spin_bundle_describe(): what meta.json and the names of the members say. */
+#include <stdarg.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -199,6 +200,19 @@ static void write_json(const struct description *d, FILE *out)
 
 /* ---- Text -------------------------------------------------------------------------------------- */
 
+/* What comes from the file or is a path, as one line. */
+static void __attribute__((format(printf, 2, 3))) write_line(FILE *out, const char *fmt, ...)
+{
+    char line[8192];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(line, sizeof line, fmt, args);
+    va_end(args);
+    spin_text_tidy(line, false);
+    fprintf(out, "%s\n", line);
+}
+
 static void write_splats(FILE *out, const char *what, struct counts c)
 {
     fprintf(out, "%-12s%zu", what, c.least);
@@ -260,11 +274,11 @@ static void write_stage(const struct description *d, const struct stage *stage, 
     write_splats(out, stage->name, count(&d->bundle, stage->from));
     fprintf(out, ", %lld iterations", integer_of(options, "iterations"));
     if (stage->from == SPIN_FROM_NETWORK && !spin_npz_has(&d->bundle.npz, "network/table"))
-        fprintf(out, " on %s, no network\n", text_of(json, "device"));
+        write_line(out, " on %s, no network", text_of(json, "device"));
     else if (stage->from == SPIN_FROM_NETWORK)
-        fprintf(out, " on %s; %lld levels of %lld features, %lld rows, hidden width %lld\n",
-                text_of(json, "device"), integer_of(json, "levels"), integer_of(json, "features"),
-                rows_of(json), integer_of(json, "hidden"));
+        write_line(out, " on %s; %lld levels of %lld features, %lld rows, hidden width %lld",
+                   text_of(json, "device"), integer_of(json, "levels"),
+                   integer_of(json, "features"), rows_of(json), integer_of(json, "hidden"));
     else
         fprintf(out, " each\n");
     write_columns(out, "            attributes:", stage->columns, stage->sh_degree);
@@ -279,12 +293,12 @@ static void write_text(const struct description *d, FILE *out)
     const struct spin_frame_info *first = meta->frame, *last = first + meta->n_frames - 1;
     char size[32];
 
-    fprintf(out, "bundle      %s, by %s\n", d->bundle.path, text_of(d->bundle.json, "generator"));
-    fprintf(out, "from        %s%s%s\nupstream    %s\n", meta->from, *meta->variant ? ", " : "",
-            meta->variant, meta->upstream);
+    write_line(out, "bundle      %s, by %s", d->bundle.path, text_of(d->bundle.json, "generator"));
+    write_line(out, "from        %s%s%s", meta->from, *meta->variant ? ", " : "", meta->variant);
+    write_line(out, "upstream    %s", meta->upstream);
     if (d->data)
-        fprintf(out, "data        %s, %s%s\n", d->data, meta->data_from,
-                spin_path_exists(d->data) ? "" : ": it is not there");
+        write_line(out, "data        %s, %s%s", d->data, meta->data_from,
+                   spin_path_exists(d->data) ? "" : ": it is not there");
     fprintf(out, "frames      %d of the source's %d, numbers %d to %d%s, times %.10g to %.10g\n",
             meta->n_frames, meta->n_source_frames, first->number, last->number,
             meta->numbered ? "" : " (counted)", first->time, last->time);

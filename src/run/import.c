@@ -10,6 +10,7 @@
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "run/camera_check.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"
@@ -561,6 +562,8 @@ static void fill_report(struct import *im)
     memcpy(report->notes, im->sequence.notes, sizeof report->notes);
     if (!im->o->data)
         hint_at_data(im);
+    spin_text_tidy(report->variant, false);
+    spin_text_tidy(report->notes, true);
     report->frames = meta->n_frames;
     report->continuous = im->sequence.continuous;
     report->range_first = im->sequence.time_first;

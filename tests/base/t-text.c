@@ -45,6 +45,15 @@ TAP_MAIN
     spin_text_json(f, "a\"b\\\n\x01\x7f\xc3\xa4");
     fclose(f);
     is_text(got, "\"a\\\"b\\\\\\n\\u0001\\u007f\xc3\xa4\"", "JSON");
+    f = begin();
+    spin_text_json(f, "\xc2\x9b\xc2\xa0");
+    fclose(f);
+    is_text(got, "\"\\u009b\xc2\xa0\"", "JSON: a control character of two bytes");
+    snprintf(text, sizeof text, "%s", "a\nb\x1b[31m\x7f\xc3\xa9\xc2\x9b\xc2");
+    spin_text_tidy(text, true);
+    is_text(text, "a\nb?[31m?\xc3\xa9?\?\xc2", "what a terminal would obey");
+    spin_text_tidy(text, false);
+    is_text(text, "a?b?[31m?\xc3\xa9?\?\xc2", "and line feeds");
     is_text(spin_text_bytes(999, text), "999 bytes", "bytes");
     is_text(spin_text_bytes(1234567, text), "1.23 MB", "megabytes");
     is_text(spin_text_duration(245, text), "4:05", "minutes");

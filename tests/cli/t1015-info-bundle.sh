@@ -94,6 +94,54 @@ run "$bin/spin-import" --info "$work/cut.spin"
 fails 1 spin-import "a bundle that is cut short"
 err_has "cut.spin" "it is named"
 
+# ---- What a terminal would obey ----------------------------------------------------------------------
+
+# Escapes in meta.json, in the name of the bundle and in an array's name; $escape begins one, as does U+009B.
+escape=$(printf '\033]0;X\007\302\233\177')
+mkdir "$work/$escape"
+odd=$work/$escape/b.spin
+no_control() { # NAME
+    ! LC_ALL=C grep -q "$(printf '[\001-\010\013-\037\177]\|\302[\200-\237]')" "$work/out" "$work/err"
+    ok $? "$1: no control characters"
+}
+if command -v python3 >/dev/null; then
+    python3 - "$work/alone.spin" "$odd" <<'PY'
+import json, sys, zipfile
+evil = "\x1b]0;X\x07\x9b\x7f\nevil"
+with zipfile.ZipFile(sys.argv[1]) as old, zipfile.ZipFile(sys.argv[2], "w") as new:
+    for name in old.namelist():
+        data = old.read(name)
+        if name == "meta.json":
+            meta = json.loads(data)
+            for key in "from", "upstream", "variant", "generator":
+                meta[key] = key + evil
+            meta["data"] = {"path": "data" + evil, "from": "panoptic" + evil}
+            data = json.dumps(meta, ensure_ascii=False)
+        new.writestr(name, data)
+PY
+    run "$bin/spin-import" --info "$odd"
+    is "$code" 0 "a bundle of escapes"
+    no_control "a bundle of escapes"
+    is "$(grep -c '^evil' "$work/out")" 0 "and no lines that it makes up"
+    out_has "^upstream  *upstream?.0;X?????evil" "they are question marks"
+    run "$bin/spin-import" --info --json "$odd"
+    no_control "as JSON"
+    is_json "which it is"
+    run "$bin/spin-export" "$odd" --to ply -o "$work/$escape/ply"
+    no_control "what an export says"
+else
+    skip "a bundle of escapes" "no python3"
+fi
+mkdir "$work/$escape/run"
+cp "$clip/params.npz" "$work/$escape/run"
+cp -r "$clip/ims" "$clip"/*_meta.json "$work/$escape"
+run "$bin/spin-import" --info "$work/$escape/run"
+is "$code" 0 "a run in a folder of escapes"
+out_has "^note .*lies beside" "beside a data set"
+no_control "a run in a folder of escapes"
+run "$bin/spin-import" --from "$escape" --info "$clip"
+no_control "an error"
+
 # ---- Runs that are one folder down, data sets beside them ---------------------------------------------
 
 mkdir -p "$work/one/models/ball" "$work/one/notes"
