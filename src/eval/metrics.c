@@ -294,11 +294,14 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     size_t pixels = spin_views_pixels(&m->clip->views);
     struct measured *view = NULL;
     struct pictures p = {0};
+    long long done = 0, n_own = 0;
 
     memset(mean, 0, sizeof *mean);
     m->seconds_decode = m->seconds_draw = 0;
     m->n_decoded = 0;
-    spin_progress_begin(&progress, m->what, "views", 0, (long long)m->n_pairs);
+    for (size_t i = 0; i < m->n_pairs; i++)
+        n_own += spin_metrics_rank(m->pairs[i].frame) == spin_rank();
+    spin_progress_begin(&progress, m->what, "views", 0, n_own);
     SPIN_TRY_OUT(spin_alloc(pixels, 6 * sizeof(float) + 4, (void **)&p.image));
     p.truth = p.image + 3 * pixels;
     p.rgb8 = (uint8_t *)(p.truth + 3 * pixels);
@@ -309,7 +312,7 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
         if (spin_metrics_rank(m->pairs[i].frame) != spin_rank())
             continue;
         status = spin_cancelled() ? spin_fail_cancelled() : measure_one(m, i, &p, &view[i]);
-        spin_progress_set(&progress, (long long)i + 1, "%.2f dB", view[i].view.q.psnr);
+        spin_progress_set(&progress, ++done, "%.2f dB", view[i].view.q.psnr);
     }
     SPIN_TRY_OUT(spin_ranks_agree(status));
     SPIN_TRY_OUT(merge_views(m, view));

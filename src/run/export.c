@@ -234,10 +234,10 @@ static spin_status write_rounds(struct export *x)
     spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
     status = SPIN_OK;
     for (int f = 0; f < x->clip.n_frames && status == SPIN_OK; f += spin_n_ranks()) {
-        int left = x->clip.n_frames - f;
+        int left = x->clip.n_frames - f, n = left < spin_n_ranks() ? left : spin_n_ranks();
 
-        status = write_round(x, f, left < spin_n_ranks() ? left : spin_n_ranks(), skip);
-        spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
+        status = write_round(x, f, n, skip);
+        spin_progress_set(&progress, f + n, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
     free(skip);

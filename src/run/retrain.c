@@ -79,18 +79,24 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Room for state and network beside each other: they are when the state is saved and the output written. */
+/* Room for state and network beside each other: they are when the state is saved and the output written. How many
+ * splats share a track is not known yet: at least one frame's are there. */
 static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
-    size_t floats = p->field.n_table + p->field.n_heads;
+    size_t all = 0, most = 0, floats;
     char *folder = NULL;
     uint64_t bytes, room;
 
     if (!trains_clip(r))
         return SPIN_OK;
-    for (int f = 0; f < p->clip.n_frames; f++)
-        floats += p->counts[f] * (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
+    for (int f = 0; f < p->clip.n_frames; f++) {
+        all += p->counts[f];
+        most = p->counts[f] > most ? p->counts[f] : most;
+    }
+    floats = (p->o->tracks ? most : all) * (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
+    if (p->o->method == SPIN_METHOD_NETWORK)
+        floats += p->field.n_table + p->field.n_heads;
     bytes = 4 * floats * sizeof(float); /* the values and their two moments, and the values */
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);

@@ -41,4 +41,25 @@ for to in ply gltf; do
     diff -r "$work/$to-1" "$work/$to-2" >/dev/null && [ -e "$work/$to-1" ]
     ok $? "the same files"
 done
+
+# ---- Progress of rank 0: its views, and the frames of all
+
+# ends_whole WORDS NAME: the last line of progress has done all there was to do
+ends_whole() {
+    sed -n "s/^$1  \([0-9]*\)\/\([0-9]*\)  .*%.*/\1 \2/p" "$work/err" | sort -n | tail -n 1 >"$work/last"
+    awk '$1 == $2 { found = 1 } END { exit !found }' "$work/last"
+    ok $? "$2: progress comes to 100 % ($(cat "$work/last"))"
+}
+SPIN_PROGRESS=1e-9
+export SPIN_PROGRESS
+for n in 1 2 3; do
+    ranks $n "$bin/spin-eval" "$in" --source --split all
+    ends_whole '[a-z ]*' "$n ranks evaluate"
+    ranks $n "$bin/spin-export" "$in" --to ply -o "$work/progress-$n"
+    ends_whole exporting "$n ranks export"
+    ranks $n "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/progress-$n.spin" --range 0:5
+    ends_whole importing "$n ranks import"
+    ranks $n "$bin/spin-retrain" "$in" -o "$work/refined-$n.spin" --device cpu --method explicit --refine 2 --scale 0.25
+    ends_whole refining "$n ranks refine"
+done
 done_testing

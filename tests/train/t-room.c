@@ -51,4 +51,15 @@ TAP_MAIN
        "before the first step");
     n_free += 1 << 20;
     ok(spin_retrain(&o, &report) == SPIN_OK && spin_path_exists(output), "with more it goes on");
+
+    spin_retrain_preset("quick", &o); /* no table, and splats share what they have */
+    o.input = bundle;
+    o.output = output;
+    o.image_scale = 0.1;
+    o.iterations = 1;
+    o.force = true;
+    n_free = 4 * (3 + 11) * sizeof(float) * 2940;
+    ok(spin_retrain(&o, &report) == SPIN_OK, "without a network one frame's values are enough");
+    n_free--;
+    ok(spin_retrain(&o, &report) == SPIN_E_IO, "and less is not");
 }
