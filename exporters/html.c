@@ -66,8 +66,6 @@ struct version {
     struct page_frame *frame; /* [frames of the job] */
     int n_written;
     double n_kept;
-    unsigned char *visible; /* [n_visible] 1: one of --max-splats, as the first frame has it */
-    size_t n_visible;
 };
 
 struct export
@@ -96,35 +94,18 @@ struct export
 
 /* ---- Which splats ------------------------------------------------------------------------------ */
 
-/* Mark the most visible of the kept rows. While the clip has the same splats in every frame the first
- * frame decides for all, so that none comes and goes. */
-static spin_status rank(struct export *x, struct version *v, const struct spin_splats *s)
-{
-    if (v->visible && v->n_visible == s->n)
-        return SPIN_OK;
-    SPIN_TRY(spin_grow(s->n, 1, (void **)&v->visible));
-    v->n_visible = s->n;
-    memset(v->visible, 0, s->n);
-    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
-    spin_sort_rows_by_size(&x->order, s);
-    for (size_t i = 0; i < x->order.n && i < x->max_splats; i++)
-        v->visible[x->order.item[i].row] = 1;
-    return SPIN_OK;
-}
-
-static spin_status choose(struct export *x, struct version *v, const struct spin_splats *s,
-                          int number, size_t *n)
+static spin_status choose(struct export *x, const struct spin_splats *s, int number, size_t *n)
 {
     SPIN_TRY(spin_splat_filter_choose(&x->rows, s, number));
     *n = x->rows.n_kept;
-    if (x->max_splats == 0)
+    if (x->max_splats == 0 || *n <= x->max_splats)
         return SPIN_OK;
-    SPIN_TRY(rank(x, v, s));
-    *n = 0;
-    for (size_t i = 0; i < s->n; i++) {
-        x->rows.keep[i] &= v->visible[i];
-        *n += x->rows.keep[i];
-    }
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
+    spin_sort_rows_by_size(&x->order, s);
+    memset(x->rows.keep, 0, s->n);
+    for (size_t i = 0; i < x->max_splats; i++)
+        x->rows.keep[x->order.item[i].row] = 1;
+    *n = x->max_splats;
     return SPIN_OK;
 }
 
@@ -222,7 +203,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     bool full;
     size_t n;
 
-    SPIN_TRY(choose(x, v, s, number, &n));
+    SPIN_TRY(choose(x, s, number, &n));
     v->n_kept += (double)n;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
     if (x->split && v == &x->version[0] && x->n_written == 0)
@@ -380,7 +361,6 @@ static void finish(struct export *x)
     for (int i = 0; i < 2; i++) {
         spin_page_group_free(&x->version[i].group);
         free(x->version[i].frame);
-        free(x->version[i].visible);
     }
     spin_page_draft_free(&x->draft);
     spin_splat_filter_end(&x->rows);

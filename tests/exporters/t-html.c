@@ -591,6 +591,47 @@ static void test_choice(void)
     spin_json_free(doc);
 }
 
+/* Other rows are the largest in the second frame, which has as many. */
+static void test_most_visible(void)
+{
+    static struct columns c;
+    const char *pairs[] = {"max-splats", "12", "sh", "0", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .output = in_folder("largest.html"), .n_frames = 2, .values = &values};
+    struct spin_splats s = {0};
+    const spin_json *clip;
+    spin_json *doc;
+    void *self = NULL;
+    int whole, n = 0, n_other = 0;
+
+    ok(spin_exporter_html.begin(&job, &self) == SPIN_OK, "begins");
+    for (int f = 0; f < 2; f++) {
+        struct spin_frame_info info = {.number = f, .time = f, .n = 40};
+
+        make_frame(&s, 40, 0, 5);
+        for (size_t k = 0; k < 120; k++)
+            s.log_scales[k] = k / 36 == 2 * (size_t)f ? -1 : -6;
+        memset(s.logit_opacities, 0, 40 * sizeof(float));
+        ok(spin_exporter_html.frame(self, f, &info, &s) == SPIN_OK, "takes a frame");
+    }
+    ok(spin_exporter_html.end(self) == SPIN_OK, "the twelve largest of each frame");
+    load(job.output);
+    clip = clip_of(&doc);
+    whole = decode(spin_json_at(spin_json_get(clip, "versions"), 0), 0, 0, 0, &c) &&
+            decode(spin_json_at(spin_json_get(clip, "versions"), 0), 0, 1, 0, &c);
+    for (size_t j = 0; whole && j < c.shared + c.n_own; j++) {
+        double v[COLUMNS + 1];
+
+        shown(&c, clip, j, 0, v);
+        n += v[6] > 0.1 && fabs(v[7] + 1) < 0.03;
+        n_other += v[6] > 0.1 && fabs(v[7] + 1) >= 0.03;
+    }
+    ok(n == 12 && n_other == 0, "the second frame shows its own, %d and %d others", n, n_other);
+    spin_json_free(doc);
+    spin_splats_free(&s);
+}
+
 static void test_bad_rows(void)
 {
     static struct columns c;
@@ -688,6 +729,7 @@ TAP_MAIN
     test_draft();
     test_mean();
     test_choice();
+    test_most_visible();
     test_bad_rows();
     test_camera();
     test_refusals();
