@@ -312,6 +312,8 @@ struct spin_export_job {
     bool check;
     spin_status (*again)(void *context, int frame, const struct spin_splats **out);
     void *context;
+
+    double stride; /* frame numbers from one frame to the next, on average; 0: as 1 */
 };
 
 struct spin_frame_info {

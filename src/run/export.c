@@ -154,6 +154,15 @@ static double clip_fps(const struct spin_clip *clip)
     return (clip->n_frames - 1) / span;
 }
 
+static double clip_stride(const struct spin_clip *clip)
+{
+    const struct spin_frame_info *info = clip->bundle.meta.frame;
+    int n = clip->n_frames;
+
+    return n < 2 ? 1
+                 : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
+}
+
 static spin_status write_frames(struct export *x)
 {
     struct spin_progress progress;
@@ -297,6 +306,7 @@ static spin_status begin_export(struct export *x)
         .sync = o->sync,
         .n_frames = x->clip.n_frames,
         .fps = clip_fps(&x->clip),
+        .stride = clip_stride(&x->clip),
         .source = x->clip.bundle.meta.from,
         .sh_degree = sh_degree_of(x),
         .antialias = is_antialiased(x),

@@ -164,6 +164,31 @@ static void test_values(int degree, const char *sh, int to, int half, const char
     spin_splats_free(&s);
 }
 
+/* Every third frame of a clip of 30 frames a second, or of a second that nobody knows, plays as fast as all of them. */
+static void test_stride(double fps, const char *option, double want_fps, double want_codes)
+{
+    const char *pairs[] = {"fps", option, NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {.output = in_folder("thirds"),
+                                  .n_frames = 1,
+                                  .force = true,
+                                  .fps = fps,
+                                  .stride = 3,
+                                  .values = option ? &values : NULL};
+    struct spin_splats s = {0};
+    char *text, line[100];
+
+    make_frame(&s, 5, 0, 1);
+    ok(run(&spin_exporter_usd, &job, &s, 3) == SPIN_OK, "writes every third frame");
+    text = slurp(in_folder("thirds/clip.usda"));
+    snprintf(line, sizeof line, "\n    framesPerSecond = %g\n", want_fps);
+    ok(strstr(text, line) != NULL, "%g frames a second", want_fps);
+    snprintf(line, sizeof line, "\n    timeCodesPerSecond = %g\n", want_codes);
+    ok(strstr(text, line) != NULL, "%g frame numbers a second", want_codes);
+    free(text);
+    spin_splats_free(&s);
+}
+
 /* The stage names the layers, and the time of each. */
 static void test_stage(void)
 {
@@ -255,6 +280,9 @@ TAP_MAIN
     test_values(1, "2", 2, 0, "source");
     test_values(2, "1", 1, 1, "usd");
     test_stage();
+    test_stride(10, NULL, 10, 30);
+    test_stride(0, NULL, 10, 30);
+    test_stride(10, "5", 5, 15);
     test_edges();
     n_more = 2; /* clip.usda and manifest.usda */
     check_folder_rules(&spin_exporter_usd, "frame_00001.usda", bad, sizeof bad / sizeof bad[0]);
