@@ -214,28 +214,6 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
     return SPIN_OK;
 }
 
-/* The very header that would be written, and rows to its end. */
-static bool compressed_complete(void *self, const struct spin_frame_info *info,
-                                const struct spin_map *map, size_t *n)
-{
-    static const char key[] = "element vertex ";
-    const struct export *x = self;
-    char text[SPIN_GS_PLY_MAX_HEADER + 1], *at;
-    size_t n_header = map->size < SPIN_GS_PLY_MAX_HEADER ? map->size : SPIN_GS_PLY_MAX_HEADER;
-
-    memcpy(text, map->data, n_header);
-    text[n_header] = '\0';
-    at = strstr(text, key);
-    if (!at)
-        return false;
-    *n = strtoul(at + sizeof key - 1, NULL, 10);
-    if (*n > info->n)
-        return false;
-    n_header = make_header(x, info, *n, text);
-    return map->size == n_header + spin_compressed_body(degree_of(x), *n) &&
-           memcmp(map->data, text, n_header) == 0;
-}
-
 static spin_status compressed_order(void *self, const uint32_t **row)
 {
     struct export *x = self;
@@ -295,7 +273,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = compressed_bytes,
     .write = compressed_write,
-    .complete = compressed_complete,
     .read = compressed_read,
     .order = compressed_order,
     .end = end,
@@ -319,5 +296,4 @@ const struct spin_exporter spin_exporter_compressed_ply = {
     .frame = spin_frames_frame,
     .end = spin_frames_end,
     .abort = spin_frames_abort,
-    .skip = spin_frames_skip,
 };

@@ -297,23 +297,6 @@ static uint64_t gltf_bytes(const void *self, size_t n)
     return 2048 + (uint64_t)n * x->layout.row + 256 * (uint64_t)x->layout.n; /* JSON: about */
 }
 
-/* A .glb of ours whose lengths add up and whose bytes are rows of what would be written. */
-static bool gltf_complete(void *self, const struct spin_frame_info *info,
-                          const struct spin_map *map, size_t *n)
-{
-    const struct export *x = self;
-    const unsigned char *bytes;
-    uint64_t n_json, n_bytes;
-    char number[64];
-
-    if (spin_glb_chunks(map->data, map->size, &n_json, &bytes, &n_bytes) != SPIN_OK)
-        return false;
-    snprintf(number, sizeof number, "\"name\":\"frame_%d\"", info->number);
-    *n = (size_t)(n_bytes / x->layout.row);
-    return n_bytes % x->layout.row == 0 &&
-           memmem(map->data + 20, n_json, number, strlen(number)) != NULL;
-}
-
 /* A frame of a file where all frames share some. */
 static spin_status read_scene(const struct spin_map *map, int frame, struct spin_splats *out)
 {
@@ -506,7 +489,6 @@ static const struct spin_frames_format format = {
     .ready = ready,
     .bytes = gltf_bytes,
     .write = gltf_write,
-    .complete = gltf_complete,
     .read = gltf_read,
     .order = gltf_order,
 };
@@ -586,11 +568,6 @@ static spin_status gltf_frame(void *self, int frame, const struct spin_frame_inf
     return x->single ? add_to_file(x, info, splats) : spin_frames_frame(self, frame, info, splats);
 }
 
-static bool gltf_skip(void *self, int frame, const struct spin_frame_info *info)
-{
-    return !((struct export *)self)->single && spin_frames_skip(self, frame, info);
-}
-
 static spin_status end_single(struct export *x)
 {
     uint64_t keys_offset = x->n_bytes, length;
@@ -646,5 +623,4 @@ const struct spin_exporter spin_exporter_gltf = {
     .frame = gltf_frame,
     .end = gltf_end,
     .abort = gltf_abort,
-    .skip = gltf_skip,
 };

@@ -173,6 +173,7 @@ static spin_status images_end(void *self)
     if (x->n_unseen > 0)
         spin_warn("%d of %d frames have no such view in the data set and were not rendered",
                   x->n_unseen, x->job->n_frames);
+    spin_camera_path_say_blank(&x->drawing);
     spin_output_folder_end(&x->folder);
     finish(x);
     return SPIN_OK;

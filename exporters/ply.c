@@ -60,20 +60,6 @@ static spin_status ply_write(void *self, const struct spin_frame_info *info, str
     return spin_frames_write_rows(x, out, n_header, row_bytes(x), code_row);
 }
 
-/* The very header that would be written, and rows to its end. */
-static bool ply_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
-                         size_t *n)
-{
-    char text[SPIN_GS_PLY_MAX_HEADER];
-    size_t n_header = make_header(self, info, 0, text);
-
-    if (map->size < n_header)
-        return false;
-    *n = (map->size - n_header) / row_bytes(self); /* digits of the count are fewer than a row */
-    n_header = make_header(self, info, *n, text);
-    return map->size == n_header + *n * row_bytes(self) && memcmp(map->data, text, n_header) == 0;
-}
-
 static spin_status ply_read(void *self, const struct spin_map *map, int frame,
                             struct spin_splats *out)
 {
@@ -101,7 +87,6 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct spin_frames),
     .bytes = ply_bytes,
     .write = ply_write,
-    .complete = ply_complete,
     .read = ply_read,
 };
 
@@ -123,5 +108,4 @@ const struct spin_exporter spin_exporter_ply = {
     .frame = spin_frames_frame,
     .end = spin_frames_end,
     .abort = spin_frames_abort,
-    .skip = spin_frames_skip,
 };

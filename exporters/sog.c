@@ -328,24 +328,6 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-/* The frames after it are coded as if it had been written now. */
-static bool sog_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
-                         size_t *n)
-{
-    struct export *x = self;
-    struct spin_sog sog;
-
-    if (spin_sog_peek(map->data, map->size, NULL, &sog) != SPIN_OK || sog.version == 1)
-        return false;
-    *n = sog.n;
-    if (sog.n > info->n || sog.sh_degree != x->frames.rows.sh_degree ||
-        sog.antialias != x->frames.antialias)
-        return false;
-    x->sog = sog.n > 0 ? sog : x->sog;
-    x->begun |= sog.n > 0;
-    return true;
-}
-
 static spin_status sog_read(void *self, const struct spin_map *map, int frame,
                             struct spin_splats *out)
 {
@@ -401,7 +383,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = sog_bytes,
     .write = sog_write,
-    .complete = sog_complete,
     .read = sog_read,
     .order = sog_order,
     .end = end,
@@ -425,5 +406,4 @@ const struct spin_exporter spin_exporter_sog = {
     .frame = spin_frames_frame,
     .end = spin_frames_end,
     .abort = spin_frames_abort,
-    .skip = spin_frames_skip,
 };

@@ -83,16 +83,6 @@ static uint64_t splat_bytes(const void *self, size_t n)
     return (uint64_t)n * SPIN_SPLAT_ROW;
 }
 
-/* The format has no header: whole rows are all that can be asked for. */
-static bool splat_complete(void *self, const struct spin_frame_info *info,
-                           const struct spin_map *map, size_t *n)
-{
-    (void)self;
-    (void)info;
-    *n = map->size / SPIN_SPLAT_ROW;
-    return map->size % SPIN_SPLAT_ROW == 0;
-}
-
 static spin_status splat_order(void *self, const uint32_t **row)
 {
     struct export *x = self;
@@ -143,7 +133,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = splat_bytes,
     .write = splat_write,
-    .complete = splat_complete,
     .read = splat_read,
     .order = splat_order,
     .end = end,
@@ -168,5 +157,4 @@ const struct spin_exporter spin_exporter_splat = {
     .frame = spin_frames_frame,
     .end = spin_frames_end,
     .abort = spin_frames_abort,
-    .skip = spin_frames_skip,
 };

@@ -244,20 +244,6 @@ static uint64_t spz_bytes(const void *self, size_t n)
     return spin_spz_bytes(n, ((const struct export *)self)->frames.rows.sh_degree);
 }
 
-/* The header, and the length that the gzip ends with or the table of contents gives. */
-static bool spz_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
-                         size_t *n)
-{
-    const struct export *x = self;
-    struct spin_spz_header header;
-
-    (void)info;
-    if (spin_spz_peek(map->data, map->size, &header) != SPIN_OK)
-        return false;
-    *n = header.n;
-    return header.version == x->version && header.sh_degree == x->frames.rows.sh_degree;
-}
-
 static spin_status spz_read(void *self, const struct spin_map *map, int frame,
                             struct spin_splats *out)
 {
@@ -307,7 +293,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = spz_bytes,
     .write = spz_write,
-    .complete = spz_complete,
     .read = spz_read,
     .end = end,
 };
@@ -330,5 +315,4 @@ const struct spin_exporter spin_exporter_spz = {
     .frame = spin_frames_frame,
     .end = spin_frames_end,
     .abort = spin_frames_abort,
-    .skip = spin_frames_skip,
 };

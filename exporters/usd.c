@@ -302,31 +302,6 @@ static uint64_t usd_bytes(const void *self, size_t n)
            (uint64_t)n * NUMBER * (11 + 3 * (uint64_t)spin_sh_count(x->frames.rows.sh_degree));
 }
 
-/* The very head that would be written, and the end of a prim at the end. */
-static bool usd_complete(void *self, const struct spin_frame_info *info, const struct spin_map *map,
-                         size_t *n)
-{
-    static const char key[] = "int splats = ", tail[] = "],\n    }\n}\n";
-    const struct export *x = self;
-    const char *at =
-        map->size > 0 ? memmem(map->data, map->size < 2048 ? map->size : 2048, key, sizeof key - 1)
-                      : NULL;
-    char *head = NULL;
-    size_t n_head;
-    bool whole;
-
-    if (!at || map->size < 1024)
-        return false;
-    *n = strtoul(at + sizeof key - 1, NULL, 10);
-    if (layer_head(x, info->number, *n, &head, &n_head) != SPIN_OK)
-        return false;
-    whole = map->size > n_head && memcmp(map->data, head, n_head) == 0 &&
-            memcmp(map->data + map->size - (sizeof tail - 1), tail, sizeof tail - 1) == 0 &&
-            memmem(map->data, map->size, name_of(x, SH), strlen(name_of(x, SH))) != NULL;
-    free(head);
-    return whole;
-}
-
 /* ---- The stage ------------------------------------------------------------------------------- */
 
 /* Attributes that the clips bring, declared without a value. */
@@ -434,7 +409,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = usd_bytes,
     .write = usd_write,
-    .complete = usd_complete,
     .finish = usd_finish,
     .end = end,
 };
@@ -455,5 +429,4 @@ const struct spin_exporter spin_exporter_usd = {
     .frame = spin_frames_frame,
     .end = usd_end,
     .abort = spin_frames_abort,
-    .skip = spin_frames_skip,
 };

@@ -158,6 +158,8 @@ static spin_status video_end(void *self)
     struct export *x = self;
     spin_status status = spin_video_commit(x->video);
 
+    if (status == SPIN_OK)
+        spin_camera_path_say_blank(&x->drawing);
     finish(x);
     return status;
 }

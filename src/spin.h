@@ -267,8 +267,8 @@ struct spin_export_check {
     uint64_t splats;
     double bounds;             /* the most that a side of a frame's box is off by, world units */
     double rms[6], largest[6]; /* place, log scale, rotation (degrees), opacity, colour, SH */
-    int rendered;              /* number of the frame that was rendered from its file */
-    double psnr;               /* dB against the bundle's own render; infinite: the same picture */
+    int rendered;              /* number of the frame that was rendered from its file; -1: none */
+    double psnr; /* dB against the bundle's own render; infinite: the same picture; NaN: none */
 };
 
 struct spin_export_report {
@@ -339,9 +339,6 @@ struct spin_exporter {
                          const struct spin_splats *splats);
     spin_status (*end)(void *self);
     void (*abort)(void *self);
-
-    /* Whether a frame need not be read, as it is there already; NULL: none is. */
-    bool (*skip)(void *self, int frame, const struct spin_frame_info *info);
 };
 
 /* A file that appears under its name only when whole: written as path.tmp.<pid> and renamed by commit

@@ -125,7 +125,7 @@ static void set_lens(struct spin_camera_path *d)
         double focal;
 
         spin_initial_view_first(NULL, 0, false, middle, 1, &front);
-        focal = 0.5 * FRONT_HEIGHT / tan(front.fovy_deg * 3.141592653589793 / 360);
+        focal = spin_initial_view_focal(&front, FRONT_HEIGHT);
         d->lens = (struct spin_camera){.width = (int)lrint(FRONT_HEIGHT * front.aspect),
                                        .height = FRONT_HEIGHT,
                                        .fx = focal,
@@ -167,6 +167,13 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* as in training and in spin-eval, a large splat is drawn */
     return SPIN_OK;
+}
+
+void spin_camera_path_say_blank(const struct spin_camera_path *d)
+{
+    if (d->n_blank > 0)
+        spin_warn("%d of %d renders show nothing but the background: no splat is before the camera",
+                  d->n_blank, d->n_drawn);
 }
 
 void spin_camera_path_free(struct spin_camera_path *d)
@@ -268,6 +275,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 {
     double middle[3], size, eye[3], axis[3][3];
     double turn = (double)picture / (double)d->n_pictures;
+    const struct spin_views *views = d->job->views;
 
     *out = d->lens;
     if (d->path == SPIN_PATH_TRAIN) {
@@ -278,9 +286,12 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
     }
     if (!d->looked) {
         SPIN_TRY(spin_initial_view_middle(splats, middle, &size));
-        spin_initial_view_first(d->job->views, d->row, true, middle, size, &d->look);
+        spin_initial_view_first(views, d->row, true, middle, size, &d->look);
         move_into_rig(d, d->row);
+        if (!views || views->n == 0)
+            d->lens.fx = d->lens.fy = spin_initial_view_focal(&d->look, d->lens.height);
         d->looked = true;
+        *out = d->lens;
     }
     eye_of(d, turn, eye);
     aim(eye, d->look.target, d->look.up, axis);
@@ -373,8 +384,12 @@ static spin_status draw_panel(struct spin_camera_path *d, enum spin_camera_path_
         return spin_image_load(truth, camera->width, camera->height, job->background, d->image);
     if (panel == SPIN_PANEL_BEFORE)
         SPIN_TRY(read_source(d, frame));
-    return spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? d->before : splats, camera,
-                       job->background, d->image);
+    SPIN_TRY(spin_render(job->renderer, panel == SPIN_PANEL_BEFORE ? d->before : splats, camera,
+                         job->background, d->image));
+    d->n_drawn++;
+    d->n_blank += spin_initial_view_is_blank(
+        d->image, (size_t)camera->width * (size_t)camera->height, job->background);
+    return SPIN_OK;
 }
 
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,

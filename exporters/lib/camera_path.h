@@ -66,6 +66,7 @@ struct spin_camera_path {
     float *wide;                   /* [3][h][n_panels w] */
     size_t n_pixels;               /* of a panel, there is room for */
     int number;                    /* of the frame at hand, as the source counts */
+    int n_drawn, n_blank;          /* renders; those that show nothing but the background */
     struct spin_splat_filter rows; /* which splats can be drawn */
     struct spin_splats fit;        /* room for them, where not all can */
     struct spin_splats source;     /* of source_frame, as imported */
@@ -79,6 +80,9 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
                                    const char *panels);
 
 void spin_camera_path_free(struct spin_camera_path *d);
+
+/* A warning when a render showed nothing. */
+void spin_camera_path_say_blank(const struct spin_camera_path *d);
 
 /* Pictures of frame f are those from this one up to that of frame f + 1. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);

@@ -21,9 +21,13 @@
 
 void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most)
 {
-    uint64_t room = spin_path_free_bytes(spin_path_exists(output) ? output : ".");
-    char size[32], left[32];
+    char size[32], left[32], *folder = NULL;
+    uint64_t room;
 
+    if (spin_path_folder(output, &folder) != SPIN_OK)
+        return;
+    room = spin_path_free_bytes(spin_path_is_folder(output) ? output : folder);
+    free(folder);
     spin_log(0, "writing %d %s to '%s': %s%s", n_frames, n_frames == 1 ? "frame" : "frames", output,
              at_most ? "at most " : "", spin_text_bytes(bytes, size));
     if (bytes > room && !at_most)
@@ -32,7 +36,7 @@ void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool
 
 static void say_size(const struct spin_frames *x, const struct spin_export_job *job)
 {
-    bool at_most = x->format->packed || x->rows.min_logit > -INFINITY || x->skip_complete;
+    bool at_most = x->format->packed || x->rows.min_logit > -INFINITY;
     uint64_t bytes = 0;
 
     for (int f = 0; f < job->n_frames && job->counts; f++)
@@ -58,9 +62,8 @@ void spin_frames_free(struct spin_frames *x)
 
 static spin_status open_folder(struct spin_frames *x, const struct spin_export_job *job)
 {
-    SPIN_TRY(spin_output_folder_begin(job->output, job->force || x->skip_complete, x->pattern.after,
-                                      &x->folder));
-    if (x->folder.n_before > 0 && !x->skip_complete)
+    SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->pattern.after, &x->folder));
+    if (x->folder.n_before > 0)
         spin_warn("folder '%s' was not empty: files that are not overwritten stay in it",
                   job->output);
     return SPIN_OK;
@@ -98,8 +101,7 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
 {
     const struct spin_plugin_values *v = job->values;
 
-    x->skip_complete = spin_plugin_value(v, "skip-complete", NULL) != NULL;
-    x->force = job->force || x->skip_complete;
+    x->force = job->force;
     x->job = job;
     x->source = job->source;
     x->retrained = job->retrained;
@@ -220,27 +222,6 @@ out:
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */
 
-bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info)
-{
-    struct spin_frames *x = self;
-    struct spin_map map = {0};
-    char *path = NULL;
-    size_t n = 0;
-    bool whole = false;
-
-    (void)frame;
-    if (!x->skip_complete || path_of(x, info->number, &path) != SPIN_OK)
-        return false;
-    if (spin_path_exists(path) && spin_map_open(path, &map) == SPIN_OK) {
-        whole = x->format->complete(x, info, &map, &n) && n <= info->n &&
-                spin_frames_add(x, info, n) == SPIN_OK;
-        spin_map_close(&map);
-    }
-    free(path);
-    x->n_skipped += whole;
-    return whole;
-}
-
 spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
                               const struct spin_splats *splats)
 {
@@ -278,9 +259,6 @@ spin_status spin_frames_end(void *self)
         SPIN_TRY_OUT(x->format->finish(x));
     if (!x->file)
         SPIN_TRY_OUT(write_sequence(x));
-    if (x->n_skipped > 0)
-        spin_log(0, "%zu of %zu frames were complete and are left as they were", x->n_skipped,
-                 x->n_entries);
     if (x->format->lossy)
         spin_quant_error_say(&x->quant, x->format->name);
     if (x->job->check)
@@ -305,6 +283,17 @@ void spin_frames_abort(void *self)
 
 /* ---- Check ----------------------------------------------------------------------------------- */
 
+/* The one nearest to the middle that has splats; -1: none has. */
+static int rendered_frame(const struct spin_frames *x)
+{
+    int middle = (int)x->n_entries / 2, best = -1;
+
+    for (int f = 0; f < (int)x->n_entries; f++)
+        if (x->entry[f].n > 0 && (best < 0 || abs(f - middle) < abs(best - middle)))
+            best = f;
+    return best;
+}
+
 /* Frame f of the export, from frame `within` of a file. */
 static spin_status check_file(struct spin_frames *x, struct spin_roundtrip_check *check, int f,
                               const char *path, int within)
@@ -326,7 +315,7 @@ static spin_status check_file(struct spin_frames *x, struct spin_roundtrip_check
     if (x->format->order)
         SPIN_TRY_OUT(x->format->order(x, &row));
     SPIN_TRY_OUT(spin_roundtrip_check_frame(check, &x->rows, path, &back, row));
-    if (f == (int)x->n_entries / 2)
+    if (f == rendered_frame(x) && x->job->renderer)
         status = spin_roundtrip_check_render(check, &x->rows, x->job, f, x->entry[f].number, &back);
 out:
     spin_map_close(&map);
@@ -351,7 +340,7 @@ spin_status spin_frames_check(struct spin_frames *x, const char *single)
     }
     if (x->job->report)
         spin_roundtrip_check_report(&check, x->job->report);
-    return SPIN_OK;
+    return spin_roundtrip_check_judge(&check, &x->quant, x->job->output);
 }
 
 /* ---- For write() ------------------------------------------------------------------------------ */

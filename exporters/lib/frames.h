@@ -1,6 +1,6 @@
 /* A folder of one file per frame, or one file for one frame when the output's name has the ending of the format's
  * files: what all such exporters do, so that a format says only how its
- * bytes are made. begin, frame, skip, end and abort of the plug-in are those below.
+ * bytes are made. begin, frame, end and abort of the plug-in are those below.
  *
  * Beside the frames lies sequence.json: their names, numbers, times and counts, for players. */
 #ifndef SPIN_EXPORTERS_LIB_FRAMES_H
@@ -19,11 +19,7 @@
     {                                                                                              \
         "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL                \
     }
-#define SPIN_FRAMES_OPTIONS(pattern)                                                               \
-    SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS,                                        \
-    {                                                                                              \
-        "skip-complete", NULL, "continue: do not write frames again that are complete", NULL           \
-    }
+#define SPIN_FRAMES_OPTIONS(pattern) SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS
 
 struct spin_frames_format {
     const char *name;    /* as the plug-in's */
@@ -40,9 +36,6 @@ struct spin_frames_format {
     uint64_t (*bytes)(const void *self, size_t n);
     /* Write the chosen rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
-    /* Whether a file is one that write() makes of at most info->n splats; how many it holds. */
-    bool (*complete)(void *self, const struct spin_frame_info *info, const struct spin_map *map,
-                     size_t *n);
     /* Frame `frame` of a file (0 but in a file of many) as its readers understand it, in its own axes
      * and order. Errors do not name the file. */
     spin_status (*read)(void *self, const struct spin_map *map, int frame, struct spin_splats *out);
@@ -70,7 +63,7 @@ struct spin_frames {
     struct spin_splat_filter rows;
     struct spin_quant_error quant; /* of the clip */
     struct spin_commit_queue *commits;
-    bool force, skip_complete;
+    bool force;
     const struct spin_export_job *job;
     const char *source;
     bool retrained, antialias;
@@ -78,7 +71,6 @@ struct spin_frames {
     struct spin_frames_entry *entry; /* [room] */
     size_t n_entries, room;
     uint64_t n_splats; /* of all entries */
-    size_t n_skipped;
     unsigned char *scratch;
     size_t scratch_bytes;
     struct spin_quant_error *block_quant; /* [blocks] */
@@ -88,7 +80,6 @@ struct spin_frames {
 /* Makes *self; format->begin() sees it with everything else zero. */
 spin_status spin_frames_begin(const struct spin_frames_format *format,
                               const struct spin_export_job *job, void **self);
-bool spin_frames_skip(void *self, int frame, const struct spin_frame_info *info);
 spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
                               const struct spin_splats *splats);
 spin_status spin_frames_end(void *self);

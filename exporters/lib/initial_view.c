@@ -6,6 +6,9 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "math/project.h"
+
+#define FRONT_FOVY_DEG 50.0
 
 /* Of the determinant of the mean of I - d d^T, which is 0 where all axes are parallel: some 3 degrees of spread. */
 #define LEAST_SPREAD 2e-3
@@ -46,6 +49,19 @@ void spin_initial_view_eye(const struct spin_camera *camera, double eye[3])
 
     for (int c = 0; c < 3; c++)
         eye[c] = -(m[c] * m[3] + m[4 + c] * m[7] + m[8 + c] * m[11]);
+}
+
+double spin_initial_view_focal(const struct spin_initial_view *view, int height)
+{
+    return 0.5 * height / tan(view->fovy_deg / 114.59155902616465);
+}
+
+bool spin_initial_view_is_blank(const float *image, size_t n, const float background[3])
+{
+    for (size_t i = 0; i < 3 * n; i++)
+        if (image[i] != (background ? background[i / n] : 0))
+            return false;
+    return true;
 }
 
 const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test)
@@ -180,13 +196,18 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
     const struct spin_view *first = spin_initial_view_view(views, row, test);
     double along = 0;
 
-    *out = (struct spin_initial_view){.up = {0, -1, 0}, .fovy_deg = 50, .aspect = 1.5};
+    *out = (struct spin_initial_view){.up = {0, -1, 0}, .fovy_deg = FRONT_FOVY_DEG, .aspect = 1.5};
     if (!first) {
+        /* Nothing is drawn before the near plane: of a small scene the camera stands farther off, with a longer lens. */
+        double away = fmax(3 * size, 3 * (double)SPIN_PROJECT_NEAR);
+
         for (int c = 0; c < 3; c++)
             out->eye[c] = out->target[c] = middle[c];
-        out->eye[2] -= 3 * size;
-        out->reach[0] = 0.3 * size;
-        out->reach[1] = 9 * size;
+        out->eye[2] -= away;
+        out->fovy_deg = 2 * atan(tan(FRONT_FOVY_DEG / 114.59155902616465) * 3 * size / away) *
+                        57.29577951308232;
+        out->reach[0] = away / 10;
+        out->reach[1] = 3 * away;
         return;
     }
     if (!mean_up(views, row, out->up)) {

@@ -30,6 +30,12 @@ bool spin_initial_view_pivot(const struct spin_views *views, int row, double piv
 /* The view to begin with: a held-out one of this row before others, or a training view. */
 const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test);
 
+/* Focal length of a picture of this many rows, pixels. */
+double spin_initial_view_focal(const struct spin_initial_view *view, int height);
+
+/* Whether a picture of n pixels, [3][n], shows nothing but the background (NULL: black). */
+bool spin_initial_view_is_blank(const float *image, size_t n, const float background[3]);
+
 /* From the data set's camera, around the place on its axis that is nearest to the middle of the
  * scene; else from the front. The default up is that of a camera's world, y down. */
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,

@@ -4,6 +4,10 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "exporters/lib/initial_view.h"
+
+/* What is left of a value after float arithmetic there and back: of positions as a share of the farthest coordinate. */
+static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
@@ -83,6 +87,8 @@ spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
         compare_sh(&check->quant, rows, i, back, j);
         widen(is_box, is.place);
         widen(back_box, shown.place);
+        for (int c = 0; c < 3; c++)
+            check->reach = fmax(check->reach, fabs((double)is.place[c]));
     }
     for (int c = 0; c < 6 && back->n > 0; c++)
         check->bounds = fmax(check->bounds, fabs(is_box[c] - back_box[c]));
@@ -93,37 +99,34 @@ spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
 
 /* ---- A picture ------------------------------------------------------------------------------- */
 
-/* A camera of the data set that saw the frame, a held-out one if there is; else one that sees most of
- * the splats from before the scene. */
-static struct spin_camera choose_camera(const struct spin_export_job *job, int frame,
-                                        const struct spin_splats *s)
+/* A camera of the data set that saw the frame, a held-out one if there is; else the front, as in a page. */
+static spin_status choose_camera(const struct spin_export_job *job, int frame,
+                                 const struct spin_splats *s, struct spin_camera *out)
 {
     int row = job->dataset_frame_of ? job->dataset_frame_of[frame] : -1;
     const struct spin_view *found = NULL;
-    struct spin_camera camera = {.width = 400,
-                                 .height = 400,
-                                 .fx = 400,
-                                 .fy = 400,
-                                 .cx = 200,
-                                 .cy = 200,
-                                 .w2c = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-    double mean[3] = {0}, square = 0;
+    struct spin_initial_view front;
+    double middle[3], size;
 
     for (size_t v = 0; job->views && row >= 0 && v < job->views->n; v++)
         if (job->views->view[v].dataset_frame == row &&
             (!found || (job->views->view[v].test && !found->test)))
             found = &job->views->view[v];
-    if (found)
-        return found->camera;
-    for (size_t i = 0; i < s->n; i++)
-        for (size_t c = 0; c < 3; c++)
-            mean[c] += (double)s->means[3 * i + c] / (double)s->n;
-    for (size_t i = 0; i < s->n; i++)
-        for (size_t c = 0; c < 3; c++)
-            square += pow((double)s->means[3 * i + c] - mean[c], 2) / (double)s->n;
-    for (int c = 0; c < 3; c++)
-        camera.w2c[4 * c + 3] = -mean[c] + (c == 2 ? 3 * sqrt(square) : 0);
-    return camera;
+    if (found) {
+        *out = found->camera;
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_initial_view_middle(s, middle, &size));
+    spin_initial_view_first(NULL, 0, false, middle, size, &front);
+    *out = (struct spin_camera){.width = 400,
+                                .height = 400,
+                                .fx = spin_initial_view_focal(&front, 400),
+                                .fy = spin_initial_view_focal(&front, 400),
+                                .cx = 200,
+                                .cy = 200,
+                                .w2c = {1, 0, 0, -front.eye[0], 0, 1, 0, -front.eye[1], 0, 0, 1,
+                                        -front.eye[2]}};
+    return SPIN_OK;
 }
 
 static void turn_back(const struct spin_splat_filter *rows, struct spin_splats *back)
@@ -163,23 +166,49 @@ spin_status spin_roundtrip_check_render(struct spin_roundtrip_check *check,
                                         const struct spin_export_job *job, int frame, int number,
                                         struct spin_splats *back)
 {
-    struct spin_camera camera = choose_camera(job, frame, rows->splats);
-    size_t n = 3 * (size_t)camera.width * (size_t)camera.height;
+    struct spin_camera camera;
+    size_t n;
     float *image = NULL;
     spin_status status;
 
-    if (!job->renderer || back->n == 0)
-        return SPIN_OK;
+    SPIN_TRY(choose_camera(job, frame, rows->splats, &camera));
+    n = 3 * (size_t)camera.width * (size_t)camera.height;
     turn_back(rows, back);
     back->antialias = rows->splats->antialias;
     SPIN_TRY(spin_alloc(n, 2 * sizeof *image, (void **)&image));
     SPIN_TRY_OUT(spin_render(job->renderer, rows->splats, &camera, job->background, image));
+    if (spin_initial_view_is_blank(image, n / 3, job->background)) {
+        spin_warn("check: the camera sees no splat of frame %d: no picture was compared", number);
+        goto out;
+    }
     SPIN_TRY_OUT(spin_render(job->renderer, back, &camera, job->background, image + n));
     check->psnr = psnr_of(image, image + n, n);
     check->rendered = number;
 out:
     free(image);
     return status;
+}
+
+spin_status spin_roundtrip_check_judge(const struct spin_roundtrip_check *check,
+                                       const struct spin_quant_error *written, const char *output)
+{
+    static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
+                                       "opacities", "colours",    "SH"};
+
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+        enum spin_quant_error_part part = (enum spin_quant_error_part)p;
+        double slack = SLACK[p] * (p == SPIN_QUANT_PLACE ? check->reach : 1);
+        double largest = check->quant.part[p].largest, most = written->part[p].largest + slack;
+        double rms = spin_quant_error_rms(&check->quant, part);
+        double most_rms = spin_quant_error_rms(written, part) * 1.001 + slack;
+
+        if (!(largest <= most) || !(rms <= most_rms))
+            return spin_fail(SPIN_E_IO,
+                             "check: what is in '%s' is not what was written: %s are off by %.3g, "
+                             "rms %.3g, expected at most %.3g, rms %.3g",
+                             output, name[p], largest, rms, most, most_rms);
+    }
+    return SPIN_OK;
 }
 
 void spin_roundtrip_check_report(const struct spin_roundtrip_check *check,
@@ -194,6 +223,6 @@ void spin_roundtrip_check_report(const struct spin_roundtrip_check *check,
         out->rms[p] = spin_quant_error_rms(&check->quant, (enum spin_quant_error_part)p);
         out->largest[p] = check->quant.part[p].largest;
     }
-    out->rendered = check->rendered;
-    out->psnr = check->psnr;
+    out->rendered = check->psnr > 0 ? check->rendered : -1;
+    out->psnr = check->psnr > 0 ? check->psnr : (double)NAN;
 }

@@ -107,8 +107,11 @@ static void check_json(const struct spin_export_check *c)
         spin_print_number("largest", c->largest[p]);
         spin_print_close('}');
     }
-    spin_print_integer("rendered", c->rendered);
-    spin_print_number("psnr", c->psnr); /* null: infinite */
+    if (c->rendered < 0)
+        spin_print_null("rendered");
+    else
+        spin_print_integer("rendered", c->rendered);
+    spin_print_number("psnr", c->psnr); /* null: infinite, or none was */
     spin_print_close('}');
 }
 

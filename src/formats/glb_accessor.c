@@ -8,8 +8,9 @@ enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-spin_status spin_glb_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
-                            const unsigned char **chunk, uint64_t *n_chunk)
+/* The lengths of a GLB and of its chunks; nothing is parsed. chunk: the binary chunk. */
+static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
+                               const unsigned char **chunk, uint64_t *n_chunk)
 {
     const size_t json_at = HEADER + CHUNK_HEADER;
     uint64_t at;
@@ -35,9 +36,9 @@ spin_status spin_glb_chunks(const unsigned char *file, size_t size, uint64_t *n_
 
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out)
 {
-    uint64_t n_json;
+    uint64_t n_json = 0;
 
-    SPIN_TRY(spin_glb_chunks(file, size, &n_json, &out->bytes, &out->n_bytes));
+    SPIN_TRY(find_chunks(file, size, &n_json, &out->bytes, &out->n_bytes));
     return spin_json_parse("JSON", (const char *)file + HEADER + CHUNK_HEADER, (size_t)n_json,
                            &out->json);
 }

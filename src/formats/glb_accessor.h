@@ -11,11 +11,7 @@ struct spin_glb_file {
     uint64_t n_bytes;
 };
 
-/* The lengths of a GLB and of its chunks; nothing is parsed. chunk: the binary chunk. Errors do not name
- * the file, here and below. */
-spin_status spin_glb_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
-                            const unsigned char **chunk, uint64_t *n_chunk);
-/* Free also after a failure. Zero it before. */
+/* Free also after a failure. Zero it before. Errors do not name the file, here and below. */
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 

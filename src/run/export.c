@@ -178,9 +178,6 @@ static spin_status write_frames(struct export *x)
             status = spin_fail_cancelled();
             break;
         }
-        info.n = x->counts[f];
-        if (x->exporter->skip && x->exporter->skip(x->self, f, &info))
-            continue;
         status = spin_frame_renderer_splats(&x->frame_renderer, index, columns, &x->splats);
         info.n = x->splats.n;
         if (status == SPIN_OK)
@@ -194,36 +191,21 @@ static spin_status write_frames(struct export *x)
     return status;
 }
 
-/* Frames that the exporter has no use for, of up to as many as there are ranks: rank 0 asks it. */
-static spin_status ask_skips(struct export *x, int first, int n, bool *skip)
-{
-    for (int r = 0; r < n && spin_rank() == 0; r++) {
-        struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
-
-        info.n = x->counts[first + r];
-        skip[r] = x->exporter->skip && x->exporter->skip(x->self, first + r, &info);
-    }
-    return spin_ranks_share(skip, (size_t)n, 0);
-}
-
 /* Every rank computes a frame of the round, and rank 0 writes them in order. */
-static spin_status write_round(struct export *x, int first, int n, bool *skip)
+static spin_status write_round(struct export *x, int first, int n)
 {
     unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     int own = spin_rank();
 
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(ask_skips(x, first, n, skip));
-    if (own < n && !skip[own])
+    if (own < n)
         SPIN_TRY(spin_frame_renderer_splats(&x->frame_renderer, x->clip.frame[first + own], columns,
                                             &x->splats));
     for (int r = 0; r < n; r++) {
         struct spin_splats *splats = r == own ? &x->splats : &x->received;
         struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
 
-        if (skip[r])
-            continue;
         SPIN_TRY(spin_share_splats(splats, columns, r));
         info.n = splats->n;
         if (own == 0)
@@ -236,20 +218,16 @@ static spin_status write_round(struct export *x, int first, int n, bool *skip)
 static spin_status write_rounds(struct export *x)
 {
     struct spin_progress progress;
-    bool *skip = NULL;
-    spin_status status;
+    spin_status status = SPIN_OK;
 
-    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *skip, (void **)&skip));
     spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
-    status = SPIN_OK;
     for (int f = 0; f < x->clip.n_frames && status == SPIN_OK; f += spin_n_ranks()) {
         int left = x->clip.n_frames - f, n = left < spin_n_ranks() ? left : spin_n_ranks();
 
-        status = write_round(x, f, n, skip);
+        status = write_round(x, f, n);
         spin_progress_set(&progress, f + n, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
-    free(skip);
     return status;
 }
 

@@ -82,4 +82,21 @@ for part in 1 50 99; do
     nothing_at "$work/never" "a bundle cut to $part %: nothing was written"
 done
 
+# Splats that are too faint for any picture.
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 3\n'
+    printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+    echo end_header
+    for x in 1 2 3; do echo "$x 0 0 0 0 0 -20 -3 -3 -3 1 0 0 0"; done
+} >"$work/faint.ply"
+run "$bin/spin-import" "$work/faint.ply" -o "$work/faint.spin"
+run "$bin/spin-export" "$work/faint.spin" --to images --path orbit -o "$work/faint"
+is "$code" 0 "images of what cannot be seen"
+err_has "1 of 1 renders show nothing but the background" "images: it is said that they are empty"
+run "$bin/spin-export" "$work/faint.spin" --to spz --check -o "$work/faint-spz" --json
+is "$code" 0 "--check of what cannot be seen"
+err_has "the camera sees no splat of frame 0: no picture was compared" "--check: and that none was compared"
+grep -q '"rendered": null' "$work/out"
+ok $? "--check --json names no frame"
+
 done_testing

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: export ply gltf glb splat compressed-ply spz sog html images video
 # shellcheck disable=SC2046 # to_of gives several words
-# spin-export: what was written is what was meant, whole or not there at all: --check, --skip-complete, bad
+# spin-export: what was written is what was meant, whole or not there at all: --check, bad
 # values, a full disk, Ctrl-C.
 . tests/cli/lib.sh
 
@@ -69,39 +69,8 @@ if [ -d "$fixtures/datasets/panoptic_mini" ]; then
     fails 2 spin-export "images cannot be checked"
 fi
 
-# ---- Going on --------------------------------------------------------------------------------------
-
-for pair in $formats; do
-    to=${pair%%:*}
-    end=${pair#*:}
-    first=$work/$to/frame_00000.$end
-    second=$work/$to/frame_00001.$end
-    cp "$second" "$work/second"
-    before=$(ls -i "$first")
-    head -c 3000 "$work/second" >"$second"
-    rm "$work/$to/frame_00003.$end"
-    run "$bin/spin-export" "$in" --to $(to_of "$to") -o "$work/$to" --skip-complete
-    is "$code" 0 "$to: --skip-complete"
-    err_has "2 of $frames frames were complete" "$to: two frames were"
-    is "$(ls -i "$first")" "$before" "$to: the first is as it was"
-    cmp -s "$second" "$work/second" && [ -s "$work/$to/frame_00003.$end" ]
-    ok $? "$to: one cut short and one missing are written"
-done
-run "$bin/spin-export" "$in" --to usd -o "$work/usd"
-cp "$work/usd/frame_00001.usda" "$work/second"
-cp "$work/usd/clip.usda" "$work/stage"
-head -c 3000 "$work/second" >"$work/usd/frame_00001.usda"
-rm "$work/usd/frame_00003.usda" "$work/usd/clip.usda"
-run "$bin/spin-export" "$in" --to usd -o "$work/usd" --skip-complete
-err_has "2 of $frames frames were complete" "usd: two frames were"
-cmp -s "$work/usd/frame_00001.usda" "$work/second" && cmp -s "$work/usd/clip.usda" "$work/stage" &&
-    [ -s "$work/usd/frame_00003.usda" ]
-ok $? "usd: one cut short, one missing and the stage are written"
 run "$bin/spin-export" "$in" --to usd -o "$work/never" --check
 fails 2 spin-export "usd cannot be checked"
-run "$bin/spin-export" "$in" --to ply -o "$work/ply" --skip-complete --sh 2
-! grep -q "were complete" "$work/err"
-ok $? "frames of another degree are not complete"
 
 # ---- Bad values ------------------------------------------------------------------------------------
 
@@ -228,6 +197,11 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
     done
     run "$bin/spin-export" -q "$in" --to gltf -o "$work/small/clip.glb"
     is "$code" 1 "one GLB: a full disk: exit code 1"
+    err_has "has room for" "one GLB: a full disk: warns before"
+    exporter=$(cd "$bin" && pwd)/spin-export
+    run sh -c 'cd "$1/small" && exec "$2" -q "$1/in.spin" --to gltf -o ../beside.glb' sh "$work" "$exporter"
+    is "$code" 0 "one GLB: only the working folder is full"
+    is "$(cat "$work/err")" "" "one GLB: and there is no warning"
     nothing_at "$work/small/clip.glb" "one GLB: a full disk"
     run "$bin/spin-export" -q "$in" --to usd -o "$work/small/usd"
     is "$code" 1 "usd: a full disk: exit code 1"
@@ -287,10 +261,6 @@ for pair in $formats; do
     fi
     is "$code" 130 "$to: Ctrl-C: exit code 130"
     is "$(find "$work/stop-$to" -name '*.tmp.*' | wc -l)" 0 "$to: Ctrl-C: nothing half-written"
-    n=$(find "$work/stop-$to" -name "*.$end" | wc -l)
-    run "$bin/spin-export" "$work/many.spin" --to $(to_of "$to") -o "$work/stop-$to" --skip-complete --check
-    is "$code" 0 "$to: goes on afterwards"
-    err_has "$n of 300 frames were complete" "$to: what was there was whole ($n)"
 done
 "$bin/spin-export" -q "$work/many.spin" --to gltf -o "$work/stop.glb" 2>"$work/err" &
 pid=$!

@@ -13,6 +13,9 @@ static const int number[FRAMES] = {10, 11, 12, 15};
 static const double times[FRAMES] = {0.5, 0.6, 0.8, 1.1}; /* five frames a second, in the mean */
 static char bundle[600], folder[700];
 
+static size_t counts[FRAMES] = {SPLATS, SPLATS + 1, SPLATS + 2, SPLATS + 3};
+static float size = 1;
+
 /* Frame f has splats at x = f and of its own colour. */
 static void write_bundle(void)
 {
@@ -29,14 +32,14 @@ static void write_bundle(void)
     meta.numbered = true;
     meta.n_source_frames = FRAMES;
     for (int f = 0; f < FRAMES; f++) {
-        size_t n = SPLATS + (size_t)f;
+        size_t n = counts[f];
 
         if (spin_splats_reserve(&s, n, columns, 0) != SPIN_OK)
             exit(1);
         for (size_t i = 0; i < n; i++) {
             for (size_t c = 0; c < 3; c++) {
-                s.means[3 * i + c] = c ? (float)i : (float)f;
-                s.log_scales[3 * i + c] = -1.03f - (float)c;
+                s.means[3 * i + c] = size * (c ? (float)i : (float)f);
+                s.log_scales[3 * i + c] = -1.03f - (float)c + logf(size);
                 s.sh[3 * i + c] = 0.1f * (float)f + 0.01f * (float)i;
             }
             s.quats[4 * i] = 0.8f;
@@ -61,6 +64,13 @@ static double number_of(const spin_json *j, const char *key)
 
     spin_json_number(spin_json_get(j, key), &value);
     return value;
+}
+
+static void write_named(const char *name)
+{
+    snprintf(bundle, sizeof bundle, "%s/%s.spin", check_folder(), name);
+    snprintf(folder, sizeof folder, "%s-out", bundle);
+    write_bundle();
 }
 
 /* One PLY: as many splats as the frame has, at its x, of its colour. */
@@ -143,6 +153,68 @@ static void check_check(void)
        "the middle frame is drawn from its file");
 }
 
+/* An empty frame in the middle: its neighbour is drawn. Nothing but empty frames: none is. */
+static void check_empty(bool all)
+{
+    struct spin_export_options o = {
+        .input = bundle, .output = folder, .to = "spz", .check = true, .device = "cpu"};
+    struct spin_export_report r;
+
+    for (int f = 0; f < FRAMES; f++)
+        counts[f] = all || f == 2 ? 0 : SPLATS;
+    write_named(all ? "empty" : "gap");
+    ok(spin_export(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check of empty frames");
+    if (all)
+        ok(r.check.rendered == -1 && isnan(r.check.psnr), "no picture, and no figure of one");
+    else
+        ok(r.check.rendered == number[1] && r.check.psnr > 30 && isfinite(r.check.psnr),
+           "a frame beside the empty one is drawn, %.1f dB", r.check.psnr);
+}
+
+/* Of a picture, the share of values that are not black. */
+static double lit(const char *path)
+{
+    enum { VALUES = 3 * 960 * 640 };
+    static float image[VALUES];
+    int n = 0;
+
+    if (spin_image_load(path, 960, 640, NULL, image) != SPIN_OK)
+        return 0;
+    for (int i = 0; i < VALUES; i++)
+        n += image[i] > 0;
+    return (double)n / VALUES;
+}
+
+/* A scene of one splat, and one of a hundredth the size, is seen as well: by the check and on an orbit, which shows
+ * at least this share of values that are not black. */
+static void check_small(float now, size_t n, double least)
+{
+    struct spin_export_options o = {
+        .input = bundle, .output = folder, .to = "spz", .check = true, .device = "cpu"};
+    static const char *const orbit[] = {"path", "orbit", NULL};
+    struct spin_export_report r;
+
+    size = now;
+    for (int f = 0; f < FRAMES; f++)
+        counts[f] = n;
+    write_named(n == 1 ? "one" : now < 1 ? "small" : "large");
+    ok(spin_export(&o, &r) == SPIN_OK && isfinite(r.check.psnr) && r.check.psnr > 5,
+       "--check sees %zu splats of size %g", n, (double)now);
+    o = (struct spin_export_options){.input = bundle,
+                                     .output = folder,
+                                     .to = "images",
+                                     .device = "cpu",
+                                     .plugin_pairs = orbit};
+    snprintf(folder, sizeof folder, "%s-orbit", bundle);
+    ok(spin_export(&o, &r) == SPIN_OK, "four pictures around it");
+    for (int p = 0; p < FRAMES; p++) {
+        char path[800];
+
+        snprintf(path, sizeof path, "%s/orbit_frame_%05d.png", folder, p);
+        ok(lit(path) > least, "picture %d shows it: %g", p, lit(path));
+    }
+}
+
 TAP_MAIN
 {
     spin_set_verbosity(-1);
@@ -152,4 +224,9 @@ TAP_MAIN
     check_sequence("two", (struct spin_range){true, 10, 13, 2}, 0, 2, 2, 1 / 0.3, "every second");
     check_sequence("last", (struct spin_range){true, 13, 16, 1}, 3, 1, 1, 0, "the last");
     check_check();
+    check_empty(false);
+    check_empty(true);
+    check_small(1, SPLATS, 0.01);
+    check_small(1, 1, 0.01);
+    check_small(0.01f, SPLATS, 0.01);
 }
