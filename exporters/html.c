@@ -623,6 +623,7 @@ const struct spin_exporter spin_exporter_html = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .antialias = true,
+    .looks_at_views = true,
     .begin = html_begin,
     .frame = html_frame,
     .end = html_end,

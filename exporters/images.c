@@ -195,6 +195,7 @@ const struct spin_exporter spin_exporter_images = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .antialias = true,
+    .looks_at_views = true,
     .needs_renderer = true,
     .begin = images_begin,
     .frame = images_frame,

@@ -180,6 +180,7 @@ const struct spin_exporter spin_exporter_video = {
     .options = options,
     .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
     .antialias = true,
+    .looks_at_views = true,
     .needs_renderer = true,
     .begin = video_begin,
     .frame = video_frame,

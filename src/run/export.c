@@ -358,7 +358,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
         return spin_fail(SPIN_E_USAGE, "--check: what '%s' writes cannot be read back", o->to);
-    c.wants_views = x->exporter->needs_renderer;
+    c.wants_views = x->exporter->looks_at_views || o->check;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     x->clip.bundle.told_not_finite = true; /* exporters say which rows they leave out */
     SPIN_TRY(spin_frame_renderer_choose(&x->clip.bundle, o->source, &x->from));

@@ -102,7 +102,8 @@ static spin_status attach_data(struct import *im)
     if (!o->data)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)im->meta.n_frames, sizeof(int), (void **)&im->rows));
-    SPIN_TRY(spin_views_pair(&im->views, &im->meta, o->pair ? o->pair : "auto", im->rows));
+    snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair ? o->pair : "");
+    SPIN_TRY(spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows));
     if (!o->output)
         return SPIN_OK;
     SPIN_TRY_OUT(spin_path_folder(o->output, &folder));

@@ -167,6 +167,7 @@ static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *roo
     const spin_json *data = spin_json_get(root, "data");
     const char *path;
 
+    read_text(root, "pair", meta->pair, sizeof meta->pair);
     if (!data || !spin_json_is_object(data))
         return SPIN_OK;
     path = spin_json_string(spin_json_get(data, "path"));
@@ -248,6 +249,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
     if (meta->identity)
         spin_json_set_bool(root, "identity", true);
+    if (meta->pair[0])
+        spin_json_set_string(root, "pair", meta->pair);
     spin_json_set_integer(root, "sh_degree", meta->sh_degree);
     if (meta->antialias)
         spin_json_set_bool(root, "antialias", true);

@@ -21,6 +21,7 @@ struct spin_bundle_meta {
     bool antialias;      /* meant to be drawn antialiased */
     char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
     char data_from[128]; /* as spin_views_open() takes it */
+    char pair[8];        /* of frames and a data set, as spin_views_pair() takes it */
 };
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);

@@ -88,15 +88,9 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
                              o->input);
         return SPIN_OK;
     }
-    if (!o->needs_views && !o->data && !spin_path_exists(path)) {
-        if (o->wants_views)
-            spin_warn("the data set of '%s', '%s', is not there: its cameras are not used; --data "
-                      "says where it is",
-                      o->input, path);
-        free(path);
-        return SPIN_OK;
-    }
     clip->data_path = path;
+    if (!spin_path_exists(path) && !o->needs_views && !o->data)
+        return spin_fail(SPIN_E_NOT_FOUND, "the data set '%s' is not there", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
     clip->has_views = true;
     if (o->needs_views || o->wants_views)
@@ -120,7 +114,7 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     if (!clip->has_views)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)meta->n_frames, sizeof *row_of, (void **)&row_of));
-    status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : "auto", row_of);
+    status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : meta->pair, row_of);
     for (int i = 0; status == SPIN_OK && i < clip->n_frames; i++)
         clip->dataset_frame[i] = row_of[clip->frame[i]];
     free(row_of);
@@ -148,6 +142,27 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
+/* The data set, and what of it is which frame. That which the bundle names may be gone, where work can go on without. */
+static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
+{
+    bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
+    spin_status status = opened ? open_views(o, clip) : SPIN_OK;
+
+    if (status == SPIN_OK)
+        status = pair_rows(o, clip);
+    if (status == SPIN_OK || status == SPIN_E_MEMORY || named || o->needs_views)
+        return status;
+    spin_warn("'%s': %s: its cameras are not used; --data says where the data set is", o->input,
+              spin_last_error());
+    spin_views_free(&clip->views);
+    clip->has_views = false;
+    free(clip->dataset_frame);
+    free(clip->data_path);
+    clip->dataset_frame = NULL;
+    clip->data_path = NULL;
+    return pair_rows(o, clip);
+}
+
 spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     spin_status status;
@@ -163,8 +178,7 @@ spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *
         clip->n_mean += (double)n;
     }
     clip->n_mean /= clip->n_frames;
-    SPIN_TRY_OUT(open_views(o, clip));
-    SPIN_TRY_OUT(pair_rows(o, clip));
+    SPIN_TRY_OUT(open_data(o, clip));
     return SPIN_OK;
 out:
     spin_clip_close(clip);

@@ -16,7 +16,8 @@ struct spin_clip_options {
     int n_test_cameras;
     double image_scale; /* 0 or 1: as stored */
     bool needs_views;   /* a missing data set is an error */
-    bool wants_views;   /* it is a warning */
+    bool wants_views;   /* one that is missing or cannot be read is a warning, unless `data` names it; neither: it is
+                           not opened, unless `data` names it */
 };
 
 struct spin_clip {

@@ -297,7 +297,7 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
         return pair_by_number(views, meta, dataset_frame_of);
     if (strcmp(pair, "order") == 0)
         return pair_by_order(views, meta, dataset_frame_of);
-    if (strcmp(pair, "auto") != 0)
+    if (*pair && strcmp(pair, "auto") != 0)
         return spin_fail(SPIN_E_USAGE, "--pair is '%s', expected auto, number or order", pair);
     if (views->numbered && meta->numbered)
         return pair_by_number(views, meta, dataset_frame_of);

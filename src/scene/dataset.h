@@ -17,7 +17,7 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
 /* Scale every camera (image_scale 0.5: half the size, rounded). */
 spin_status spin_views_scale(struct spin_views *views, double image_scale);
 
-/* Data set row of each of the clip's frames. pair: "auto", "number", "order". By number where both
+/* Data set row of each of the clip's frames. pair: "auto" or "", "number", "order". By number where both
  * have numbers, else by order when the whole source clip has as many frames as the data set; anything
  * else is an error that names the option that decides. dataset_frame_of [meta->n_frames]. */
 spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,

@@ -353,6 +353,8 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
     meta->identity = from->identity;
     meta->sh_degree = from->sh_degree;
     meta->antialias = from->antialias;
+    snprintf(meta->pair, sizeof meta->pair, "%s",
+             output->plan->o->pair ? output->plan->o->pair : from->pair);
     memcpy(meta->data_from, output->plan->clip.data_from, sizeof meta->data_from);
     SPIN_TRY(spin_path_folder(output->plan->o->output, &folder));
     status = spin_path_relative(folder, output->plan->clip.data_path, &meta->data_path);

@@ -65,7 +65,28 @@ is "$code $(ls "$work/rig" | tr '\n' ' ')" "0 train_frame_00000.png train_frame_
 rm -r "$work/run"
 run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/gone"
 is "$code $(ls "$work/gone")" "0 front_frame_00000.png" "a data set that is gone"
-err_has "^warning: the data set .*$work/run.* is not there" "is a warning"
+err_has "^warning: .*$work/run.* is not there: its cameras are not used" "is a warning"
+
+# There, but empty, or without the frames of the clip: for what needs no cameras the data set is not opened.
+for state in empty short; do
+    mkdir -p "$work/run"
+    [ $state = short ] && cp -r "$clip/." "$work/run" && rm -r "$work/run/ims"
+    for to in ply:ply gltf:clip.glb spz:spz; do
+        run "$bin/spin-export" "$work/moved.spin" --to ${to%:*} -o "$work/$state-${to#*:}" -q
+        is "$code $(cat "$work/err")" "0 " "$state data set: ${to%:*} needs none"
+    done
+    for to in html:page.html images:images 'spz:checked --check'; do
+        # shellcheck disable=SC2086
+        run "$bin/spin-export" "$work/moved.spin" --to ${to%%:*} --range 0:1 -q -o "$work/$state-"${to#*:}
+        is "$code" 0 "$state data set: ${to%%:*} does without"
+        err_has "^warning: .*$work/run.*its cameras are not used" "$state data set: ${to%%:*} says so"
+    done
+    run "$bin/spin-export" "$work/moved.spin" --to html --data "$work/run" -o "$work/never.html"
+    is "$code" 1 "$state data set: --data names it"
+    run "$bin/spin-eval" "$work/moved.spin"
+    is "$code" 1 "$state data set: spin-eval needs it"
+    rm -rf "$work/run"
+done
 
 run "$bin/spin-import" "$run_of" -o "$work/places.spin" --positions-only
 is "$code" 0 "imports positions only"

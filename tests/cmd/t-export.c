@@ -238,6 +238,17 @@ static void test_import(void)
              path, path, bin, path, clip, folder) != 0 &&
            strstr(said, "99"),
        "--pair auto: a number that the data set has not");
+    ok(shell("%s/spin-import %s --data %s --pair order -o %s/kept.spin", bin, path, clip, folder) ==
+               0 &&
+           shell("%s/spin-eval %s/kept.spin", bin, folder) == 0,
+       "spin-eval keeps to --pair of the import: %s", said);
+    ok(shell("%s/spin-eval %s/kept.spin --pair number", bin, folder) == 2 && strstr(said, "99"),
+       "unless it is told otherwise");
+    ok(shell("%s/spin-retrain %s/kept.spin -o %s/again.spin --device cpu --scale 0.25 --iterations 2 "
+             "-q",
+             bin, folder, folder) == 0 &&
+           shell("%s/spin-eval %s/again.spin", bin, folder) == 0,
+       "and so do spin-retrain and what it writes: %s", said);
 }
 
 TAP_MAIN
