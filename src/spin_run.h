@@ -231,7 +231,7 @@ struct spin_retrain_report {
     struct spin_retrain_options
         options; /* as given, with the numbers that were chosen for the clip */
     int iterations;
-    double seconds, seconds_per_iteration;
+    double seconds, seconds_per_iteration; /* NAN: no frame was left to refine, and nothing else done */
     int frames;
     double splats_mean;
     char device[64];
@@ -244,7 +244,7 @@ struct spin_retrain_report {
     double seconds_estimated; /* dry run */
     int ranks;                /* processes that share the work */
     double bytes_sent;        /* dry run: by all of them in a step, at most */
-    double loss_last;
+    double loss_last; /* smoothed; of frames refined now, their mean, or NAN: there were none */
 };
 
 spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retrain_report *report);

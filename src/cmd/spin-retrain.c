@@ -251,12 +251,13 @@ static void print_row(const char *name, const struct spin_quality *q)
 
 static void report_text(const struct spin_retrain_report *r)
 {
-    char time[32], mean[32], count[48], frames[48], path[4096];
+    char time[32], mean[32], count[48], frames[48], each[48] = "", path[4096];
 
-    printf("%s: %s in %s (%.3g s each) on %s, %s, %s splats each\n",
-           spin_print_path(options.output, path),
+    if (isfinite(r->seconds_per_iteration))
+        snprintf(each, sizeof each, " (%.3g s each)", r->seconds_per_iteration);
+    printf("%s: %s in %s%s on %s, %s, %s splats each\n", spin_print_path(options.output, path),
            spin_print_count(r->iterations, "iteration", count),
-           spin_print_seconds(r->seconds, time), r->seconds_per_iteration, r->device,
+           spin_print_seconds(r->seconds, time), each, r->device,
            spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
     printf("%-10s  %8s  %7s\n", "test views", "PSNR", "SSIM");
     print_row("before", &r->before);

@@ -412,6 +412,8 @@ static spin_status train_network(struct run *r)
     SPIN_TRY(look_at_source(r));
     c->saved_s = spin_now_s();
     c->start_s = c->saved_s - r->plan.report->refine_seconds;
+    c->refine_s += r->plan.report->refine_seconds;
+    r->plan.report->refine_seconds = c->refine_s;
     SPIN_TRY(spin_loop_run(&loop));
     count_splats(r);
     return SPIN_OK;
@@ -426,7 +428,6 @@ static spin_status keep_frames(struct run *r)
     SPIN_TRY(look_at_source(r));
     report->test = report->refined;
     report->seconds = report->refine_seconds;
-    report->seconds_per_iteration = report->seconds / r->plan.clip.n_frames / r->plan.o->refine;
     return SPIN_OK;
 }
 

@@ -463,6 +463,8 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
         sizes_to_json(t, j);
     spin_json_set_integer(j, "iteration", t->iteration);
     spin_json_set_number(j, "seconds", spin_checkpoint_seconds(c));
+    spin_json_set_number(j, "refine_seconds", c->refine_s);
+    spin_json_set_number(j, "loss", c->loss);
     spin_json_set(j, "steps", steps);
     spin_json_set_string(j, "fingerprint", c->fingerprint);
     spin_json_set_string(j, "path", c->code_paths->all);
@@ -573,6 +575,8 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         goto out;
     }
     spin_json_number(spin_json_get(j, "seconds"), &c->before_s);
+    spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
+    spin_json_number(spin_json_get(j, "loss"), &c->loss);
     t->iteration = iteration;
     spin_code_paths_add(c->code_paths, spin_json_string(spin_json_get(j, "path")));
     for (int f = 0; f < t->n_frames; f++) {

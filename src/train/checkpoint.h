@@ -12,6 +12,8 @@ struct spin_checkpoint {
     const char *fingerprint; /* what must be equal for a resume */
     double start_s, saved_s; /* when this run began to work, when it last saved: spin_now_s() */
     double before_s;         /* seconds worked before the state was saved that was resumed */
+    double refine_s;         /* of all seconds, those of the refinement */
+    double loss;             /* of the last steps, smoothed; 0: of none */
     struct spin_code_paths *code_paths;
     bool sound; /* the trainer stands between two steps, all finite: its state can be saved */
     uint32_t **permutation; /* [frames][splats] kept in the state when there are tracks */

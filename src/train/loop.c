@@ -297,23 +297,23 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     struct spin_train_values v = {0};
     struct spin_progress progress;
     struct blind blind = {0};
-    double smooth = 0;
+    double *smooth = &l->checkpoint->loss;
     spin_status status = SPIN_OK;
 
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);
     while (l->trainer->iteration < o->iterations) {
         SPIN_TRY_OUT(iterate(l, sampler, spent, &blind, &v));
-        smooth = smooth > 0 ? 0.98 * smooth + 0.02 * v.loss : v.loss;
+        *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v.loss : v.loss;
         if (l->plan->report->test.valid) /* of the last --eval-every */
-            spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB", smooth,
-                              l->plan->report->test.psnr);
+            spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB",
+                              *smooth, l->plan->report->test.psnr);
         else
-            spin_progress_set(&progress, l->trainer->iteration, "loss %.4f", smooth);
+            spin_progress_set(&progress, l->trainer->iteration, "loss %.4f", *smooth);
         SPIN_TRY_OUT(stop_or_save(l));
         if (due(l->trainer->iteration, o->eval_every) && l->trainer->iteration < o->iterations)
             SPIN_TRY_OUT(look(l));
     }
-    l->plan->report->loss_last = smooth;
+    l->plan->report->loss_last = *smooth;
     warn_blind(&blind);
 out:
     spin_progress_end(&progress);

@@ -648,6 +648,10 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     if (status == SPIN_OK)
         status = judge_blind(&stage);
     plan->report->refine_seconds = spin_now_s() - stage.start_s;
+    plan->report->seconds_per_iteration =
+        plan->report->refine_seconds / stage.n_all / plan->o->refine;
+    if (stage.n_all == 0) /* they were there */
+        plan->report->seconds_per_iteration = plan->report->loss_last = NAN;
     if (status == SPIN_OK)
         status = recount(&stage);
     if (status == SPIN_OK)

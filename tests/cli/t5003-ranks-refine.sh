@@ -17,9 +17,18 @@ for range in 1:3 3:5; do
     run "$bin/spin-retrain" "$in" -o "$work/part-$range.spin" $explicit --range $range --cache "$work/cache"
     is "$code" 0 "refines frames $range into a folder"
 done
-run "$bin/spin-retrain" "$in" -o "$work/array.spin" $explicit --cache "$work/cache"
+run "$bin/spin-retrain" "$in" -o "$work/array.spin" $explicit --cache "$work/cache" --json
 is "$code" 0 "then the whole clip"
 err_has '^refining 1 of 5 frames' "of which one frame was left"
+awk -v s="$(member refine_seconds)" -v each="$(member seconds_per_iteration)" \
+    'BEGIN { d = s / 10 / each - 1; exit !(d < 1e-6 && d > -1e-6) }'
+ok $? "seconds an iteration are those of that frame"
+greater "$(member loss)" 0
+ok $? "and so is the loss"
+run "$bin/spin-retrain" "$in" -o "$work/array2.spin" $explicit --cache "$work/cache" --json
+is "$(member loss) $(member seconds_per_iteration)" "null null" "where no frame is left there are none"
+run "$bin/spin-retrain" "$in" -o "$work/array2.spin" $explicit --cache "$work/cache" --force
+out_has '^.*array2.spin: 10 iterations in [0-9.]* s on cpu' "nor in words"
 cmp -s "$work/one.spin" "$work/array.spin"
 ok $? "and it is that of one run"
 is "$(ls "$work/cache" | wc -l)" 5 "the folder stays"
