@@ -477,7 +477,7 @@ def available(text):
 
 def check_plans(frames):
     n, bundle = np.mean([len(f) for f in frames]), path("all.spin")
-    for more in ("", "--preset paper", "--preset best --batch 2 --scale 0.25", "--method explicit --refine 70 --scale 0.5",
+    for more in ("", "--preset best --batch 2 --scale 0.25", "--method explicit --refine 70 --scale 0.5",
                  "--refine 1 --iterations 1",
                  "--preset paper --iterations 200000 --threads 1", "--preset paper --iterations 3000000"):
         text, j = both("retrain", bundle, "--dry-run", "--device", "cpu", *more.split())

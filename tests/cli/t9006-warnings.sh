@@ -335,7 +335,7 @@ warns "frames without a test view" "'$work/missing': 17 images of 5 cameras in 4
 mv "$work/data" "$work/gone"
 run "$bin/spin-export" "$in" --to images --size 40x30 --range 0:1 -o "$work/images2"
 warns "a data set that is gone" \
-    "the data set of '$in', '$work/data', is not there: its cameras are not used; --data says where it is"
+    "'$in': the data set '$work/data' is not there: its cameras are not used; --data says where the data set is"
 run "$bin/spin-export" "$in" --to ply -o "$work/ply2"
 warns "which only pictures need"
 
