@@ -108,7 +108,7 @@ __attribute__((unused)) static bool is_png(const char *sub, const char *name, in
 }
 
 /* Imports the clip as in.spin. */
-static void begin_commands(void)
+__attribute__((unused)) static void begin_commands(void)
 {
     bin = getenv("SPIN_BIN") ? getenv("SPIN_BIN") : "build/release/bin";
     folder = check_folder();

@@ -3,8 +3,11 @@
  * K: eval moving */
 #include "eval/metrics.h"
 
+#include <math.h>
+
 #include "spin_run.h"
 #include "base/mem.h"
+#include "io/image.h"
 #include "scene/dataset.h"
 #include "scene/image_cache.h"
 #include "tests/check.h"
@@ -183,6 +186,202 @@ static void check_refusals(void)
     spin_image_cache_close(&pixels);
 }
 
+/* ---- Masks of another size, edges, long clips ------------------------------------------------------ */
+
+/* The same on every machine. */
+static unsigned drawn(unsigned *seed)
+{
+    *seed = *seed * 1664525u + 1013904223u;
+    return *seed >> 16;
+}
+
+/* A view of W + 1 x H pixels with a mask of w x h: it is looked up where the middle of the pixel lies. The upper half
+ * of the mask is empty. most: its largest value; 1: zeros and ones. */
+static void check_mask_size(int w, int h, unsigned most)
+{
+    enum { WIDE = W + 1 };
+    static uint8_t rgb[3 * 100 * 100];
+    struct spin_views odd = {0};
+    struct spin_view v = {.camera = {.width = WIDE, .height = H, .fx = 30, .fy = 20}};
+    struct spin_pair pair = {0, 0};
+    struct spin_image_cache pixels;
+    struct spin_dynamic_mask m;
+    char path[600], picture[600];
+    unsigned seed = 7;
+    size_t n = 0, want = 0;
+    int wrong = 0;
+
+    for (int i = 0; i < w * h; i++)
+        memset(rgb + 3 * i, i < w * h / 2 ? 0 : (int)(drawn(&seed) % (most + 1)), 3);
+    snprintf(path, sizeof path, "%s/size_%d_%d_%u.png", folder, w, h, most);
+    snprintf(picture, sizeof picture, "%s/0_0.png", folder);
+    v.mask = path;
+    v.path = picture;
+    if (spin_image_write(path, w, h, rgb, false) != SPIN_OK || spin_views_add(&odd, &v) != SPIN_OK ||
+        spin_image_cache_open(&odd, 0, black, &pixels) != SPIN_OK ||
+        spin_dynamic_mask_open(&odd, &pixels, SPIN_DYNAMIC_AUTO, &pair, 1, &m) != SPIN_OK ||
+        spin_dynamic_mask_keep(&m) != SPIN_OK)
+        exit(1);
+    for (int round = 0; round < 2; round++) { /* found, then kept: 41 x 30 bits end within a byte */
+        ok(spin_dynamic_mask_find(&m, 0, NULL, &n) == SPIN_OK && m.from == SPIN_DYNAMIC_MASKS,
+           "a mask of %d x %d, values to %u", w, h, most);
+        want = 0;
+        for (int y = 0; y < H; y++)
+            for (int x = 0; x < WIDE; x++) {
+                int column = (int)floor((x + 0.5) / WIDE * w), row = (int)floor((y + 0.5) / H * h);
+                int moves = rgb[3 * (row * w + column)] >= (most == 1 ? 1 : 128);
+
+                wrong += m.mask[y * WIDE + x] != moves;
+                want += (size_t)moves;
+            }
+    }
+    ok(wrong == 0 && n == want && want > 0, "is looked up at the pixels' middles: %zu of %zu", n,
+       want);
+    spin_dynamic_mask_close(&m);
+    spin_image_cache_close(&pixels);
+    spin_views_free(&odd);
+}
+
+/* Of noise, what the rule leaves: counted in a picture with a margin of zeros. */
+static void check_edges(int width, int height)
+{
+    static float image[3 * 400];
+    static uint8_t median[3 * 400], scratch[400], mask[400];
+    uint8_t changed[22][22] = {{0}}, kept[22][22] = {{0}};
+    size_t plane = (size_t)(width * height);
+    unsigned seed = 3;
+    int wrong = 0;
+
+    for (size_t i = 0; i < plane; i++) {
+        bool change = drawn(&seed) % 9 < 4;
+        size_t c = drawn(&seed) % 3;
+
+        for (size_t k = 0; k < 3; k++) {
+            median[3 * i + k] = 120;
+            image[k * plane + i] = (float)(120 + (change && k == c ? 30 : 5)) / 255;
+        }
+        changed[i / (size_t)width + 1][i % (size_t)width + 1] = change;
+    }
+    spin_dynamic_mask_rule(width, height, image, median, scratch, mask);
+    for (int y = 1; y <= height; y++)
+        for (int x = 1; x <= width; x++) {
+            int friends = -changed[y][x];
+
+            for (int k = 0; k < 9; k++)
+                friends += changed[y + k / 3 - 1][x + k % 3 - 1];
+            kept[y][x] = changed[y][x] && friends >= 4;
+        }
+    for (int y = 1; y <= height; y++)
+        for (int x = 1; x <= width; x++) {
+            int any = 0;
+
+            for (int k = 0; k < 9; k++)
+                any |= kept[y + k / 3 - 1][x + k % 3 - 1];
+            wrong += mask[(y - 1) * width + x - 1] != any;
+        }
+    ok(wrong == 0, "noise of %d x %d pixels: what has four friends, grown by one, to the edges",
+       width, height);
+}
+
+/* One camera over n frames; `change` alters its view of frame n / 2. */
+static size_t chosen_of(int n, void (*change)(struct spin_camera *), size_t *chosen)
+{
+    struct spin_views clip = {0};
+    size_t k;
+
+    for (int f = 0; f < n; f++)
+        for (int camera = 0; camera < 2; camera++) {
+            struct spin_view v = {.dataset_frame = f, .camera_id = camera, .path = (char *)"none"};
+
+            v.camera = (struct spin_camera){64, 48, 70, 55, 20, 33, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+            if (change && camera == 1 && f == n / 2)
+                change(&v.camera);
+            if (spin_views_add(&clip, &v) != SPIN_OK)
+                exit(1);
+        }
+    k = spin_moving_views(&clip, 1, chosen);
+    spin_views_free(&clip);
+    return k;
+}
+
+static void by_a_hair(struct spin_camera *c) { c->w2c[3] += 5e-5; }
+static void by_a_step(struct spin_camera *c) { c->w2c[7] += 2e-3; }
+static void by_focus(struct spin_camera *c) { c->fy += 1; }
+static void by_shift(struct spin_camera *c) { c->cy -= 1; }
+static void by_height(struct spin_camera *c) { c->height -= 1; }
+
+/* A median is taken of at most 25 frames, evenly from the first to the last. */
+static void check_long_clips(void)
+{
+    static void (*const moves[])(struct spin_camera *) = {by_a_step, by_focus, by_shift, by_height};
+    static const char *const name[] = {"its place", "its focal length", "its centre", "its size"};
+    size_t chosen[SPIN_MOVING_ROWS];
+
+    for (int n = 24; n < 500; n += n < 28 ? 1 : 71) {
+        size_t k = chosen_of(n, NULL, chosen), most = n < SPIN_MOVING_ROWS ? (size_t)n : SPIN_MOVING_ROWS;
+        bool even = k == most;
+
+        for (size_t i = 0; i < k; i++) /* view 2 f + 1 is that of frame f */
+            even = even && chosen[i] == 2 * (size_t)ceil((double)i * (n - 1) / (double)(most - 1)) + 1;
+        ok(even, "of %d frames %zu, evenly, with the first and the last", n, most);
+    }
+    ok(chosen_of(9, by_a_hair, chosen) == 9, "a camera that trembles stands still");
+    for (size_t i = 0; i < 4; i++)
+        ok(chosen_of(9, moves[i], chosen) == 0, "one that changes %s does not", name[i]);
+}
+
+/* Four grey pictures: the median is the upper of the two in the middle. Where only some views have masks the images
+ * serve. */
+static void check_few_frames(void)
+{
+    static const float grey[4] = {0.2f, 0.4f, 0.6f, 0.8f};
+    static float image[3 * PLANE];
+    struct spin_views clip = {0};
+    struct spin_pair pair[4];
+    struct spin_image_cache pixels;
+    struct spin_dynamic_mask m;
+    char path[600], mask[600];
+
+    snprintf(mask, sizeof mask, "%s/mask_0.png", folder);
+    for (int f = 0; f < 4; f++) {
+        struct spin_view v = {.dataset_frame = f, .path = path, .mask = f < 3 ? mask : NULL};
+
+        v.camera = (struct spin_camera){W, H, 30, 30, 20, 15, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+        snprintf(path, sizeof path, "%s/grey_%d.png", folder, f);
+        for (size_t i = 0; i < 3 * PLANE; i++)
+            image[i] = grey[f];
+        if (spin_image_save(path, W, H, image, false) != SPIN_OK || spin_views_add(&clip, &v) != SPIN_OK)
+            exit(1);
+        pair[f] = (struct spin_pair){f, (size_t)f};
+    }
+    if (spin_image_cache_open(&clip, 0, black, &pixels) != SPIN_OK)
+        exit(1);
+    ok(spin_dynamic_mask_open(&clip, &pixels, SPIN_DYNAMIC_MASKS, pair, 4, &m) == SPIN_E_NOT_FOUND,
+       "masks for some views only: %s", spin_last_error());
+    ok(spin_dynamic_mask_open(&clip, &pixels, SPIN_DYNAMIC_AUTO, pair, 4, &m) == SPIN_OK &&
+           m.from == SPIN_DYNAMIC_IMAGES,
+       "the images serve");
+    for (size_t f = 0; f < 4; f++) {
+        size_t n = 0;
+
+        ok(spin_dynamic_mask_find(&m, f, NULL, &n) == SPIN_OK && n == (f == 2 ? 0 : PLANE),
+           "frame %zu of four: %zu pixels move", f, n);
+    }
+    spin_dynamic_mask_close(&m);
+    spin_image_cache_close(&pixels);
+    spin_views_free(&clip);
+}
+
+/* Bits that were there before are gone. */
+static void check_bits(void)
+{
+    uint8_t mask[13] = {1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0, 1}, bits[2] = {255, 255};
+    struct spin_dynamic_mask m = {.mask = mask};
+
+    spin_dynamic_mask_bits(&m, 13, bits);
+    ok(bits[0] == 1 + 8 + 16 && bits[1] == 2 + 16, "13 pixels are 13 bits, lowest first");
+}
+
 static void check_means(void)
 {
     struct spin_eval_view view[3] = {
@@ -210,6 +409,16 @@ TAP_MAIN
     check_from(SPIN_DYNAMIC_AUTO, 1, 1, "images");
     check_threshold();
     check_refusals();
+    check_mask_size(80, 60, 255);
+    check_mask_size(13, 50, 1);
+    check_mask_size(7, 5, 255);
+    check_mask_size(W + 1, H, 255);
+    check_edges(20, 17);
+    check_edges(5, 3);
+    check_edges(2, 9);
+    check_long_clips();
+    check_few_frames();
+    check_bits();
     check_means();
     spin_views_free(&views);
 }

@@ -1,0 +1,457 @@
+/* Where moving cameras stand and what the first view is, of a rig that moves and rolls, of lenses with fx unlike fy
+ * and a centre that is none; expected values are worked out here from the cameras' places and axes.
+ * K: video images html export cameras */
+#include "exporters/lib/camera_path.h"
+
+#include "base/log.h"
+#include "tests/exporters/frame.h"
+#include "tests/rig.h"
+
+enum { ROWS = 3, CAMERAS = 5, PICTURES = 24 };
+static const double pi = 3.14159265358979323846;
+
+/* The lens of the training cameras, and that of the others. */
+static const struct spin_camera train_lens = {64, 48, 70, 55, 20, 33, {0}},
+                                test_lens = {80, 36, 50, 90, 47, 11, {0}};
+
+static double pose_error(const struct spin_camera *got, const struct pose *want)
+{
+    struct spin_camera wanted = camera_of(train_lens, want);
+    double worst = 0;
+
+    for (int k = 0; k < 12; k++) /* NaN is worst */
+        worst = fabs(got->w2c[k] - wanted.w2c[k]) <= worst ? worst
+                                                          : fabs(got->w2c[k] - wanted.w2c[k]);
+    return worst;
+}
+
+/* ---- The rig ----------------------------------------------------------------------------------- */
+
+static struct spin_views views;
+static struct pose rig[ROWS][CAMERAS]; /* the last two are held out */
+static const double pivot[ROWS][3] = {{9, -7, 5}, {1, 2, 3}, {-6, 0, 2}};
+
+/* Every row is another rig about another place: all axes go through it, none is upright. */
+static void make_rig(void)
+{
+    static const double way[CAMERAS][3] = {
+        {1, 0.3, -2}, {2, -0.5, -1.5}, {-1.6, 0.2, -1.8}, {0.4, 1, -2}, {-0.3, -0.9, -1}};
+    static const double away[CAMERAS] = {3, 4, 5, 7, 6}, roll[CAMERAS] = {0.3, -0.2, 0.5, 0.4, 2.9};
+    static const double up[ROWS][3] = {{1, 0, 0.2}, {0.2, -1, 0.3}, {0, 0.3, 1}};
+
+    for (int row = 0; row < ROWS; row++)
+        for (int k = 0; k < CAMERAS; k++) {
+            struct spin_view v = {.dataset_frame = row, .camera_id = k, .test = k > 2};
+            double eye[3];
+
+            memcpy(eye, way[(k + row) % CAMERAS], sizeof eye);
+            make_long(eye, away[k] + 20 * (row == 0));
+            for (int c = 0; c < 3; c++)
+                eye[c] += pivot[row][c];
+            rig[row][k] = look(eye, pivot[row], up[row], roll[k]);
+            v.camera = camera_of(k > 2 ? test_lens : train_lens, &rig[row][k]);
+            v.path = (char *)"none";
+            if (spin_views_add(&views, &v) != SPIN_OK)
+                exit(1);
+        }
+    views.n_dataset_frames = ROWS;
+}
+
+/* Of a row's cameras. */
+static void mean_up(int row, double up[3])
+{
+    memset(up, 0, 3 * sizeof *up);
+    for (int k = 0; k < CAMERAS; k++)
+        for (int c = 0; c < 3; c++)
+            up[c] -= rig[row][k].down[c];
+    make_long(up, 1);
+}
+
+/* ---- Paths ------------------------------------------------------------------------------------- */
+
+static const int row_of[] = {1, 2};
+static struct spin_splats splats;
+
+/* The cameras of a path over frames of rows 1 and 2. */
+static void follow(const char *const *pairs, int n, struct spin_camera *out)
+{
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .n_frames = 2, .views = &views, .values = &values, .dataset_frame_of = row_of};
+    struct spin_camera_path d = {0};
+    bool good = spin_camera_path_begin(&d, &job, "after") == SPIN_OK && d.n_pictures == n;
+
+    for (int i = 0; i < n && good; i++)
+        good = spin_camera_path_camera(&d, i, &splats, &out[i]) == SPIN_OK;
+    ok(good, "%s %s: %d pictures: %s", pairs[0], pairs[1], n, good ? "" : spin_last_error());
+    spin_camera_path_free(&d);
+}
+
+/* Where an orbit begins: in the direction of the first held-out camera, as far as half of all are. */
+static void begin_orbit(double away[3])
+{
+    for (int c = 0; c < 3; c++)
+        away[c] = rig[1][3].eye[c] - pivot[1][c];
+    make_long(away, 5); /* of 3, 4, 5, 7 and 6 */
+}
+
+static void test_orbit(void)
+{
+    static const char *const pairs[] = {"path", "orbit", "repeat", "12", NULL};
+    struct spin_camera got[PICTURES];
+    double up[3], away[3], level[3], side[3], worst = 0;
+
+    mean_up(1, up);
+    begin_orbit(away);
+    follow(pairs, PICTURES, got);
+    for (int c = 0; c < 3; c++)
+        level[c] = away[c] - dot(away, up) * up[c];
+    across(up, level, side);
+    for (int i = 0; i < PICTURES; i++) {
+        double a = 2 * pi * i / PICTURES, eye[3];
+        struct pose want;
+
+        for (int c = 0; c < 3; c++)
+            eye[c] = pivot[1][c] + dot(away, up) * up[c] + cos(a) * level[c] + sin(a) * side[c];
+        want = look(eye, pivot[1], up, 0);
+        worst = fmax(worst, pose_error(&got[i], &want));
+    }
+    ok(worst < 1e-9, "an orbit at one height about the place all look at: %g off", worst);
+    ok(got[5].width == 80 && got[5].height == 36 && got[5].fx == 50 && got[5].fy == 90 &&
+           got[5].cx == 47 && got[5].cy == 11,
+       "with the lens of the held-out camera");
+}
+
+static void test_spiral(void)
+{
+    static const char *const pairs[] = {"path", "spiral", "repeat", "12", NULL};
+    struct spin_camera got[PICTURES];
+    double up[3], away[3], from[3], worst = 0;
+    struct pose first;
+
+    mean_up(1, up);
+    begin_orbit(away);
+    for (int c = 0; c < 3; c++)
+        from[c] = pivot[1][c] + away[c];
+    first = look(from, pivot[1], up, 0);
+    follow(pairs, PICTURES, got);
+    for (int i = 0; i < PICTURES; i++) {
+        double a = 2 * pi * i / PICTURES, eye[3];
+        struct pose want;
+
+        for (int c = 0; c < 3; c++)
+            eye[c] = from[c] + 0.5 * (sin(3 * a) * first.right[c] + (0.5 - 0.5 * cos(3 * a)) * first.down[c] +
+                                      sin(a) * first.ahead[c]);
+        want = look(eye, pivot[1], up, 0);
+        worst = fmax(worst, pose_error(&got[i], &want));
+    }
+    ok(worst < 1e-9, "three turns beside the first view, once nearer and farther: %g off", worst);
+}
+
+static void test_train(void)
+{
+    static const char *const pairs[] = {"path", "train", "repeat", "12", NULL};
+    struct spin_camera got[PICTURES];
+    double nearest[CAMERAS];
+
+    follow(pairs, PICTURES, got);
+    for (int k = 0; k < CAMERAS; k++) {
+        nearest[k] = INFINITY;
+        for (int i = 0; i < PICTURES; i++)
+            nearest[k] = fmin(nearest[k], pose_error(&got[i], &rig[1][k]));
+    }
+    ok(pose_error(&got[0], &rig[1][0]) < 1e-9, "begins at the first training camera of the first frame");
+    ok(nearest[1] < 0.4 && nearest[2] < 0.4 && fmin(pose_error(&got[PICTURES - 1], &rig[1][1]),
+                                                    pose_error(&got[PICTURES - 1], &rig[1][2])) < 1e-9,
+       "comes by the others and ends at one: %g, %g", nearest[1], nearest[2]);
+    ok(nearest[3] > 0.5 && nearest[4] > 0.5, "not by those held out: %g, %g", nearest[3], nearest[4]);
+    ok(got[7].width == 64 && got[7].height == 48 && got[7].fx == 70 && got[7].fy == 55 &&
+           got[7].cx == 20 && got[7].cy == 33,
+       "with the lens of the training cameras");
+}
+
+/* Which frame a picture shows: the one that runs at its time. */
+static void test_pace(void)
+{
+    for (int n_frames = 1; n_frames < 12; n_frames++) {
+        struct spin_export_job job = {.n_frames = n_frames};
+        bool good = true;
+
+        for (int n = 1; n < 40; n++) {
+            struct spin_camera_path d = {.job = &job, .n_pictures = n};
+
+            for (int f = 0; f < n_frames; f++)
+                for (int64_t p = spin_camera_path_first(&d, f); p < spin_camera_path_first(&d, f + 1); p++)
+                    good = good && (int)floor((double)(p * n_frames) / n) == f;
+            good = good && spin_camera_path_first(&d, 0) == 0 && spin_camera_path_first(&d, n_frames) == n;
+        }
+        ok(good, "%d frames in 1 to 39 pictures: each shows the frame of its time", n_frames);
+    }
+}
+
+/* The same height of view; the middle of the picture stays where it was. */
+static void test_resize(void)
+{
+    static const int size[][2] = {{100, 60}, {30, 96}, {64, 48}, {0, 0}};
+    static const double want[][4] = {
+        {70 * 1.25, 55 * 1.25, 50 - 12 * 1.25, 33 * 1.25}, {140, 110, 15 - 24, 66}, {70, 55, 20, 33}, {70, 55, 20, 33}};
+
+    for (int i = 0; i < 4; i++) {
+        struct spin_camera_path d = {.size = {size[i][0], size[i][1]}};
+        struct spin_camera c = train_lens;
+
+        spin_camera_path_resize(&d, &c);
+        ok(c.width == (i < 3 ? size[i][0] : 64) && c.height == (i < 3 ? size[i][1] : 48) &&
+               fabs(c.fx - want[i][0]) + fabs(c.fy - want[i][1]) + fabs(c.cx - want[i][2]) +
+                       fabs(c.cy - want[i][3]) < 1e-9,
+           "--size %dx%d: %g %g, %g %g", size[i][0], size[i][1], c.fx, c.fy, c.cx, c.cy);
+    }
+}
+
+/* ---- The path of a rig ------------------------------------------------------------------------- */
+
+/* A pose turned from the world's by an angle about an axis of any length, row by row of its matrix. */
+static struct pose turned(const double eye[3], double x, double y, double z, double angle)
+{
+    double axis[3] = {x, y, z}, m[3][3];
+    struct pose p;
+
+    make_long(axis, 1);
+    for (int c = 0; c < 3; c++) { /* the images of the unit vectors, by the parts along and across */
+        double e[3] = {c == 0, c == 1, c == 2}, side[3];
+
+        across(axis, e, side);
+        for (int r = 0; r < 3; r++)
+            m[r][c] = axis[c] * axis[r] + cos(angle) * (e[r] - axis[c] * axis[r]) + sin(angle) * side[r];
+    }
+    memcpy(p.eye, eye, sizeof p.eye);
+    memcpy(p.right, m[0], sizeof p.right);
+    memcpy(p.down, m[1], sizeof p.down);
+    memcpy(p.ahead, m[2], sizeof p.ahead);
+    return p;
+}
+
+static void open_path(const struct pose *pose, int n, struct spin_rig_path *path)
+{
+    struct spin_views stops = {0};
+
+    for (int i = 0; i < n; i++) {
+        struct spin_view v = {.camera_id = i, .camera = camera_of(train_lens, &pose[i]), .path = (char *)"none"};
+
+        if (spin_views_add(&stops, &v) != SPIN_OK)
+            exit(1);
+    }
+    ok(spin_rig_path_open(&stops, 0, path) == SPIN_OK && path->n == n, "a path of %d stops", n);
+    spin_views_free(&stops);
+}
+
+static double at_share(const struct spin_rig_path *path, double share, const struct pose *want)
+{
+    struct spin_camera c = {0};
+
+    spin_rig_path_camera(path, share, c.w2c);
+    return pose_error(&c, want);
+}
+
+/* Between two cameras the place goes half of the way, and the rotation half of the shorter turn. */
+static void test_turns(void)
+{
+    static const double axis[][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 0}, {0, 1, 1},
+                                     {1, 0, 1}, {1, 2, 3}, {3, -2, 1}, {-1, 3, -2}};
+    static const double angle[][3] = {
+        {0, 90, 45}, {180, 90, 135}, {-80, 110, -165}, {170, -170, 180}, {180, 240, 210}, {10, 40, 25}};
+    static const double from[3] = {1, 2, 3}, to[3] = {3, 5, 9}, half[3] = {2, 3.5, 6};
+
+    for (size_t k = 0; k < sizeof axis / sizeof *axis; k++) {
+        double worst = 0;
+
+        for (size_t i = 0; i < sizeof angle / sizeof *angle; i++) {
+            const double *a = axis[k], *turn = angle[i], d = pi / 180;
+            struct pose pose[2] = {turned(from, a[0], a[1], a[2], turn[0] * d),
+                                   turned(to, a[0], a[1], a[2], turn[1] * d)},
+                        middle = turned(half, a[0], a[1], a[2], turn[2] * d);
+            struct spin_rig_path path;
+
+            open_path(pose, 2, &path);
+            worst = fmax(worst, at_share(&path, 0, &pose[0]));
+            worst = fmax(worst, at_share(&path, 1, &pose[1]));
+            worst = fmax(worst, at_share(&path, 0.5, &middle));
+            near(path.stop[1].at, 7, 1e-12, "7 units of way");
+            spin_rig_path_free(&path);
+        }
+        ok(worst < 1e-6, "turns about %g %g %g: %g off", axis[k][0], axis[k][1], axis[k][2], worst);
+    }
+}
+
+/* Four cameras in a line, the first not at its end: the nearest always would cross what it has passed. */
+static void test_order(void)
+{
+    static const double place[4] = {0, 1, -1.5, 4}, order[4] = {0, -1.5, 1, 4};
+    struct spin_rig_path path;
+    struct pose pose[4];
+    bool good = true;
+
+    for (int i = 0; i < 4; i++) {
+        double eye[3] = {2 * place[i] / 7, 3 * place[i] / 7, 6 * place[i] / 7};
+
+        pose[i] = turned(eye, 1, 2, 3, 0.4);
+    }
+    open_path(pose, 4, &path);
+    for (int i = 0; i < 4; i++)
+        good = good && fabs(path.stop[i].eye[2] - 6 * order[i] / 7) < 1e-12;
+    ok(good, "the order that takes the least way from the first");
+    near(path.stop[3].at, 7, 1e-12, "1.5 + 2.5 + 3 units");
+    spin_rig_path_free(&path);
+}
+
+/* Three stops at unlike distances: cubics that meet at the middle one with the speed of the stops around it. */
+static void test_curve(void)
+{
+    static const double eye[3][3] = {{0, 0, 0}, {1, 2, 2}, {1, 8, 10}}; /* 3 and 10 apart */
+    struct spin_rig_path path;
+    struct pose pose[3];
+    double worst = 0;
+
+    for (int i = 0; i < 3; i++)
+        pose[i] = turned(eye[i], 3, 1, -2, 0.7);
+    open_path(pose, 3, &path);
+    for (int k = 0; k <= 26; k++) {
+        double at = 13.0 * k / 26, want[3];
+        struct pose middle;
+
+        for (int c = 0; c < 3; c++) {
+            double a = eye[0][c], b = eye[1][c], e = eye[2][c];
+            double slope[3] = {(b - a) / 3, (e - a) / 13, (e - b) / 10};
+            /* in powers of the way u from the last stop, by its value and slope and those of the next */
+            double p0 = at < 3 ? a : b, p1 = at < 3 ? b : e, m0 = at < 3 ? slope[0] : slope[1],
+                   m1 = at < 3 ? slope[1] : slope[2], h = at < 3 ? 3 : 10, u = at < 3 ? at : at - 3;
+            double q = (p1 - p0) / h;
+
+            want[c] = p0 + u * (m0 + u * ((3 * q - 2 * m0 - m1) / h + u * (m0 + m1 - 2 * q) / (h * h)));
+        }
+        middle = turned(want, 3, 1, -2, 0.7);
+        worst = fmax(worst, at_share(&path, at / 13, &middle));
+    }
+    ok(worst < 1e-9, "along a curve without a kink, at even speed: %g off", worst);
+    spin_rig_path_free(&path);
+}
+
+/* ---- The first view ---------------------------------------------------------------------------- */
+
+static void check_first(int row, bool test, const double middle[3], double size, const char *what)
+{
+    const struct pose *p = &rig[row < 0 ? 0 : row][test ? 3 : 0];
+    const struct spin_camera *lens = test ? &test_lens : &train_lens;
+    double up[3], target[3], along = 0, off = 0, least = INFINITY, most = 0, tan_x, tan_y;
+    struct spin_initial_view got;
+
+    for (int c = 0; c < 3; c++)
+        along += p->ahead[c] * (middle[c] - p->eye[c]);
+    along = along > size / 10 ? along : size / 10;
+    for (int c = 0; c < 3; c++)
+        target[c] = p->eye[c] + along * p->ahead[c];
+    for (int k = 0; k < CAMERAS; k++) {
+        double away[3];
+
+        for (int c = 0; c < 3; c++)
+            away[c] = rig[row][k].eye[c] - target[c];
+        least = fmin(least, sqrt(dot(away, away)));
+        most = fmax(most, sqrt(dot(away, away)));
+    }
+    mean_up(row, up);
+    spin_initial_view_first(&views, row, test, middle, size, &got);
+    for (int c = 0; c < 3; c++)
+        off += fabs(got.eye[c] - p->eye[c]) + fabs(got.target[c] - target[c]) + fabs(got.up[c] - up[c]);
+    ok(off < 1e-9, "%s: where it stands, what it looks at, which way is up: %g off", what, off);
+    tan_x = 0.5 * lens->width / lens->fx;
+    tan_y = 0.5 * lens->height / lens->fy;
+    near(got.fovy_deg, 2 * atan(tan_y) * 180 / pi, 1e-9, "its height");
+    near(got.aspect, tan_x / tan_y, 1e-9, "its width");
+    near(got.reach[0], least / 3, 1e-9, "one may go to a third of the nearest camera's distance");
+    near(got.reach[1], 1.2 * most, 1e-9, "and a little beyond the farthest");
+}
+
+static void test_first(void)
+{
+    static const double middle[3] = {1.5, 2.5, 2}, behind[3] = {3, 3, -40};
+
+    check_first(1, false, middle, 2, "a training view");
+    check_first(1, true, middle, 2, "a held-out view");
+    check_first(2, false, middle, 2, "of another frame");
+    check_first(1, false, behind, 2, "of a scene behind the camera");
+}
+
+/* Medians, and the half extent of nine splats in ten, without those that are nowhere. */
+static void test_middle(void)
+{
+    enum { N = 101 };
+    struct spin_splats s = {0};
+    double middle[3], size;
+
+    make_frame(&s, N + 1, 0, 4);
+    for (int i = 0; i < N; i++) {
+        s.means[3 * i] = (float)(i * 37 % N); /* 0 to 100 */
+        s.means[3 * i + 1] = s.means[3 * i] < 3 ? -5000 : 10 + 3 * s.means[3 * i];
+        s.means[3 * i + 2] = s.means[3 * i] > 97 ? 9000 : 7;
+    }
+    for (int c = 0; c < 3; c++)
+        s.means[3 * N + c] = NAN;
+    ok(spin_initial_view_middle(&s, middle, &size) == SPIN_OK && middle[0] == 50 && middle[1] == 160 &&
+           middle[2] == 7,
+       "the middle: %g %g %g", middle[0], middle[1], middle[2]);
+    near(size, 135, 1e-9, "of 95 * 3 less 5 * 3, half");
+    spin_splats_free(&s);
+}
+
+/* Ways of looking that have no place in common, or have it behind them. */
+static void test_pivot(void)
+{
+    struct spin_views other = {0};
+    double at[3] = {0}, median = 0;
+
+    ok(spin_initial_view_pivot(&views, 1, at, &median) && fabs(at[0] - 1) + fabs(at[1] - 2) + fabs(at[2] - 3) < 1e-9,
+       "the place that all look at");
+    near(median, 5, 1e-9, "half of them are as near");
+    for (int k = 0; k < 3; k++) {
+        static const double ahead[3] = {0.001, 0.002, -1};
+        double eye[3] = {k, 2 * k % 3, 4}, target[3];
+        struct pose p;
+        struct spin_view v = {.camera_id = k, .path = (char *)"none"};
+
+        for (int c = 0; c < 3; c++)
+            target[c] = eye[c] + ahead[c] * (c < 2 ? k : 1);
+        p = look(eye, target, (const double[3]){0, 1, 0.1}, k);
+        v.camera = camera_of(train_lens, &p);
+        if (spin_views_add(&other, &v) != SPIN_OK)
+            exit(1);
+    }
+    ok(!spin_initial_view_pivot(&other, 0, at, &median), "cameras that look the same way have none");
+    for (int k = 0; k < 3; k++) { /* a ring that looks outwards */
+        double eye[3] = {cos(2.1 * k), 0.1, sin(2.1 * k)}, target[3] = {9 * eye[0], 0.2, 9 * eye[2]};
+        struct pose p = look(eye, target, (const double[3]){0, 1, 0}, 0.1);
+
+        other.view[k].camera = camera_of(train_lens, &p);
+    }
+    ok(!spin_initial_view_pivot(&other, 0, at, &median), "nor have those that look away from it");
+    spin_views_free(&other);
+}
+
+TAP_MAIN
+{
+    spin_log_set_level(-2);
+    make_rig();
+    make_frame(&splats, 20, 0, 6);
+    test_orbit();
+    test_spiral();
+    test_train();
+    test_pace();
+    test_resize();
+    test_turns();
+    test_order();
+    test_curve();
+    test_first();
+    test_middle();
+    test_pivot();
+    spin_splats_free(&splats);
+    spin_views_free(&views);
+}
