@@ -134,11 +134,23 @@ static spin_status sort_tracks(struct change *c)
     return SPIN_OK;
 }
 
+/* What is left of the most splats of a frame. 0 would be no limit. */
+static size_t cap_beside(const struct change *c, size_t others)
+{
+    size_t most = c->o->max_points;
+
+    return most == 0 ? 0 : most > others ? most - others : 1;
+}
+
 static spin_status change_tracks(struct change *c, struct spin_densify_change *sum)
 {
     struct spin_trainer *t = c->t;
     struct spin_densify_options o = *c->o;
-    size_t n = t->n_tracks;
+    size_t n = t->n_tracks, most_free = 0;
+
+    for (int f = 0; f < t->n_frames; f++)
+        most_free = t->frame[f].size.n_free > most_free ? t->frame[f].size.n_free : most_free;
+    o.max_points = cap_beside(c, most_free);
 
     SPIN_TRY(spin_refine_cloud_reserve(&c->tracks, n));
     memset(c->tracks.point, 0, n * sizeof *c->tracks.point);
@@ -181,10 +193,25 @@ static spin_status carry_frame(struct spin_device *d, struct spin_train_frame *f
     return SPIN_OK;
 }
 
+/* c->row of this frame; how many splats the new tracks have there. */
+static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
+{
+    size_t n_tracked = 0;
+
+    memset(c->row, 0xff, c->n_before * sizeof *c->row);
+    for (size_t i = 0; i < n; i++)
+        if (seen->track[i] != SPIN_NO_TRACK)
+            c->row[seen->track[i]] = (uint32_t)i;
+    for (size_t k = 0; k < c->tracks.n; k++)
+        n_tracked += c->row[c->tracks.point[k].origin] != SPIN_NO_TRACK;
+    return n_tracked;
+}
+
 /* Densify the splats without a track. */
 static spin_status change_free(struct change *c, int f, const struct seen_frame *seen,
                                const struct spin_refine_point *before, size_t n_free,
-                               struct spin_refine_cloud *out, struct spin_densify_change *sum)
+                               size_t n_tracked, struct spin_refine_cloud *out,
+                               struct spin_densify_change *sum)
 {
     struct spin_densify_options o = *c->o;
     struct spin_densify_change change;
@@ -197,6 +224,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
         out->point[i].seen = seen->seen[i];
     }
     o.frame = f;
+    o.max_points = cap_beside(c, n_tracked);
     SPIN_TRY(spin_densify(&o, c->iteration, out, &change));
     sum->clones += change.clones;
     sum->splits += change.splits;
@@ -205,16 +233,12 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
 }
 
 /* The splats of the new tracks behind those without one, in the order of the tracks. */
-static spin_status add_tracked(struct change *c, const struct seen_frame *seen, size_t n_before,
-                               const struct spin_refine_point *before, struct rows *rows)
+static spin_status add_tracked(const struct change *c, const struct spin_refine_point *before,
+                               struct rows *rows)
 {
     struct spin_refine_cloud *to = &rows->cloud;
     void *block = NULL;
 
-    memset(c->row, 0xff, c->n_before * sizeof *c->row);
-    for (size_t i = 0; i < n_before; i++)
-        if (seen->track[i] != SPIN_NO_TRACK)
-            c->row[seen->track[i]] = (uint32_t)i;
     SPIN_TRY(spin_refine_cloud_reserve(to, to->n + c->tracks.n));
     SPIN_TRY(spin_alloc(to->n + c->tracks.n + 1, sizeof *rows->track, &block));
     rows->track = block;
@@ -301,7 +325,7 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
                                 struct spin_densify_change *sum)
 {
     struct spin_train_frame *frame = &c->t->frame[f];
-    size_t n = frame->size.n;
+    size_t n = frame->size.n, n_tracked;
     struct spin_refine_cloud before = {0};
     struct rows rows = {0};
     struct seen_frame seen = {0};
@@ -311,8 +335,10 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     SPIN_TRY_OUT(spin_refine_cloud_reserve(&before, n + 1));
     memset(before.point, 0, (n + 1) * sizeof *before.point);
     SPIN_TRY_OUT(carry_frame(c->t->device, frame, before.point, false));
-    SPIN_TRY_OUT(change_free(c, f, &seen, before.point, frame->size.n_free, &rows.cloud, sum));
-    SPIN_TRY_OUT(add_tracked(c, &seen, n, before.point, &rows));
+    n_tracked = find_rows(c, &seen, n);
+    SPIN_TRY_OUT(change_free(c, f, &seen, before.point, frame->size.n_free, n_tracked, &rows.cloud,
+                             sum));
+    SPIN_TRY_OUT(add_tracked(c, before.point, &rows));
     SPIN_TRY_OUT(permute(&rows, permutation));
     status = replace_frame(c, f, &rows);
 out:

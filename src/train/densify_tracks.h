@@ -8,7 +8,7 @@
 
 /* Statistics of all frames are used up. permutation [frames][splats]: places in the output, which new splats
  * come last in; a frame's array is replaced. counts [frames] =. iteration and o->seed name the random numbers;
- * o->max_points is the most of a frame. */
+ * o->max_points is the most of a frame, tracks before other splats. */
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,
                                 struct spin_densify_change *change);

@@ -10,6 +10,7 @@
 #include "tests/check.h"
 #include "tests/device/strict.h"
 #include "tests/tap.h"
+#include "tests/train/tracked.h"
 #include "train/tracks.h"
 
 enum { FRAMES = 12 };
@@ -252,6 +253,167 @@ static void check_densify(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
+/* ---- What is carried over ------------------------------------------------------------------------ */
+
+/* Old tracks and rows of the new ones; a negative number less one: new, so without moments. */
+static const int track_from[5] = {0, 1, 2, -3, 3}, n_row[2] = {5, 5},
+                 row_from[2][5] = {{0, 2, 3, -4, 4}, {0, 1, 2, -3, 3}};
+
+static int wrong_values(const float *got, size_t n, int part, int frame, const int *from, int first, int end)
+{
+    int wrong = 0;
+
+    for (size_t i = 0; i < n; i++)
+        for (int c = first; c < end; c++) {
+            float want = from[i] >= 0 ? tracked_value(part, frame, from[i], c)
+                         : part > 0   ? 0
+                                      : tracked_value(0, frame, -from[i] - 1, c);
+
+            wrong += got[tracked_at(n, i, c) - (size_t)(first ? 3 * n : 0)] != want;
+        }
+    return wrong;
+}
+
+/* Track 2 has a mean gradient of three eighths to the bit, track 3 of less, seen most where it is least; the second splat
+ * without a track is almost transparent. */
+static void check_carried(struct spin_device *d)
+{
+    static const float gradient[2][5] = {{0, 0, 0.1f, 0.5f, 0.9f}, {0, 0.3f, 0.25f, 0.3f}};
+    static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 3}};
+    struct spin_trainer t;
+    struct spin_densify_options o;
+    struct spin_densify_change change = {0};
+    uint32_t *place[2];
+    size_t n[2];
+    float got[14 * TRACKED_MOST];
+    int wrong = 0;
+
+    tracked_open(d, tracked_size, TRACKED, 2, 3, NULL, &t);
+    tracked_fill(d, &t, -9);
+    tracked_see(d, &t, gradient, seen);
+    tracked_places(place);
+    spin_densify_defaults(&o);
+    o.extent = 1000;
+    o.gradient_threshold = 0.375;
+    if (spin_densify_tracks(&t, &o, 1, place, n, &change) != SPIN_OK)
+        exit(1);
+    ok(change.clones == 1 && change.splits == 0 && change.pruned == 1,
+       "a mean gradient at the threshold is enough, one over two frames is of both: %zu clones", change.clones);
+    ok(t.n_tracks == 5 && t.n_moving == 2 && t.n_varying == 4, "the new track varies, as its parent does");
+    for (int part = 0; part < 3; part++) {
+        float SPIN_DEV *at[] = {t.tracks.p, t.tracks.m, t.tracks.v};
+
+        wrong += d->op->download(d, got, at[part], sizeof *got * 14 * 5) != SPIN_OK;
+        wrong += wrong_values(got, 5, part, -1, track_from, 0, 14);
+    }
+    ok(wrong == 0, "tracks keep values and both moments; a new one has its parent's values");
+    for (int f = 0; f < 2; f++) {
+        const struct spin_train_frame *frame = &t.frame[f];
+
+        wrong = 0;
+        ok(n[f] == (size_t)n_row[f] && frame->size.n == n[f] && frame->size.n_free == 1 &&
+               frame->size.n_pos == 2 && frame->size.n_residual == 4,
+           "frame %d: %zu splats", f, n[f]);
+        for (int part = 0; part < 3; part++) {
+            wrong += d->op->download(d, got, tracked_part(frame, part, false), sizeof *got * 3 * 2) != SPIN_OK;
+            wrong += wrong_values(got, 2, part, f, row_from[f], 0, 3);
+            wrong += d->op->download(d, got, tracked_part(frame, part, true), sizeof *got * 11 * 4) != SPIN_OK;
+            wrong += wrong_values(got, 4, part, f, row_from[f], 3, 14);
+        }
+        ok(wrong == 0, "its splats keep theirs");
+        ok(frame->time == 0.5 + f && frame->steps == 40 + f, "it keeps its time and its steps");
+        free(place[f]);
+    }
+    spin_trainer_close(&t);
+}
+
+/* Everything is large and split: where the children are, of tracks and of the splats without one of frame 0. */
+static void split_all(struct spin_device *d, uint64_t seed, int iteration, float *of_tracks, float *of_free)
+{
+    static const float gradient[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
+    static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
+    struct spin_trainer t;
+    struct spin_densify_options o;
+    struct spin_densify_change change = {0};
+    uint32_t *place[2];
+    size_t n[2];
+
+    tracked_open(d, tracked_size, TRACKED, 2, 3, NULL, &t);
+    tracked_fill(d, &t, 0);
+    tracked_see(d, &t, gradient, seen);
+    tracked_places(place);
+    spin_densify_defaults(&o);
+    o.extent = 1e-6;
+    o.seed = seed;
+    if (spin_densify_tracks(&t, &o, iteration, place, n, &change) != SPIN_OK || change.splits != 7 ||
+        d->op->download(d, of_tracks, t.tracks.p, sizeof *of_tracks * 6) != SPIN_OK ||
+        d->op->download(d, of_free, t.frame[0].pos, sizeof *of_free * 6) != SPIN_OK)
+        exit(1);
+    for (int i = 0; i < 2; i++) /* first children: less where their parents were, of a unit */
+        for (int c = 0; c < 3; c++) {
+            of_tracks[3 * i + c] = (of_tracks[3 * i + c] - tracked_value(0, -1, i, c)) / expf(tracked_value(0, -1, i, 3 + c));
+            of_free[3 * i + c] = (of_free[3 * i + c] - tracked_value(0, 0, i, c)) / expf(tracked_value(0, 0, i, 3 + c));
+        }
+    for (int f = 0; f < 2; f++)
+        free(place[f]);
+    spin_trainer_close(&t);
+}
+
+static double farthest(const float *a, const float *b, int n)
+{
+    double most = 0;
+
+    for (int i = 0; i < n; i++)
+        most = fmax(most, fabs((double)a[i] - (double)b[i]));
+    return most;
+}
+
+static void check_numbers_drawn(struct spin_device *d)
+{
+    float track[4][6], own[4][6];
+
+    split_all(d, 5, 3, track[0], own[0]);
+    split_all(d, 5, 3, track[1], own[1]);
+    split_all(d, 6, 3, track[2], own[2]);
+    split_all(d, 5, 4, track[3], own[3]);
+    check_same_bits(track[1], track[0], sizeof track[0], "one seed, one iteration: the same children of tracks");
+    check_same_bits(own[1], own[0], sizeof own[0], "and of splats without");
+    ok(farthest(track[2], track[0], 6) > 0.1 && farthest(own[2], own[0], 6) > 0.1, "another seed: others");
+    ok(farthest(track[3], track[0], 6) > 0.1 && farthest(own[3], own[0], 6) > 0.1, "another iteration: others");
+    ok(farthest(track[0], own[0], 3) > 0.1, "tracks and splats without do not share their numbers");
+}
+
+/* No frame comes to more splats than it may have, by tracks and splats without together; tracks come first. */
+static void check_most(struct spin_device *d)
+{
+    static const float gradient[2][5] = {{3, 3, 1, 1, 1}, {2, 1, 1, 1}};
+    static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
+    static const size_t tracks[10] = {8, 4, 4, 4, 4, 4, 4, 5, 6, 7}, splats[10][2] = {{10, 8}, {5, 4}, {5, 4}, {5, 4}, {5, 4}, {5, 5}, {6, 5}, {0}};
+
+    for (size_t most = 0; most < 10; most++) {
+        struct spin_trainer t;
+        struct spin_densify_options o;
+        struct spin_densify_change change = {0};
+        uint32_t *place[2];
+        size_t n[2];
+
+        tracked_open(d, tracked_size, TRACKED, 2, 3, NULL, &t);
+        tracked_fill(d, &t, 0);
+        tracked_see(d, &t, gradient, seen);
+        tracked_places(place);
+        spin_densify_defaults(&o);
+        o.extent = 1000;
+        o.max_points = most;
+        if (spin_densify_tracks(&t, &o, 1, place, n, &change) != SPIN_OK)
+            exit(1);
+        ok(t.n_tracks == tracks[most] &&
+               (most > 6 ? n[0] <= most && n[1] <= most : n[0] == splats[most][0] && n[1] == splats[most][1]),
+           "at most %zu splats: %zu tracks, %zu and %zu splats", most, t.n_tracks, n[0], n[1]);
+        free(place[0]), free(place[1]);
+        spin_trainer_close(&t);
+    }
+}
+
 TAP_MAIN
 {
     struct spin_device *d;
@@ -262,9 +424,13 @@ TAP_MAIN
     check_noise();
     d = check_device(2);
     check_densify(d);
+    check_carried(d);
+    check_numbers_drawn(d);
+    check_most(d);
     check_device_free(d);
     d = strict_open(check_device(1), 1, 1);
     check_densify(d);
+    check_carried(d);
     ok(strict_complaints() == 0, "no complaint of the strict device");
     strict_close(d);
 }
