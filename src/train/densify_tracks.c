@@ -336,8 +336,8 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     memset(before.point, 0, (n + 1) * sizeof *before.point);
     SPIN_TRY_OUT(carry_frame(c->t->device, frame, before.point, false));
     n_tracked = find_rows(c, &seen, n);
-    SPIN_TRY_OUT(change_free(c, f, &seen, before.point, frame->size.n_free, n_tracked, &rows.cloud,
-                             sum));
+    SPIN_TRY_OUT(
+        change_free(c, f, &seen, before.point, frame->size.n_free, n_tracked, &rows.cloud, sum));
     SPIN_TRY_OUT(add_tracked(c, before.point, &rows));
     SPIN_TRY_OUT(permute(&rows, permutation));
     status = replace_frame(c, f, &rows);

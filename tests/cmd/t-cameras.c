@@ -26,13 +26,43 @@ static struct gaussian scene[FRAMES][SPLATS];
 static void make_scene(void)
 {
     static const struct gaussian first[SPLATS] = {
-        {{-0.9, -0.4, 0.2}, {0.5, 0.15, 0.2}, {0.9, 0.1, -0.3, 0.2}, 0.9, {0.7, 0.2, 0.1}, {0.1, 0, 0}},
-        {{0.8, 0.3, -0.4}, {0.2, 0.45, 0.1}, {0.3, -0.5, 0.7, 0.1}, 0.8, {0.1, 0.6, 0.2}, {0, 0.1, 0}},
-        {{0.1, 0.9, 0.6}, {0.3, 0.1, 0.4}, {0.5, 0.5, 0.1, -0.6}, 0.7, {0.2, 0.3, 0.7}, {0, 0, 0.1}},
-        {{0.3, -0.8, 0.9}, {0.04, 0.05, 0.03}, {1, 0, 0, 0}, 0.95, {0.8, 0.7, 0.1}, {0.05, 0.05, 0}},
-        {{-0.5, 0.6, -0.7}, {0.25, 0.3, 0.2}, {-0.2, 0.6, 0.3, 0.7}, 0.6, {0.5, 0.1, 0.6}, {0, 0.1, 0.1}},
+        {{-0.9, -0.4, 0.2},
+         {0.5, 0.15, 0.2},
+         {0.9, 0.1, -0.3, 0.2},
+         0.9,
+         {0.7, 0.2, 0.1},
+         {0.1, 0, 0}},
+        {{0.8, 0.3, -0.4},
+         {0.2, 0.45, 0.1},
+         {0.3, -0.5, 0.7, 0.1},
+         0.8,
+         {0.1, 0.6, 0.2},
+         {0, 0.1, 0}},
+        {{0.1, 0.9, 0.6},
+         {0.3, 0.1, 0.4},
+         {0.5, 0.5, 0.1, -0.6},
+         0.7,
+         {0.2, 0.3, 0.7},
+         {0, 0, 0.1}},
+        {{0.3, -0.8, 0.9},
+         {0.04, 0.05, 0.03},
+         {1, 0, 0, 0},
+         0.95,
+         {0.8, 0.7, 0.1},
+         {0.05, 0.05, 0}},
+        {{-0.5, 0.6, -0.7},
+         {0.25, 0.3, 0.2},
+         {-0.2, 0.6, 0.3, 0.7},
+         0.6,
+         {0.5, 0.1, 0.6},
+         {0, 0.1, 0.1}},
         /* far above: beyond where the Jacobian follows, and still in the picture of the first camera */
-        {{-0.3, -6.4, 0.1}, {1.2, 1.0, 0.9}, {0.7, 0.2, -0.1, 0.3}, 0.9, {0.3, 0.6, 0.6}, {0.1, 0, 0.1}}};
+        {{-0.3, -6.4, 0.1},
+         {1.2, 1.0, 0.9},
+         {0.7, 0.2, -0.1, 0.3},
+         0.9,
+         {0.3, 0.6, 0.6},
+         {0.1, 0, 0.1}}};
     static const double eye[CAMERAS][3] = {
         {0, 0.2, -6}, {-4, 0.5, -4}, {0.5, 0.3, 6.5}, {4.5, -0.5, -3}, {1, -6, 0.5}};
     static const double roll[CAMERAS] = {0.1, 3.14159265358979, 0.3, 1.5, -0.7};
@@ -59,7 +89,8 @@ static void matrix_of(const double q[4], double m[3][3])
 {
     double square = dot(q, q) + q[3] * q[3], u[3] = {q[1], q[2], q[3]};
 
-    for (int c = 0; c < 3; c++) { /* the images of the unit vectors: v + 2 w (u x v) + 2 u x (u x v) */
+    for (int c = 0; c < 3;
+         c++) { /* the images of the unit vectors: v + 2 w (u x v) + 2 u x (u x v) */
         double e[3] = {c == 0, c == 1, c == 2}, a[3], b[3];
 
         across(u, e, a);
@@ -74,9 +105,13 @@ struct blob {
     double z, u, v, conic[3], opacity, rgb[3];
 };
 
-static double clamped(double v, double limit) { return v > limit ? limit : v < -limit ? -limit : v; }
+static double clamped(double v, double limit)
+{
+    return v > limit ? limit : v < -limit ? -limit : v;
+}
 
-static struct blob project(const struct gaussian *g, const struct spin_camera *c, const struct pose *p)
+static struct blob project(const struct gaussian *g, const struct spin_camera *c,
+                           const struct pose *p)
 {
     const double *axis[3] = {p->right, p->down, p->ahead};
     double rot[3][3], at[3], away[3], j[2][3], cov[3] = {0.3, 0, 0.3}, det;
@@ -99,7 +134,8 @@ static struct blob project(const struct gaussian *g, const struct spin_camera *c
         j[1][k] = c->fy / at[2] * (axis[1][k] - y * axis[2][k]);
     }
     for (int k = 0; k < 3; k++) { /* and by one scale along each axis of the Gaussian */
-        double along[3] = {rot[0][k] * g->scale[k], rot[1][k] * g->scale[k], rot[2][k] * g->scale[k]};
+        double along[3] = {rot[0][k] * g->scale[k], rot[1][k] * g->scale[k],
+                           rot[2][k] * g->scale[k]};
         double du = dot(j[0], along), dv = dot(j[1], along);
 
         cov[0] += du * du;
@@ -140,7 +176,8 @@ static void see(int f, const struct spin_camera *c, const struct pose *p, double
             rgb[0] = rgb[1] = rgb[2] = 0;
             for (int i = 0; i < n; i++) {
                 double dx = x + 0.5 - b[i].u, dy = y + 0.5 - b[i].v;
-                double power = b[i].conic[0] * dx * dx + 2 * b[i].conic[1] * dx * dy + b[i].conic[2] * dy * dy;
+                double power =
+                    b[i].conic[0] * dx * dx + 2 * b[i].conic[1] * dx * dy + b[i].conic[2] * dy * dy;
                 double alpha = fmin(0.99, b[i].opacity * exp(-power / 2));
 
                 if (alpha < 1 / 255.0)
@@ -168,12 +205,15 @@ static void write_photo(int f, int k)
 
     see(f, c, &pose[f][k], image);
     for (int i = 0; i < 3 * c->width * c->height; i++)
-        rgb[i] = (uint8_t)lrint(255 * image[i] + (moves(c, i / 3 % c->width) ? brighter + 10 : brighter));
+        rgb[i] = (uint8_t)lrint(255 * image[i] +
+                                (moves(c, i / 3 % c->width) ? brighter + 10 : brighter));
     for (int i = 0; i < c->width * c->height / 4; i++)
         memset(mask + 3 * i, moves(c, 2 * (i % (c->width / 2))) ? 255 : 0, 3);
     for (int m = 0; m < 2; m++) {
-        snprintf(path, sizeof path, "%s/rig/%s/%d/%06d.png", folder, m ? "seg" : "ims", id[k], FIRST + f);
-        if (spin_image_write(path, c->width >> m, c->height >> m, m ? mask : rgb, false) != SPIN_OK) {
+        snprintf(path, sizeof path, "%s/rig/%s/%d/%06d.png", folder, m ? "seg" : "ims", id[k],
+                 FIRST + f);
+        if (spin_image_write(path, c->width >> m, c->height >> m, m ? mask : rgb, false) !=
+            SPIN_OK) {
             printf("#   %s\n", spin_last_error());
             exit(1);
         }
@@ -201,11 +241,14 @@ static void write_meta(const char *name, int first, int end)
 
                 fprintf(to, "%s", k > first ? ", " : "");
                 if (l == 0)
-                    fprintf(to, "[[%.17g, 0, %.17g], [0, %.17g, %.17g], [0, 0, 1]]", c->fx, c->cx, c->fy, c->cy);
+                    fprintf(to, "[[%.17g, 0, %.17g], [0, %.17g, %.17g], [0, 0, 1]]", c->fx, c->cx,
+                            c->fy, c->cy);
                 else if (l == 1)
-                    fprintf(to, "[[%.17g, %.17g, %.17g, %.17g], [%.17g, %.17g, %.17g, %.17g], "
-                                "[%.17g, %.17g, %.17g, %.17g], [0, 0, 0, 1]]",
-                            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11]);
+                    fprintf(to,
+                            "[[%.17g, %.17g, %.17g, %.17g], [%.17g, %.17g, %.17g, %.17g], "
+                            "[%.17g, %.17g, %.17g, %.17g], [0, 0, 0, 1]]",
+                            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10],
+                            m[11]);
                 else if (l == 2)
                     fprintf(to, "\"%d/%06d.png\"", id[k], FIRST + f);
                 else
@@ -223,15 +266,18 @@ static void write_bundle(void)
 {
     enum { SH = 12 };
     static const double c0 = 0.28209479177387814, c1 = 0.4886025119029199;
-    struct spin_bundle_meta meta = {
-        .columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, .sh_degree = 1, .numbered = true, .n_source_frames = FRAMES};
+    struct spin_bundle_meta meta = {.columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+                                    .sh_degree = 1,
+                                    .numbered = true,
+                                    .n_source_frames = FRAMES};
     struct spin_bundle_writer w;
     struct spin_splats s = {0};
     char path[700];
 
     snprintf(path, sizeof path, "%s/rig.spin", folder);
     snprintf(meta.from, sizeof meta.from, "test");
-    if (spin_bundle_meta_reserve(&meta, FRAMES) != SPIN_OK || spin_bundle_writer_open(path, true, false, &w) != SPIN_OK ||
+    if (spin_bundle_meta_reserve(&meta, FRAMES) != SPIN_OK ||
+        spin_bundle_writer_open(path, true, false, &w) != SPIN_OK ||
         spin_splats_reserve(&s, SPLATS, meta.columns, 1) != SPIN_OK)
         exit(1);
     for (int f = 0; f < FRAMES; f++) {
@@ -257,8 +303,8 @@ static void write_bundle(void)
         if (spin_bundle_write_frame(&w, f, meta.columns, 0, &s) != SPIN_OK)
             exit(1);
     }
-    ok(spin_bundle_writer_finish(&w, &meta, spin_json_object()) == SPIN_OK, "a clip of three frames: %s",
-       spin_last_error());
+    ok(spin_bundle_writer_finish(&w, &meta, spin_json_object()) == SPIN_OK,
+       "a clip of three frames: %s", spin_last_error());
     spin_bundle_meta_free(&meta);
     spin_splats_free(&s);
 }
@@ -276,24 +322,26 @@ static void check_picture(const uint8_t *rgb, int whole, int x, int f, const str
     see(f, c, p, image);
     for (int i = 0; i < c->width * c->height; i++)
         for (int k = 0; k < 3; k++) {
-            double d = fabs(rgb[3 * (i / c->width * whole + x + i % c->width) + k] - 255 * image[3 * i + k]);
+            double d = fabs(rgb[3 * (i / c->width * whole + x + i % c->width) + k] -
+                            255 * image[3 * i + k]);
 
             sum += d / (3 * c->width * c->height);
             most = fmax(most, d);
         }
-    ok(most < 2 && sum < 0.3, "%s: what is seen, within %.2f of 255, %.3f on average", what, most, sum);
+    ok(most < 2 && sum < 0.3, "%s: what is seen, within %.2f of 255, %.3f on average", what, most,
+       sum);
 }
 
-static void check_file(const char *name, int panels, int panel, int gap, int f, const struct spin_camera *c,
-                       const struct pose *p)
+static void check_file(const char *name, int panels, int panel, int gap, int f,
+                       const struct spin_camera *c, const struct pose *p)
 {
     char path[700];
     uint8_t *rgb = NULL;
     int w = 0, h = 0;
 
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    if (ok(spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_OK && w == panels * c->width + (panels - 1) * gap &&
-               h == c->height,
+    if (ok(spin_image_read(path, NULL, &w, &h, &rgb) == SPIN_OK &&
+               w == panels * c->width + (panels - 1) * gap && h == c->height,
            "%s is of %d panels of %d x %d pixels", name, panels, c->width, c->height))
         check_picture(rgb, w, panel * (c->width + gap), f, c, p, name);
     free(rgb);
@@ -303,17 +351,25 @@ static void test_images(void)
 {
     char name[100];
 
-    ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to images --views all -o %s/all -q", bin, folder, folder,
-             folder) == 0 &&
-           shell("%s/spin-export %s/rig.spin --data %s/rig --to images --views all --size 70x60 -o %s/sized -q "
+    ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to images --views all -o %s/all -q", bin,
+             folder, folder, folder) == 0 &&
+           shell("%s/spin-export %s/rig.spin --data %s/rig --to images --views all --size 70x60 -o "
+                 "%s/sized -q "
                  "--range 4:6",
                  bin, folder, folder, folder) == 0,
        "exports pictures of all views: %s", said);
     for (int f = 0; f < FRAMES; f++)
         for (int k = 0; k < CAMERAS; k++) {
-            double s = 60.0 / lens[k].height; /* the same height of view, the centre as far from the middle */
-            struct spin_camera c = {70, 60, lens[k].fx * s, lens[k].fy * s,
-                                    35 + (lens[k].cx - lens[k].width / 2.0) * s, lens[k].cy * s, {0}};
+            double s =
+                60.0 /
+                lens[k].height; /* the same height of view, the centre as far from the middle */
+            struct spin_camera c = {70,
+                                    60,
+                                    lens[k].fx * s,
+                                    lens[k].fy * s,
+                                    35 + (lens[k].cx - lens[k].width / 2.0) * s,
+                                    lens[k].cy * s,
+                                    {0}};
 
             snprintf(name, sizeof name, "all/cam_%02d_frame_%05d.png", id[k], FIRST + f);
             check_file(name, 1, 0, 0, f, &camera[f][k], &pose[f][k]);
@@ -321,14 +377,16 @@ static void test_images(void)
             if (f > 0)
                 check_file(name, 1, 0, 0, f, &c, &pose[f][k]);
         }
-    ok(shell("ls %s/all/*.png %s/sized/*.png | wc -l", folder, folder) == 0 && atoi(said) == 15 + 10,
+    ok(shell("ls %s/all/*.png %s/sized/*.png | wc -l", folder, folder) == 0 &&
+           atoi(said) == 15 + 10,
        "and no other");
 }
 
 /* The camera that moves begins at the first training camera of the first frame asked for, with its lens. */
 static void test_path(void)
 {
-    ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to images --path train --repeat 2 --range 4:6 -o %s/train -q",
+    ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to images --path train --repeat 2 --range "
+             "4:6 -o %s/train -q",
              bin, folder, folder, folder) == 0,
        "exports a path: %s", said);
     check_file("train/train_frame_00000.png", 1, 0, 0, 1, &camera[1][0], &pose[1][0]);
@@ -367,7 +425,8 @@ static void test_eval(void)
     spin_json *j = NULL;
     int found = 0;
 
-    ok(shell("%s/spin-eval %s/rig.spin --data %s/rig --split all --json -q", bin, folder, folder) == 0 &&
+    ok(shell("%s/spin-eval %s/rig.spin --data %s/rig --split all --json -q", bin, folder, folder) ==
+               0 &&
            spin_json_parse("stdout", said, strlen(said), &j) == SPIN_OK,
        "measures all views");
     views = spin_json_get(j, "views");
@@ -376,7 +435,8 @@ static void test_eval(void)
 
         for (int f = 0; f < FRAMES; f++)
             for (int k = 0; k < CAMERAS; k++)
-                for (int part = 0; part < 3 && number(view, "frame") == FIRST + f && number(view, "camera") == id[k];
+                for (int part = 0; part < 3 && number(view, "frame") == FIRST + f &&
+                                   number(view, "camera") == id[k];
                      part++) {
                     double want = quality(f, k, part), error = fabs(number(view, key[part]) - want);
 
@@ -385,7 +445,8 @@ static void test_eval(void)
                     off[part] = error <= off[part] ? off[part] : error;
                 }
     }
-    ok(found == FRAMES * CAMERAS && spin_json_length(views) == FRAMES * CAMERAS, "each view once: %d", found);
+    ok(found == FRAMES * CAMERAS && spin_json_length(views) == FRAMES * CAMERAS,
+       "each view once: %d", found);
     for (int part = 0; part < 3; part++) {
         ok(off[part] < 0.1, "%s of every view: %g dB off", key[part], off[part]);
         near(number(j, key[part]), mean[part], 0.05, "its mean");
@@ -428,12 +489,13 @@ static void near3(const spin_json *clip_json, const char *key, const double want
 static void test_page(void)
 {
     const struct pose *p = &pose[1][0];
-    double middle[3], extent = 0, up[3] = {0}, target[3], along, least = INFINITY, most = 0, away[3];
+    double middle[3], extent = 0, up[3] = {0}, target[3], along, least = INFINITY, most = 0,
+                      away[3];
     char *page, *text;
     spin_json *j = NULL;
 
-    ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to html --range 4:6 -o %s/rig.html -q", bin, folder, folder,
-             folder) == 0,
+    ok(shell("%s/spin-export %s/rig.spin --data %s/rig --to html --range 4:6 -o %s/rig.html -q",
+             bin, folder, folder, folder) == 0,
        "exports a page: %s", said);
     page = file_of("rig.html");
     text = strstr(page, "id=\"clip\">");
@@ -514,11 +576,13 @@ static void test_report(void)
     const char *at;
     int rows = 0;
 
-    ok(shell("%s/spin-retrain %s/rig.spin --data %s/rig -o %s/net.spin --preset paper --device cpu --threads 1 "
+    ok(shell("%s/spin-retrain %s/rig.spin --data %s/rig -o %s/net.spin --preset paper --device cpu "
+             "--threads 1 "
              "--levels 2 --hash-log2 8 --finest-resolution 16 --hidden 16 --iterations 1 -q",
              bin, folder, folder, folder) == 0 &&
-           shell("%s/spin-eval %s/net.spin --data %s/rig --split all --report %s/report.html --images %s/eval -q", bin,
-                 folder, folder, folder, folder) == 0,
+           shell("%s/spin-eval %s/net.spin --data %s/rig --split all --report %s/report.html "
+                 "--images %s/eval -q",
+                 bin, folder, folder, folder, folder) == 0,
        "a report with pictures: %s", said);
     page = file_of("report.html");
     at = strstr(page, "<h2>The worst views");

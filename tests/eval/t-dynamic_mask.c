@@ -217,7 +217,8 @@ static void check_mask_size(int w, int h, unsigned most)
     snprintf(picture, sizeof picture, "%s/0_0.png", folder);
     v.mask = path;
     v.path = picture;
-    if (spin_image_write(path, w, h, rgb, false) != SPIN_OK || spin_views_add(&odd, &v) != SPIN_OK ||
+    if (spin_image_write(path, w, h, rgb, false) != SPIN_OK ||
+        spin_views_add(&odd, &v) != SPIN_OK ||
         spin_image_cache_open(&odd, 0, black, &pixels) != SPIN_OK ||
         spin_dynamic_mask_open(&odd, &pixels, SPIN_DYNAMIC_AUTO, &pair, 1, &m) != SPIN_OK ||
         spin_dynamic_mask_keep(&m) != SPIN_OK)
@@ -293,7 +294,8 @@ static size_t chosen_of(int n, void (*change)(struct spin_camera *), size_t *cho
         for (int camera = 0; camera < 2; camera++) {
             struct spin_view v = {.dataset_frame = f, .camera_id = camera, .path = (char *)"none"};
 
-            v.camera = (struct spin_camera){64, 48, 70, 55, 20, 33, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+            v.camera =
+                (struct spin_camera){64, 48, 70, 55, 20, 33, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
             if (change && camera == 1 && f == n / 2)
                 change(&v.camera);
             if (spin_views_add(&clip, &v) != SPIN_OK)
@@ -318,11 +320,13 @@ static void check_long_clips(void)
     size_t chosen[SPIN_MOVING_ROWS];
 
     for (int n = 24; n < 500; n += n < 28 ? 1 : 71) {
-        size_t k = chosen_of(n, NULL, chosen), most = n < SPIN_MOVING_ROWS ? (size_t)n : SPIN_MOVING_ROWS;
+        size_t k = chosen_of(n, NULL, chosen),
+               most = n < SPIN_MOVING_ROWS ? (size_t)n : SPIN_MOVING_ROWS;
         bool even = k == most;
 
         for (size_t i = 0; i < k; i++) /* view 2 f + 1 is that of frame f */
-            even = even && chosen[i] == 2 * (size_t)ceil((double)i * (n - 1) / (double)(most - 1)) + 1;
+            even =
+                even && chosen[i] == 2 * (size_t)ceil((double)i * (n - 1) / (double)(most - 1)) + 1;
         ok(even, "of %d frames %zu, evenly, with the first and the last", n, most);
     }
     ok(chosen_of(9, by_a_hair, chosen) == 9, "a camera that trembles stands still");
@@ -350,7 +354,8 @@ static void check_few_frames(void)
         snprintf(path, sizeof path, "%s/grey_%d.png", folder, f);
         for (size_t i = 0; i < 3 * PLANE; i++)
             image[i] = grey[f];
-        if (spin_image_save(path, W, H, image, false) != SPIN_OK || spin_views_add(&clip, &v) != SPIN_OK)
+        if (spin_image_save(path, W, H, image, false) != SPIN_OK ||
+            spin_views_add(&clip, &v) != SPIN_OK)
             exit(1);
         pair[f] = (struct spin_pair){f, (size_t)f};
     }

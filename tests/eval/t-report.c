@@ -132,7 +132,7 @@ static void check_crops(void)
 
             v.camera = (struct spin_camera){.width = W, .height = H, .fx = 90, .fy = 90};
             for (int i = 0; i < 3 * PLANE; i++)
-                image[i] = 0.3f + 0.002f * (float)(i % 97);
+                image[i] = 0.3f + 0.3f * (float)camera + 0.002f * (float)(i % 97);
             for (int y = top; y < top + 10 && camera == 0; y++)
                 for (int x = left; x < left + 10; x++)
                     image[y * W + x] = 1;

@@ -20,8 +20,8 @@ static double pose_error(const struct spin_camera *got, const struct pose *want)
     double worst = 0;
 
     for (int k = 0; k < 12; k++) /* NaN is worst */
-        worst = fabs(got->w2c[k] - wanted.w2c[k]) <= worst ? worst
-                                                          : fabs(got->w2c[k] - wanted.w2c[k]);
+        worst =
+            fabs(got->w2c[k] - wanted.w2c[k]) <= worst ? worst : fabs(got->w2c[k] - wanted.w2c[k]);
     return worst;
 }
 
@@ -140,8 +140,9 @@ static void test_spiral(void)
         struct pose want;
 
         for (int c = 0; c < 3; c++)
-            eye[c] = from[c] + 0.5 * (sin(3 * a) * first.right[c] + (0.5 - 0.5 * cos(3 * a)) * first.down[c] +
-                                      sin(a) * first.ahead[c]);
+            eye[c] = from[c] +
+                     0.5 * (sin(3 * a) * first.right[c] + (0.5 - 0.5 * cos(3 * a)) * first.down[c] +
+                            sin(a) * first.ahead[c]);
         want = look(eye, pivot[1], up, 0);
         worst = fmax(worst, pose_error(&got[i], &want));
     }
@@ -160,11 +161,14 @@ static void test_train(void)
         for (int i = 0; i < PICTURES; i++)
             nearest[k] = fmin(nearest[k], pose_error(&got[i], &rig[1][k]));
     }
-    ok(pose_error(&got[0], &rig[1][0]) < 1e-9, "begins at the first training camera of the first frame");
-    ok(nearest[1] < 0.4 && nearest[2] < 0.4 && fmin(pose_error(&got[PICTURES - 1], &rig[1][1]),
-                                                    pose_error(&got[PICTURES - 1], &rig[1][2])) < 1e-9,
+    ok(pose_error(&got[0], &rig[1][0]) < 1e-9,
+       "begins at the first training camera of the first frame");
+    ok(nearest[1] < 0.4 && nearest[2] < 0.4 &&
+           fmin(pose_error(&got[PICTURES - 1], &rig[1][1]),
+                pose_error(&got[PICTURES - 1], &rig[1][2])) < 1e-9,
        "comes by the others and ends at one: %g, %g", nearest[1], nearest[2]);
-    ok(nearest[3] > 0.5 && nearest[4] > 0.5, "not by those held out: %g, %g", nearest[3], nearest[4]);
+    ok(nearest[3] > 0.5 && nearest[4] > 0.5, "not by those held out: %g, %g", nearest[3],
+       nearest[4]);
     ok(got[7].width == 64 && got[7].height == 48 && got[7].fx == 70 && got[7].fy == 55 &&
            got[7].cx == 20 && got[7].cy == 33,
        "with the lens of the training cameras");
@@ -181,9 +185,11 @@ static void test_pace(void)
             struct spin_camera_path d = {.job = &job, .n_pictures = n};
 
             for (int f = 0; f < n_frames; f++)
-                for (int64_t p = spin_camera_path_first(&d, f); p < spin_camera_path_first(&d, f + 1); p++)
+                for (int64_t p = spin_camera_path_first(&d, f);
+                     p < spin_camera_path_first(&d, f + 1); p++)
                     good = good && (int)floor((double)(p * n_frames) / n) == f;
-            good = good && spin_camera_path_first(&d, 0) == 0 && spin_camera_path_first(&d, n_frames) == n;
+            good = good && spin_camera_path_first(&d, 0) == 0 &&
+                   spin_camera_path_first(&d, n_frames) == n;
         }
         ok(good, "%d frames in 1 to 39 pictures: each shows the frame of its time", n_frames);
     }
@@ -193,8 +199,10 @@ static void test_pace(void)
 static void test_resize(void)
 {
     static const int size[][2] = {{100, 60}, {30, 96}, {64, 48}, {0, 0}};
-    static const double want[][4] = {
-        {70 * 1.25, 55 * 1.25, 50 - 12 * 1.25, 33 * 1.25}, {140, 110, 15 - 24, 66}, {70, 55, 20, 33}, {70, 55, 20, 33}};
+    static const double want[][4] = {{70 * 1.25, 55 * 1.25, 50 - 12 * 1.25, 33 * 1.25},
+                                     {140, 110, 15 - 24, 66},
+                                     {70, 55, 20, 33},
+                                     {70, 55, 20, 33}};
 
     for (int i = 0; i < 4; i++) {
         struct spin_camera_path d = {.size = {size[i][0], size[i][1]}};
@@ -203,7 +211,8 @@ static void test_resize(void)
         spin_camera_path_resize(&d, &c);
         ok(c.width == (i < 3 ? size[i][0] : 64) && c.height == (i < 3 ? size[i][1] : 48) &&
                fabs(c.fx - want[i][0]) + fabs(c.fy - want[i][1]) + fabs(c.cx - want[i][2]) +
-                       fabs(c.cy - want[i][3]) < 1e-9,
+                       fabs(c.cy - want[i][3]) <
+                   1e-9,
            "--size %dx%d: %g %g, %g %g", size[i][0], size[i][1], c.fx, c.fy, c.cx, c.cy);
     }
 }
@@ -217,12 +226,14 @@ static struct pose turned(const double eye[3], double x, double y, double z, dou
     struct pose p;
 
     make_long(axis, 1);
-    for (int c = 0; c < 3; c++) { /* the images of the unit vectors, by the parts along and across */
+    for (int c = 0; c < 3;
+         c++) { /* the images of the unit vectors, by the parts along and across */
         double e[3] = {c == 0, c == 1, c == 2}, side[3];
 
         across(axis, e, side);
         for (int r = 0; r < 3; r++)
-            m[r][c] = axis[c] * axis[r] + cos(angle) * (e[r] - axis[c] * axis[r]) + sin(angle) * side[r];
+            m[r][c] =
+                axis[c] * axis[r] + cos(angle) * (e[r] - axis[c] * axis[r]) + sin(angle) * side[r];
     }
     memcpy(p.eye, eye, sizeof p.eye);
     memcpy(p.right, m[0], sizeof p.right);
@@ -236,7 +247,8 @@ static void open_path(const struct pose *pose, int n, struct spin_rig_path *path
     struct spin_views stops = {0};
 
     for (int i = 0; i < n; i++) {
-        struct spin_view v = {.camera_id = i, .camera = camera_of(train_lens, &pose[i]), .path = (char *)"none"};
+        struct spin_view v = {
+            .camera_id = i, .camera = camera_of(train_lens, &pose[i]), .path = (char *)"none"};
 
         if (spin_views_add(&stops, &v) != SPIN_OK)
             exit(1);
@@ -256,10 +268,10 @@ static double at_share(const struct spin_rig_path *path, double share, const str
 /* Between two cameras the place goes half of the way, and the rotation half of the shorter turn. */
 static void test_turns(void)
 {
-    static const double axis[][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 0}, {0, 1, 1},
+    static const double axis[][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1},  {1, 1, 0},  {0, 1, 1},
                                      {1, 0, 1}, {1, 2, 3}, {3, -2, 1}, {-1, 3, -2}};
-    static const double angle[][3] = {
-        {0, 90, 45}, {180, 90, 135}, {-80, 110, -165}, {170, -170, 180}, {180, 240, 210}, {10, 40, 25}};
+    static const double angle[][3] = {{0, 90, 45},      {180, 90, 135},  {-80, 110, -165},
+                                      {170, -170, 180}, {180, 240, 210}, {10, 40, 25}};
     static const double from[3] = {1, 2, 3}, to[3] = {3, 5, 9}, half[3] = {2, 3.5, 6};
 
     for (size_t k = 0; k < sizeof axis / sizeof *axis; k++) {
@@ -327,7 +339,8 @@ static void test_curve(void)
                    m1 = at < 3 ? slope[1] : slope[2], h = at < 3 ? 3 : 10, u = at < 3 ? at : at - 3;
             double q = (p1 - p0) / h;
 
-            want[c] = p0 + u * (m0 + u * ((3 * q - 2 * m0 - m1) / h + u * (m0 + m1 - 2 * q) / (h * h)));
+            want[c] =
+                p0 + u * (m0 + u * ((3 * q - 2 * m0 - m1) / h + u * (m0 + m1 - 2 * q) / (h * h)));
         }
         middle = turned(want, 3, 1, -2, 0.7);
         worst = fmax(worst, at_share(&path, at / 13, &middle));
@@ -361,7 +374,8 @@ static void check_first(int row, bool test, const double middle[3], double size,
     mean_up(row, up);
     spin_initial_view_first(&views, row, test, middle, size, &got);
     for (int c = 0; c < 3; c++)
-        off += fabs(got.eye[c] - p->eye[c]) + fabs(got.target[c] - target[c]) + fabs(got.up[c] - up[c]);
+        off += fabs(got.eye[c] - p->eye[c]) + fabs(got.target[c] - target[c]) +
+               fabs(got.up[c] - up[c]);
     ok(off < 1e-9, "%s: where it stands, what it looks at, which way is up: %g off", what, off);
     tan_x = 0.5 * lens->width / lens->fx;
     tan_y = 0.5 * lens->height / lens->fy;
@@ -396,8 +410,8 @@ static void test_middle(void)
     }
     for (int c = 0; c < 3; c++)
         s.means[3 * N + c] = NAN;
-    ok(spin_initial_view_middle(&s, middle, &size) == SPIN_OK && middle[0] == 50 && middle[1] == 160 &&
-           middle[2] == 7,
+    ok(spin_initial_view_middle(&s, middle, &size) == SPIN_OK && middle[0] == 50 &&
+           middle[1] == 160 && middle[2] == 7,
        "the middle: %g %g %g", middle[0], middle[1], middle[2]);
     near(size, 135, 1e-9, "of 95 * 3 less 5 * 3, half");
     spin_splats_free(&s);
@@ -409,7 +423,8 @@ static void test_pivot(void)
     struct spin_views other = {0};
     double at[3] = {0}, median = 0;
 
-    ok(spin_initial_view_pivot(&views, 1, at, &median) && fabs(at[0] - 1) + fabs(at[1] - 2) + fabs(at[2] - 3) < 1e-9,
+    ok(spin_initial_view_pivot(&views, 1, at, &median) &&
+           fabs(at[0] - 1) + fabs(at[1] - 2) + fabs(at[2] - 3) < 1e-9,
        "the place that all look at");
     near(median, 5, 1e-9, "half of them are as near");
     for (int k = 0; k < 3; k++) {
@@ -425,9 +440,11 @@ static void test_pivot(void)
         if (spin_views_add(&other, &v) != SPIN_OK)
             exit(1);
     }
-    ok(!spin_initial_view_pivot(&other, 0, at, &median), "cameras that look the same way have none");
+    ok(!spin_initial_view_pivot(&other, 0, at, &median),
+       "cameras that look the same way have none");
     for (int k = 0; k < 3; k++) { /* a ring that looks outwards */
-        double eye[3] = {cos(2.1 * k), 0.1, sin(2.1 * k)}, target[3] = {9 * eye[0], 0.2, 9 * eye[2]};
+        double eye[3] = {cos(2.1 * k), 0.1, sin(2.1 * k)},
+               target[3] = {9 * eye[0], 0.2, 9 * eye[2]};
         struct pose p = look(eye, target, (const double[3]){0, 1, 0}, 0.1);
 
         other.view[k].camera = camera_of(train_lens, &p);

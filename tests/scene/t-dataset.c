@@ -118,6 +118,15 @@ static void test_scale(void)
        "sizes are rounded");
     near(views.view[0].camera.fx, 10 * 5.0 / 9, 1e-12, "fx follows the real ratio");
     near(views.view[0].camera.cy, 2 * 3.0 / 5, 1e-12, "cy too");
+    views.view[2].camera = (struct spin_camera){64, 48, 90, 45, 20, 33, {0}};
+    ok(spin_views_scale(&views, 0.3) == SPIN_OK && views.view[2].camera.width == 19 &&
+           views.view[2].camera.height == 14,
+       "64 x 48 pixels at 0.3: 19 x 14");
+    near(fabs(views.view[2].camera.fx - 90 * 19.0 / 64) +
+             fabs(views.view[2].camera.fy - 45 * 14.0 / 48) +
+             fabs(views.view[2].camera.cx - 20 * 19.0 / 64) +
+             fabs(views.view[2].camera.cy - 33 * 14.0 / 48),
+         0, 1e-12, "a lens of two focal lengths, and a centre that is none");
     ok(spin_views_scale(&views, 0) == SPIN_E_USAGE &&
            spin_views_scale(&views, -1) == SPIN_E_USAGE &&
            spin_views_scale(&views, NAN) == SPIN_E_USAGE &&

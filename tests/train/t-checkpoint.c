@@ -20,8 +20,8 @@ struct run {
 };
 
 /* A trainer of these sizes with a lazy table, as a run begins it. */
-static void begin(struct run *r, struct spin_device *d, const struct spin_frame_size *frame, size_t n, size_t n_moving,
-                  size_t n_varying)
+static void begin(struct run *r, struct spin_device *d, const struct spin_frame_size *frame,
+                  size_t n, size_t n_moving, size_t n_varying)
 {
     memset(r, 0, sizeof *r);
     tracked_open(d, frame, n, n_moving, n_varying, &field, &r->t);
@@ -63,7 +63,8 @@ static int list(struct spin_trainer *t, struct array *a)
     for (int f = 0; f < TRACKED_FRAMES; f++)
         for (int k = 0; k < 6; k++)
             a[n++] = (struct array){tracked_part(&t->frame[f], k % 3, k > 2),
-                                    k > 2 ? 11 * t->frame[f].size.n_residual : 3 * t->frame[f].size.n_pos};
+                                    k > 2 ? 11 * t->frame[f].size.n_residual
+                                          : 3 * t->frame[f].size.n_pos};
     for (int f = 0; f < TRACKED_FRAMES; f++) {
         a[n++] = (struct array){t->frame[f].gradient, t->frame[f].size.n};
         a[n++] = (struct array){t->frame[f].seen, t->frame[f].size.n};
@@ -120,8 +121,8 @@ static spin_status resume(struct run *r, struct spin_device *d, const char *from
 
     if (status != SPIN_OK)
         return status;
-    ok(memcmp(frame, tracked_size, sizeof frame) == 0 && size.n_tracks == TRACKED && size.n_moving == 2 &&
-           size.n_varying == 3,
+    ok(memcmp(frame, tracked_size, sizeof frame) == 0 && size.n_tracks == TRACKED &&
+           size.n_moving == 2 && size.n_varying == 3,
        "the sizes of its frames and tracks");
     begin(r, d, frame, size.n_tracks, size.n_moving, size.n_varying);
     r->c.path = from;
@@ -153,7 +154,8 @@ static void check_back(struct spin_device *d)
         size_t bytes = a[i].n * sizeof(float);
         void *x = malloc(bytes + 1), *y = malloc(bytes + 1);
 
-        wrong += a[i].n == 0 || a[i].n != b[i].n || d->op->download(d, x, a[i].at, bytes) != SPIN_OK ||
+        wrong += a[i].n == 0 || a[i].n != b[i].n ||
+                 d->op->download(d, x, a[i].at, bytes) != SPIN_OK ||
                  d->op->download(d, y, b[i].at, bytes) != SPIN_OK || memcmp(x, y, bytes) != 0;
         free(x), free(y);
     }
@@ -165,7 +167,8 @@ static void check_back(struct spin_device *d)
            "the places of frame %d in the output", f);
     now.c.start_s -= 30;
     near(spin_checkpoint_seconds(&now.c), 180, 5, "seconds of all runs: 100, 50 and 30");
-    ok(now.c.refine_s == 7 && now.c.loss == 0.125 && now.c.saved == ITERATION, "and what else is told of it");
+    ok(now.c.refine_s == 7 && now.c.loss == 0.125 && now.c.saved == ITERATION,
+       "and what else is told of it");
     end(&was);
     end(&now);
 }
@@ -190,12 +193,14 @@ static void alter(const char *name, size_t i, uint32_t bits)
         if (spin_zip_read(&npz.zip, m, true, 1 << 26, &bytes, &owned) != SPIN_OK)
             exit(1);
         memcpy(copy, bytes, m->size);
-        if (strncmp(m->name, name, strlen(name)) == 0 && strcmp(m->name + strlen(name), ".npy") == 0) {
+        if (strncmp(m->name, name, strlen(name)) == 0 &&
+            strcmp(m->name + strlen(name), ".npy") == 0) {
             memcpy(copy + 10 + copy[8] + 256 * copy[9] + 4 * i, &bits, 4);
             found = true;
         }
         if (spin_zip_member_begin(&w, m->name, m->size) != SPIN_OK ||
-            spin_zip_member_write(&w, copy, m->size) != SPIN_OK || spin_zip_member_end(&w) != SPIN_OK)
+            spin_zip_member_write(&w, copy, m->size) != SPIN_OK ||
+            spin_zip_member_end(&w) != SPIN_OK)
             exit(1);
         free(copy);
         free(owned);
@@ -222,9 +227,11 @@ static void check_refused(struct spin_device *d)
         uint32_t bits;
         const char *why;
     } bad[] = {
-        {"frames/00001/track", 1, 2, "does not fit the tracks"}, /* two splats of track 2, none of 1 */
+        {"frames/00001/track", 1, 2,
+         "does not fit the tracks"}, /* two splats of track 2, none of 1 */
         {"frames/00001/track", 1, 3, "does not fit the tracks"},
-        {"frames/00000/track", 0, 1, "does not fit the tracks"}, /* a track where splats have none */
+        {"frames/00000/track", 0, 1,
+         "does not fit the tracks"}, /* a track where splats have none */
         {"frames/00000/track", 2, 0xffffffffu, "does not fit the tracks"},
         {"frames/00000/track", 4, 4, "does not fit the tracks"}, /* there are four */
         {"frames/00000/place", 1, 2, "does not fit the tracks"}, /* twice */
@@ -248,9 +255,11 @@ static void check_refused(struct spin_device *d)
     ok(resume(&r, d, other) == SPIN_OK, "a line of the table that took the last step");
     end(&r);
     alter("table/last", 1, bits_of(ITERATION + 1));
-    ok(resume(&r, d, other) == SPIN_E_MALFORMED && strstr(spin_last_error(), "row 1 is no step done"),
+    ok(resume(&r, d, other) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "row 1 is no step done"),
        "not one that took a step more: %s", spin_last_error());
-    ok(spin_checkpoint_sizes(&c, frame, &size) == SPIN_E_USAGE && strstr(spin_last_error(), "another input"),
+    ok(spin_checkpoint_sizes(&c, frame, &size) == SPIN_E_USAGE &&
+           strstr(spin_last_error(), "another input"),
        "of another input: %s", spin_last_error());
     begin(&r, d, tracked_size, TRACKED, 2, 3);
     r.c.fingerprint = "another input";
@@ -259,7 +268,8 @@ static void check_refused(struct spin_device *d)
     r.t.rates.iterations = ITERATION;
     ok(spin_checkpoint_load(&r.c, &r.t) == SPIN_OK, "the state of the last iteration");
     r.t.rates.iterations = ITERATION - 1;
-    ok(spin_checkpoint_load(&r.c, &r.t) == SPIN_E_MALFORMED && strstr(spin_last_error(), "iteration"),
+    ok(spin_checkpoint_load(&r.c, &r.t) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "iteration"),
        "not one beyond it: %s", spin_last_error());
     end(&r);
 }
@@ -331,7 +341,10 @@ static char *fingerprint_of(const struct input *in)
     return text;
 }
 
-static void by_nothing(struct input *in) { in->o.n_threads++, in->o.save_every++, in->o.force = true; }
+static void by_nothing(struct input *in)
+{
+    in->o.n_threads++, in->o.save_every++, in->o.force = true;
+}
 static void by_number(struct input *in) { in->info[2].number++; }
 static void by_order(struct input *in) { in->frame[0] = 2, in->frame[1] = 1; }
 static void by_count(struct input *in) { in->counts[1]++; }
@@ -386,7 +399,8 @@ static void check_fingerprint(void)
             if (none)
                 ok(strcmp(was, now) == 0, "threads and files say nothing of what comes out");
             else if (by[i].explicit_too || !alone)
-                ok(strcmp(was, now) != 0, "the fingerprint tells %s%s", by[i].what, alone ? ", frame by frame" : "");
+                ok(strcmp(was, now) != 0, "the fingerprint tells %s%s", by[i].what,
+                   alone ? ", frame by frame" : "");
             free(was), free(now);
         }
 }

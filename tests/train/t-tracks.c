@@ -259,7 +259,8 @@ static void check_densify(struct spin_device *d)
 static const int track_from[5] = {0, 1, 2, -3, 3}, n_row[2] = {5, 5},
                  row_from[2][5] = {{0, 2, 3, -4, 4}, {0, 1, 2, -3, 3}};
 
-static int wrong_values(const float *got, size_t n, int part, int frame, const int *from, int first, int end)
+static int wrong_values(const float *got, size_t n, int part, int frame, const int *from, int first,
+                        int end)
 {
     int wrong = 0;
 
@@ -298,8 +299,10 @@ static void check_carried(struct spin_device *d)
     if (spin_densify_tracks(&t, &o, 1, place, n, &change) != SPIN_OK)
         exit(1);
     ok(change.clones == 1 && change.splits == 0 && change.pruned == 1,
-       "a mean gradient at the threshold is enough, one over two frames is of both: %zu clones", change.clones);
-    ok(t.n_tracks == 5 && t.n_moving == 2 && t.n_varying == 4, "the new track varies, as its parent does");
+       "a mean gradient at the threshold is enough, one over two frames is of both: %zu clones",
+       change.clones);
+    ok(t.n_tracks == 5 && t.n_moving == 2 && t.n_varying == 4,
+       "the new track varies, as its parent does");
     for (int part = 0; part < 3; part++) {
         float SPIN_DEV *at[] = {t.tracks.p, t.tracks.m, t.tracks.v};
 
@@ -315,9 +318,11 @@ static void check_carried(struct spin_device *d)
                frame->size.n_pos == 2 && frame->size.n_residual == 4,
            "frame %d: %zu splats", f, n[f]);
         for (int part = 0; part < 3; part++) {
-            wrong += d->op->download(d, got, tracked_part(frame, part, false), sizeof *got * 3 * 2) != SPIN_OK;
+            wrong += d->op->download(d, got, tracked_part(frame, part, false),
+                                     sizeof *got * 3 * 2) != SPIN_OK;
             wrong += wrong_values(got, 2, part, f, row_from[f], 0, 3);
-            wrong += d->op->download(d, got, tracked_part(frame, part, true), sizeof *got * 11 * 4) != SPIN_OK;
+            wrong += d->op->download(d, got, tracked_part(frame, part, true),
+                                     sizeof *got * 11 * 4) != SPIN_OK;
             wrong += wrong_values(got, 4, part, f, row_from[f], 3, 14);
         }
         ok(wrong == 0, "its splats keep theirs");
@@ -328,7 +333,8 @@ static void check_carried(struct spin_device *d)
 }
 
 /* Everything is large and split: where the children are, of tracks and of the splats without one of frame 0. */
-static void split_all(struct spin_device *d, uint64_t seed, int iteration, float *of_tracks, float *of_free)
+static void split_all(struct spin_device *d, uint64_t seed, int iteration, float *of_tracks,
+                      float *of_free)
 {
     static const float gradient[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
     static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
@@ -345,14 +351,17 @@ static void split_all(struct spin_device *d, uint64_t seed, int iteration, float
     spin_densify_defaults(&o);
     o.extent = 1e-6;
     o.seed = seed;
-    if (spin_densify_tracks(&t, &o, iteration, place, n, &change) != SPIN_OK || change.splits != 7 ||
+    if (spin_densify_tracks(&t, &o, iteration, place, n, &change) != SPIN_OK ||
+        change.splits != 7 ||
         d->op->download(d, of_tracks, t.tracks.p, sizeof *of_tracks * 6) != SPIN_OK ||
         d->op->download(d, of_free, t.frame[0].pos, sizeof *of_free * 6) != SPIN_OK)
         exit(1);
     for (int i = 0; i < 2; i++) /* first children: less where their parents were, of a unit */
         for (int c = 0; c < 3; c++) {
-            of_tracks[3 * i + c] = (of_tracks[3 * i + c] - tracked_value(0, -1, i, c)) / expf(tracked_value(0, -1, i, 3 + c));
-            of_free[3 * i + c] = (of_free[3 * i + c] - tracked_value(0, 0, i, c)) / expf(tracked_value(0, 0, i, 3 + c));
+            of_tracks[3 * i + c] = (of_tracks[3 * i + c] - tracked_value(0, -1, i, c)) /
+                                   expf(tracked_value(0, -1, i, 3 + c));
+            of_free[3 * i + c] = (of_free[3 * i + c] - tracked_value(0, 0, i, c)) /
+                                 expf(tracked_value(0, 0, i, 3 + c));
         }
     for (int f = 0; f < 2; f++)
         free(place[f]);
@@ -376,10 +385,13 @@ static void check_numbers_drawn(struct spin_device *d)
     split_all(d, 5, 3, track[1], own[1]);
     split_all(d, 6, 3, track[2], own[2]);
     split_all(d, 5, 4, track[3], own[3]);
-    check_same_bits(track[1], track[0], sizeof track[0], "one seed, one iteration: the same children of tracks");
+    check_same_bits(track[1], track[0], sizeof track[0],
+                    "one seed, one iteration: the same children of tracks");
     check_same_bits(own[1], own[0], sizeof own[0], "and of splats without");
-    ok(farthest(track[2], track[0], 6) > 0.1 && farthest(own[2], own[0], 6) > 0.1, "another seed: others");
-    ok(farthest(track[3], track[0], 6) > 0.1 && farthest(own[3], own[0], 6) > 0.1, "another iteration: others");
+    ok(farthest(track[2], track[0], 6) > 0.1 && farthest(own[2], own[0], 6) > 0.1,
+       "another seed: others");
+    ok(farthest(track[3], track[0], 6) > 0.1 && farthest(own[3], own[0], 6) > 0.1,
+       "another iteration: others");
     ok(farthest(track[0], own[0], 3) > 0.1, "tracks and splats without do not share their numbers");
 }
 
@@ -388,7 +400,9 @@ static void check_most(struct spin_device *d)
 {
     static const float gradient[2][5] = {{3, 3, 1, 1, 1}, {2, 1, 1, 1}};
     static const uint32_t seen[2][5] = {{1, 1, 1, 1, 1}, {1, 1, 1, 1}};
-    static const size_t tracks[10] = {8, 4, 4, 4, 4, 4, 4, 5, 6, 7}, splats[10][2] = {{10, 8}, {5, 4}, {5, 4}, {5, 4}, {5, 4}, {5, 5}, {6, 5}, {0}};
+    static const size_t tracks[10] = {8, 4, 4, 4, 4, 4, 4, 5, 6, 7},
+                        splats[10][2] = {{10, 8}, {5, 4}, {5, 4}, {5, 4},
+                                         {5, 4},  {5, 5}, {6, 5}, {0}};
 
     for (size_t most = 0; most < 10; most++) {
         struct spin_trainer t;
@@ -407,7 +421,8 @@ static void check_most(struct spin_device *d)
         if (spin_densify_tracks(&t, &o, 1, place, n, &change) != SPIN_OK)
             exit(1);
         ok(t.n_tracks == tracks[most] &&
-               (most > 6 ? n[0] <= most && n[1] <= most : n[0] == splats[most][0] && n[1] == splats[most][1]),
+               (most > 6 ? n[0] <= most && n[1] <= most
+                         : n[0] == splats[most][0] && n[1] == splats[most][1]),
            "at most %zu splats: %zu tracks, %zu and %zu splats", most, t.n_tracks, n[0], n[1]);
         free(place[0]), free(place[1]);
         spin_trainer_close(&t);

@@ -14,7 +14,8 @@
 /* Four tracks: 0 and 1 move, 2 stands still and varies, 3 does neither. Frame 0 has two splats without a track and lacks
  * track 1, frame 1 has one and lacks track 0. */
 enum { TRACKED = 4, TRACKED_FRAMES = 2, TRACKED_MOST = 16 };
-static const uint32_t tracked_of[2][5] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 0, 2, 3}, {SPIN_NO_TRACK, 1, 2, 3}};
+static const uint32_t tracked_of[2][5] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 0, 2, 3},
+                                          {SPIN_NO_TRACK, 1, 2, 3}};
 static const struct spin_frame_size tracked_size[2] = {{5, 2, 3, 4}, {4, 1, 2, 3}};
 
 /* Column c (0 to 13) of part 0 to 2 (value, moments) of a track, or of row `of` of a frame. Sizes of about a
@@ -38,8 +39,9 @@ static size_t tracked_at(size_t n, size_t i, int c)
 }
 
 /* Shapes of a trainer of that size, all zero. network: a small one with a lazy table. */
-static void tracked_open(struct spin_device *d, const struct spin_frame_size *frame, size_t n, size_t n_moving,
-                         size_t n_varying, const struct spin_field *network, struct spin_trainer *t)
+static void tracked_open(struct spin_device *d, const struct spin_frame_size *frame, size_t n,
+                         size_t n_moving, size_t n_varying, const struct spin_field *network,
+                         struct spin_trainer *t)
 {
     static const struct spin_field none;
     const struct spin_trainer_size size = {.n_frames = TRACKED_FRAMES,
@@ -60,7 +62,8 @@ static void tracked_open(struct spin_device *d, const struct spin_frame_size *fr
 
 static float SPIN_DEV *tracked_part(const struct spin_train_frame *f, int part, bool residual)
 {
-    float SPIN_DEV *pos[] = {f->pos, f->m, f->v}, *own[] = {f->residual, f->residual_m, f->residual_v};
+    float SPIN_DEV *pos[] = {f->pos, f->m, f->v},
+                   *own[] = {f->residual, f->residual_m, f->residual_v};
 
     return residual ? own[part] : pos[part];
 }
@@ -82,7 +85,8 @@ static void tracked_fill(struct spin_device *d, struct spin_trainer *t, float se
             for (size_t i = 0; i < n_pos; i++)
                 for (int c = 0; c < 3; c++)
                     host[tracked_at(n_pos, i, c)] = tracked_value(part, f, (int)i, c);
-            d->op->upload(d, tracked_part(&t->frame[f], part, false), host, sizeof *host * 3 * n_pos);
+            d->op->upload(d, tracked_part(&t->frame[f], part, false), host,
+                          sizeof *host * 3 * n_pos);
             for (size_t i = 0; i < n; i++)
                 for (int c = 3; c < 14; c++)
                     host[tracked_at(n, i, c) - 3 * n] = tracked_value(part, f, (int)i, c);
