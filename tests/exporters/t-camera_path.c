@@ -19,9 +19,8 @@ static double pose_error(const struct spin_camera *got, const struct pose *want)
     struct spin_camera wanted = camera_of(train_lens, want);
     double worst = 0;
 
-    for (int k = 0; k < 12; k++) /* NaN is worst */
-        worst =
-            fabs(got->w2c[k] - wanted.w2c[k]) <= worst ? worst : fabs(got->w2c[k] - wanted.w2c[k]);
+    for (int k = 0; k < 12; k++)
+        worst = isnan(got->w2c[k]) ? INFINITY : fmax(worst, fabs(got->w2c[k] - wanted.w2c[k]));
     return worst;
 }
 
@@ -295,25 +294,39 @@ static void test_turns(void)
     }
 }
 
-/* Four cameras in a line, the first not at its end: the nearest always would cross what it has passed. */
-static void test_order(void)
+/* A path through places in a plane that lies askew, in an order that is the shortest from the first. */
+static void check_order(const double place[][2], const int *order, int n, double way,
+                        const char *what)
 {
-    static const double place[4] = {0, 1, -1.5, 4}, order[4] = {0, -1.5, 1, 4};
     struct spin_rig_path path;
-    struct pose pose[4];
+    struct pose pose[8];
     bool good = true;
 
-    for (int i = 0; i < 4; i++) {
-        double eye[3] = {2 * place[i] / 7, 3 * place[i] / 7, 6 * place[i] / 7};
+    for (int i = 0; i < n; i++) { /* along two directions of length one that are at right angles */
+        double eye[3] = {(2 * place[i][0] + 6 * place[i][1]) / 7,
+                         (3 * place[i][0] + 2 * place[i][1]) / 7,
+                         (6 * place[i][0] - 3 * place[i][1]) / 7};
 
         pose[i] = turned(eye, 1, 2, 3, 0.4);
     }
-    open_path(pose, 4, &path);
-    for (int i = 0; i < 4; i++)
-        good = good && fabs(path.stop[i].eye[2] - 6 * order[i] / 7) < 1e-12;
-    ok(good, "the order that takes the least way from the first");
-    near(path.stop[3].at, 7, 1e-12, "1.5 + 2.5 + 3 units");
+    open_path(pose, n, &path);
+    for (int i = 0; i < n; i++)
+        for (int c = 0; c < 3; c++)
+            good = good && fabs(path.stop[i].eye[c] - pose[order[i]].eye[c]) < 1e-12;
+    ok(good, "%s", what);
+    near(path.stop[n - 1].at, way, 1e-12, "its way");
     spin_rig_path_free(&path);
+}
+
+static void test_order(void)
+{
+    static const double line[4][2] = {{0, 0}, {1, 0}, {-1.5, 0}, {4, 0}},
+                        spread[5][2] = {{3, 3}, {0, 3}, {0, 0}, {2, 1}, {3, 0}};
+    static const int line_order[4] = {0, 2, 1, 3}, spread_order[5] = {0, 3, 4, 2, 1};
+
+    check_order(line, line_order, 4, 7, "the nearest always would cross what it has passed");
+    check_order(spread, spread_order, 5, sqrt(5) + sqrt(2) + 6,
+                "turning pieces round alone is not enough");
 }
 
 /* Three stops at unlike distances: cubics that meet at the middle one with the speed of the stops around it. */
@@ -427,21 +440,19 @@ static void test_pivot(void)
            fabs(at[0] - 1) + fabs(at[1] - 2) + fabs(at[2] - 3) < 1e-9,
        "the place that all look at");
     near(median, 5, 1e-9, "half of them are as near");
-    for (int k = 0; k < 3; k++) {
-        static const double ahead[3] = {0.001, 0.002, -1};
-        double eye[3] = {k, 2 * k % 3, 4}, target[3];
+    for (int k = 0; k < 3;
+         k++) { /* towards a place that is a thousand times as far as they are apart */
+        double eye[3] = {k, k % 2, 4}, target[3] = {0, 0, -996};
         struct pose p;
         struct spin_view v = {.camera_id = k, .path = (char *)"none"};
 
-        for (int c = 0; c < 3; c++)
-            target[c] = eye[c] + ahead[c] * (c < 2 ? k : 1);
         p = look(eye, target, (const double[3]){0, 1, 0.1}, k);
         v.camera = camera_of(train_lens, &p);
         if (spin_views_add(&other, &v) != SPIN_OK)
             exit(1);
     }
     ok(!spin_initial_view_pivot(&other, 0, at, &median),
-       "cameras that look the same way have none");
+       "cameras that look about the same way have none");
     for (int k = 0; k < 3; k++) { /* a ring that looks outwards */
         double eye[3] = {cos(2.1 * k), 0.1, sin(2.1 * k)},
                target[3] = {9 * eye[0], 0.2, 9 * eye[2]};
