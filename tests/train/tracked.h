@@ -28,7 +28,7 @@ static float tracked_value(int part, int frame, int of, int c)
     return part > 0 ? (float)(10 * part + c) + own : base[c] + (c < 6 || c > 9 ? own : 0);
 }
 
-/* The place of column c of row i in groups of 3, 4, 3 and 1 column of n rows, behind `first` rows of places. */
+/* The place of column c of row i: groups of 3, 3, 4, 3 columns and of one, n rows each. */
 static size_t tracked_at(size_t n, size_t i, int c)
 {
     return c < 3    ? 3 * i + (size_t)c
@@ -38,7 +38,7 @@ static size_t tracked_at(size_t n, size_t i, int c)
                     : 13 * n + i;
 }
 
-/* Shapes of a trainer of that size, all zero. network: a small one with a lazy table. */
+/* A trainer of that size, all zero; with a network or NULL. */
 static void tracked_open(struct spin_device *d, const struct spin_frame_size *frame, size_t n,
                          size_t n_moving, size_t n_varying, const struct spin_field *network,
                          struct spin_trainer *t)
