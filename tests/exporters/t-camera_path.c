@@ -299,7 +299,7 @@ static void check_order(const double place[][2], const int *order, int n, double
                         const char *what)
 {
     struct spin_rig_path path;
-    struct pose pose[8] = {{{0}}};
+    struct pose pose[8] = {0};
     bool good = true;
 
     for (int i = 0; i < n; i++) { /* along two directions of length one that are at right angles */
