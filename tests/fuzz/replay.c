@@ -13,26 +13,24 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n);
 
 static int count, failed;
 
+/* Read as it is: the library would not open all that is hostile. */
 static void replay_file(const char *path)
 {
-    struct spin_map map;
-    uint8_t *copy;
+    FILE *file = fopen(path, "rb");
+    long n = file && fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
+    uint8_t *data = n < 0 ? NULL : malloc((size_t)n + (n == 0));
+    bool whole = data && fseek(file, 0, SEEK_SET) == 0 && fread(data, 1, (size_t)n, file) == (size_t)n;
 
     count++;
-    if (spin_map_open(path, &map) != SPIN_OK) {
-        failed++;
-        printf("not ok %d - %s\n", count, spin_last_error());
-        return;
-    }
-    copy = malloc(map.size ? map.size : 1);
-    if (copy) {
-        memcpy(copy, map.data, map.size);
-        LLVMFuzzerTestOneInput(copy, map.size);
-    }
-    free(copy);
-    spin_map_close(&map);
-    printf("ok %d - survives '%s'\n", count, spin_path_name(path));
+    failed += !whole;
+    if (whole)
+        LLVMFuzzerTestOneInput(data, (size_t)n);
+    printf(whole ? "ok %d - survives '%s'\n" : "not ok %d - cannot read '%s'\n", count,
+           spin_path_name(path));
     fflush(stdout);
+    free(data);
+    if (file)
+        fclose(file);
 }
 
 static void replay(const char *path)
