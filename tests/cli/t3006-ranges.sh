@@ -1,0 +1,142 @@
+#!/bin/sh
+# K: range export ply gltf glb splat compressed-ply spz sog usd html images video eval retrain refine
+# --range, through every command: of a clip of five frames with other counts, places, colours and pictures, frames 2 to 4
+# and frames 1 and 3 give what a clip gives that has no others.
+. tests/cli/lib.sh
+
+bin=$(cd "$bin" && pwd)
+mkdir "$work/five" "$work/set" "$work/set/ims"
+for f in 1 2 3 4 5; do
+    n=$((20 + 7 * f))
+    {
+        printf 'ply\nformat ascii 1.0\nelement vertex %s\n' $n
+        printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+        echo end_header
+        awk -v f=$f -v n=$n 'BEGIN { for (i = 0; i < n; i++) print cos(i * f), sin(3 * i + f), cos(5 * i) / f,
+            sin(f + i), cos(2 * f), sin(7 * f * i), f - 1, -2 - f / 5, -2, -1 - i / n, 1, f / 5, 0, i / n }'
+    } >"$work/five/frame_$f.ply"
+done
+cd "$work" || exit 1
+
+# Three cameras, one of them held out; the pictures are the clip's own, of other moments.
+run "$bin/spin-import" five -o alone.spin
+run "$bin/spin-export" alone.spin --to images --path orbit --size 64x48 -o pictures
+for f in 1 2 3 4 5; do
+    cp pictures/orbit_frame_0000$((f % 5)).png set/ims/a_$f.png
+    cp pictures/orbit_frame_0000$(((f + 2) % 5)).png set/ims/b_$f.png
+    cp pictures/orbit_frame_0000$(((f + 3) % 5)).png set/ims/c_$f.png
+done
+awk 'BEGIN {
+    for (test = 0; test < 2; test++) {
+        k = w = fn = id = ""
+        for (f = 1; f <= 5; f++) {
+            comma = f > 1 ? ", " : ""
+            k = k comma "["; w = w comma "["; fn = fn comma "["; id = id comma "["
+            for (c = 0; c < 2 - test; c++) {
+                more = c ? ", " : ""
+                k = k more "[[60, 0, 30], [0, 60, 25], [0, 0, 1]]"
+                w = w more "[[1, 0, 0, " test / 4 - c / 2 "], [0, 1, 0, 0], [0, 0, 1, " 3 + f / 10 "], [0, 0, 0, 1]]"
+                fn = fn more "\"" (test ? "b_" : c ? "c_" : "a_") f ".png\""
+                id = id more test + 2 * c
+            }
+            k = k "]"; w = w "]"; fn = fn "]"; id = id "]"
+        }
+        printf "{\"w\": 64, \"h\": 48, \"k\": [%s], \"w2c\": [%s], \"fn\": [%s], \"cam_id\": [%s]}\n", k, w, fn, id \
+            >("set/" (test ? "test" : "train") "_meta.json")
+    }
+}'
+run "$bin/spin-import" five --data set -o whole.spin
+is "$code" 0 "imports five frames and their pictures"
+run "$bin/spin-export" whole.spin --to ply -o plys
+[ "$(ls plys/*.ply | wc -l)" = 5 ]
+ok $? "five files"
+run "$bin/spin-retrain" whole.spin -o learned.spin --device cpu --iterations 20 --scale 0.5
+is "$code" 0 "retrains all"
+run "$bin/spin-export" learned.spin --to ply -o learned
+videos=
+if "$bin/spin-export" -q whole.spin --to video -o try.mp4 2>err; then
+    videos='video:clip.mp4 video:orbit.mp4:--path:orbit:--repeat:2'
+else
+    skip "videos" "$(cat err)"
+fi
+
+# same WHAT ARGUMENT...: what a program says and writes in ours/, of whole.spin with --range, is what it says and writes
+# in theirs/, of a clip without other frames. What depends on the clock is left out.
+same() {
+    what=$1
+    program=$2
+    shift 2
+    for side in ours theirs; do
+        rm -rf $side
+        mkdir $side
+        if [ $side = ours ]; then clip_and="../whole.spin --range $range"; else clip_and=../part.spin; fi
+        # shellcheck disable=SC2086
+        (cd $side && "$bin/$program" $clip_and "$@" >said 2>heard </dev/null)
+        code=$?
+        cp $side/heard err
+        is $code 0 "$range: $what, $side"
+        [ "$program" = spin-export ] ||
+            find $side -type f ! -name '*.png' ! -name '*.spin' -exec sed -i '/second\|minutes\|fps\|_available\|_peak/d
+                /part.spin\|whole.spin\|the file\|"file"\|"source"\|"measured"\|measured_per_frame/d' {} +
+    done
+    for bundle in ours/*.spin; do
+        [ -e "$bundle" ] || continue
+        for side in ours theirs; do
+            (cd $side && "$bin/spin-export" ./*.spin --to ply -o plys -q && rm ./*.spin)
+        done
+    done
+    diff -r ours theirs >err
+    ok $? "$range: $what is that of a clip without other frames"
+}
+
+for range in 2:5 1:5:2; do
+    case $range in 2:5) wanted='2 3 4' ;; *) wanted='1 3' ;; esac
+    run "$bin/spin-import" five --data set --range $range -o part.spin --force --json
+    is "$(member frames)" "$(echo "$wanted" | wc -w)" "$range: imports as many frames"
+    for side in whole:plys learned:learned; do
+        bundle=${side%:*}
+        rm -rf part
+        run "$bin/spin-export" "$bundle.spin" --range $range --to ply -o part
+        bad=0
+        for f in $wanted; do cmp -s part/frame_0000$f.ply "${side#*:}/frame_0000$f.ply" || bad=1; done
+        is "$bad $(ls part/*.ply | wc -l)" "0 $(echo "$wanted" | wc -w)" "$range: the very files of $bundle"
+    done
+    rm -rf part
+    run "$bin/spin-export" part.spin --to ply -o part
+    bad=0
+    for f in $wanted; do cmp -s part/frame_0000$f.ply plys/frame_0000$f.ply || bad=1; done
+    is "$bad $(ls part/*.ply | wc -l)" "0 $(echo "$wanted" | wc -w)" "$range: spin-import takes these frames"
+
+    for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart gltf:clip.glb:--visibility splat:o compressed-ply:o \
+        spz:o spz:o:--spz-version:4 sog:o usd:o html:page.html html:page.html:--split:--max-splats:9 images:o \
+        images:o:--views:train:--compare images:o:--path:orbit images:o:--path:train $videos; do
+        to=${one%%:*}
+        rest=$(echo "${one#*:}" | tr : ' ')
+        case $to in ply | splat | compressed-ply | spz | sog | gltf) rest="$rest --check" ;; esac
+        if [ "$to" = sog ] && ! ldconfig -p 2>/dev/null | grep -q 'libwebp\.so\.7'; then continue; fi
+        # shellcheck disable=SC2086
+        same "$to $rest" spin-export --to "$to" -o $rest
+    done
+    run "$bin/spin-export" whole.spin --range $range --to usd -o stage --force
+    step=$(case $range in 2:5) echo 1 ;; *) echo 2 ;; esac)
+    grep -q "^    framesPerSecond = $((30 / step))\$" stage/clip.usda &&
+        grep -q '^    timeCodesPerSecond = 30$' stage/clip.usda
+    ok $? "$range: usd plays as fast as the whole clip"
+
+    same "spin-eval" spin-eval --split all --json --images pictures
+    same "spin-eval --report" spin-eval --split all --report page.html
+    same "spin-eval --dynamic" spin-eval --split all --dynamic images --json
+    run "$bin/spin-eval" whole.spin --range $range --json
+    sed -n '/measured_per_frame/p' out >mean
+    run "$bin/spin-eval" whole.spin --json
+    sed -n '/measured_per_frame/p' out | cmp -s - mean && [ -s mean ]
+    ok $? "$range: spin-eval: what a frame takes is of the frames that are stored"
+    same "spin-retrain" spin-retrain -o r.spin --device cpu --iterations 12 --scale 0.5 --json --preview shown \
+        --eval-every 6
+    same "spin-retrain --refine" spin-retrain -o r.spin --device cpu --iterations 3 --refine 3 --scale 0.5 --json
+    same "spin-retrain --preset paper" spin-retrain -o r.spin --device cpu --iterations 4 --scale 0.5 --preset paper \
+        --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16 --json
+    same "spin-retrain --method explicit" spin-retrain -o r.spin --device cpu --method explicit --refine 4 --scale 0.5 --json
+done
+
+done_testing
