@@ -26,25 +26,33 @@ for f in 1 2 3 4 5; do
     cp pictures/orbit_frame_0000$(((f + 2) % 5)).png set/ims/b_$f.png
     cp pictures/orbit_frame_0000$(((f + 3) % 5)).png set/ims/c_$f.png
 done
-awk 'BEGIN {
-    for (test = 0; test < 2; test++) {
-        k = w = fn = id = ""
-        for (f = 1; f <= 5; f++) {
-            comma = f > 1 ? ", " : ""
-            k = k comma "["; w = w comma "["; fn = fn comma "["; id = id comma "["
-            for (c = 0; c < 2 - test; c++) {
-                more = c ? ", " : ""
-                k = k more "[[60, 0, 30], [0, 60, 25], [0, 0, 1]]"
-                w = w more "[[1, 0, 0, " test / 4 - c / 2 "], [0, 1, 0, 0], [0, 0, 1, " 3 + f / 10 "], [0, 0, 0, 1]]"
-                fn = fn more "\"" (test ? "b_" : c ? "c_" : "a_") f ".png\""
-                id = id more test + 2 * c
+# make_set FOLDER FRAMES: the cameras of these frames.
+make_set() {
+    mkdir -p "$1"
+    [ -e "$1/ims" ] || cp -r set/ims "$1"
+    awk -v frames="$2" -v to="$1" 'BEGIN {
+        n = split(frames, number, " ")
+        for (test = 0; test < 2; test++) {
+            k = w = fn = id = ""
+            for (i = 1; i <= n; i++) {
+                f = number[i]
+                comma = i > 1 ? ", " : ""
+                k = k comma "["; w = w comma "["; fn = fn comma "["; id = id comma "["
+                for (c = 0; c < 2 - test; c++) {
+                    more = c ? ", " : ""
+                    k = k more "[[60, 0, 30], [0, 60, 25], [0, 0, 1]]"
+                    w = w more "[[1, 0, 0, " test / 4 - c / 2 "], [0, 1, 0, 0], [0, 0, 1, " 3 + f / 10 "], [0, 0, 0, 1]]"
+                    fn = fn more "\"" (test ? "b_" : c ? "c_" : "a_") f ".png\""
+                    id = id more test + 2 * c
+                }
+                k = k "]"; w = w "]"; fn = fn "]"; id = id "]"
             }
-            k = k "]"; w = w "]"; fn = fn "]"; id = id "]"
+            printf "{\"w\": 64, \"h\": 48, \"k\": [%s], \"w2c\": [%s], \"fn\": [%s], \"cam_id\": [%s]}\n", k, w, fn, id \
+                >(to "/" (test ? "test" : "train") "_meta.json")
         }
-        printf "{\"w\": 64, \"h\": 48, \"k\": [%s], \"w2c\": [%s], \"fn\": [%s], \"cam_id\": [%s]}\n", k, w, fn, id \
-            >("set/" (test ? "test" : "train") "_meta.json")
-    }
-}'
+    }'
+}
+make_set set '1 2 3 4 5'
 run "$bin/spin-import" five --data set -o whole.spin
 is "$code" 0 "imports five frames and their pictures"
 run "$bin/spin-export" whole.spin --to ply -o plys
@@ -61,7 +69,7 @@ else
 fi
 
 # same WHAT ARGUMENT...: what a program says and writes in ours/, of whole.spin with --range, is what it says and writes
-# in theirs/, of a clip without other frames. What depends on the clock is left out.
+# in theirs/, of a clip without other frames, $other. What depends on the clock is left out.
 same() {
     what=$1
     program=$2
@@ -69,7 +77,7 @@ same() {
     for side in ours theirs; do
         rm -rf $side
         mkdir $side
-        if [ $side = ours ]; then clip_and="../whole.spin --range $range"; else clip_and=../part.spin; fi
+        if [ $side = ours ]; then clip_and="../whole.spin --range $range"; else clip_and=../$other; fi
         # shellcheck disable=SC2086
         (cd $side && "$bin/$program" $clip_and "$@" >said 2>heard </dev/null)
         code=$?
@@ -77,7 +85,7 @@ same() {
         is $code 0 "$range: $what, $side"
         [ "$program" = spin-export ] ||
             find $side -type f ! -name '*.png' ! -name '*.spin' -exec sed -i '/second\|minutes\|fps\|_available\|_peak/d
-                /part.spin\|whole.spin\|the file\|"file"\|"source"\|"measured"\|measured_per_frame/d' {} +
+                /part.spin\|fewer.spin\|whole.spin\|the file\|"file"\|"source"\|"measured"\|measured_per_frame/d' {} +
     done
     for bundle in ours/*.spin; do
         [ -e "$bundle" ] || continue
@@ -92,6 +100,8 @@ same() {
 
 for range in 2:5 1:5:2; do
     case $range in 2:5) wanted='2 3 4' ;; *) wanted='1 3' ;; esac
+    make_set some "$wanted"
+    run "$bin/spin-import" five --data some --range $range -o fewer.spin --force
     run "$bin/spin-import" five --data set --range $range -o part.spin --force --json
     is "$(member frames)" "$(echo "$wanted" | wc -w)" "$range: imports as many frames"
     for side in whole:plys learned:learned; do
@@ -108,7 +118,11 @@ for range in 2:5 1:5:2; do
     for f in $wanted; do cmp -s part/frame_0000$f.ply plys/frame_0000$f.ply || bad=1; done
     is "$bad $(ls part/*.ply | wc -l)" "0 $(echo "$wanted" | wc -w)" "$range: spin-import takes these frames"
 
+    other=part.spin
     same "spin-eval" spin-eval --split all --json --images pictures
+    other=fewer.spin
+    same "spin-eval of another data set" spin-eval --split all --json
+    other=part.spin
     same "spin-eval --report" spin-eval --split all --report page.html
     run "$bin/spin-eval" whole.spin --range $range --json
     sed -n '/measured_per_frame/p' out >mean
@@ -121,6 +135,7 @@ for range in 2:5 1:5:2; do
         --refine 3 --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16 --json
     same "spin-retrain --method explicit" spin-retrain -o r.spin --device cpu --method explicit --refine 4 --scale 0.5 --json
 
+    other=fewer.spin
     for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart gltf:clip.glb:--visibility splat:o compressed-ply:o \
         spz:o spz:o:--spz-version:4 sog:o usd:o html:page.html html:page.html:--split:--max-splats:9 images:o \
         images:o:--views:train:--compare images:o:--path:orbit images:o:--path:train $videos; do
@@ -139,7 +154,7 @@ for range in 2:5 1:5:2; do
     ok $? "$range: html --only before: $counts"
     rm -rf ours theirs
     run "$bin/spin-export" learned.spin --range $range --to images --panels before -o ours
-    run "$bin/spin-export" part.spin --to images -o theirs
+    run "$bin/spin-export" fewer.spin --to images -o theirs
     diff -r ours theirs >err
     ok $? "$range: images --panels before"
     rm -rf stage
