@@ -314,6 +314,12 @@ struct spin_export_job {
     void *context;
 
     double stride; /* frame numbers from one frame to the next, on average; 0: as 1 */
+
+    /* How the frames are paired with a data set, for who imports them again. */
+    const int *source_index; /* [n_frames] place of each in the whole source clip; NULL: unknown */
+    int n_source_frames;     /* of that clip */
+    bool numbered;           /* frame numbers are the source's own */
+    const char *pair;        /* as spin-import --pair; "" or NULL: nothing was said */
 };
 
 struct spin_frame_info {

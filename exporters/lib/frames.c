@@ -144,7 +144,12 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
 spin_status spin_frames_add(struct spin_frames *x, const struct spin_frame_info *info, size_t n)
 {
     SPIN_TRY(spin_room(x->n_entries, &x->room, sizeof *x->entry, (void **)&x->entry));
-    x->entry[x->n_entries++] = (struct spin_frames_entry){info->number, info->time, n};
+    x->entry[x->n_entries] = (struct spin_frames_entry){
+        .number = info->number,
+        .source_index = x->job->source_index ? x->job->source_index[x->n_entries] : 0,
+        .time = info->time,
+        .n = n};
+    x->n_entries++;
     x->n_splats += n;
     if (x->rows.report)
         x->rows.report->splats_mean = (double)x->n_splats / (double)x->n_entries;
@@ -164,6 +169,8 @@ static spin_status entries_json(const struct spin_frames *x, spin_json *list)
         free(path);
         spin_json_set_integer(item, "frame", e->number);
         spin_json_set_number(item, "time", e->time);
+        if (x->job->source_index)
+            spin_json_set_integer(item, "source_index", e->source_index);
         spin_json_set_integer(item, "splats", (int64_t)e->n);
     }
     return SPIN_OK;
@@ -210,6 +217,12 @@ static spin_status write_sequence(struct spin_frames *x)
     for (int k = 0; k < 4; k++)
         spin_json_push_number(turn, x->rows.turn_q[k]);
     spin_json_set(root, "turned_by", turn);
+    if (x->job->source_index) {
+        spin_json_set_integer(root, "source_frames", x->job->n_source_frames);
+        spin_json_set_bool(root, "numbered", x->job->numbered);
+    }
+    if (x->job->pair && *x->job->pair)
+        spin_json_set_string(root, "pair", x->job->pair);
     spin_json_set(root, "frames", list);
     SPIN_TRY_OUT(entries_json(x, list));
     text = spin_json_text(root, true);

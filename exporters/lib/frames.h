@@ -49,7 +49,7 @@ struct spin_frames_format {
 
 /* What sequence.json says of a frame. */
 struct spin_frames_entry {
-    int number;
+    int number, source_index;
     double time;
     size_t n;
 };

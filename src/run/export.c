@@ -120,6 +120,7 @@ struct export
     struct spin_splats splats, received; /* of this process, of another */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
+    int *source_index;
     void *self;
 };
 
@@ -285,6 +286,9 @@ static spin_status begin_export(struct export *x)
         .n_frames = x->clip.n_frames,
         .fps = clip_fps(&x->clip),
         .stride = clip_stride(&x->clip),
+        .n_source_frames = x->clip.bundle.meta.n_source_frames,
+        .numbered = x->clip.bundle.meta.numbered,
+        .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
         .source = x->clip.bundle.meta.from,
         .sh_degree = sh_degree_of(x),
         .antialias = is_antialiased(x),
@@ -311,6 +315,10 @@ static spin_status begin_export(struct export *x)
     for (int f = 0; f < x->clip.n_frames; f++)
         x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
     job.counts = x->counts;
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
+    for (int f = 0; f < x->clip.n_frames; f++)
+        x->source_index[f] = x->clip.bundle.meta.source_index[x->clip.frame[f]];
+    job.source_index = x->source_index;
     if (job.antialias && !x->exporter->antialias)
         spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: "
                   "switch it on in the viewer",
@@ -391,6 +399,7 @@ spin_status spin_export(const struct spin_export_options *o, struct spin_export_
     spin_splats_free(&x.received);
     spin_clip_close(&x.clip);
     free(x.counts);
+    free(x.source_index);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot export '%s'", o->input);
     return status;

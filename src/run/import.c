@@ -17,6 +17,7 @@
 #include "run/data_hint.h"
 #include "run/camera_overlay.h"
 #include "run/frame_queue.h"
+#include "run/exported_frames.h"
 #include "run/frame_times.h"
 #include "run/share_splats.h"
 #include "io/claim.h"
@@ -51,6 +52,7 @@ struct import {
     char *data;              /* its absolute path */
     int n_own;               /* frames that a continuous run has by itself; 0: not asked for */
     int *rows;               /* [n_frames] row of the data set of each frame */
+    int *index;              /* [n_frames] the importer's number of each frame */
     struct spin_column_stats describe;
     struct spin_frame_queue relay; /* to the thread that writes */
 };
@@ -102,7 +104,8 @@ static spin_status attach_data(struct import *im)
     if (!o->data)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)im->meta.n_frames, sizeof(int), (void **)&im->rows));
-    snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair ? o->pair : "");
+    if (o->pair)
+        snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair);
     SPIN_TRY(spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows));
     if (!o->output)
         return SPIN_OK;
@@ -187,20 +190,25 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 static spin_status choose_frames(struct import *im)
 {
     struct spin_frame_info *all = NULL;
-    int *index = NULL, n_all = 0, n = 0;
+    int *place = NULL, n_all = 0, n = 0;
     spin_status status;
 
     SPIN_TRY_OUT(im->sequence.continuous ? sample_times(im, &all, &n_all)
                                          : stored_frames(im, &all, &n_all));
-    SPIN_TRY_OUT(spin_range_select(&im->o->range, all, n_all, &index, &n));
+    im->meta.n_source_frames = n_all;
+    SPIN_TRY_OUT(spin_alloc((size_t)n_all, sizeof *place, (void **)&place));
+    for (int i = 0; i < n_all; i++)
+        place[i] = i;
+    if (!im->sequence.continuous)
+        SPIN_TRY_OUT(spin_exported_frames(im->o->input, all, n_all, place, &im->meta));
+    SPIN_TRY_OUT(spin_range_select(&im->o->range, all, n_all, &im->index, &n));
     SPIN_TRY_OUT(spin_bundle_meta_reserve(&im->meta, n));
     for (int i = 0; i < n; i++) {
-        im->meta.frame[i] = all[index[i]];
-        im->meta.source_index[i] = index[i];
+        im->meta.frame[i] = all[im->index[i]];
+        im->meta.source_index[i] = place[im->index[i]];
     }
-    im->meta.n_source_frames = n_all;
 out:
-    free(index);
+    free(place);
     free(all);
     return status;
 }
@@ -275,7 +283,7 @@ static spin_status read_points(struct import *im, int frame)
 {
     unsigned columns = im->sequence.columns & (SPIN_COL_MEANS | SPIN_COL_SH | SPIN_COL_RGB);
 
-    return im->importer->frame(im->self, im->meta.source_index[frame], im->meta.frame[frame].time,
+    return im->importer->frame(im->self, im->index[frame], im->meta.frame[frame].time,
                                columns, &im->splats);
 }
 
@@ -407,7 +415,7 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
         return SPIN_OK;
     }
     if (rank == spin_rank()) {
-        SPIN_TRY(im->importer->frame(im->self, meta->source_index[i], meta->frame[i].time, columns,
+        SPIN_TRY(im->importer->frame(im->self, im->index[i], meta->frame[i].time, columns,
                                      out));
         SPIN_TRY(check_frame(im, i, columns, out));
     }
@@ -468,7 +476,7 @@ static void count_splats(struct import *im, const int *read, int n_read)
         int i = known ? k : read[k];
         size_t count = !known          ? im->meta.frame[i].n
                        : t->continuous ? t->counts[0]
-                                       : t->counts[im->meta.source_index[i]];
+                                       : t->counts[im->index[i]];
 
         report->splats_min = count < report->splats_min ? count : report->splats_min;
         report->splats_max = count > report->splats_max ? count : report->splats_max;
@@ -679,6 +687,7 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
     spin_views_free(&im.views);
     spin_column_stats_close(&im.describe);
     free(im.rows);
+    free(im.index);
     free(im.data);
     free(im.below);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)

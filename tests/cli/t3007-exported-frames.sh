@@ -1,0 +1,55 @@
+#!/bin/sh
+# K: sequence pair import export
+# What spin-export wrote imports again with its times, and pairs with the data set that it came from.
+. tests/cli/lib.sh
+
+mkdir "$work/named" "$work/far"
+f=8
+for name in a b c d e f; do
+    {
+        printf 'ply\nformat ascii 1.0\nelement vertex 9\n'
+        printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+        echo end_header
+        for i in 1 2 3 4 5 6 7 8 9; do echo "$i.$f 0.$f 0 0.$f 0 0 1 0 -1 -1 1 0 0 0"; done
+    } >"$work/named/$name.ply"
+    cp "$work/named/$name.ply" "$work/far/frame_$((90 + f)).ply"
+    f=$((f + 1))
+done
+
+# again FOLDER [OPTION...]: what is measured on its frames 2 to 4 is measured again on what is exported of them.
+again() {
+    from=$1
+    shift
+    run "$bin/spin-import" "$work/$from" --data "$clip" "$@" -o "$work/$from.spin"
+    is "$code" 0 "$from: imports"
+    case $from in named) range=2:5 ;; *) range=100:103 ;; esac
+    run "$bin/spin-eval" "$work/$from.spin" --split all --range $range --json
+    sed -n '/"views"/,$ p' "$work/out" >"$work/wanted"
+    run "$bin/spin-export" "$work/$from.spin" --to ply --range $range -o "$work/$from-out"
+    is "$code" 0 "$from: exports three frames"
+    run "$bin/spin-import" "$work/$from-out" --data "$clip" -o "$work/$from-again.spin" --json
+    is "$code" 0 "$from: imports them again"
+    grep -A2 '"times"' "$work/out" | tr -d ' \n' | grep -q '"times":\[2,4'
+    ok $? "$from: with their times"
+    run "$bin/spin-eval" "$work/$from-again.spin" --split all --json
+    sed -n '/"views"/,$ p' "$work/out" | cmp -s - "$work/wanted" && [ -s "$work/wanted" ]
+    ok $? "$from: and beside the same pictures"
+}
+
+# Names without numbers count from 0, the data set's files from 8; numbers that are none of the data set's.
+again named
+again far --pair order
+
+# What does not fit is not believed.
+for fault in 's/"source_index": 3/"source_index": 6/' 's/"frame": 3/"frame": 30/' 's/"time": 3/"time": "x"/'; do
+    cp -r "$work/named-out" "$work/bad"
+    sed -i "$fault" "$work/bad/sequence.json"
+    run "$bin/spin-import" "$work/bad" -o "$work/bad.spin" --json
+    is "$code" 0 "$fault: imports"
+    err_has "warning: .*sequence.json' does not fit" "$fault: says that it does not fit"
+    grep -A2 '"times"' "$work/out" | tr -d ' \n' | grep -q '"times":\[0,2'
+    ok $? "$fault: times are counted"
+    rm -r "$work/bad" "$work/bad.spin"
+done
+
+done_testing
