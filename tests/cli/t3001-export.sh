@@ -67,9 +67,10 @@ run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -
 is "$code $(ls "$work/gone")" "0 front_frame_00000.png" "a data set that is gone"
 err_has "^warning: .*$work/run.* is not there: its cameras are not used" "is a warning"
 
-# There, but empty, or without the frames of the clip: for what needs no cameras the data set is not opened.
-for state in empty short; do
+# There, but empty, without images, or with half a file: for what needs no cameras the data set is not opened.
+for state in empty short cut; do
     mkdir -p "$work/run"
+    [ $state = cut ] && cp -r "$clip/." "$work/run" && head -c 500 "$clip/train_meta.json" >"$work/run/train_meta.json"
     [ $state = short ] && cp -r "$clip/." "$work/run" && rm -r "$work/run/ims"
     for to in ply:ply gltf:clip.glb spz:spz; do
         run "$bin/spin-export" "$work/moved.spin" --to ${to%:*} -o "$work/$state-${to#*:}" -q

@@ -84,7 +84,7 @@ is "$code" 0 "exports a page and its blocks"
 err_has "place .* (bound 0.01), scale .* (3.00), rotation .* (2.00), opacity .* (2.00), colour .* (2.00)" \
     "html: the bounds are those asked for"
 [ -s "$work/parts.bin" ]
-check $? "its blocks lie beside it"
+ok $? "its blocks lie beside it"
 rm "$work/parts.html"
 run "$bin/spin-export" "$in" --to html -o "$work/parts.html" --split
 fails 1 spin-export "blocks that are there: does not overwrite"

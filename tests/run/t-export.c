@@ -185,7 +185,7 @@ static double lit(const char *path)
     return (double)n / VALUES;
 }
 
-/* A scene of one splat, and one of a hundredth the size, is seen as well: by the check and on an orbit, which shows
+/* A scene of one splat, and one of a thousandth the size, is seen as well: by the check and on an orbit, which shows
  * at least this share of values that are not black. */
 static void check_small(float now, size_t n, double least)
 {
@@ -228,5 +228,5 @@ TAP_MAIN
     check_empty(true);
     check_small(1, SPLATS, 0.01);
     check_small(1, 1, 0.01);
-    check_small(0.01f, SPLATS, 0.01);
+    check_small(0.001f, SPLATS, 0.01);
 }
