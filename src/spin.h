@@ -337,7 +337,7 @@ struct spin_exporter {
     bool
         antialias; /* what it writes says, or shows, when splats are meant to be drawn antialiased */
     bool needs_renderer;
-    bool looks_at_views; /* job->views are used where there are some; else the data set is not opened */
+    bool looks_at_views; /* job->views are used; else the data set is not opened */
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their
      * final name only when whole. */

@@ -118,14 +118,14 @@ static spin_status choose_camera(const struct spin_export_job *job, int frame,
     }
     SPIN_TRY(spin_initial_view_middle(s, middle, &size));
     spin_initial_view_first(NULL, 0, false, middle, size, &front);
-    *out = (struct spin_camera){.width = 400,
-                                .height = 400,
-                                .fx = spin_initial_view_focal(&front, 400),
-                                .fy = spin_initial_view_focal(&front, 400),
-                                .cx = 200,
-                                .cy = 200,
-                                .w2c = {1, 0, 0, -front.eye[0], 0, 1, 0, -front.eye[1], 0, 0, 1,
-                                        -front.eye[2]}};
+    *out = (struct spin_camera){
+        .width = 400,
+        .height = 400,
+        .fx = spin_initial_view_focal(&front, 400),
+        .fy = spin_initial_view_focal(&front, 400),
+        .cx = 200,
+        .cy = 200,
+        .w2c = {1, 0, 0, -front.eye[0], 0, 1, 0, -front.eye[1], 0, 0, 1, -front.eye[2]}};
     return SPIN_OK;
 }
 

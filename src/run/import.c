@@ -283,8 +283,8 @@ static spin_status read_points(struct import *im, int frame)
 {
     unsigned columns = im->sequence.columns & (SPIN_COL_MEANS | SPIN_COL_SH | SPIN_COL_RGB);
 
-    return im->importer->frame(im->self, im->index[frame], im->meta.frame[frame].time,
-                               columns, &im->splats);
+    return im->importer->frame(im->self, im->index[frame], im->meta.frame[frame].time, columns,
+                               &im->splats);
 }
 
 /* The frame that a row of the data set shows. */
@@ -415,8 +415,7 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
         return SPIN_OK;
     }
     if (rank == spin_rank()) {
-        SPIN_TRY(im->importer->frame(im->self, im->index[i], meta->frame[i].time, columns,
-                                     out));
+        SPIN_TRY(im->importer->frame(im->self, im->index[i], meta->frame[i].time, columns, out));
         SPIN_TRY(check_frame(im, i, columns, out));
     }
     SPIN_TRY(spin_share_splats(out, columns, rank));

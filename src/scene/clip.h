@@ -16,8 +16,9 @@ struct spin_clip_options {
     int n_test_cameras;
     double image_scale; /* 0 or 1: as stored */
     bool needs_views;   /* a missing data set is an error */
-    bool wants_views;   /* one that is missing or cannot be read is a warning, unless `data` names it; neither: it is
-                           not opened, unless `data` names it */
+    /* One that the bundle names and that cannot be read is a warning. Neither of both: it is not opened. What `data`
+     * names must be there. */
+    bool wants_views;
 };
 
 struct spin_clip {

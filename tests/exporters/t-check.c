@@ -8,12 +8,9 @@ enum { FRAMES = 3 };
 static const size_t rows[FRAMES] = {600, 0, 600};
 static const char *damage; /* this file, once all are written */
 static bool written;
-static const char *with;   /* by another; NULL: bits of it are turned over */
+static const char *with; /* by another; NULL: bits of it are turned over */
 
-static void make(int f, struct spin_splats *s)
-{
-    make_frame(s, rows[f], 2, 11 + (uint32_t)f);
-}
+static void make(int f, struct spin_splats *s) { make_frame(s, rows[f], 2, 11 + (uint32_t)f); }
 
 static void copy_over(const char *from, const char *to)
 {

@@ -200,11 +200,8 @@ static void check_small(float now, size_t n, double least)
     write_named(n == 1 ? "one" : now < 1 ? "small" : "large");
     ok(spin_export(&o, &r) == SPIN_OK && isfinite(r.check.psnr) && r.check.psnr > 5,
        "--check sees %zu splats of size %g", n, (double)now);
-    o = (struct spin_export_options){.input = bundle,
-                                     .output = folder,
-                                     .to = "images",
-                                     .device = "cpu",
-                                     .plugin_pairs = orbit};
+    o = (struct spin_export_options){
+        .input = bundle, .output = folder, .to = "images", .device = "cpu", .plugin_pairs = orbit};
     snprintf(folder, sizeof folder, "%s-orbit", bundle);
     ok(spin_export(&o, &r) == SPIN_OK, "four pictures around it");
     for (int p = 0; p < FRAMES; p++) {
