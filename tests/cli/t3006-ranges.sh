@@ -61,6 +61,7 @@ ok $? "five files"
 run "$bin/spin-retrain" whole.spin -o learned.spin --device cpu --iterations 20 --scale 0.5
 is "$code" 0 "retrains all"
 run "$bin/spin-export" learned.spin --to ply -o learned
+run "$bin/spin-eval" learned.spin --split all --images all_sheets
 videos=
 if "$bin/spin-export" -q whole.spin --to video -o try.mp4 2>err; then
     videos='video:clip.mp4 video:orbit.mp4:--path:orbit:--repeat:2'
@@ -129,6 +130,11 @@ for range in 2:5 1:5:2; do
     run "$bin/spin-eval" whole.spin --json
     sed -n '/measured_per_frame/p' out | cmp -s - mean && [ -s mean ]
     ok $? "$range: spin-eval: what a frame takes is of the frames that are stored"
+    rm -rf sheets
+    run "$bin/spin-eval" learned.spin --split all --range $range --images sheets
+    diff -r sheets all_sheets | grep -v '^Only in all_sheets' >err
+    is "$(ls sheets | wc -l) $(wc -l <err)" "$((3 * $(echo "$wanted" | wc -w))) 0" \
+        "$range: spin-eval --images: truth, imported and retrained"
     same "spin-retrain" spin-retrain -o r.spin --device cpu --iterations 12 --scale 0.5 --json --preview shown \
         --eval-every 6
     same "spin-retrain --preset paper" spin-retrain -o r.spin --device cpu --iterations 4 --scale 0.5 --preset paper \
