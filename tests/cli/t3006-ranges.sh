@@ -12,19 +12,24 @@ for f in 1 2 3 4 5; do
         printf 'ply\nformat ascii 1.0\nelement vertex %s\n' $n
         printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
         echo end_header
-        awk -v f=$f -v n=$n 'BEGIN { for (i = 0; i < n; i++) print cos(i * f), sin(3 * i + f), cos(5 * i) / f,
-            sin(f + i), cos(2 * f), sin(7 * f * i), f - 1, -2 - f / 5, -2, -1 - i / n, 1, f / 5, 0, i / n }'
+        # the last eight do not move
+        awk -v f=$f -v n=$n 'BEGIN { for (i = 0; i < n; i++) {
+            k = i < n - 8 ? i : i - n
+            t = i < n - 8 ? f : 1
+            print cos(k * t), sin(3 * k + t), cos(5 * k) / t, sin(f + i), cos(2 * f), sin(7 * f * i), f - 1,
+                -2 - f / 5, -2, -1 - i / n, 1, f / 5, 0, i / n } }'
     } >"$work/five/frame_$f.ply"
 done
 cd "$work" || exit 1
 
-# Three cameras, one of them held out; the pictures are the clip's own, of other moments.
+# Four cameras, one of them held out; the pictures are the clip's own, of other moments.
 run "$bin/spin-import" five -o alone.spin
 run "$bin/spin-export" alone.spin --to images --path orbit --size 64x48 -o pictures
 for f in 1 2 3 4 5; do
     cp pictures/orbit_frame_0000$((f % 5)).png set/ims/a_$f.png
     cp pictures/orbit_frame_0000$(((f + 2) % 5)).png set/ims/b_$f.png
     cp pictures/orbit_frame_0000$(((f + 3) % 5)).png set/ims/c_$f.png
+    cp pictures/orbit_frame_0000$(((f + 4) % 5)).png set/ims/d_$f.png
 done
 # make_set FOLDER FRAMES: the cameras of these frames.
 make_set() {
@@ -38,11 +43,11 @@ make_set() {
                 f = number[i]
                 comma = i > 1 ? ", " : ""
                 k = k comma "["; w = w comma "["; fn = fn comma "["; id = id comma "["
-                for (c = 0; c < 2 - test; c++) {
+                for (c = 0; c < 3 - 2 * test; c++) {
                     more = c ? ", " : ""
                     k = k more "[[60, 0, 30], [0, 60, 25], [0, 0, 1]]"
                     w = w more "[[1, 0, 0, " test / 4 - c / 2 "], [0, 1, 0, 0], [0, 0, 1, " 3 + f / 10 "], [0, 0, 0, 1]]"
-                    fn = fn more "\"" (test ? "b_" : c ? "c_" : "a_") f ".png\""
+                    fn = fn more "\"" (test ? "b_" : c == 0 ? "a_" : c == 1 ? "c_" : "d_") f ".png\""
                     id = id more test + 2 * c
                 }
                 k = k "]"; w = w "]"; fn = fn "]"; id = id "]"
@@ -133,7 +138,7 @@ for range in 2:5 1:5:2; do
     rm -rf sheets
     run "$bin/spin-eval" learned.spin --split all --range $range --images sheets
     diff -r sheets all_sheets | grep -v '^Only in all_sheets' >err
-    is "$(ls sheets | wc -l) $(wc -l <err)" "$((3 * $(echo "$wanted" | wc -w))) 0" \
+    is "$(ls sheets | wc -l) $(wc -l <err)" "$((4 * $(echo "$wanted" | wc -w))) 0" \
         "$range: spin-eval --images: truth, imported and retrained"
     same "spin-retrain" spin-retrain -o r.spin --device cpu --iterations 12 --scale 0.5 --json --preview shown \
         --eval-every 6
