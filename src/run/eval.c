@@ -64,8 +64,11 @@ static spin_status open_players(struct eval *e)
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_frame_renderer_open(&e->frame_renderer, &e->device, &e->clip.bundle, e->from));
-    if (e->from != SPIN_FROM_SOURCE)
+    if (e->from != SPIN_FROM_SOURCE) {
         SPIN_TRY(spin_frame_renderer_set_lenses(&e->frame_renderer, &e->lenses));
+        if (spin_rank() == 0)
+            spin_lenses_warn(&e->lenses, &e->clip.views, e->pairs, e->n_pairs);
+    }
     if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
         (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
         return SPIN_OK;

@@ -200,9 +200,16 @@ static spin_status choose_exposure(struct run *r)
 
 static void say_exposure(const struct run *r)
 {
+    bool on = r->plan.o->learn_exposure == SPIN_EXPOSURE_ON;
+
     if (isnan(r->colour_spread))
         return;
-    if (r->plan.o->learn_exposure == SPIN_EXPOSURE_ON)
+    if (on && spin_rank() == 0)
+        spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
+    if (on && r->colour_spread < 0)
+        spin_log(0, "no point is seen by three training cameras to compare their colours: exposures and falloff "
+                    "begin at none");
+    else if (on)
         spin_log(0, "cameras differ in colour by %.0f %%, their pictures have %.0f %% of the brightness in "
                     "the corners: learning an exposure for each camera, and the falloff of their lens",
                  100 * r->colour_spread, 100 * corner_of(r));

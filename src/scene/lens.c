@@ -50,6 +50,21 @@ spin_status spin_lenses_list(const struct spin_views *views, const struct spin_p
     return SPIN_OK;
 }
 
+void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views *views,
+                      const struct spin_pair *pairs, size_t n_pairs)
+{
+    for (size_t i = 0; i < n_pairs && lenses->n > 0; i++) {
+        const struct spin_view *view = &views->view[pairs[i].view];
+
+        if (spin_lenses_find(lenses, &view->camera) < 0) {
+            spin_warn("camera %d has another lens than all that were learned: its pictures are drawn without a "
+                      "falloff",
+                      view->camera_id);
+            return;
+        }
+    }
+}
+
 void spin_lenses_free(struct spin_lenses *lenses)
 {
     free(lenses->lens);

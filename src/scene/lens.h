@@ -30,6 +30,10 @@ void spin_lenses_free(struct spin_lenses *lenses);
 
 /* The camera's lens; -1 when none of them is like it. */
 int spin_lenses_find(const struct spin_lenses *lenses, const struct spin_camera *camera);
+/* Warns of the views [n_pairs] whose camera is like none of them, when there are some: they are drawn without a
+ * falloff. */
+void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views *views,
+                      const struct spin_pair *pairs, size_t n_pairs);
 /* Brightness at the corners of a picture whose middle has 1: mean of the channels. 1 without a lens. Of several lenses
  * the one whose value is farthest from 1. */
 double spin_lenses_corner(const struct spin_lenses *lenses);

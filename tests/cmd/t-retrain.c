@@ -567,12 +567,33 @@ static void test_auto_exposure(void)
            strstr(said, "no point is seen by three training cameras") &&
            strstr(said, "no exposure is learned") && !strstr(said, "cameras differ"),
        "two cameras have no mean to differ from: %s", said);
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
+             "0,3,12,15,19,23 --learn-exposure on",
+             bin, folder, folder, folder, one) == 0 &&
+           strstr(said, "exposures and falloff begin at none") && !strstr(said, "cameras differ"),
+       "and learn all the same when that is asked for: %s", said);
+    ok(shell("%s/spin-eval %s/tinted.spin --data %s/tinted --device cpu --threads 1", bin, folder,
+             folder) == 0 &&
+           !strstr(said, "another lens"),
+       "lenses of scaled pictures are found in those of full size: %s", said);
 }
 
 /* c1 (k 0) or c2 of the only lens. */
 static double lens_value(const struct run *r, size_t k, size_t c)
 {
     return number_at(spin_json_at(spin_json_get(r->bundle.json, "lenses"), 0), k ? "c2" : "c1", c);
+}
+
+/* The test cameras' focal lengths, times factor. */
+static bool zoom(const char *data, double factor)
+{
+    char path[700];
+
+    snprintf(path, sizeof path, "%s/%s/test_meta.json", folder, data);
+    return shell("python3 -c \"import json; m = json.load(open('%s')); "
+                 "[[k.__setitem__(0, [k[0][0] * %g] + k[0][1:]) for k in f] for f in m['k']]; "
+                 "json.dump(m, open('%s', 'w'))\"",
+                 path, factor, path) == 0;
 }
 
 /* All cameras of a clip have a lens that is darker towards the corners: it is found from the points alone, and test
@@ -612,6 +633,15 @@ static void test_falloff(void)
     ok(shell("%s/spin-export %s/lens.spin --to ply -o %s/lens-ply", bin, folder, folder) == 0 &&
            strstr(said, "without the falloff of the cameras' lens"),
        "an export says that it has no falloff");
+    ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --scale 0.5", bin,
+             folder, folder) == 0 &&
+           !strstr(said, "another lens"),
+       "and those of full size in scaled pictures");
+    ok(zoom("lens", 2) &&
+           shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1", bin, folder,
+                 folder) == 0 &&
+           strstr(said, "warning: camera 0 has another lens than all that were learned"),
+       "a camera with another lens is told: %s", said);
 }
 
 /* How far the first step moved a camera. */
