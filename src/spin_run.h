@@ -231,6 +231,7 @@ struct spin_retrain_report {
     struct spin_retrain_options
         options; /* as given, with the numbers that were chosen for the clip */
     int iterations;
+    int densify_every; /* iterations between densifications of the clip; 0: none */
     double seconds, seconds_per_iteration; /* NAN: no frame was left to refine, and nothing else done */
     int frames;
     double splats_mean;

@@ -166,12 +166,6 @@ static bool fits(const struct spin_retrain_report *r)
     return r->bytes_available == 0 || r->bytes_needed <= r->bytes_available;
 }
 
-/* Without tracks there is nothing to densify. */
-static int densify_every(const struct spin_retrain_report *r)
-{
-    return r->options.tracks ? r->options.densify_every : 0;
-}
-
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
@@ -180,7 +174,7 @@ static void report_json(const struct spin_retrain_report *r)
                                                                        : "network");
     spin_print_string("preset", options.preset);
     spin_print_integer("iterations", r->iterations);
-    spin_print_integer("densify_every", densify_every(r));
+    spin_print_integer("densify_every", r->densify_every);
     spin_print_integer("refine", options.refine);
     spin_print_integer("frames", r->frames);
     spin_print_number("splats_mean", r->splats_mean);
@@ -221,8 +215,8 @@ static void report_plan(const struct spin_retrain_report *r)
            spin_print_count(r->iterations, "iteration", count),
            options.method == SPIN_METHOD_EXPLICIT ? " on each frame" : "",
            spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
-    if (densify_every(r) > 0)
-        printf("densify     every %d iterations\n", densify_every(r));
+    if (r->densify_every > 0)
+        printf("densify     every %d iterations\n", r->densify_every);
     printf("memory      %s needed, %s available\n",
            spin_print_bytes((double)r->bytes_needed, needed),
            r->bytes_available > 0 ? spin_print_bytes((double)r->bytes_available, available)
@@ -234,7 +228,7 @@ static void report_plan(const struct spin_retrain_report *r)
     if (r->ranks > 1)
         printf("processes   %d; each needs that memory, and together they send up to %s a step%s\n",
                r->ranks, spin_print_bytes(r->bytes_sent, sent),
-               densify_every(r) > 0 ? ", more as densification adds splats" : "");
+               r->densify_every > 0 ? ", more as densification adds splats" : "");
     if (isfinite(r->seconds_estimated))
         printf("time        about %s\n", spin_print_seconds(r->seconds_estimated, time));
     else
@@ -314,7 +308,7 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
     warn_idle(argc, argv, of_densification,
               (options.refine > 0 && options.densify) ||
-                  (clip && options.tracks && options.densify_every != 0),
+                  (clip && options.tracks && options.refine == 0 && options.densify_every != 0),
               "without densification");
     warn_idle(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
               "without --learn-exposure");

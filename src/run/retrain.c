@@ -207,19 +207,24 @@ static void say_exposure(const struct run *r)
     if (on && spin_rank() == 0)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
     if (on && r->colour_spread < 0)
-        spin_log(0, "no point is seen by three training cameras to compare their colours: exposures and falloff "
+        spin_log(0, "no point is seen by three training cameras to compare their colours: "
+                    "exposures and falloff "
                     "begin at none");
     else if (on)
-        spin_log(0, "cameras differ in colour by %.0f %%, their pictures have %.0f %% of the brightness in "
-                    "the corners: learning an exposure for each camera, and the falloff of their lens",
-                 100 * r->colour_spread, 100 * corner_of(r));
+        spin_log(
+            0,
+            "cameras differ in colour by %.0f %%, their pictures have %.0f %% of the brightness in "
+            "the corners: learning an exposure for each camera, and the falloff of their lens",
+            100 * r->colour_spread, 100 * corner_of(r));
     else if (r->colour_spread < 0)
         spin_log(1, "no point is seen by three training cameras to compare their colours: no "
                     "exposure is learned");
     else
-        spin_log(1, "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the brightness in "
-                    "the corners: no exposure is learned",
-                 100 * r->colour_spread, 100 * corner_of(r));
+        spin_log(
+            1,
+            "cameras differ in colour by %.1f %%, their pictures have %.1f %% of the brightness in "
+            "the corners: no exposure is learned",
+            100 * r->colour_spread, 100 * corner_of(r));
 }
 
 /* What the run is made from. */
@@ -275,7 +280,8 @@ static spin_status find_tracks(struct run *r)
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->truth : NULL));
     if (t->n == 0)
-        spin_log(0, "no splat keeps its position in more than half of the frames: no tracks");
+        spin_log(0, "no splat keeps its position in more than half of the frames: no tracks%s",
+                 spin_plan_densifies(p) ? ", each frame's splats are densified alone" : "");
     else
         spin_log(0, "%zu tracks%s, %zu move, %zu have attributes of every frame", t->n,
                  t->identity ? "" : " (splats at the same place in several frames)", t->n_moving,
@@ -304,6 +310,7 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
     SPIN_TRY(spin_alloc((size_t)size.n_frames, sizeof *frame, &block));
     size.frame = frame = block;
     SPIN_TRY_OUT(find_tracks(r));
+    size.tracked = r->tracks.n > 0 || spin_plan_densifies(p);
     size.n_tracks = r->tracks.n;
     size.n_moving = r->tracks.n_moving;
     size.n_varying = r->tracks.n_varying;
@@ -311,10 +318,10 @@ static spin_status open_trainer_frames(struct run *r, bool resume)
         size_t n = p->counts[f];
 
         frame[f] = (struct spin_frame_size){n, n, n, spin_plan_has_residual(p) ? n : 0};
-        if (r->tracks.n > 0)
+        if (size.tracked)
             frame[f] = spin_tracks_size(&r->tracks, f, n);
     }
-    if (resume && r->tracks.n > 0) {
+    if (resume && size.tracked) {
         SPIN_TRY_OUT(spin_checkpoint_sizes(&r->checkpoint, frame, &size));
         for (int f = 0; f < size.n_frames; f++)
             r->plan.counts[f] = frame[f].n;

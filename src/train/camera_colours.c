@@ -31,7 +31,7 @@ struct colours {
     struct spin_splats splats; /* of the frame */
     size_t step, n_points;     /* every so many splats is a point */
     uint8_t *image;            /* of a view */
-    float (*seen)[4]; /* [points][cameras], of the frame: r g b and r^2; NaN: not seen */
+    float (*seen)[4];          /* [points][cameras], of the frame: r g b and r^2; NaN: not seen */
     int *lens;                 /* [cameras] */
     float *difference[3];      /* [cameras][all points]: to the mean, from 0 to 1 */
     size_t *n;                 /* [cameras] of them */
@@ -107,9 +107,8 @@ static spin_status look(struct colours *c, size_t view)
                     c->image[3 * ((size_t)pixel[1] * (size_t)v->camera.width + (size_t)pixel[0]) +
                              rgb] /
                 255;
-        c->seen[i * n + k][3] =
-            spin_lens_r2(pixel[0], pixel[1], (float)v->camera.cx, (float)v->camera.cy,
-                         0.5f * (float)v->camera.width);
+        c->seen[i * n + k][3] = spin_lens_r2(pixel[0], pixel[1], (float)v->camera.cx,
+                                             (float)v->camera.cy, 0.5f * (float)v->camera.width);
     }
     return SPIN_OK;
 }
@@ -187,8 +186,8 @@ static spin_status fit_samples(struct colours *c)
 
     if (c->n_points_seen < FIT_POINTS)
         return SPIN_OK;
-    SPIN_TRY(spin_look_fit(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n,
-                           plan->exposure));
+    SPIN_TRY(
+        spin_look_fit(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n, plan->exposure));
     for (int k = 0; k < plan->lenses.n; k++)
         memcpy(plan->lenses.lens[k].falloff, lens + SPIN_EXPOSURE * k,
                sizeof plan->lenses.lens[k].falloff);

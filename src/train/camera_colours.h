@@ -11,5 +11,4 @@
  * into plan->exposure and plan->lenses; they stay 0 where there are too few points. */
 spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth, double *spread);
 
-
 #endif

@@ -167,7 +167,7 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
             add_of_frame(f, "residual", part_name[j], at[j],
                          SPIN_RESIDUAL * t->frame[f].size.n_residual, &piece[k]);
     }
-    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++) {
+    for (int f = 0; f < t->n_frames && t->tracked; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
         add_of_frame(f, "frames", "gradient", frame->gradient, frame->size.n, &piece[k++]);
@@ -267,7 +267,7 @@ static spin_status save_numbers(const struct spin_checkpoint *c, struct spin_tra
     void *block = NULL;
     spin_status status = SPIN_OK;
 
-    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++)
+    for (int f = 0; f < t->n_frames && t->tracked; f++)
         for (int k = 0; k < N_NUMBERS; k++) {
             size_t n = t->frame[f].size.n;
             const uint32_t SPIN_DEV *at = numbers_of(&t->frame[f], k);
@@ -327,7 +327,7 @@ static spin_status load_numbers(const struct spin_checkpoint *c, struct spin_tra
     void *block = NULL;
     spin_status status = SPIN_OK;
 
-    for (int f = 0; f < t->n_frames && t->n_tracks > 0; f++)
+    for (int f = 0; f < t->n_frames && t->tracked; f++)
         for (int k = 0; k < N_NUMBERS; k++) {
             size_t n = t->frame[f].size.n;
             int64_t shape[1] = {(int64_t)n};
@@ -459,7 +459,7 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
 
     for (int f = 0; f < t->n_frames; f++)
         spin_json_push_number(steps, (double)t->frame[f].steps);
-    if (t->n_tracks > 0)
+    if (t->tracked)
         sizes_to_json(t, j);
     spin_json_set_integer(j, "iteration", t->iteration);
     spin_json_set_number(j, "seconds", spin_checkpoint_seconds(c));

@@ -263,7 +263,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
     frames->permutation[f] = block;
     /* along a space-filling curve, so that neighbours share cache lines */
     SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
-    if (tracks->n > 0 && first_values) {
+    if (trainer->tracked && first_values) {
         SPIN_TRY(spin_tracks_sort(tracks, f, s->n, frames->permutation[f]));
         SPIN_TRY(send_track_numbers(tracks, f, s->n, frames->permutation[f], trainer->device,
                                     &trainer->frame[f]));

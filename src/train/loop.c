@@ -43,7 +43,8 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
         status = spin_frame_renderer_set_lenses(&live, &lenses);
     snprintf(label, sizeof label, "iteration_%07lld", (long long)t->iteration);
     if (status == SPIN_OK)
-        status = spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
+        status =
+            spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
     if (status == SPIN_OK && l->plan->o->preview)
         status = spin_trainer_lend(t, l->plan->clip.n_frames / 2, 0);
     if (status == SPIN_OK && spin_rank() == 0)
@@ -136,7 +137,8 @@ static void say_seconds(const struct spent *spent)
              100 * named / spent->wall, spent->wall);
     spin_text_bytes((size_t)(spent->sent / (spent->steps > 0 ? spent->steps : 1)), sent);
     if (spin_n_ranks() > 1)
-        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", spent->exchange_s, sent);
+        spin_log(1, "  %-13s %9.3f s, %s sent a step by rank 0", "exchanged", spent->exchange_s,
+                 sent);
 }
 
 /* ---- The loop ----------------------------------------------------------------------------------- */
@@ -218,7 +220,7 @@ static bool densifies(const struct spin_loop *l, int64_t iteration)
 {
     const struct spin_retrain_options *o = l->plan->o;
 
-    return l->trainer->n_tracks > 0 && o->densify_every > 0 &&
+    return l->trainer->tracked && o->densify_every > 0 &&
            (double)iteration < o->densify_until * o->track_iterations;
 }
 

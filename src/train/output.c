@@ -409,15 +409,22 @@ out:
 
 static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_json *network)
 {
-    spin_json *j = spin_json_object(), *splats = spin_json_array();
+    spin_json *j = spin_json_object();
 
     spin_json_set_integer(j, "n", (int64_t)t->n_tracks);
     spin_json_set_integer(j, "moving", (int64_t)t->n_moving);
     spin_json_set_integer(j, "varying", (int64_t)t->n_varying);
     spin_json_set_bool(j, "same_rows", same_rows);
+    spin_json_set(network, "tracks", j);
+}
+
+/* Densification changes how many a frame has. */
+static void counts_to_json(const struct spin_trainer *t, spin_json *network)
+{
+    spin_json *splats = spin_json_array();
+
     for (int f = 0; f < t->n_frames; f++)
         spin_json_push_number(splats, (double)t->frame[f].size.n);
-    spin_json_set(network, "tracks", j);
     spin_json_set(network, "splats", splats);
 }
 
@@ -437,6 +444,8 @@ static spin_status network_to_json(const struct spin_output *output, bool same_r
     spin_json_set(j, "cameras", cameras);
     if (t->n_tracks > 0)
         tracks_to_json(t, same_rows, j);
+    if (t->tracked)
+        counts_to_json(t, j);
     if (!t->network)
         spin_json_set_bool(j, "explicit", true);
     spin_json_set_string(j, "fingerprint", output->fingerprint);

@@ -107,6 +107,13 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
+bool spin_plan_densifies(const struct spin_plan *plan)
+{
+    const struct spin_retrain_options *o = plan->o;
+
+    return o->tracks && o->refine == 0 && o->densify_every > 0;
+}
+
 int spin_plan_camera(const struct spin_plan *plan, int id)
 {
     int k = 0;
@@ -274,6 +281,7 @@ static size_t trainer_bytes(const struct spin_plan *plan)
     const struct spin_frame_size frame = {most, most, most, residual ? most : 0};
     const struct spin_trainer_size size = {.n_frames = 1,
                                            .frame = &frame,
+                                           .tracked = plan->o->tracks,
                                            .n_tracks = plan->o->tracks ? most : 0,
                                            .network = plan->o->method == SPIN_METHOD_NETWORK,
                                            .max_items = plan->o->batch,
@@ -479,7 +487,7 @@ static double guess_iteration(const struct spin_plan *plan)
     const struct spin_retrain_options *o = plan->o;
     double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9, values = 0.1e-6;
     double n = plan->clip.n_mean, grown = (n + (double)plan->max_pixels) / 2;
-    double splats = o->tracks && o->densify_every > 0 ? fmax(n, grown) : n;
+    double splats = spin_plan_densifies(plan) ? fmax(n, grown) : n;
     double seconds = o->batch * (splats * raster + (double)plan->max_pixels * pixel);
 
     if (spin_plan_has_residual(plan))
@@ -583,6 +591,7 @@ spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_opt
     warn_idle_ranks(plan->o);
     SPIN_TRY(plan_field(plan));
     report->frames = plan->clip.n_frames;
+    report->densify_every = spin_plan_densifies(plan) ? plan->o->densify_every : 0;
     report->splats_mean = plan->clip.n_mean;
     report->iterations =
         plan->o->method == SPIN_METHOD_EXPLICIT ? plan->o->refine : plan->o->iterations;

@@ -20,7 +20,8 @@ struct spin_plan {
     int *camera;             /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
     struct spin_lenses lenses; /* of the training cameras */
-    float *exposure; /* [n_cameras + lenses.n][SPIN_EXPOSURE] what training begins with: of cameras, then of lenses */
+    float *
+        exposure; /* [n_cameras + lenses.n][SPIN_EXPOSURE] what training begins with: of cameras, then of lenses */
     struct spin_pair *train, *test; /* pairs (frame, view) */
     size_t n_train, n_test;
     size_t max_pixels, max_tiles; /* of the largest view */
@@ -51,6 +52,8 @@ int spin_plan_camera(const struct spin_plan *plan, int id);
 bool spin_plan_has_source(const struct spin_plan *plan);
 /* Splats have residual values, to which the network adds. */
 bool spin_plan_has_residual(const struct spin_plan *plan);
+/* Tracks, and splats without one, are densified; refined frames, which were before, are not. */
+bool spin_plan_densifies(const struct spin_plan *plan);
 /* Pixels do not all count alike (--dynamic-weight). */
 bool spin_plan_is_weighted(const struct spin_plan *plan);
 /* Whether the table takes lazy Adam: the device has it, and a step's splats need less than half of the table. */

@@ -28,10 +28,11 @@ struct spin_refine_options {
     double lr_dc, lr_sh;                 /* 2.5e-3; of SH beyond the first, a twentieth of it */
     double lr_opacity, lr_scale, lr_rotation; /* 0.05, 5e-3, 1e-3 */
     int sh_increase_every; /* 1000 iterations until the next degree of SH joins; 0: all from the start */
-    double lr_exposure;  /* of every view's gain and offset, forgotten afterwards; 0: none */
-    const float *lenses; /* [n_lenses][SPIN_EXPOSURE] their falloff, which stays, where there is an exposure */
+    double lr_exposure; /* of every view's gain and offset, forgotten afterwards; 0: none */
+    const float *
+        lenses; /* [n_lenses][SPIN_EXPOSURE] their falloff, which stays, where there is an exposure */
     int n_lenses;
-    double lambda_dssim; /* 0.2 */
+    double lambda_dssim;                 /* 0.2 */
     double lambda_scale, lambda_opacity; /* of the mean scale (in extents) and opacity; 0 */
     bool antialias;
     float background[3];

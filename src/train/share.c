@@ -83,7 +83,7 @@ static double network_floats(const struct spin_field *field)
 
 double spin_share_traffic(const struct spin_field *network, double n, bool residual, bool tracks)
 {
-    double others = spin_n_ranks() - 1; /* what goes to every rank */
+    double others = spin_n_ranks() - 1;   /* what goes to every rank */
     double one = others / spin_n_ranks(); /* to one, or in equal parts to all: a part stays here */
     double own = 3 + (residual ? SPIN_RESIDUAL : 0), floats;
 

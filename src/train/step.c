@@ -18,7 +18,8 @@ static void put_shared(struct spin_trainer *t)
     if (n > 0)
         d->op->copy_rows(d, 1, n, t->shared, n, t->heads.g, n);
     if (n_exposure > 0)
-        d->op->copy_rows(d, 1, n_exposure, t->shared + n, n_exposure, t->exposures.param.g, n_exposure);
+        d->op->copy_rows(d, 1, n_exposure, t->shared + n, n_exposure, t->exposures.param.g,
+                         n_exposure);
     d->op->zero(d, t->shared, (n + n_exposure) * sizeof(float));
 }
 

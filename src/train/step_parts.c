@@ -99,7 +99,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
         .residual = frame->residual,
         .d_residual = residual ? t->d_residual + SPIN_RESIDUAL * frames->n : NULL,
     };
-    if (t->n_tracks > 0) {
+    if (t->tracked) {
         to->track = frame->track;
         to->own_means = frame->pos;
         to->n_own_means = frame->size.n_pos;
@@ -123,7 +123,7 @@ void spin_step_add_tracks(struct spin_trainer *t, const struct spin_frame_batch 
 {
     struct spin_tracks_f32 tracks = tracks_of(t);
 
-    if (t->n_tracks > 0)
+    if (t->tracked)
         t->device->op->tracks(t->device, frames, &tracks, t->means, t->residual);
 }
 
@@ -153,7 +153,7 @@ spin_status spin_step_draw(struct spin_trainer *t, const struct spin_step_batch 
 
     d->op->zero(d, t->field_eval.d_attr, frames->n * SPIN_ATTR * sizeof(float));
     d->op->zero(d, t->d_pos, frames->n * 3 * sizeof(float));
-    if (t->n_tracks > 0 ||
+    if (t->tracked ||
         (spin_n_ranks() > 1 && t->residuals)) /* no Adam here, which would leave zeros */
         d->op->zero(d, t->d_residual, frames->n * SPIN_RESIDUAL * sizeof(float));
     return draw_frames(t, b, first, frames);
@@ -163,7 +163,7 @@ void spin_step_tracks_back(struct spin_trainer *t, const struct spin_frame_batch
 {
     struct spin_tracks_f32 tracks = tracks_of(t);
 
-    if (t->n_tracks > 0)
+    if (t->tracked)
         t->device->op->tracks_back(t->device, frames, &tracks);
 }
 

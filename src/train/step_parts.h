@@ -9,7 +9,7 @@ struct spin_train_item {
     int frame;
     const struct spin_camera *camera;
     int exposure, lens; /* rows of the camera and of its lens among the exposures */
-    uint32_t image; /* number of its photograph */
+    uint32_t image;     /* number of its photograph */
 };
 
 struct spin_step_batch {

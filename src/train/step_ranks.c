@@ -524,7 +524,7 @@ static size_t floats_of_blob(const struct round *r, int i, const struct blob *bl
 {
     if (spin_share_owner(frame_of(r, i)) == rank)
         return blob->end;
-    return r->t->n_tracks > 0 ? blob->gather : blob->d_pos;
+    return r->t->tracked ? blob->gather : blob->d_pos;
 }
 
 /* A frame's step, from what its rank sent. */

@@ -19,14 +19,14 @@ struct spin_train_frame {
     float SPIN_DEV *pos, *m, *v; /* [n_pos][3] */
     float SPIN_DEV *residual, *residual_m,
         *residual_v; /* [SPIN_RESIDUAL n_residual] in groups (device.h), or NULL */
-    /* With tracks; else NULL. */
+    /* Where splats may have tracks; else NULL. */
     uint32_t SPIN_DEV *track; /* [n] the track of a splat, or SPIN_NO_TRACK */
     float SPIN_DEV *gradient; /* [n] what densification goes by, see densify_stats() */
     uint32_t SPIN_DEV *seen;  /* [n] */
     int64_t steps;
 };
 
-/* All zero; tracked: also what only frames with tracks have. owned: else only the tracks of its splats, which every
+/* All zero; tracked: also what only frames whose splats may have tracks have. owned: else only the tracks of its splats, which every
  * rank has. After a failure close as well. */
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
                                   struct spin_frame_size size, bool tracked, bool owned);

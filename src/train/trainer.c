@@ -47,7 +47,7 @@ static size_t round_floats(const struct spin_field *field, const struct spin_tra
                            size_t n)
 {
     size_t frames = smaller(spin_n_ranks(), size->max_items), floats, width = 0, most = 0, all = 0;
-    size_t own = size->n_tracks > 0 ? SPIN_TRACK + 2 : has_residual(size) ? SPIN_TRACK : 3;
+    size_t own = size->tracked ? SPIN_TRACK + 2 : has_residual(size) ? SPIN_TRACK : 3;
 
     floats = (2 * frames + 2) * n * own; /* values, gradients; frames that visit or are lent */
     for (int r = 0; r < spin_n_ranks() && size->network; r++) {
@@ -78,8 +78,8 @@ size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_fi
 
     for (int f = 0; f < size->n_frames; f++)
         floats += 3 * (3 * size->frame[f].n_pos + SPIN_RESIDUAL * size->frame[f].n_residual) +
-                  (size->n_tracks > 0 ? 3 * size->frame[f].n : 0);
-    floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->n_tracks > 0 ? 2 : 1);
+                  (size->tracked ? 3 * size->frame[f].n : 0);
+    floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->tracked ? 2 : 1);
     if (size->network)
         floats += 4 * (spin_share_most(&field->grid) + field->n_heads);
     if (spin_n_ranks() > 1)
@@ -143,7 +143,7 @@ static spin_status open_buffers(struct spin_trainer *t)
     SPIN_TRY(reserve(d, n * 3, &t->d_pos));
     if (t->residuals)
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->d_residual));
-    if (t->n_tracks > 0) {
+    if (t->tracked) {
         SPIN_TRY(reserve(d, n * 3, &t->means));
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
     }
@@ -152,7 +152,7 @@ static spin_status open_buffers(struct spin_trainer *t)
         if (t->residuals)
             SPIN_TRY(reserve(d, t->n_max * SPIN_RESIDUAL, &t->visit_residual));
     }
-    if (spin_n_ranks() > 1 && t->n_tracks > 0) {
+    if (spin_n_ranks() > 1 && t->tracked) {
         SPIN_TRY(reserve(d, t->n_max, &t->visit_gradient));
         SPIN_TRY(
             d->op->reserve(d, t->n_max * sizeof *t->visit_seen, (void SPIN_DEV **)&t->visit_seen));
@@ -190,6 +190,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->network = size->network ? &t->field : NULL;
     t->max_pixels = size->max_pixels;
     t->max_tiles = size->max_tiles;
+    t->tracked = size->tracked;
     t->n_tracks = size->n_tracks;
     t->n_moving = size->n_moving;
     t->n_varying = size->n_varying;
@@ -210,7 +211,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                                      size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
-        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->n_tracks > 0,
+        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, size->frame[f], t->tracked,
                                            spin_trainer_owns(f)));
     SPIN_TRY_OUT(open_buffers(t));
     say_owned(t);
@@ -408,7 +409,7 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 {
     int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
 
-    if (!network_works(t) && (t->n_tracks > 0 || !t->network))
+    if (!network_works(t) && (t->tracked || !t->network))
         return 0;
     if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= t->field.sh_degree)
         return t->field.sh_degree;

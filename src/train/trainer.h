@@ -24,6 +24,8 @@ struct spin_train_rates {
 struct spin_trainer_size {
     int n_frames;
     const struct spin_frame_size *frame; /* [n_frames] */
+    bool
+        tracked; /* splats may have tracks, and are densified; there may be no track (yet, or any more) */
     size_t n_tracks, n_moving, n_varying;
     bool network;
     int max_items; /* pictures of a batch */
@@ -46,6 +48,7 @@ struct spin_trainer {
         shared; /* [2][spin_step_shared()] gradients of heads and exposures: summed frame by frame, and of
                              * one frame; or NULL */
     struct spin_param tracks; /* [SPIN_TRACK n_tracks] in groups (device.h) */
+    bool tracked;             /* as in spin_trainer_size */
     size_t n_tracks;
     size_t n_moving,
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
@@ -55,7 +58,7 @@ struct spin_trainer {
     int n_frames;
     int visiting; /* the frame of another rank that is in the buffers, or -1 */
     float SPIN_DEV *visit_pos, *visit_residual; /* its values, [3 n_max], [SPIN_RESIDUAL n_max] */
-    float SPIN_DEV *visit_gradient; /* [n_max] with tracks: what densification goes by */
+    float SPIN_DEV *visit_gradient; /* [n_max] when tracked: what densification goes by */
     uint32_t SPIN_DEV *visit_seen;  /* [n_max] */
     bool residuals;                 /* splats have values besides the network's */
     size_t n_max, max_pixels, max_tiles;

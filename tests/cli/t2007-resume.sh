@@ -55,8 +55,12 @@ plain=$small
 small="$small --residual points"
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped KILL 137
-# Tracks that are densified, with a network that joins late, and without one.
-for more in "$net --tracks auto --network-start 0.5" '--method tracks'; do
+# Tracks that are densified, with a network that joins late, and without one; then frames that share no splat.
+still=$in
+"$bin/spin-export" "$in" --to ply -o "$work/apart" -q && rm "$work/apart/sequence.json"
+run "$bin/spin-import" "$work/apart" --data "$data" --pair order -o "$work/apart.spin"
+for more in "$net --tracks auto --network-start 0.5" '--method tracks' '--method tracks --lr-tracked 1'; do
+    case $more in *lr-tracked*) in=$work/apart.spin ;; esac
     small="$bare $more --densify-every 15 --densify-threshold 1e-5 --max-points 1500 --precision half"
     run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
     is "$code" 0 "retrains with $more"
@@ -71,6 +75,12 @@ for more in "$net --tracks auto --network-start 0.5" '--method tracks'; do
     run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --force --json
     is "$told" "$(member splats_mean)" "$more: and tells how many splats there are now"
 done
+run "$bin/spin-retrain" "$in" -o "$work/again.spin" $small --dry-run --json
+is "$(member densify_every)" 15 "frames that share no splat are densified, the plan says"
+run "$bin/spin-retrain" "$in" -o "$work/again.spin" $small --iterations $steps --force
+err_has "no tracks, each frame's splats are densified alone" "the run says"
+is "$told" 1500 "and they are: as many splats as are allowed"
+in=$still
 small=$plain
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped TERM 143

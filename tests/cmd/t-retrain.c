@@ -600,7 +600,8 @@ static bool zoom(const char *data, double factor)
  * views are drawn through it, by spin-eval as by spin-retrain. */
 static void test_falloff(void)
 {
-    static const char one[] = "--device cpu --threads 1 --iterations 1 --force --lr-exposure 0 --precision full";
+    static const char one[] =
+        "--device cpu --threads 1 --iterations 1 --force --lr-exposure 0 --precision full";
     struct run r = {0};
     char path[600];
     double corner, psnr, drawn = 0;
@@ -922,6 +923,10 @@ static void test_plan(void)
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --iterations 40", bin, folder);
     ok(said_number("iterations") == 40 && said_number("densify_every") == 2,
        "--iterations 40: densified by them");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --tracks auto --densify-every 9 "
+          "--refine 5",
+          bin, folder);
+    ok(said_number("densify_every") == 0, "frames that were refined are not densified again");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --refine 5", bin, folder);
     ok(said_text("preset", "paper") && said_text("method", "network") &&
            said_number("iterations") == 40000,
@@ -990,6 +995,8 @@ static void test_idle(void)
           "warning: no effect without densification: --max-points\n");
     warns("--preset short --max-points 100 --refine 5", "");
     warns("--method explicit --max-points 100", "");
+    warns("--tracks auto --densify-every 9 --refine 5 --densify off --max-points 100",
+          "warning: no effect without densification: --max-points\n");
     warns("--method explicit --max-points 100 --densify off",
           "warning: no effect without densification: --max-points\n");
     warns("--learn-exposure off --lr-exposure 0.1",

@@ -165,6 +165,7 @@ static void open_trainer(struct spin_device *d, struct spin_trainer *t)
     struct spin_field field = {.sh_degree = 0};
     const struct spin_trainer_size size = {.n_frames = 2,
                                            .frame = size_of,
+                                           .tracked = true,
                                            .n_tracks = TRACKS,
                                            .n_moving = 2,
                                            .max_items = 1,

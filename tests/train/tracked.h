@@ -46,6 +46,7 @@ static void tracked_open(struct spin_device *d, const struct spin_frame_size *fr
     static const struct spin_field none;
     const struct spin_trainer_size size = {.n_frames = TRACKED_FRAMES,
                                            .frame = frame,
+                                           .tracked = true,
                                            .n_tracks = n,
                                            .n_moving = n_moving,
                                            .n_varying = n_varying,
