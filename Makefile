@@ -147,7 +147,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo test test-bins test-tools test-builds check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo test test-bins test-tools test-builds test-card test-ranks check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -184,6 +184,12 @@ test: ## all tests, JOBS at a time; K='words' selects; SETUP=0 installs nothing
 
 test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip test-tools fuzz-bins
 test-tools: $(TOOLS)
+
+test-card: ## trainings on the emulated card, which `make test` leaves out
+	@$(MAKE) --no-print-directory test K=$@
+
+test-ranks: ## trainings by many processes, which `make test` leaves out
+	@$(MAKE) --no-print-directory test K=$@
 
 test-builds: ## K='gcc clang paths bytes deb arm64': other compilers, code paths and packages
 	@sh tests/builds.sh $(BUILD) $(K)

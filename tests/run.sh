@@ -4,8 +4,9 @@
 #
 # Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts) and BUILD_DIR/tests/fuzz/fuzz-*
 # on the saved finds in fixtures/hostile/<name>/. With WORDS only those whose source path contains one of
-# them, or whose source has one in its line of keys ("K: golden threads"). A crash, a non-zero exit, more
-# than ten minutes and a test without an end are failures.
+# them, or whose source has one in its line of keys ("K: golden threads"); without WORDS all but those with the keys
+# test-card and test-ranks, long trainings that are run by these names. A crash, a non-zero exit, more than ten minutes
+# and a test without an end are failures.
 #
 # SPIN_RUN runs the programs of another machine (qemu-aarch64).
 # SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
@@ -88,15 +89,22 @@ trap 'rm -f "$SPIN_SKIPS" "$listed" "$told"' EXIT
 trap 'exit 130' INT TERM
 export SPIN_SKIPS
 
+# has_key SOURCE KEY
+has_key() {
+    grep -E "(^|[^A-Za-z0-9])K:" "$1" 2>/dev/null | sed 's/.*K://; s/[^A-Za-z0-9_.-]/ /g' | tr ' ' '\n' | grep -Fqx -e "$2"
+}
+
 # matches SOURCE
 matches() {
-    [ -z "$WORDS" ] && return 0
+    if [ -z "$WORDS" ]; then
+        has_key "$1" test-card || has_key "$1" test-ranks || return 0
+        return 1
+    fi
     for word in $WORDS; do
         case $1 in
         *"$word"*) return 0 ;;
         esac
-        grep -E "(^|[^A-Za-z0-9])K:" "$1" 2>/dev/null | sed 's/.*K://; s/[^A-Za-z0-9_.-]/ /g' |
-            tr ' ' '\n' | grep -Fqx -e "$word" && return 0
+        has_key "$1" "$word" && return 0
     done
     return 1
 }

@@ -29,6 +29,16 @@ for jobs in 1 3; do
     tests 'golden t2-also'
     is "$code $(tail -n 1 "$work/out")" "0 2 passed, 0 failed, 0 skipped" "$jobs: those with a key or a path of two words"
 done
+printf '#!/bin/sh\n# K: test-card\necho ok 1 - a\n' >tests/cli/t2-card.sh
+printf '#!/bin/sh\n# K: ranks test-ranks\necho ok 1 - a\n' >tests/cli/t2-ranks.sh
+jobs=1
+tests ''
+is "$code $(tail -n 1 "$work/out")" "0 4 passed, 0 failed, 1 skipped" "long trainings are left out"
+for word in test-card test-ranks ranks; do
+    tests $word
+    is "$code $(tail -n 1 "$work/out")" "0 1 passed, 0 failed, 0 skipped" "but not by name: $word"
+done
+rm tests/cli/t2-card.sh tests/cli/t2-ranks.sh
 tests no-such
 is "$code $(tail -n 1 "$work/out")" "1 0 passed, 0 failed, 0 skipped" "no test is a failure"
 

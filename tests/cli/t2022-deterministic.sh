@@ -1,7 +1,7 @@
 #!/bin/sh
 # --deterministic on the emulated card: the same bits whatever order its threads run in, also after a card was lost,
 # where without it they differ; and the memory that it takes. The CPU needs no such option.
-# K: cuda emu device retrain resume
+# K: cuda emu device retrain resume test-card
 . tests/cli/lib.sh
 
 SPIN_CUDA_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.so

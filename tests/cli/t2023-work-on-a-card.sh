@@ -1,7 +1,7 @@
 #!/bin/sh
 # On the emulated card: refinement that densifies, the default recipe, evaluation and export, each beside the CPU's;
 # Ctrl-C and --resume; and where memory runs out or the card is lost in the middle: a message, and nothing half
-# written. K: cuda emu device refine export resume
+# written. K: cuda emu device refine export resume test-card
 . tests/cli/lib.sh
 
 build=${SPIN_BUILD:-build/release}

@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: ranks mpi retrain
+# K: ranks mpi retrain test-ranks
 # Several processes train one clip. The result is that of one process, to the last bit, also when it was begun
 # with another number of them.
 . tests/cli/lib.sh

@@ -2,7 +2,7 @@
 # Several processes train on emulated cards: the messages of a step go from card to card by an emulated NCCL, or through
 # page-locked memory, or where there is none through ordinary memory, and the bundle is the same; and what is said when
 # NCCL fails, or a process while others wait for its messages.
-# K: ranks mpi cuda emu device retrain
+# K: ranks mpi cuda emu device retrain test-card
 . tests/cli/lib.sh
 . tests/cli/ranks.sh
 
