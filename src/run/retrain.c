@@ -208,8 +208,7 @@ static void say_exposure(const struct run *r)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
     if (on && r->colour_spread < 0)
         spin_log(0, "no point is seen by three training cameras to compare their colours: "
-                    "exposures and falloff "
-                    "begin at none");
+                    "exposures and falloff begin at none");
     else if (on)
         spin_log(
             0,

@@ -24,8 +24,7 @@ struct spin_train_rates {
 struct spin_trainer_size {
     int n_frames;
     const struct spin_frame_size *frame; /* [n_frames] */
-    bool
-        tracked; /* splats may have tracks, and are densified; there may be no track (yet, or any more) */
+    bool tracked; /* splats may have tracks, and are densified; n_tracks may still be 0 */
     size_t n_tracks, n_moving, n_varying;
     bool network;
     int max_items; /* pictures of a batch */

@@ -31,14 +31,17 @@ for jobs in 1 3; do
 done
 printf '#!/bin/sh\n# K: test-card\necho ok 1 - a\n' >tests/cli/t2-card.sh
 printf '#!/bin/sh\n# K: ranks test-ranks\necho ok 1 - a\n' >tests/cli/t2-ranks.sh
+printf '#!/bin/sh\n\n\n\n\n\n\n\n\n\n\n\n# K: test-card\necho ok 1 - a\n' >tests/cli/t2-text.sh
 jobs=1
 tests ''
-is "$code $(tail -n 1 "$work/out")" "0 4 passed, 0 failed, 1 skipped" "long trainings are left out"
+is "$code $(tail -n 1 "$work/out")" "0 5 passed, 0 failed, 1 skipped" "long trainings are left out"
+is "$(grep 'left out' "$work/out" | cut -d: -f1 | tr '\n' ' ')" "tests/cli/t2-card.sh tests/cli/t2-ranks.sh " \
+    "which is said, and a test that has the word in its text is none"
 for word in test-card test-ranks ranks; do
     tests $word
     is "$code $(tail -n 1 "$work/out")" "0 1 passed, 0 failed, 0 skipped" "but not by name: $word"
 done
-rm tests/cli/t2-card.sh tests/cli/t2-ranks.sh
+rm tests/cli/t2-card.sh tests/cli/t2-ranks.sh tests/cli/t2-text.sh
 tests no-such
 is "$code $(tail -n 1 "$work/out")" "1 0 passed, 0 failed, 0 skipped" "no test is a failure"
 

@@ -36,6 +36,14 @@ for n in 3 4; do
     same "tracks without a network, several views of a frame" $n $tracks --iterations 9 --batch 5 \
         --views-per-frame 2 --preview "$work/preview"
 done
+together=$in
+"$bin/spin-export" "$in" --to ply -o "$work/apart" -q && rm "$work/apart/sequence.json"
+run "$bin/spin-import" "$work/apart" --data $clip --pair order -o "$work/apart.spin"
+in=$work/apart.spin
+same "frames that share no splat and are densified" 3 $tracks --iterations 9 --batch 5
+run "$bin/spin-retrain" "$in" -o "$work/one.spin" --force -v $tracks --iterations 9 --batch 5
+err_has "^iteration 3: .*[1-9][0-9]* splits, .*: 0 tracks$" "they are"
+in=$together
 same "tracks that are densified while there is a network" 3 $small --scale 0.25 --iterations 11 --tracks auto \
     --densify-every 3 --densify-threshold 1e-6 --batch 2
 
