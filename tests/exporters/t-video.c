@@ -89,7 +89,8 @@ static spin_status export_clip(const struct spin_exporter *exporter,
     n_renders = 0;
     if (status != SPIN_OK)
         return status;
-    make_frame(&s, 9, 0, 3);
+    make_frame(&s, 10, 0, 3);
+    s.logit_opacities[9] = NAN; /* 9 can be drawn */
     for (int i = 0; i < 27; i++)
         s.means[i] = i % 3 == 0 ? (float)(i / 3 - 4) / 4 : 0;
     for (int i = 0; i < job->n_frames && status == SPIN_OK; i++) {

@@ -37,6 +37,8 @@ TAP_MAIN
     struct spin_views views = {.view = view, .n = 6};
     struct spin_pair pairs[6] = {{0, 0}, {0, 1}, {0, 2}, {0, 3}, {0, 4}, {0, 5}};
     struct spin_view half = view_of(320, 180, 450), other = view_of(640, 360, 300);
+    struct spin_view kind[3] = {view_of(640, 360, 600), view_of(640, 360, 730), view_of(640, 360, 650)};
+    struct spin_views two = {.view = kind, .n = 3};
     struct spin_lenses lenses, again;
     spin_json *json;
     bool same = true;
@@ -68,11 +70,18 @@ TAP_MAIN
     spin_json_free(json);
     spin_lenses_free(&again);
     spin_lenses_free(&lenses);
+    ok(spin_lenses_list(&two, pairs, 3, 0.5, &lenses) == SPIN_OK && lenses.n == 2 &&
+           lenses.lens[0].width == 1280 && lenses.lens[0].height == 720,
+       "their sizes are those of whole pictures");
+    ok(spin_lenses_find(&lenses, &kind[2].camera) == 0, "of two that are near the nearer one");
+    spin_lenses_free(&lenses);
     ok(spin_lenses_from_json(NULL, 1, &again) == SPIN_OK && again.n == 0, "a bundle without lenses");
     refuses("[{\"width\": 640, \"height\": 360, \"focal\": 1, \"c1\": [0, 0, 0], \"c2\": [0, 0]}]",
             "a value is missing");
     refuses("[{\"width\": 0, \"height\": 360, \"focal\": 1, \"c1\": [0, 0, 0], \"c2\": [0, 0, 0]}]",
             "no width");
+    refuses("[{\"width\": 9, \"height\": 9, \"focal\": 0, \"c1\": [0, 0, 0], \"c2\": [0, 0, 0]}]",
+            "no focal length");
     refuses("[{\"width\": 9, \"height\": 9, \"focal\": 1, \"c1\": [0, 0, 1e9], \"c2\": [0, 0, 0]}]",
             "a falloff out of all bounds");
 }

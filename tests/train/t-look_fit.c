@@ -69,6 +69,27 @@ static void check(const char *what, double most_gain, double most_falloff)
     ok(zero == 0, "%s: no offsets", what);
 }
 
+/* A camera that shows nothing stays at 0, and what is wrong in red changes no other colour. */
+static void test_apart(void)
+{
+    float clean[CAMERAS + 1 + LENSES][6], red[CAMERAS + 1 + LENSES][6];
+    bool same = true;
+
+    make(0);
+    ok(spin_look_fit(sample, POINTS * SEEN, CAMERAS + 1, LENSES, clean[0]) == SPIN_OK &&
+           clean[CAMERAS][0] == 0 && clean[CAMERAS][1] == 0 && clean[CAMERAS][2] == 0,
+       "a camera without samples stays at 0");
+    for (size_t i = 0; i < POINTS * SEEN; i += 17)
+        sample[i].value[0] = 0.9f;
+    ok(spin_look_fit(sample, POINTS * SEEN, CAMERAS + 1, LENSES, red[0]) == SPIN_OK &&
+           red[0][0] != clean[0][0],
+       "wrong values of red");
+    for (size_t k = 0; k < CAMERAS + 1 + LENSES; k++)
+        for (size_t c = 0; c < 6; c++)
+            same &= c % 3 == 0 || red[k][c] == clean[k][c];
+    ok(same, "change red alone");
+}
+
 TAP_MAIN
 {
     float one[2][6];
@@ -80,4 +101,5 @@ TAP_MAIN
     ok(spin_look_fit(sample, 0, 1, 1, one[0]) == SPIN_OK && one[0][0] == 0 && one[1][0] == 0 &&
            one[1][3] == 0,
        "without samples all is 0");
+    test_apart();
 }
