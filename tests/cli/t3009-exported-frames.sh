@@ -51,5 +51,22 @@ for fault in 's/"source_index": 3/"source_index": 6/' 's/"frame": 3/"frame": 30/
     ok $? "$fault: times are counted"
     rm -r "$work/bad" "$work/bad.spin"
 done
+cp -r "$work/named-out" "$work/other"
+sed -i 's/"generator": "spin4d [^"]*"/"generator": "other"/; s/"frame": 3/"frame": 30/' "$work/other/sequence.json"
+run "$bin/spin-import" "$work/other" -o "$work/other.spin" --json
+is "$code" 0 "a sequence.json of others: imports"
+grep -A2 '"times"' "$work/out" | tr -d ' \n' | grep -q '"times":\[0,2'
+ok $? "a sequence.json of others: times are counted"
+! grep -q 'sequence.json' "$work/err"
+ok $? "a sequence.json of others: nothing is said"
+
+# Some of the frames that were exported.
+run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --json
+sed -n '/"views"/,$ p' "$work/out" >"$work/wanted"
+run "$bin/spin-import" "$work/named-out" --data "$clip" --range 3:5 -o "$work/some.spin"
+is "$code" 0 "some of them: imports"
+run "$bin/spin-eval" "$work/some.spin" --split all --json
+sed -n '/"views"/,$ p' "$work/out" | cmp -s - "$work/wanted" && [ -s "$work/wanted" ]
+ok $? "some of them: beside the same pictures"
 
 done_testing

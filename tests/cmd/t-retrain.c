@@ -504,7 +504,7 @@ static void test_own(void)
 /* ---- Camera colours ----------------------------------------------------------------------------- */
 
 /* The images of a camera, darker by a fifth, or (corners) by a sixth of r^2, see math/exposure.h. */
-static bool darken(const char *data, int camera, bool corners)
+static bool darken(const char *data, int camera, bool corners, bool red)
 {
     for (int f = 8; f < 14; f++) {
         char path[700];
@@ -518,7 +518,8 @@ static bool darken(const char *data, int camera, bool corners)
             double x = 2.0 * (i / 3 % width) / width - 1,
                    y = (2.0 * (i / 3 / width) - height) / width;
 
-            rgb[i] = (uint8_t)(rgb[i] * (corners ? 1 - (x * x + y * y) / 6 : 0.8));
+            if (!red || i % 3 == 0)
+                rgb[i] = (uint8_t)(rgb[i] * (corners ? 1 - (x * x + y * y) / 6 : 0.8));
         }
         remove(path);
         if (spin_image_write(path, width, height, rgb, false) != SPIN_OK)
@@ -543,7 +544,7 @@ static void test_auto_exposure(void)
        "and so it stands in the bundle");
     free_run(&r);
     ok(shell("cp -r %s %s/tinted && chmod -R u+w %s/tinted", clip, folder, folder) == 0 &&
-           darken("tinted", 7, false),
+           darken("tinted", 7, false, false),
        "a clip with a darker camera");
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s", bin, folder,
              folder, folder, one) == 0 &&
@@ -556,6 +557,12 @@ static void test_auto_exposure(void)
            spin_json_length(spin_json_get(r.network, "cameras")) == TRAINING,
        "and learned");
     free_run(&r);
+    ok(shell("cp -r %s %s/red && chmod -R u+w %s/red", clip, folder, folder) == 0 &&
+           darken("red", 7, false, true) &&
+           shell("%s/spin-retrain %s/in.spin --data %s/red -o %s/red.spin %s", bin, folder, folder,
+                 folder, one) == 0 &&
+           strstr(said, "cameras differ in colour by "),
+       "so is one that is darker in red alone: %s", said);
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s "
              "--learn-exposure off",
              bin, folder, folder, folder, one) == 0 &&
@@ -584,16 +591,16 @@ static double lens_value(const struct run *r, size_t k, size_t c)
     return number_at(spin_json_at(spin_json_get(r->bundle.json, "lenses"), 0), k ? "c2" : "c1", c);
 }
 
-/* The test cameras' focal lengths, times factor. */
-static bool zoom(const char *data, double factor)
+/* The focal lengths of the test camera at a place, times factor. */
+static bool zoom(const char *data, int place, double factor)
 {
     char path[700];
 
     snprintf(path, sizeof path, "%s/%s/test_meta.json", folder, data);
     return shell("python3 -c \"import json; m = json.load(open('%s')); "
-                 "[[k.__setitem__(0, [k[0][0] * %g] + k[0][1:]) for k in f] for f in m['k']]; "
+                 "[f[%d].__setitem__(0, [f[%d][0][0] * %g] + f[%d][0][1:]) for f in m['k']]; "
                  "json.dump(m, open('%s', 'w'))\"",
-                 path, factor, path) == 0;
+                 path, place, place, factor, place, path) == 0;
 }
 
 /* All cameras of a clip have a lens that is darker towards the corners: it is found from the points alone, and test
@@ -608,7 +615,7 @@ static void test_falloff(void)
     bool dark = shell("cp -r %s %s/lens && chmod -R u+w %s/lens", clip, folder, folder) == 0;
 
     for (int k = 0; k < TRAINING; k++)
-        dark &= darken("lens", training[k], true);
+        dark &= darken("lens", training[k], true, false);
     ok(dark, "a clip with dark corners");
     ok(shell("%s/spin-retrain %s/in.spin --data %s/lens -o %s/lens.spin %s", bin, folder, folder,
              folder, one) == 0 &&
@@ -638,7 +645,24 @@ static void test_falloff(void)
              folder, folder) == 0 &&
            !strstr(said, "another lens"),
        "and those of full size in scaled pictures");
-    ok(zoom("lens", 2) &&
+    ok(shell("%s/spin-eval %s/lens.spin --source --data %s/lens --device cpu --threads 1 --json",
+             bin, folder, folder) == 0,
+       "spin-eval --source");
+    drawn = said_number("psnr");
+    ok(shell("%s/spin-eval %s/in.spin --data %s/lens --device cpu --threads 1 --json", bin, folder,
+             folder) == 0 &&
+           fabs(said_number("psnr") - drawn) < 1e-9,
+       "draws what was imported as it is, without a falloff");
+    ok(shell("%s/spin-export %s/lens.spin --source --to ply -o %s/lens-source", bin, folder,
+             folder) == 0 &&
+           !strstr(said, "falloff"),
+       "which is not told of it either");
+    ok(zoom("lens", 1, 2) &&
+           shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1", bin, folder,
+                 folder) == 0 &&
+           strstr(said, "warning: camera 15 has another lens than all that were learned"),
+       "a camera with another lens is told, which need not be the first: %s", said);
+    ok(zoom("lens", 0, 2) &&
            shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1", bin, folder,
                  folder) == 0 &&
            strstr(said, "warning: camera 0 has another lens than all that were learned"),

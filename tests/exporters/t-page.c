@@ -123,6 +123,9 @@ static void test_row(void)
     ok(changed == 0, "where it is not there it is clear");
     spin_page_value_of(&space, key, NULL, 45, shown);
     near(shown[SPIN_PAGE_OPACITY], 0.327, 3.01 / 255, "else not");
+    key[SPIN_PAGE_OPACITY] = 100;
+    spin_page_value_of(&space, key, NULL, 45, shown);
+    ok(shown[SPIN_PAGE_OPACITY] == 1, "a step beyond 1 is 1");
     /* half way round and on: the angle goes on, not back */
     for (int f = 0; f < F; f++) {
         double angle = 0.9 * f;
@@ -210,6 +213,8 @@ static void test_group(void)
        "300 at places of before are shared, the others are each frame's own");
     ok(seen.still >= 298 && g->largest[SPIN_QUANT_PLACE] <= 0.001 && g->n_values == 1450 * 14,
        "they stand still; every value is held to its bound");
+    ok(g->largest[SPIN_QUANT_ROTATION] <= 0.0174 && g->largest[SPIN_QUANT_ROTATION] > 0.7 * 0.0174,
+       "turns come near to theirs: %g", g->largest[SPIN_QUANT_ROTATION]);
     ok(add(g, &rows, &a) && add(g, &rows, &b) && add(g, &rows, &b) &&
            spin_page_group_write(g, see, &seen) == SPIN_OK && seen.shared == 300 &&
            seen.own[2] == 150 && seen.still >= 298,

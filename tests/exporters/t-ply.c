@@ -200,7 +200,7 @@ static void test_min_opacity(void)
     struct spin_export_job job = {.output = in_folder("visible"),
                                   .n_frames = 1,
                                   .values = &values,
-                                  .source = "a\nelement vertex 9"};
+                                  .source = "\xc3\xa4\nelement vertex 9"};
     struct spin_splats s = {0};
     struct spin_ply ply;
 
@@ -209,8 +209,8 @@ static void test_min_opacity(void)
     if (!ok(spin_ply_open(in_folder("visible/ball.0003.ply"), &ply) == SPIN_OK, "under that name"))
         return;
     ok(ply.element[0].count == 4 && column_is(&ply, "opacity", 0, 1), "only what is visible");
-    ok(ply.n_comments == 3 && strcmp(ply.comment[1], "source a_element vertex 9") == 0,
-       "a name cannot add lines");
+    ok(ply.n_comments == 3 && strcmp(ply.comment[1], "source \xc3\xa4_element vertex 9") == 0,
+       "a name cannot add lines, and keeps its letters");
     spin_ply_close(&ply);
     spin_splats_free(&s);
 }

@@ -42,6 +42,7 @@ struct clip {
     struct spin_splats shared, now;
     size_t at[SHARED];
     bool lies; /* the last frame is another one when it is asked for first */
+    bool bad;  /* one of a frame's own cannot be drawn */
 };
 
 static spin_status give(void *context, int f, const struct spin_splats **out)
@@ -51,6 +52,8 @@ static spin_status give(void *context, int f, const struct spin_splats **out)
     make_shared(f, &c->shared, &c->now, c->at);
     if (c->lies && f == FRAMES - 1)
         copy_row(&c->now, c->at[7], &c->shared, 8);
+    if (c->bad)
+        c->now.logit_opacities[(SHARED + 2 + 1000 * (size_t)f) % c->now.n] = NAN;
     *out = &c->now;
     return SPIN_OK;
 }
@@ -77,7 +80,8 @@ static spin_status export_shared(const struct spin_export_job *job, struct clip 
     return spin_exporter_gltf.end(self);
 }
 
-static int rows_are_same(const struct spin_splats *a, size_t i, const struct spin_splats *b, size_t j)
+static int rows_are_same(const struct spin_splats *a, size_t i, const struct spin_splats *b,
+                         size_t j)
 {
     return memcmp(a->means + 3 * i, b->means + 3 * j, 12) == 0 &&
            memcmp(a->sh + 12 * i, b->sh + 12 * j, 48) == 0 &&
@@ -173,8 +177,7 @@ static void test_shared(const char *switched)
     make_frame(&c.shared, SHARED + 1, 1, 77);
     for (size_t k = 1; k < ALIKE; k++)
         copy_row(&c.shared, k, &c.shared, 0);
-    ok(export_shared(&job, &c) == SPIN_OK, "writes a clip (%s)",
-       switched ? switched : "by itself");
+    ok(export_shared(&job, &c) == SPIN_OK, "writes a clip (%s)", switched ? switched : "by itself");
     check_file(job.output, &c);
     spin_splats_free(&c.shared);
     spin_splats_free(&c.now);
@@ -201,6 +204,15 @@ static void test_shared_edges(void)
            !spin_path_exists(job.output),
        "a frame that is another one the second time: refused, and nothing is written");
     c.lies = false;
+    c.bad = true;
+    job.output = in_folder("bad.glb");
+    ok(export_shared(&job, &c) == SPIN_OK && spin_map_open(job.output, &map) == SPIN_OK &&
+           spin_gs_glb_scene_open(map.data, map.size, &scene) == SPIN_OK &&
+           scene.piece[0].points.n == 5 && scene.piece[FRAMES].points.n == SHARED,
+       "what cannot be drawn is left out of a frame's own");
+    spin_gs_glb_scene_close(&scene);
+    spin_map_close(&map);
+    c.bad = false;
     job.values = NULL;
     job.output = in_folder("whole.glb");
     ok(export_shared(&job, &c) == SPIN_OK && spin_map_open(job.output, &map) == SPIN_OK &&

@@ -292,6 +292,11 @@ static void test_folders(const char *root)
     way[1] = "networks";
     ok(open_with(folder, way, &run) != SPIN_OK && strstr(spin_last_error(), "frame 0"),
        "networks need the first cloud");
+    folder = link_clip(root, 0);
+    remove(path_in(folder, "init_3dgs"));
+    make_folder(folder, "frame000001/point_cloud/iteration_9");
+    make_link(path_in(root, "frame000002"), folder, "frame000002");
+    fails("3dgstream", folder, "frame 1 has no moved cloud", "a first frame with nothing in it");
     folder = link_clip(root, 3);
     remove(path_in(folder, "frame000002"));
     fails("3dgstream", folder, "not 2 between", "a gap in the frames");

@@ -173,6 +173,8 @@ static void test_options(const char *root)
     struct run run;
 
     compare_model(model, flags, folder, "--deform instead of cfg_args");
+    compare_model(make_model(folder, NULL, "Namespace(grid_pe=3)"), flags, folder,
+                  "--grid-pe before cfg_args");
     if (ok(run_open("4dgaussian", model, &run) == SPIN_OK, "opens without cfg_args")) {
         ok(strstr(run.sequence.notes, "no cfg_args") != NULL &&
                strstr(run.sequence.notes, "look trained: position opacity\n") != NULL,

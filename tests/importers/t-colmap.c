@@ -126,6 +126,14 @@ static void test_text(void)
         ok(v[1].test && !v[0].test && v[1].camera_id == 0, "the first by name is held out");
         spin_views_free(&views);
     }
+    make_text(folder, "sparse/0/images.txt",
+              "# two\r\n7 1 0 0 0 1 2 3 1 b.png\r\n\r\n"
+              "3 -2 0 0 0 4 5 6 2 a.png\r\n\r\n");
+    if (set_opens(folder, NULL, &views, "lines that end as on Windows")) {
+        ok(views.n == 2 && view_of(&views, "images/b.png") == views.view, "are the same");
+        spin_views_free(&views);
+    }
+    make_text(folder, "sparse/0/images.txt", images);
     if (set_opens(folder, "colmap:time=name,principal=centre,hold=0", &views, "with options")) {
         ok(view_of(&views, "images/a.png") == views.view && views.view[1].time == 0.5,
            "frames come in the order of the names");
@@ -328,12 +336,21 @@ static void test_look_alikes(void)
         snprintf(name, sizeof name, "images/c%d/00%d.png", i % 2, i / 2);
         make_image(folder, name, 8, 6);
     }
+    make_text(folder, "images/c1/.001.png", "hidden");
     if (set_opens(folder, NULL, &views, "a model whose images lie in folders"))
         spin_views_free(&views);
     make_image(folder, "images/c1/001.png", 8, 6);
     set_refused(folder, NULL, "FreeTimeGS", "frames behind every image");
     make_model(folder, lenses, flat);
     set_refused(folder, NULL, "FreeTimeGS", "frames in folders called as the images");
+    for (int i = 0; i < 4; i++) {
+        snprintf(name, sizeof name, "images/c.%d", i % 2);
+        make_folder(folder, name);
+        snprintf(name, sizeof name, "images/c.%d/00%d.png", i % 2, i / 2);
+        make_image(folder, name, 8, 6);
+    }
+    make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 c.0.png\n\n2 1 0 0 0 0 0 0 1 c.1.png\n\n");
+    set_refused(folder, NULL, "FreeTimeGS", "whose names have a dot");
     make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 c0/000.png\n\n2 1 0 0 0 0 0 0 1 c0/001.png\n\n");
     if (set_opens(folder, NULL, &views, "a model of all images of a folder"))
         spin_views_free(&views);

@@ -60,6 +60,7 @@ static void test_loose(void)
     const char *sog = check_fixture("splats/sog"), *folder = new_folder(), *meta;
     const struct spin_importer *found = NULL;
     struct spin_splats packed = {0}, loose = {0};
+    static char text[1 << 16];
     struct spin_zip zip;
     struct run run;
 
@@ -77,6 +78,9 @@ static void test_loose(void)
         if (spin_zip_read(&zip, &zip.member[i], true, 1 << 20, &data, &owned) != SPIN_OK)
             exit(1);
         write_file(folder, zip.member[i].name, data, (size_t)zip.member[i].size);
+        if (!strcmp(zip.member[i].name, "meta.json"))
+            snprintf(text, sizeof text, "{\"model\":\"antialiased\",%.*s",
+                     (int)zip.member[i].size - 1, (const char *)data + 1);
         free(owned);
     }
     spin_zip_close(&zip);
@@ -97,6 +101,12 @@ static void test_loose(void)
            "and the same");
         run_close(&run);
     }
+    write_file(folder, "meta.json", text, strlen(text));
+    ok(!run.sequence.antialias && run_open("sog", folder, &run) == SPIN_OK &&
+           run.sequence.antialias && run.importer->frame(run.self, 0, 0, ALL, &loose) == SPIN_OK &&
+           loose.antialias,
+       "says that it is meant to be drawn antialiased, and only then");
+    run_close(&run);
     write_file(folder, "quats.webp", "", 0);
     fails("sog", folder, "meta.json': no WebP", "a picture that is empty");
     spin_splats_free(&packed);

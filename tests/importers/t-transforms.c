@@ -437,6 +437,13 @@ static void test_one_file(void)
            "the first camera is held out, frames are the times");
         spin_views_free(&views);
     }
+    make_text(folder, "transforms.json",
+              LENS "\"frames\":[" FRAME("images/cam04_0000.png", "0") "," FRAME(
+                  "images/cam04_0001.png", "0.5") "," FRAME("images/cam04_0002.png", "1") "]}");
+    if (set_opens(folder, NULL, &views, "one camera at several times")) {
+        ok(views.n == 3 && n_tests(&views) == 1, "is not held out as a whole");
+        spin_views_free(&views);
+    }
     make_text(folder, "transforms_train.json",
               LENS "\"frames\":[" FRAME("images/cam04_0000.png", "0") "]}");
     if (set_opens(folder, NULL, &views, "transforms.json beside the files of D-NeRF")) {

@@ -233,6 +233,7 @@ static void good_ones(void)
     add_end(&b, "");
     save(&b, b.n);
     ok(!reads("a.npy", hello, HELLO, 100), "an empty archive opens and has no members");
+    ok(spin_zip_looks_like(b.data, 4), "and looks like one");
 }
 
 static void zip64(void)
@@ -240,6 +241,8 @@ static void zip64(void)
     static struct build b;
     static const unsigned char extra[] = "\x99\x99\x02\x00zz\x01\x00\x18\x00"
                                          "\x0d\0\0\0\0\0\0\0\x0d\0\0\0\0\0\0\0\0\0\0\0\0\0\0";
+    static const unsigned char one_size[] = "\x01\x00\x08\x00\0\0\0\0\0\0\0\0"
+                                            "\x99\x99\x07\x00\0\0\0\0\0\0";
     struct entry e = stored();
     size_t end64;
 
@@ -298,6 +301,17 @@ static void zip64(void)
     add_end(&b, "");
     save(&b, b.n);
     fails(SPIN_E_MALFORMED, "'a.npy' lacks its zip64 sizes", 0, "zip64: the record is missing");
+    e.packed = 0;
+    memset(&b, 0, sizeof b);
+    add_local(&b, &e);
+    e.packed = 0xffffffff;
+    e.extra = one_size;
+    e.n_extra = sizeof one_size;
+    add_central(&b, &e);
+    add_end(&b, "");
+    save(&b, b.n);
+    fails(SPIN_E_MALFORMED, "'a.npy' lacks its zip64 sizes", 0,
+          "zip64: the record is short, the other size is not taken from the next one");
 }
 
 static void lies(void)

@@ -267,9 +267,20 @@ static void test_pixels(void)
     spin_views_free(&views);
 }
 
+static void test_options(void)
+{
+    struct spin_views views;
+
+    ok(spin_views_open(check_folder(), "colmap:a=1,b=2,c=3,d=4,e=5,f=6,g=7,h=8,i=9", &views, NULL,
+                       0) == SPIN_E_USAGE &&
+           strstr(spin_last_error(), "more than 8 options"),
+       "nine options of a reader are one too many: %s", spin_last_error());
+}
+
 TAP_MAIN
 {
     spin_log_set_level(-1);
+    test_options();
     test_pairs();
     test_split();
     test_scale();

@@ -18,7 +18,10 @@ static double random01(uint32_t *state)
     return (*state >> 8) / 16777216.0;
 }
 
-static double gain(int camera, int rgb) { return 0.02 * (camera - 4) + 0.01 * rgb * (camera % 3 - 1); }
+static double gain(int camera, int rgb)
+{
+    return 0.02 * (camera - 4) + 0.01 * rgb * (camera % 3 - 1);
+}
 
 /* every: each such sample is a wrong one; 0: none. */
 static void make(int every)
@@ -35,8 +38,8 @@ static void make(int every)
         s->lens = lens = s->camera >= 6;
         s->r2 = (float)r2;
         for (int rgb = 0; rgb < 3; rgb++)
-            s->value[rgb] = (float)(colour * exp(gain(s->camera, rgb)) *
-                                    (1 + r2 * (c1[lens] + r2 * c2[lens])));
+            s->value[rgb] =
+                (float)(colour * exp(gain(s->camera, rgb)) * (1 + r2 * (c1[lens] + r2 * c2[lens])));
         if (every && i % every == 0)
             s->value[0] = s->value[1] = s->value[2] = 0.9f;
     }
@@ -60,13 +63,34 @@ static void check(const char *what, double most_gain, double most_falloff)
         }
         for (int k = 0; k < LENSES; k++)
             for (double r2 = 0.1; r2 < 1.35; r2 += 0.1)
-                corner = fmax(corner, fabs(r2 * ((double)exposure[CAMERAS + k][rgb] - c1[k]) +
-                                           r2 * r2 *
-                                               ((double)exposure[CAMERAS + k][3 + rgb] - c2[k])));
+                corner =
+                    fmax(corner, fabs(r2 * ((double)exposure[CAMERAS + k][rgb] - c1[k]) +
+                                      r2 * r2 * ((double)exposure[CAMERAS + k][3 + rgb] - c2[k])));
     }
     ok(worst < most_gain, "%s: log gains, less their mean (worst %.2g)", what, worst);
     ok(corner < most_falloff, "%s: falloff of both lenses (worst %.2g)", what, corner);
     ok(zero == 0, "%s: no offsets", what);
+}
+
+/* A camera that shows nothing stays at 0, and what is wrong in red changes no other colour. */
+static void test_apart(void)
+{
+    float clean[CAMERAS + 1 + LENSES][6], red[CAMERAS + 1 + LENSES][6];
+    bool same = true;
+
+    make(0);
+    ok(spin_look_fit(sample, POINTS * SEEN, CAMERAS + 1, LENSES, clean[0]) == SPIN_OK &&
+           clean[CAMERAS][0] == 0 && clean[CAMERAS][1] == 0 && clean[CAMERAS][2] == 0,
+       "a camera without samples stays at 0");
+    for (size_t i = 0; i < POINTS * SEEN; i += 17)
+        sample[i].value[0] = 0.9f;
+    ok(spin_look_fit(sample, POINTS * SEEN, CAMERAS + 1, LENSES, red[0]) == SPIN_OK &&
+           red[0][0] != clean[0][0],
+       "wrong values of red");
+    for (size_t k = 0; k < CAMERAS + 1 + LENSES; k++)
+        for (size_t c = 0; c < 6; c++)
+            same &= c % 3 == 0 || red[k][c] == clean[k][c];
+    ok(same, "change red alone");
 }
 
 TAP_MAIN
@@ -80,4 +104,5 @@ TAP_MAIN
     ok(spin_look_fit(sample, 0, 1, 1, one[0]) == SPIN_OK && one[0][0] == 0 && one[1][0] == 0 &&
            one[1][3] == 0,
        "without samples all is 0");
+    test_apart();
 }

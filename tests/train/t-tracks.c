@@ -117,6 +117,23 @@ static void check_places(void)
     spin_tracks_close(&t);
 }
 
+/* A place of two frames of four, beside one of all. */
+static void check_half(void)
+{
+    static const float a[6] = {0, 0, 0, 1, 1, 1}, b[6] = {0, 0, 0, 2, 2, 2},
+                       c[6] = {0, 0, 0, 3, 3, 3};
+    const float *const place[FRAMES] = {a, a, b, c};
+    const size_t n[FRAMES] = {2, 2, 2, 2};
+    struct spin_tracks t;
+
+    n_frames = 4;
+    write_clip(place, n, false);
+    find(&t);
+    ok(t.n == 1 && t.of[0][1] == SPIN_NO_TRACK, "half of the frames are not enough");
+    spin_tracks_close(&t);
+    n_frames = 3;
+}
+
 /* Rows with noise of a hundredth of a unit: alone, on a slow way, of a unit; and a tremble too small to be seen. */
 static void check_noise(void)
 {
@@ -437,6 +454,7 @@ TAP_MAIN
     snprintf(path, sizeof path, "%s/clip.spin", check_folder());
     check_identity();
     check_places();
+    check_half();
     check_noise();
     d = check_device(2);
     check_densify(d);
