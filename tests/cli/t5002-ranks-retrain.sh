@@ -37,8 +37,9 @@ for n in 3 4; do
         --views-per-frame 2 --preview "$work/preview"
 done
 together=$in
-"$bin/spin-export" "$in" --to ply -o "$work/apart" -q && rm "$work/apart/sequence.json"
-run "$bin/spin-import" "$work/apart" --data $clip --pair order -o "$work/apart.spin"
+"$bin/spin-import" fixtures/d3dgs/trained -o "$work/move.spin" -q
+"$bin/spin-export" "$work/move.spin" --to ply -o "$work/apart" -q && rm "$work/apart/sequence.json"
+run "$bin/spin-import" "$work/apart" --data fixtures/datasets/panoptic_mini --pair order -o "$work/apart.spin"
 in=$work/apart.spin
 same "frames that share no splat and are densified" 3 $tracks --iterations 9 --batch 5
 run "$bin/spin-retrain" "$in" -o "$work/one.spin" --force -v $tracks --iterations 9 --batch 5
