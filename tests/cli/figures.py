@@ -788,6 +788,10 @@ def table_of(page, title):
     return [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", row) for row in body.split("</tr>")[:-1]]
 
 
+def storage_tile(j):
+    return "<div><b>%s</b>storage per frame</div>" % size3(math.floor(j["storage"]["measured_per_frame"]))
+
+
 def check_page(name, j, before, seen, log, split="test"):
     page, meta, bundle = open(path(name + ".html")).read(), meta_of(path(name)), path(name)
     text = re.sub(r"base64,[^\"]*", "", page)
@@ -813,8 +817,7 @@ def check_page(name, j, before, seen, log, split="test"):
              ("PSNR, elsewhere", "psnr_static", 2, " dB")]
     want = ["<div><b>%.*f%s</b>%s%s</div>" % (digits, j[key], unit, label, "<br><span>before %.*f</span>" % (
         digits, before[key]) if before else "") for label, key, digits, unit in tiles]
-    want += ["<div><b>%.2f</b>frames per second</div>" % j["fps"], "<div><b>%s</b>storage per frame</div>" % size3(
-        math.floor(j["storage"]["measured_per_frame"]))]
+    want += ["<div><b>%.2f</b>frames per second</div>" % j["fps"], storage_tile(j)]
     same("\n".join(re.findall(r"<div><b>.*", text)), "\n".join(want), name + ": the tiles")
 
     # Curves.
@@ -1063,6 +1066,12 @@ def main():
             f.writelines(json.dumps(x) + "\n" for x in log)
         j, before, seen = check_eval("tracks.spin", truth, "retrained", len(frames), path("hours.log"), "--range", "9:14")
         check_page("tracks.spin", j, before, seen, log)
+        net, page = path("small.spin"), path("small.html")
+        run("retrain", path("all.spin"), "-o", net, "--device", "cpu", "--preset", "paper", "--iterations", "1",
+            *"--levels 2 --hash-log2 8 --hidden 16 --finest-resolution 16 --scale 0.5".split())
+        j = json.loads(run("eval", net, "--report", page, "--json"))
+        ok(j["storage"]["heads"] > j["storage"]["measured"] / 200 and storage_tile(j) in open(page).read(),
+           "small.spin: the tile of a network's storage")
     if only in (None, "exports"):
         check_export(frames, kept)
     print("1..%d" % count)

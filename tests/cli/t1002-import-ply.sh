@@ -33,6 +33,17 @@ largest=$(sed -n 's/^    "max": \([0-9]*\),*$/\1/p' "$work/out")
 greater "$largest" "$smallest"
 ok $? "the counts do differ"
 
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 1\n'
+    printf 'property float %s\n' x y z
+    printf 'property uchar %s\n' red green blue
+    printf 'end_header\n1 2 3 10 20 30\n'
+} >"$work/point.ply"
+run "$bin/spin-import" "$work/point.ply" -o "$work/point.spin" --positions-only
+is "$code" 0 "imports positions only"
+unzip -Z1 "$work/point.spin" | grep -q rgb
+ok $? "of points, with their colours"
+
 run "$bin/spin-import" --from ply "$files/variants/truncated.ply" -o "$work/bad.spin"
 fails 1 spin-import "a truncated PLY"
 err_has truncated.ply "a truncated PLY is named"

@@ -89,6 +89,19 @@ for state in empty short cut; do
     rm -rf "$work/run"
 done
 
+# Whole, but of two frames where the bundle has six.
+cp -r "$clip" "$work/run"
+chmod -R u+w "$work/run"
+python3 -c 'import json, sys
+for name in sys.argv[1:]:
+    meta = json.load(open(name))
+    json.dump({k: v[:2] if isinstance(v, list) else v for k, v in meta.items()}, open(name, "w"))' \
+    "$work/run/train_meta.json" "$work/run/test_meta.json"
+run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -o "$work/other"
+is "$code $(ls "$work/other")" "0 front_frame_00000.png" "a data set of other frames"
+err_has "^warning: .*cannot pair frames.*its cameras are not used" "is a warning as well"
+rm -r "$work/run"
+
 run "$bin/spin-import" "$run_of" -o "$work/places.spin" --positions-only
 is "$code" 0 "imports positions only"
 run "$bin/spin-export" "$work/places.spin" --to ply -o "$work/never"

@@ -295,6 +295,11 @@ warns "points outside the ball, a network that is worse, nothing to resume" \
     "$(worse)more --iterations, --preset short, or --residual source"
 greater "$(member outside_ball)" 0.9
 ok $? "which they do"
+# shellcheck disable=SC2086
+retrain --preset paper --iterations 2 $small
+greater "$(member outside_ball)" 0.09
+ok $? "a tenth of the points outside the ball"
+warns "is usual" "$(worse)more --iterations, --preset short, or --residual source"
 retrain --method explicit --refine 2 --lr-sh 1
 warns "frames that are worse, an option without effect" "no effect without a network: --lr-sh" \
     "$(worse)a larger --refine, or --refine-start source"

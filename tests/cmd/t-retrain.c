@@ -611,7 +611,7 @@ static void test_falloff(void)
         "--device cpu --threads 1 --iterations 1 --force --lr-exposure 0 --precision full";
     struct run r = {0};
     char path[600];
-    double corner, psnr, drawn = 0;
+    double corner, psnr, drawn = 0, plain;
     bool dark = shell("cp -r %s %s/lens && chmod -R u+w %s/lens", clip, folder, folder) == 0;
 
     for (int k = 0; k < TRAINING; k++)
@@ -636,6 +636,14 @@ static void test_falloff(void)
            strstr(said, "\"psnr\":"),
        "spin-eval --json");
     drawn = strtod(strstr(said, "\"psnr\":") + 7, NULL);
+    ok(shell("%s/spin-retrain %s/in.spin --data %s/lens -o %s/plain.spin %s --learn-exposure off",
+             bin, folder, folder, folder, one) == 0 &&
+           shell("%s/spin-eval %s/plain.spin --data %s/lens --device cpu --threads 1 --json", bin,
+                 folder, folder) == 0,
+       "the same without a falloff");
+    plain = said_number("psnr");
+    ok(psnr < plain - 0.2, "test cameras, which are not darker, show it: %.4f dB, %.4f without it",
+       psnr, plain);
     ok(fabs(drawn - psnr) < 1e-3, "spin-eval draws through the lens as well: %.4f dB, %.4f", drawn,
        psnr);
     ok(shell("%s/spin-export %s/lens.spin --to ply -o %s/lens-ply", bin, folder, folder) == 0 &&

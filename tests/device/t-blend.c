@@ -329,6 +329,8 @@ TAP_MAIN
 {
     const char **names = check_files("render_");
 
+    ok(spin_blend_counts(-0.01f, -1) && !spin_blend_counts(0.01f, -1),
+       "a power above 0, which is of rounding, does not count");
     for (int i = 0; i < CPU_PATHS; i++) {
         struct spin_device *d = device_of_path(cpu_paths[i], 2);
         if (!d)

@@ -61,4 +61,10 @@ TAP_MAIN
     ok(sums[0].of[0].x == PLANE && sums[0].of[2].xx == PLANE, "pictures are clamped at white");
     spin_colour_fit(sums, 1, psnr);
     ok(isfinite(psnr[0]) && psnr[0] > 5, "one colour is fitted by an offset: %.2f dB", psnr[0]);
+    plain = psnr[0];
+    for (int i = 0; i < 3 * PLANE; i++)
+        image[0][i] = 0.5f + 1e-6f * photo[0][i];
+    spin_colour_sums(1, PLANE, image[0], photo[0], &sums[0]);
+    spin_colour_fit(sums, 1, psnr);
+    near(psnr[0], plain, 1e-6, "so is one but for rounding");
 }

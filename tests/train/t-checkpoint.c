@@ -405,6 +405,34 @@ static void check_fingerprint(void)
         }
 }
 
+/* ---- Code paths --------------------------------------------------------------------------------- */
+
+static int n_warnings;
+
+static bool count_warning(const char *line)
+{
+    n_warnings += strstr(line, "is v1 now and was another before (v1+base)") != NULL;
+    return false;
+}
+
+static void check_code_paths(void)
+{
+    struct spin_code_paths paths;
+
+    spin_code_paths_begin(&paths, "v1");
+    spin_log_set_level(-1);
+    spin_log_set_sink(count_warning);
+    spin_code_paths_add(&paths, NULL);
+    spin_code_paths_add(&paths, "v1");
+    ok(n_warnings == 0 && !strcmp(paths.all, "v1"), "the same code path: nothing is said");
+    spin_code_paths_add(&paths, "base+v1");
+    ok(n_warnings == 1 && !strcmp(paths.all, "v1+base"), "another is told, and kept: %s",
+       paths.all);
+    spin_code_paths_add(&paths, "base");
+    ok(n_warnings == 1, "once");
+    spin_log_set_sink(NULL);
+}
+
 TAP_MAIN
 {
     static const int base[4] = {4, 4, 4, 2}, finest[4] = {16, 16, 16, 8};
@@ -420,4 +448,5 @@ TAP_MAIN
     check_refused(d);
     check_device_free(d);
     check_fingerprint();
+    check_code_paths();
 }

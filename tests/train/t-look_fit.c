@@ -78,7 +78,7 @@ static void test_apart(void)
     float clean[CAMERAS + 1 + LENSES][6], red[CAMERAS + 1 + LENSES][6];
     bool same = true;
 
-    make(0);
+    make(13);
     ok(spin_look_fit(sample, POINTS * SEEN, CAMERAS + 1, LENSES, clean[0]) == SPIN_OK &&
            clean[CAMERAS][0] == 0 && clean[CAMERAS][1] == 0 && clean[CAMERAS][2] == 0,
        "a camera without samples stays at 0");
