@@ -133,5 +133,15 @@ is "$code" 0 "--check of what cannot be seen"
 err_has "the camera sees no splat of frame 0: no picture was compared" "--check: and that none was compared"
 grep -q '"rendered": null' "$work/out"
 ok $? "--check --json names no frame"
+run "$bin/spin-export" "$work/faint.spin" --to video --path orbit -o "$work/faint.mp4"
+if [ "$code" = 0 ]; then
+    err_has "1 of 1 renders show nothing but the background" "a video: it is said that it is empty"
+else
+    skip "a video of what cannot be seen" "$(cat "$work/err")"
+fi
+
+run "$bin/spin-import" fixtures/3dgstream -o "$work/one.spin" --range 0:1
+run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one"
+err_has "sh is left out" "splat: SH of degree 1 is left out, and it is said"
 
 done_testing

@@ -109,9 +109,10 @@ is "$(gzip -dc "$work/spz/frame_00000.spz" | od -An -tu1 -j14 -N1 | tr -d ' ')" 
 grep -q '"antialias":true' "$work/anti-html"
 ok $? "antialiased: so has the page"
 for to in splat gltf; do
-    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to"
+    run "$bin/spin-export" "$work/anti.spin" --to $to -o "$work/anti-$to" --check
     err_has 'trained with antialiasing' "antialiased: a warning with $to"
 done
+out_has "rendered from the file: \([0-9][0-9][0-9]\.\|the\)" "antialiased: --check draws both so"
 run "$bin/spin-eval" "$work/anti.spin" --scale 0.25 --json
 first=$(member psnr)
 run "$bin/spin-import" --from ply "$work/anti-ply" --data $clip --pair order -o "$work/back.spin"

@@ -401,11 +401,31 @@ static void check_first(int row, bool test, const double middle[3], double size,
 static void test_first(void)
 {
     static const double middle[3] = {1.5, 2.5, 2}, behind[3] = {3, 3, -40};
+    struct spin_views opposed = {0};
+    struct spin_initial_view got;
+    double wide[2];
 
     check_first(1, false, middle, 2, "a training view");
     check_first(1, true, middle, 2, "a held-out view");
     check_first(2, false, middle, 2, "of another frame");
     check_first(1, false, behind, 2, "of a scene behind the camera");
+    for (int k = 0; k < 2; k++) {
+        struct spin_view v = {.path = (char *)"none", .camera = train_lens};
+        const double m[12] = {1 - 2 * k, 0, 0, 0, 0, 1 - 2 * k, 0, 0, 0, 0, 1, 5};
+
+        memcpy(v.camera.w2c, m, sizeof m);
+        if (spin_views_add(&opposed, &v) != SPIN_OK)
+            exit(1);
+    }
+    spin_initial_view_first(&opposed, 0, false, middle, 2, &got);
+    ok(got.up[0] == 0 && got.up[1] == -1 && got.up[2] == 0,
+       "cameras that stand on their heads: up is that of the first");
+    spin_views_free(&opposed);
+    for (int k = 0; k < 2; k++) {
+        spin_initial_view_first(NULL, 0, false, middle, k ? 0.002 : 2, &got);
+        wide[k] = tan(got.fovy_deg * pi / 360) * (middle[2] - got.eye[2]) / (k ? 0.002 : 2);
+    }
+    near(wide[1], wide[0], 1e-9, "a small scene fills as much of its picture as a large one");
 }
 
 /* Medians, and the half extent of nine splats in ten, without those that are nowhere. */

@@ -1,5 +1,6 @@
 /* K: gltf glb export */
 #include "base/log.h"
+#include "exporters/lib/frames.h"
 #include "io/gltf.h"
 #include "io/json.h"
 #include "tests/exporters/frame.h"
@@ -533,6 +534,11 @@ static void test_too_large(void)
     spin_map_close(&map);
     spin_log_set_level(-1);
     spin_log_set_sink(keep_warning);
+    spin_frames_say_size(one.output, 1, UINT64_MAX, true);
+    ok(n_warned == 0, "what may be less than the disk has room for is no warning");
+    spin_frames_say_size(one.output, 1, UINT64_MAX, false);
+    ok(n_warned == 1 && strstr(warned[0], " has room for "), "what will be more is one");
+    n_warned = 0;
     ok(spin_exporter_gltf.begin(&job, &self) == SPIN_OK &&
            spin_exporter_gltf.frame(self, 0, &info, &s) == SPIN_OK,
        "begins a clip of many");

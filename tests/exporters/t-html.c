@@ -652,6 +652,25 @@ static void test_bad_rows(void)
     spin_splats_free(&s);
 }
 
+/* The last byte of a gzip is the highest of its size: 0 below 16 MiB. */
+static void test_large(void)
+{
+    const char *pairs[] = {"sh", "keep", "bound-sh", "0.0001", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {
+        .output = in_folder("large.html"), .n_frames = 1, .sh_degree = 3, .values = &values};
+    struct spin_splats s = {0};
+    unsigned char *bytes = malloc(1 << 25);
+
+    make_frame(&s, 160000, 3, 5);
+    memset(s.sh, 0, 48 * 159999 * sizeof *s.sh); /* as many bytes, but soon packed */
+    ok(run(&spin_exporter_html, &job, &s, 0) == SPIN_OK && load(job.output) &&
+           block("v0f0", bytes, 1 << 25) >> 24 == 1,
+       "a block of more than 16 MiB");
+    spin_splats_free(&s);
+    free(bytes);
+}
+
 static void test_camera(void)
 {
     struct spin_view view = {.camera = {.width = 320,
@@ -731,6 +750,7 @@ TAP_MAIN
     test_choice();
     test_most_visible();
     test_bad_rows();
+    test_large();
     test_camera();
     test_refusals();
     free(page);

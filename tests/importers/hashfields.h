@@ -87,6 +87,10 @@ static inline void compare_hash_model(const char *from, const char *path, const 
     run.importer->frame(run.self, 0, times ? times[info.count - 1] : 0, SPIN_COL_MEANS, &again);
     check_same_bits(again.means, s.means, 3 * s.n * sizeof *s.means,
                     "positions alone are the same");
+    run.importer->frame(run.self, 0, times ? times[info.count - 1] : 0, SPIN_COL_LOG_SCALES,
+                        &again);
+    check_same_bits(again.log_scales, s.log_scales, 3 * s.n * sizeof *s.log_scales,
+                    "so are scales alone");
     free(times);
     spin_splats_free(&s);
     spin_splats_free(&again);

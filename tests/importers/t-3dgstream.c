@@ -318,7 +318,7 @@ static void test_settings(const char *root)
 {
     const char *folder = link_clip(root, 1);
     struct spin_splats s = {0};
-    struct run run;
+    struct run run, whole;
     char *other = NULL;
 
     /* Intermediate saves: the settings say which one is the frame. */
@@ -345,6 +345,21 @@ static void test_settings(const char *root)
            i ? "cfg_args.json says which save is the frame"
              : "without it the largest iteration is");
     }
+    for (int i = 0; i < 2; i++) {
+        const char *to = i ? "frame000002/point_cloud/iteration_300/added"
+                           : "frame000002/point_cloud/iteration_250/added";
+
+        make_folder(folder, to);
+        make_link(path_in(root, i ? "frame000001/point_cloud/iteration_150/point_cloud.ply"
+                                  : "frame000002/point_cloud/iteration_250/added/point_cloud.ply"),
+                  folder, path_in(to, "point_cloud.ply"));
+    }
+    ok(run_open("3dgstream", folder, &run) == SPIN_OK &&
+           run_open("3dgstream", root, &whole) == SPIN_OK &&
+           run.sequence.counts[2] == whole.sequence.counts[2],
+       "and, both numbers together, which one of what is added");
+    run_close(&run);
+    run_close(&whole);
     spin_splats_free(&s);
     free(other);
 }
@@ -410,6 +425,18 @@ static void test_networks(const char *root)
 
 /* ---- Arithmetic ------------------------------------------------------------------------------ */
 
+/* What the method makes without a configuration: 64 x 64 twice, 16 x 64, and four numbers for each of the 16^3
+ * corners of the coarsest level and of 2^15 entries of the 15 others. */
+static void test_usual_shape(void)
+{
+    struct ntc_shape shape;
+
+    spin_ntc_default_shape(&shape);
+    ok(spin_ntc_layout(&shape) == SPIN_OK, "the usual network");
+    near((double)shape.n_parameters, 64 * 64 * 2 + 16 * 64 + 4 * (16 * 16 * 16 + 15 * 32768), 0,
+         "has as many numbers as the method's");
+}
+
 static void test_half(void)
 {
     static const float pairs[][2] = {
@@ -439,6 +466,7 @@ TAP_MAIN
 
     spin_log_set_level(-2);
     test_half();
+    test_usual_shape();
     if (!root) {
         skip("3dgstream fixtures", "there are none here");
         return;

@@ -174,7 +174,7 @@ static void test_options(const char *root)
 
     compare_model(model, flags, folder, "--deform instead of cfg_args");
     compare_model(make_model(folder, NULL, "Namespace(grid_pe=3)"), flags, folder,
-                  "--grid-pe before cfg_args");
+                  "--deform before cfg_args");
     if (ok(run_open("4dgaussian", model, &run) == SPIN_OK, "opens without cfg_args")) {
         ok(strstr(run.sequence.notes, "no cfg_args") != NULL &&
                strstr(run.sequence.notes, "look trained: position opacity\n") != NULL,
@@ -184,6 +184,8 @@ static void test_options(const char *root)
     folder = path_in(root, "options_static_rot_pe");
     pe = make_model(folder, NULL, NULL);
     compare_model(pe, all, folder, "all options instead of cfg_args");
+    compare_model(make_model(folder, NULL, "Namespace(grid_pe=3)"), all, folder,
+                  "--grid-pe before cfg_args");
     model_fails("4dgaussian", pe, NULL, "deformation.pth", "--grid-pe",
                 "encoded features need --grid-pe");
     model_fails("4dgaussian", model, bad_word, "colour", "expected", "a head that does not exist");
@@ -364,6 +366,7 @@ static void test_lies(const char *root)
         {two_dicts, "not a state dict", "a pair instead of a state dict"},
     };
     const char *folder = path_in(root, "coarse_and_fine"), *model, *save;
+    const char *word[] = {"grid-pe", "x", NULL};
 
     for (size_t i = 0; i < sizeof lies / sizeof *lies; i++)
         test_change(folder, lies[i].change, lies[i].word, lies[i].what);
@@ -372,6 +375,8 @@ static void test_lies(const char *root)
     model_fails("4dgaussian", model, NULL, "cfg_args", "no_dx", "a flag that is neither");
     model = make_model(folder, NULL, "Namespace(no_dx=False, a=[1, 2");
     model_fails("4dgaussian", model, NULL, "cfg_args", "cut short", "cfg_args cut short");
+    model = make_model(folder, NULL, "Namespace(grid_pe=3)");
+    model_fails("4dgaussian", model, word, "--grid-pe", "expected", "--grid-pe of a word");
     model = make_model(folder, NULL, "{}");
     model_fails("4dgaussian", model, NULL, "cfg_args", "Namespace", "cfg_args of another kind");
     model = make_model(folder, NULL, NULL);
@@ -382,6 +387,7 @@ static void test_lies(const char *root)
     model_fails("4dgaussian", model, NULL, model, "deformation.pth", "no network");
     write_text(path_in(save, "deformation_GAD.pth"), "");
     model_fails("4dgaussian", model, NULL, model, "MoDec-GS", "a run of MoDec-GS");
+    model_fails("4dgaussian", save, NULL, save, "MoDec-GS", "the folder of its save");
     model = new_folder();
     if (spin_folder_make(path_in(model, "point_cloud/coarse_iteration_3000")) != SPIN_OK)
         exit(1);

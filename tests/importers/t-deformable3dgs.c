@@ -326,6 +326,36 @@ static void test_no_screw(const char *folder)
     pth_free(&pth);
 }
 
+/* A screw of whole turns, without way, moves by a constant of the method along its axis, for each turn again. */
+static void test_whole_turns(const char *folder)
+{
+    const char *path = path_in(only_entry(path_in(folder, "model/deform")), "deform.pth");
+    const uint64_t head[] = {3, 32}, three[] = {3};
+    struct spin_splats s = {0};
+    struct pth pth;
+    struct run run;
+    double z[2] = {0};
+
+    pth_load(path, &pth);
+    pth_drop(&pth, "gaussian_warp.weight");
+    pth_drop(&pth, "gaussian_warp.bias");
+    pth_put(&pth, "branch_w.weight", 2, head);
+    pth_put(&pth, "branch_v.weight", 2, head);
+    pth_put(&pth, "branch_v.bias", 1, three);
+    for (int i = 0; i < 2; i++) {
+        pth_put(&pth, "branch_w.bias", 1, three)->values[2] = (float)(200 * M_PI) * (float)(i + 1);
+        if (ok(run_open("deformable3dgs", make_model(folder, &pth, 9000, 9000, NULL), &run) ==
+                       SPIN_OK &&
+                   run.importer->frame(run.self, 0, 0.5, SPIN_COL_MEANS, &s) == SPIN_OK,
+               "%d00 whole turns are read", i + 1))
+            z[i] = (double)s.means[2];
+        run_close(&run);
+    }
+    near(z[1] - z[0], 2e-3 * M_PI, 1e-5, "a hundred turns more are 2 pi / 1000");
+    spin_splats_free(&s);
+    pth_free(&pth);
+}
+
 static void test_cuts(const char *folder)
 {
     const char *model = make_model(folder, NULL, 9000, 9000, NULL);
@@ -367,6 +397,7 @@ TAP_MAIN
     test_saves(path_in(root, "real_small"));
     test_motiongs(path_in(root, "real_small"));
     test_networks(path_in(root, "real_small"));
+    test_whole_turns(path_in(root, "real_small"));
     if (has(root, "sixdof_small"))
         test_no_screw(path_in(root, "sixdof_small"));
     test_cuts(path_in(root, "real_small"));

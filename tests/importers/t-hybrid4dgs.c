@@ -325,6 +325,9 @@ static void test_checkpoints(void)
        "static Gaussians alone are one frame");
     check_sane(&s, run.sequence.columns, "  and sane");
     run_close(&run);
+    items[13] = (struct item){'t', N_MOVING, 1, 0};
+    write_items(path, items, N_ITEMS, 1);
+    fails(FROM, path, "t is not empty, but xyz is", "but not with times of dynamic ones");
     list_items(N_MOVING, 0, 47, items);
     items[16].a = 0;
     write_items(path, items, N_ITEMS, 1);

@@ -128,6 +128,10 @@ static void test_points(void)
     near(s.rgb[0], 1, 1e-6, "a byte of 255 is 1");
     near(s.rgb[2], 0.2, 1e-6, "a byte of 51 is 0.2");
     run_close(&run);
+    path = write_ply(new_folder(), "t.ply", "x y z t", 1, "1 2 3 4\n");
+    ok(run_open("ply", path, &run) == SPIN_OK && run.sequence.columns == SPIN_COL_MEANS,
+       "points with a time each are no 4D model");
+    run_close(&run);
     spin_splats_free(&s);
 }
 

@@ -308,13 +308,24 @@ static void move(const char *from, const char *to)
 static void test_clip(void)
 {
     const char *clip = path_in(work, "clip.glb");
+    static unsigned char bytes[1 << 18];
+    struct spin_map map;
     struct run run;
 
     ok(run_open(NULL, clip, &run) == SPIN_OK && run.sequence.times &&
            fabs(run.sequence.times[2] - 0.2) < 1e-12 &&
-           run.sequence.time_last == run.sequence.times[2],
+           run.sequence.time_last == run.sequence.times[2] && !*run.sequence.notes,
        "a clip in one file keeps its times");
     run_close(&run);
+    if (spin_map_open(clip, &map) != SPIN_OK || map.size > sizeof bytes)
+        exit(1);
+    memcpy(bytes, map.data, map.size);
+    memcpy(memmem(bytes, map.size, "\"STEP\"", 6), "\"ELSE\"", 6);
+    ok(run_open(NULL, write_file(new_folder(), "moves.glb", bytes, map.size), &run) == SPIN_OK &&
+           strstr(run.sequence.notes, "that move or fade nodes are left out"),
+       "one that does more than switch says what is left out");
+    run_close(&run);
+    spin_map_close(&map);
     move(clip, path_in(work, "gltf/frame_00100.glb"));
     fails("gltf", path_in(work, "gltf"), "holds a clip of", "a clip among the frames of another");
 }

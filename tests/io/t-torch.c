@@ -458,7 +458,7 @@ static void test_foreign(void)
                        10),
             "xz file", "an xz file");
     refuses(make_bytes("\x08\0\0\0\0\0\0\0{\"a\":1}  ", 17), "safetensors", "safetensors");
-    refuses(make_bytes("\x08\0\0\0\0\0\0\0[1,2,3]  ", 17), "not a PyTorch checkpoint",
+    refuses(make_bytes("\x08\0\0\0\0\0\0\0[1,2,3]  ", 17), "it is not a PyTorch checkpoint",
             "a length before what is no object");
     refuses(make_bytes("\x80\x04\x95\x01\0\0\0\0\0\0\0N.", 13), "bare pickle", "a bare pickle");
     refuses(make_bytes(tar, sizeof tar), "tar file", "a tar file");
