@@ -402,13 +402,13 @@ const char *spin_plugin_fault(const char *name);
 
 struct spin_scene;
 
-enum spin_splat_source { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_NETWORK, SPIN_FROM_REFINED };
+enum spin_splat_source { SPIN_FROM_BEST, SPIN_FROM_SOURCE, SPIN_FROM_TRAINED, SPIN_FROM_REFINED };
 
 spin_status spin_scene_open(const char *path, struct spin_scene **out);
 void spin_scene_close(struct spin_scene *scene);
 int spin_scene_n_frames(const struct spin_scene *scene);
 const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame);
-bool spin_scene_has_network(const struct spin_scene *scene);
+bool spin_scene_is_trained(const struct spin_scene *scene);
 unsigned spin_scene_columns(const struct spin_scene *scene); /* of the source */
 /* Fill the columns of a frame. BEST: from the network when there is one, else from refined splats that
  * have all attributes, else from the source. A frame may have another number of splats in each.

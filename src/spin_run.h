@@ -119,7 +119,7 @@ spin_status spin_bundle_describe(const char *path, bool json, char **text);
 
 /* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as NETWORK, but
  * splats and tracks have explicit values only. */
-enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_EXPLICIT, SPIN_METHOD_TRACKS };
+enum spin_method { SPIN_METHOD_NETWORK, SPIN_METHOD_FRAMES, SPIN_METHOD_TRACKS };
 /* What a splat has of its own, to which the network adds: nothing; scale from its neighbours and colour
  * of its source; all of its source's (or its refined frame's) attributes, SH up to degree 0. */
 enum spin_residual { SPIN_RESIDUAL_OFF, SPIN_RESIDUAL_POINTS, SPIN_RESIDUAL_SOURCE };
@@ -300,7 +300,7 @@ struct spin_eval_report {
     size_t n_views;
     int n_frames;
     int n_bundle_frames;            /* storage is of these, whichever were measured */
-    bool network, refined;          /* what was measured; neither: the source */
+    bool trained, refined;          /* what was measured; neither: the source */
     enum spin_dynamic_from dynamic; /* where the dynamic regions came from; OFF: nowhere */
     uint64_t left_out;              /* splats that cannot be drawn, over all frames */
     double seconds_decode;          /* one frame: positions and network to splats */

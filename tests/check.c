@@ -195,7 +195,7 @@ void *check_values(struct spin_bundle *bundle, const char *key, size_t *n)
     snprintf(series, sizeof series, "%.*s", in_series ? (int)(slash - key) : 60, key);
     if (spin_npz_head(&bundle->npz, key, &a) != SPIN_OK ||
         spin_bundle_values_open(bundle, series, in_series ? atoi(slash + 1) : -1,
-                                strcmp(series, "network/track") ? 'f' : 'u',
+                                strcmp(series, "trained/track") ? 'f' : 'u',
                                 a.n_dims - (a.item_size == 1), any, &v) != SPIN_OK) {
         ok(0, "loads '%s': %s", key, spin_last_error());
         return NULL;

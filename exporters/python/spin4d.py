@@ -33,7 +33,7 @@ class Clip:
     cameras    learned colours of the training cameras: dicts of "camera", its number in the data set,
                "log_gain" and "offset", of r, g and b; empty without --learn-exposure
     data       the data set's folder, or None
-    versions   what frame() can give, the default first: of "retrained", "explicit", "source"
+    versions   what frame() can give, the default first: of "retrained", "frames", "source"
     meta       meta.json
     """
 
@@ -44,19 +44,23 @@ class Clip:
             self.meta = json.loads(bytes(self._zip["meta.json"]))
         except (ValueError, KeyError, IndexError, AttributeError) as e:
             raise ValueError(f"{self._path}: not a bundle of spin4d ({e})") from e
-        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3):
-            raise ValueError(f"{self._path}: not a bundle of version 1 to 3")
-        self._network = self.meta.get("network")
+        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3, 4):
+            raise ValueError(f"{self._path}: not a bundle of version 1 to 4")
+        self._was = "trained/"
+        if "network" in self.meta:
+            self._modernise()
+        self._trained = self.meta.get("trained")
+        self._field = (self._trained or {}).get("field")
         self._refined = self.meta.get("refined")
         self._kept = {}
         whole = {"means", "quats", "log_scales", "logit_opacities", "sh"}
         self.versions = [name for name, there in (
-            ("retrained", self._network is not None),
-            ("explicit", whole <= set((self._refined or {}).get("columns", []))),
+            ("retrained", self._trained is not None),
+            ("frames", whole <= set((self._refined or {}).get("columns", []))),
             ("source", whole <= set(self.meta["columns"]))) if there]
         self.times = np.array([f["time"] for f in self.meta["frames"]], np.float64)
         self.numbers = [f["number"] for f in self.meta["frames"]]
-        self.cameras = (self._network or {}).get("cameras", [])
+        self.cameras = (self._trained or {}).get("cameras", [])
         data = self.meta.get("data")
         self.data = data and os.path.join(os.path.dirname(self._path), data["path"])
 
@@ -65,7 +69,7 @@ class Clip:
 
     def antialias(self, version=None):
         """Whether these splats are meant to be drawn antialiased."""
-        part = {"retrained": self._network, "explicit": self._refined}
+        part = {"retrained": self._trained, "frames": self._refined}
         return bool(part.get(self._version(version), self.meta).get("antialias", False))
 
     def frame(self, index, version=None, torch=False):
@@ -92,16 +96,16 @@ class Clip:
 
     def values(self, name):
         """Array `name`, such as "source/means/00003", unpacked."""
-        if name not in self._zip:
+        if self._there(name) not in self._zip:
             raise ValueError(f"{self._path}: no array '{name}'")
-        a = self._zip[name]
+        a = self._zip[self._there(name)]
         if a.dtype not in (np.uint8, np.int8):
             return a
         words, units = self._words(name, a)
         if units is not None:
             whole = (words >> np.uint32(1)).view("<i4") ^ -(words & np.uint32(1)).view("<i4")
             return whole.astype("<f4") / units.reshape(words.shape[1:])
-        return words if name.startswith("network/track/") else words.view("<f4")
+        return words if name.startswith("trained/track/") else words.view("<f4")
 
     def _words(self, name, a):
         """The words of a packed array, and what whole numbers count for or None."""
@@ -132,12 +136,28 @@ class Clip:
     def _key(self, series):
         name = series + "/00000"
         if ("words", name) not in self._kept:
-            self._kept["words", name] = self._words(name, self._zip[name])[0]
+            self._kept["words", name] = self._words(name, self._zip[self._there(name)])[0]
         return self._kept["words", name]
+
+    # ---- Bundles of before --------------------------------------------------------------------
+
+    def _modernise(self):
+        """As version 4 has it: until then "trained" was "network", whose numbers stood among the rest."""
+        net = self.meta.pop("network")
+        self._was = "network/"
+        self.meta["trained"] = {**net, "field": None if net.get("explicit") else net}
+        for key in {"per_unit", "xor_rows"} & set(self.meta):
+            self.meta[key] = {f"trained/{k[8:]}" if k.startswith("network/") else k: v
+                              for k, v in self.meta[key].items()}
+
+    def _there(self, name):
+        """What the file calls an array."""
+        return self._was + name[8:] if name.startswith("trained/") else name
 
     # ---- Parts of a frame ---------------------------------------------------------------------
 
     def _version(self, version):
+        version = "frames" if version == "explicit" else version  # its name before version 4
         if version is None and self.versions:
             return self.versions[0]
         if version not in self.versions:
@@ -156,37 +176,36 @@ class Clip:
 
     def _retrained(self, index):
         """means, and log scales, rotations, SH and logits before they are activated."""
-        net = self._network
         means, rows = self._own_values(index)
-        if net.get("explicit"):
+        if self._field is None:
             return means, rows[:, :3], rows[:, 3:7], rows[:, None, 7:10], rows[:, 10]
         scale, rotation, sh, logit = self._heads(self._encode(means, index))
         if rows is not None:
             scale, rotation = scale + rows[:, :3], rotation + rows[:, 3:7]
             sh[:, :3] += rows[:, 7:10]
             logit = logit + rows[:, 10:]
-        k = (net["sh_degree"] + 1) ** 2
+        k = (self._trained["sh_degree"] + 1) ** 2
         return means, scale, rotation, sh.reshape(len(sh), 16, 3)[:, :k], logit[:, 0]
 
     def _own_values(self, index):
         """Positions, and what the network adds to or None: of the frame and of its tracks."""
-        net = self._network
-        tracks = net.get("tracks")
-        means, residual = (f"network/{name}/{index:05d}" for name in ("means", "residual"))
+        tracks = self._trained.get("tracks")
+        means, residual = (f"trained/{name}/{index:05d}" for name in ("means", "residual"))
         if not tracks:
-            return self.values(means), self.values(residual) if residual in self._zip else None
-        of = self._once("network/tracks")
+            return self.values(means), self.values(residual) if self._there(residual) in self._zip else None
+        of = self._once("trained/tracks")
         if tracks["same_rows"]:
-            track = self._once("network/track/00000")
+            track = self._once("trained/track/00000")
         else:
-            track = self.values(f"network/track/{index:05d}")
+            track = self.values(f"trained/track/{index:05d}")
         free = track == NO_TRACK
         if np.any(track[~free] >= len(of)):
             raise ValueError(f"{self._path}: frame {index} has tracks that are not there")
         out = np.zeros((len(track), 14), np.float32)
         for name, first, end, some in ((means, 0, 3, "moving"), (residual, 3, 14, "varying")):
             own = free | (track < tracks[some])
-            values = self.values(name) if name in self._zip else np.zeros((0, end - first), "<f4")
+            own_values = self._there(name) in self._zip
+            values = self.values(name) if own_values else np.zeros((0, end - first), "<f4")
             if values.shape != (own.sum(), end - first):
                 raise ValueError(f"{self._path}: array '{name}' has shape {values.shape}, expected "
                                  f"{(int(own.sum()), end - first)}")
@@ -198,7 +217,7 @@ class Clip:
 
     def _encode(self, means, index):
         """Features of the hash grid at the points."""
-        net = self._network
+        net = self._field
         norm = net["norm"]
         p = (means - np.array(norm["centre"], np.float32)) * np.float32(norm["inv_radius"])
         if not norm.get("raw"):
@@ -210,7 +229,7 @@ class Clip:
         x[:, :3], x[:, 3] = p, min(max(t, 0.0), 1.0)
         inside = np.all((x >= 0) & (x <= 1), axis=1)
         x[~inside] = 0
-        table, n = self._once("network/table"), net["features"]
+        table, n = self._once("trained/table"), net["features"]
         z = np.zeros((len(x), net["levels"] * n), np.float32)
         for level in range(net["levels"]):
             rows = table[net["offset"][level]:net["offset"][level + 1]]
@@ -237,7 +256,7 @@ class Clip:
 
     def _heads(self, z):
         """Scale, rotation, SH and opacity before they are activated."""
-        net, weights, at, out = self._network, self._once("network/heads"), 0, []
+        net, weights, at, out = self._field, self._once("trained/heads"), 0, []
         activation = _relu if net.get("activation") == "relu" else _gelu
         for n_out in (3, 4, 48, 1):
             y = z

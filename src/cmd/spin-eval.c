@@ -120,7 +120,7 @@ static void print_quality(const struct spin_eval_report *r, const struct spin_qu
 /* Bytes that the attributes which were measured need. */
 static uint64_t bytes_needed(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
-    if (r->network)
+    if (r->trained)
         return s->positions + s->tracks + s->table + s->heads;
     return r->refined ? s->refined : s->source;
 }
@@ -143,7 +143,7 @@ static void print_bytes(const char *key, const struct spin_eval_report *r,
 
 static const char *attributes(const struct spin_eval_report *r)
 {
-    return r->network ? "retrained" : r->refined ? "explicit" : "source";
+    return r->trained ? "retrained" : r->refined ? "frames" : "source";
 }
 
 static void report_json(const struct spin_eval_report *r)

@@ -169,7 +169,7 @@ static bool fits(const struct spin_retrain_report *r)
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
-    spin_print_string("method", options.method == SPIN_METHOD_EXPLICIT ? "explicit"
+    spin_print_string("method", options.method == SPIN_METHOD_FRAMES ? "frames"
                                 : options.method == SPIN_METHOD_TRACKS ? "tracks"
                                                                        : "network");
     spin_print_string("preset", options.preset);
@@ -213,7 +213,7 @@ static void report_plan(const struct spin_retrain_report *r)
     printf("preset      %s\n", options.preset);
     printf("work        %s%s, %s, %s splats each\n",
            spin_print_count(r->iterations, "iteration", count),
-           options.method == SPIN_METHOD_EXPLICIT ? " on each frame" : "",
+           options.method == SPIN_METHOD_FRAMES ? " on each frame" : "",
            spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
     if (r->densify_every > 0)
         printf("densify     every %d iterations\n", r->densify_every);
@@ -295,7 +295,7 @@ static void warn_idle(int argc, char **argv, const char *const *name, bool have_
 
 static void warn_without_effect(int argc, char **argv)
 {
-    bool clip = options.method != SPIN_METHOD_EXPLICIT;
+    bool clip = options.method != SPIN_METHOD_FRAMES;
     bool points = !clip && options.refine_start == SPIN_REFINE_FROM_POINTS;
     int pace = options.sh_increase_every > 0 ? options.sh_increase_every : SPIN_SH_INCREASE_EVERY;
 
@@ -303,7 +303,7 @@ static void warn_without_effect(int argc, char **argv)
     warn_idle(argc, argv, of_sh, options.method != SPIN_METHOD_TRACKS, "with --method tracks");
     warn_idle(argc, argv, of_sh, !points || options.refine > pace, "in so few iterations");
     warn_idle(argc, argv, of_sh + 1, clip || points, "with --refine-start source");
-    warn_idle(argc, argv, of_clip, clip, "with --method explicit");
+    warn_idle(argc, argv, of_clip, clip, "with --method frames");
     warn_idle(argc, argv, of_tracks, clip && options.tracks, "without tracks");
     warn_idle(argc, argv, of_refinement, options.refine > 0, "without --refine");
     warn_idle(argc, argv, of_densification,
@@ -355,7 +355,7 @@ int main(int argc, char **argv)
     options.input = words.word[0];
     if (options.method == SPIN_METHOD_TRACKS && !spin_args_find(argc, argv, "tracks"))
         options.tracks = true;
-    if (options.method == SPIN_METHOD_EXPLICIT && options.refine == 0)
+    if (options.method == SPIN_METHOD_FRAMES && options.refine == 0)
         options.refine = 2000;
     warn_without_effect(argc, argv);
     options.test_cameras = test_cameras.value;

@@ -183,6 +183,30 @@ void spin_json_set_null(spin_json *object, const char *key)
     spin_json_set(object, key, json_null());
 }
 
+void spin_json_rename(spin_json *object, const char *from, const char *to)
+{
+    size_t n = strlen(from);
+    json_t *value;
+    const char *key;
+    void *next;
+
+    json_object_foreach_safe(object, next, key, value)
+    {
+        char renamed[256];
+
+        if (strncmp(key, from, n) != 0 ||
+            snprintf(renamed, sizeof renamed, "%s%s", to, key + n) >= (int)sizeof renamed)
+            continue;
+        json_object_set(object, renamed, value);
+        json_object_del(object, key);
+    }
+}
+
+void spin_json_share(spin_json *to, const spin_json *from)
+{
+    json_object_update(to, (json_t *)from);
+}
+
 void spin_json_push_number(spin_json *array, double value)
 {
     spin_json_push(array, spin_json_number_value(value));

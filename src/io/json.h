@@ -39,6 +39,10 @@ void spin_json_set_number(spin_json *object, const char *key, double value);
 void spin_json_set_integer(spin_json *object, const char *key, int64_t value);
 void spin_json_set_bool(spin_json *object, const char *key, bool value);
 void spin_json_set_null(spin_json *object, const char *key);
+/* Every key that begins with `from` begins with `to` instead; values stay. */
+void spin_json_rename(spin_json *object, const char *from, const char *to);
+/* The values of `from`, which it keeps, become values of `to` as well. */
+void spin_json_share(spin_json *to, const spin_json *from);
 void spin_json_push_number(spin_json *array, double value);
 void spin_json_push_string(spin_json *array, const char *value);
 

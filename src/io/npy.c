@@ -297,12 +297,20 @@ void spin_npz_close(struct spin_npz *npz)
 
 static const struct spin_zip_member *find_array(const struct spin_npz *npz, const char *key)
 {
-    size_t n = strlen(key);
+    size_t n_prefix = npz->prefix ? strlen(npz->prefix) : 0, n_there, n;
+    const char *there = "";
 
+    if (n_prefix > 0 && strncmp(key, npz->prefix, n_prefix) == 0) {
+        there = npz->prefix_there;
+        key += n_prefix;
+    }
+    n_there = strlen(there);
+    n = strlen(key);
     for (size_t i = npz->zip.n; i-- > 0;) {
         const char *name = npz->zip.member[i].name;
 
-        if (strncmp(name, key, n) == 0 && strcmp(name + n, ".npy") == 0)
+        if (strncmp(name, there, n_there) == 0 && strncmp(name + n_there, key, n) == 0 &&
+            strcmp(name + n_there + n, ".npy") == 0)
             return &npz->zip.member[i];
     }
     return NULL;

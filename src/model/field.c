@@ -167,7 +167,7 @@ float spin_field_time(const struct spin_field *field, double time)
 
 /* ---- meta.json ------------------------------------------------------------------------------- */
 
-spin_json *spin_field_to_json(const struct spin_field *field)
+static spin_json *network_to_json(const struct spin_field *field)
 {
     spin_json *j = spin_json_object(), *transform = spin_json_object(), *centre = spin_json_array();
     spin_json *scale = spin_json_array(), *res = spin_json_array();
@@ -194,12 +194,9 @@ spin_json *spin_field_to_json(const struct spin_field *field)
         spin_json_set_bool(transform, "raw", true);
     if (field->heads.relu)
         spin_json_set_string(j, "activation", "relu");
-    if (field->antialias)
-        spin_json_set_bool(j, "antialias", true);
     spin_json_set_integer(j, "levels", field->grid.n_levels);
     spin_json_set_integer(j, "features", field->grid.n_features);
     spin_json_set_integer(j, "hidden", field->heads.hidden);
-    spin_json_set_integer(j, "sh_degree", field->sh_degree);
     spin_json_set(j, "scale", scale);
     spin_json_set(j, "res", res);
     spin_json_set(j, "offset", offset);
@@ -208,6 +205,20 @@ spin_json *spin_field_to_json(const struct spin_field *field)
     spin_json_set_number(j, "time_first", field->time_first);
     spin_json_set_number(j, "time_last", field->time_last);
     return j;
+}
+
+spin_json *spin_field_to_json(const struct spin_field *field, bool there)
+{
+    spin_json *trained = spin_json_object();
+
+    if (there)
+        spin_json_set(trained, "field", network_to_json(field));
+    else
+        spin_json_set_null(trained, "field");
+    spin_json_set_integer(trained, "sh_degree", field->sh_degree);
+    if (field->antialias)
+        spin_json_set_bool(trained, "antialias", true);
+    return trained;
 }
 
 static bool get_int(const spin_json *j, const char *key, int lo, int hi, int *out)
@@ -257,21 +268,18 @@ static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
     return true;
 }
 
-spin_status spin_field_from_json(const spin_json *json, struct spin_field *out)
+static spin_status network_from_json(const spin_json *json, struct spin_field *out)
 {
     const spin_json *transform = spin_json_get(json, "norm");
     const char *activation = spin_json_string(spin_json_get(json, "activation"));
-    int levels, features, hidden, sh_degree;
+    int levels, features, hidden;
 
-    memset(out, 0, sizeof *out);
     if (!get_int(json, "levels", 1, SPIN_MAX_LEVELS, &levels) ||
         !get_int(json, "features", 1, 8, &features) || !get_int(json, "hidden", 4, 256, &hidden) ||
-        !get_int(json, "sh_degree", 0, 3, &sh_degree) ||
-        check_shape(levels, features, hidden, sh_degree) != SPIN_OK)
+        check_shape(levels, features, hidden, out->sh_degree) != SPIN_OK)
         return spin_fail(SPIN_E_MALFORMED, "meta.json: bad shape of the network");
     out->grid.n_levels = levels;
     out->grid.n_features = features;
-    out->sh_degree = sh_degree;
     for (int l = 0; l < levels; l++)
         if (!read_level(json, l, &out->grid))
             return spin_fail(SPIN_E_MALFORMED,
@@ -284,7 +292,6 @@ spin_status spin_field_from_json(const spin_json *json, struct spin_field *out)
         return spin_fail(SPIN_E_UNSUPPORTED, "meta.json: the network's activation is '%.32s'",
                          activation);
     spin_json_bool(spin_json_get(transform, "raw"), &out->transform.raw);
-    spin_json_bool(spin_json_get(json, "antialias"), &out->antialias);
     count_parameters(out);
     for (size_t i = 0; i < 3; i++)
         if (!get_float(spin_json_at(spin_json_get(transform, "centre"), i), -1e30, 1e30,
@@ -296,4 +303,16 @@ spin_status spin_field_from_json(const spin_json *json, struct spin_field *out)
         !spin_json_number(spin_json_get(json, "time_last"), &out->time_last))
         return spin_fail(SPIN_E_MALFORMED, "meta.json: bad norm or times of the network");
     return SPIN_OK;
+}
+
+spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there)
+{
+    const spin_json *field = spin_json_get(trained, "field");
+
+    memset(out, 0, sizeof *out);
+    *there = spin_json_is_object(field);
+    if (!get_int(trained, "sh_degree", 0, 3, &out->sh_degree))
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'trained.sh_degree'");
+    spin_json_bool(spin_json_get(trained, "antialias"), &out->antialias);
+    return *there ? network_from_json(field, out) : SPIN_OK;
 }

@@ -34,8 +34,9 @@ void spin_field_clear_heads(const struct spin_field *field, float *heads);
 /* t of a frame in 0..1 (docs/method.md 3.2). */
 float spin_field_time(const struct spin_field *field, double time);
 
-/* The "network" object of meta.json, and back; from a file everything is checked. */
-spin_json *spin_field_to_json(const struct spin_field *field);
-spin_status spin_field_from_json(const spin_json *json, struct spin_field *out);
+/* The begin of the "trained" object of meta.json, and back; from a file everything is checked. there: there is a
+ * network, else "field" is null and sh_degree and antialias are all that is set. */
+spin_json *spin_field_to_json(const struct spin_field *field, bool there);
+spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there);
 
 #endif

@@ -10,16 +10,16 @@
 #include "base/mem.h"
 #include "model/residual.h"
 
-bool spin_bundle_has_network(const struct spin_bundle *bundle)
+bool spin_bundle_is_trained(const struct spin_bundle *bundle)
 {
-    return spin_json_get(bundle->json, "network") != NULL;
+    return spin_json_get(bundle->json, "trained") != NULL;
 }
 
 spin_status spin_frame_renderer_choose(const struct spin_bundle *bundle, bool source,
                                        enum spin_splat_source *out)
 {
-    if (!source && spin_bundle_has_network(bundle))
-        *out = SPIN_FROM_NETWORK;
+    if (!source && spin_bundle_is_trained(bundle))
+        *out = SPIN_FROM_TRAINED;
     else if (!source && !(SPIN_COL_ATTRIBUTES & ~bundle->refined.columns))
         *out = SPIN_FROM_REFINED;
     else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
@@ -165,7 +165,7 @@ out:
 spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_device *device,
                                      struct spin_bundle *bundle, enum spin_splat_source from)
 {
-    bool explicit = false;
+    bool there;
     spin_status status;
 
     memset(p, 0, sizeof *p);
@@ -175,18 +175,15 @@ spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_
     p->now_frame = -1;
     if (bundle)
         SPIN_TRY(spin_alloc((size_t)bundle->meta.n_frames, 1, (void **)&p->looked));
-    if (from != SPIN_FROM_NETWORK)
+    if (from != SPIN_FROM_TRAINED)
         return SPIN_OK;
     p->owns_network = true;
-    p->network = &p->field;
-    SPIN_TRY_OUT(spin_field_from_json(spin_json_get(bundle->json, "network"), &p->field));
-    spin_json_bool(spin_json_get(spin_json_get(bundle->json, "network"), "explicit"), &explicit);
-    if (explicit)
-        p->network = NULL;
+    SPIN_TRY_OUT(spin_field_from_json(spin_json_get(bundle->json, "trained"), &p->field, &there));
+    p->network = there ? &p->field : NULL;
     SPIN_TRY_OUT(spin_bundle_tracks_open(bundle, &p->tracks));
     if (p->network) {
-        SPIN_TRY_OUT(load_array(p, "network/table", 2, p->field.n_table, &p->table));
-        SPIN_TRY_OUT(load_array(p, "network/heads", 1, p->field.n_heads, &p->heads));
+        SPIN_TRY_OUT(load_array(p, "trained/table", 2, p->field.n_table, &p->table));
+        SPIN_TRY_OUT(load_array(p, "trained/heads", 1, p->field.n_heads, &p->heads));
     }
     return SPIN_OK;
 out:
@@ -201,7 +198,7 @@ void spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_de
 {
     memset(p, 0, sizeof *p);
     p->device = device;
-    p->from = SPIN_FROM_NETWORK;
+    p->from = SPIN_FROM_TRAINED;
     p->field = *field;
     p->network = network ? &p->field : NULL;
     p->table = table;
@@ -282,7 +279,7 @@ static spin_status need(struct spin_frame_renderer *p, size_t n)
     p->capacity = capacity;
     SPIN_TRY(d->op->reserve(d, capacity * 3 * sizeof(float), (void SPIN_DEV **)&p->pos));
     SPIN_TRY(spin_alloc(capacity * SPIN_ATTR, 2 * sizeof(float), (void **)&p->staging));
-    if (p->from == SPIN_FROM_NETWORK)
+    if (p->from == SPIN_FROM_TRAINED)
         return spin_field_eval_open(&p->field_eval, d, p->network, capacity, false);
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
 }
@@ -332,10 +329,10 @@ static spin_status read_residual(struct spin_frame_renderer *p, int index, size_
     char name[64];
 
     *residual = NULL;
-    snprintf(name, sizeof name, "network/residual/%05d", index);
+    snprintf(name, sizeof name, "trained/residual/%05d", index);
     if (!spin_npz_has(&p->bundle->npz, name))
         return SPIN_OK;
-    SPIN_TRY(read_rows(p, "network/residual", index, n, SPIN_RESIDUAL, p->staging));
+    SPIN_TRY(read_rows(p, "trained/residual", index, n, SPIN_RESIDUAL, p->staging));
     return send_residual(p, n, residual);
 }
 
@@ -345,7 +342,7 @@ static spin_status read_network_frame(struct spin_frame_renderer *p, int index, 
 {
     SPIN_TRY(spin_splats_reserve(&p->splats, n, SPIN_COL_MEANS, 0));
     if (!p->tracks.values) {
-        SPIN_TRY(read_rows(p, "network/means", index, n, 3, p->splats.means));
+        SPIN_TRY(read_rows(p, "trained/means", index, n, 3, p->splats.means));
         return read_residual(p, index, n, residual);
     }
     SPIN_TRY(spin_bundle_tracks_frame(&p->tracks, index, n, p->splats.means, p->staging));
@@ -367,7 +364,7 @@ spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
 
     if (p->now_frame == index)
         return SPIN_OK;
-    if (p->from != SPIN_FROM_NETWORK) {
+    if (p->from != SPIN_FROM_TRAINED) {
         SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
         count_stored(p, index, &p->splats);
         SPIN_TRY(spin_frame_renderer_show_splats(p, &p->splats));
@@ -421,7 +418,7 @@ spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index,
     size_t bytes;
     float *raw, *attr;
 
-    if (p->from != SPIN_FROM_NETWORK)
+    if (p->from != SPIN_FROM_TRAINED)
         return read_stored(p, index, columns, out);
     SPIN_TRY(spin_frame_renderer_show(p, index));
     SPIN_TRY(spin_splats_reserve(out, p->now.n, columns, p->now_sh_degree));

@@ -20,7 +20,7 @@ typedef struct spin_frame_batch (*spin_frame_renderer_live_fn)(void *context, in
 struct spin_frame_renderer {
     struct spin_device *device;
     struct spin_bundle *bundle;  /* NULL: only spin_frame_renderer_show_splats() */
-    enum spin_splat_source from; /* which of the bundle's splats; SPIN_FROM_NETWORK: computed */
+    enum spin_splat_source from; /* which of the bundle's splats; SPIN_FROM_TRAINED: computed */
     struct spin_field field;
     const struct spin_field *network; /* the same, or NULL: splats have explicit values only */
     const float SPIN_DEV *table, *heads;
@@ -54,7 +54,7 @@ struct spin_frame_renderer {
 };
 
 /* What spin_frame_renderer_open() needs to know about the network of a bundle. */
-bool spin_bundle_has_network(const struct spin_bundle *bundle);
+bool spin_bundle_is_trained(const struct spin_bundle *bundle);
 
 /* From an open bundle; from is not SPIN_FROM_BEST. */
 spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_device *device,

@@ -9,7 +9,7 @@
 #include "base/text.h"
 #include "scene/bundle.h"
 
-/* Splats of all frames: the source's, refined ones, or the network's. */
+/* Splats of all frames: the source's, refined ones, or trained ones. */
 struct counts {
     size_t least, most;
     double mean;
@@ -30,7 +30,7 @@ static struct counts count(const struct spin_bundle *b, enum spin_splat_source f
     return c;
 }
 
-/* A refining or the training of a network, as meta.json tells it. */
+/* A refining or the training of a clip, as meta.json tells it. */
 struct stage {
     const char *name;
     const spin_json *json; /* NULL: there was none */
@@ -80,13 +80,13 @@ static const char *text_of(const spin_json *object, const char *key)
 }
 
 /* Rows of the network's table. */
-static long long rows_of(const spin_json *network)
+static long long rows_of(const spin_json *field)
 {
     int64_t rows = 0;
-    long long levels = integer_of(network, "levels");
+    long long levels = integer_of(field, "levels");
 
     spin_json_integer(
-        spin_json_at(spin_json_get(network, "offset"), levels > 0 ? (size_t)levels : 0), &rows);
+        spin_json_at(spin_json_get(field, "offset"), levels > 0 ? (size_t)levels : 0), &rows);
     return (long long)rows;
 }
 
@@ -132,9 +132,23 @@ static void set_splats(spin_json *to, struct counts counts, unsigned columns, in
     spin_json_set(to, "attributes", spin_column_names(columns));
 }
 
-static spin_json *stage_json(const struct description *d, const struct stage *stage)
+/* The network, or null. */
+static spin_json *field_json(const spin_json *field)
 {
     static const char *const numbers[] = {"levels", "features", "hidden"};
+    spin_json *to;
+
+    if (!spin_json_is_object(field))
+        return spin_json_text_value(NULL);
+    to = spin_json_object();
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        spin_json_set_integer(to, numbers[i], integer_of(field, numbers[i]));
+    spin_json_set_integer(to, "rows", rows_of(field));
+    return to;
+}
+
+static spin_json *stage_json(const struct description *d, const struct stage *stage)
+{
     spin_json *to = spin_json_object();
     bool antialias = false;
 
@@ -142,10 +156,8 @@ static spin_json *stage_json(const struct description *d, const struct stage *st
     set_splats(to, count(&d->bundle, stage->from), stage->columns, stage->sh_degree, antialias);
     copy_json(to, "before", spin_json_get(stage->json, "before"));
     copy_json(to, "test", spin_json_get(stage->json, "test"));
-    if (stage->from == SPIN_FROM_NETWORK) {
-        for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
-            spin_json_set_integer(to, numbers[i], integer_of(stage->json, numbers[i]));
-        spin_json_set_integer(to, "rows", rows_of(stage->json));
+    if (stage->from == SPIN_FROM_TRAINED) {
+        spin_json_set(to, "field", field_json(spin_json_get(stage->json, "field")));
         spin_json_set_string(to, "device", text_of(stage->json, "device"));
     }
     copy_json(to, "options", spin_json_get(stage->json, "options"));
@@ -270,15 +282,16 @@ static void write_options(FILE *out, const spin_json *options)
 static void write_stage(const struct description *d, const struct stage *stage, FILE *out)
 {
     const spin_json *json = stage->json, *options = spin_json_get(json, "options");
+    const spin_json *field = spin_json_get(json, "field");
 
     write_splats(out, stage->name, count(&d->bundle, stage->from));
     fprintf(out, ", %lld iterations", integer_of(options, "iterations"));
-    if (stage->from == SPIN_FROM_NETWORK && !spin_npz_has(&d->bundle.npz, "network/table"))
+    if (stage->from == SPIN_FROM_TRAINED && !spin_json_is_object(field))
         write_line(out, " on %s, no network", text_of(json, "device"));
-    else if (stage->from == SPIN_FROM_NETWORK)
+    else if (stage->from == SPIN_FROM_TRAINED)
         write_line(out, " on %s; %lld levels of %lld features, %lld rows, hidden width %lld",
-                   text_of(json, "device"), integer_of(json, "levels"),
-                   integer_of(json, "features"), rows_of(json), integer_of(json, "hidden"));
+                   text_of(json, "device"), integer_of(field, "levels"),
+                   integer_of(field, "features"), rows_of(field), integer_of(field, "hidden"));
     else
         fprintf(out, " each\n");
     write_columns(out, "            attributes:", stage->columns, stage->sh_degree);
@@ -323,15 +336,15 @@ static void write_text(const struct description *d, FILE *out)
 static void find_stages(struct description *d)
 {
     const struct spin_bundle *b = &d->bundle;
-    const spin_json *network = spin_json_get(b->json, "network");
+    const spin_json *trained = spin_json_get(b->json, "trained");
 
     if (b->refined.columns)
         d->stage[0] = (struct stage){"refined", spin_json_get(b->json, "refined"),
                                      SPIN_FROM_REFINED, b->refined.columns, b->refined.sh_degree};
-    if (network)
-        d->stage[1] = (struct stage){"network", network, SPIN_FROM_NETWORK,
+    if (trained)
+        d->stage[1] = (struct stage){"trained", trained, SPIN_FROM_TRAINED,
                                      SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                     (int)integer_of(network, "sh_degree")};
+                                     (int)integer_of(trained, "sh_degree")};
 }
 
 spin_status spin_bundle_describe(const char *path, bool json, char **text)

@@ -47,7 +47,7 @@ static spin_status open_clip(struct eval *e)
     SPIN_TRY(spin_frame_renderer_choose(&e->clip.bundle, o->source, &e->from));
     SPIN_TRY(spin_lenses_from_json(spin_json_get(e->clip.bundle.json, "lenses"), o->image_scale,
                                    &e->lenses));
-    e->report->network = e->from == SPIN_FROM_NETWORK;
+    e->report->trained = e->from == SPIN_FROM_TRAINED;
     e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0)

@@ -23,7 +23,7 @@ struct spin_scene {
     struct spin_bundle bundle;
     struct spin_device device;
     struct spin_frame_renderer frame_renderer; /* of the network; opened when first needed */
-    bool has_network, device_open, player_open;
+    bool is_trained, device_open, player_open;
 };
 
 spin_status spin_scene_open(const char *path, struct spin_scene **out)
@@ -37,7 +37,7 @@ spin_status spin_scene_open(const char *path, struct spin_scene **out)
         free(scene);
         return status;
     }
-    scene->has_network = spin_bundle_has_network(&scene->bundle);
+    scene->is_trained = spin_bundle_is_trained(&scene->bundle);
     *out = scene;
     return SPIN_OK;
 }
@@ -61,7 +61,7 @@ const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, i
     return &scene->bundle.meta.frame[frame];
 }
 
-bool spin_scene_has_network(const struct spin_scene *scene) { return scene->has_network; }
+bool spin_scene_is_trained(const struct spin_scene *scene) { return scene->is_trained; }
 
 unsigned spin_scene_columns(const struct spin_scene *scene) { return scene->bundle.meta.columns; }
 
@@ -71,15 +71,15 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
     const struct spin_bundle *bundle = &scene->bundle;
 
     if (from == SPIN_FROM_BEST)
-        from = scene->has_network                               ? SPIN_FROM_NETWORK
+        from = scene->is_trained                               ? SPIN_FROM_TRAINED
                : SPIN_COL_ATTRIBUTES & ~bundle->refined.columns ? SPIN_FROM_SOURCE
                                                                 : SPIN_FROM_REFINED;
     if (from == SPIN_FROM_SOURCE)
         return spin_bundle_frame(&scene->bundle, frame, columns, out);
     if (from == SPIN_FROM_REFINED)
         return spin_bundle_refined_frame(&scene->bundle, frame, columns, out);
-    if (!scene->has_network)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no network: run spin-retrain",
+    if (!scene->is_trained)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' was not trained: run spin-retrain",
                          scene->bundle.path);
     if (!scene->device_open) {
         SPIN_TRY(spin_device_open("auto", 0, &scene->device));
@@ -87,7 +87,7 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
     }
     if (!scene->player_open) {
         SPIN_TRY(spin_frame_renderer_open(&scene->frame_renderer, &scene->device, &scene->bundle,
-                                          SPIN_FROM_NETWORK));
+                                          SPIN_FROM_TRAINED));
         scene->player_open = true;
     }
     return spin_frame_renderer_splats(&scene->frame_renderer, frame, columns, out);
@@ -242,14 +242,14 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
 
 static bool is_antialiased(const struct export *x)
 {
-    return x->from == SPIN_FROM_NETWORK   ? x->frame_renderer.field.antialias
+    return x->from == SPIN_FROM_TRAINED   ? x->frame_renderer.field.antialias
            : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
                                           : x->clip.bundle.meta.antialias;
 }
 
 static int sh_degree_of(const struct export *x)
 {
-    if (x->from == SPIN_FROM_NETWORK)
+    if (x->from == SPIN_FROM_TRAINED)
         return x->frame_renderer.field.sh_degree;
     return x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.sh_degree
                                         : x->clip.bundle.meta.sh_degree;
@@ -301,7 +301,7 @@ static spin_status begin_export(struct export *x)
         .source_of = x,
         .source_sh_degree = x->clip.bundle.meta.sh_degree,
         .source_antialias = x->clip.bundle.meta.antialias,
-        .retrained = x->from == SPIN_FROM_NETWORK,
+        .retrained = x->from == SPIN_FROM_TRAINED,
         .report = x->report,
         .check = o->check,
         .again = read_again,

@@ -39,7 +39,7 @@ struct run {
     bool resume;             /* there is a state to go on from */
 };
 
-static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_EXPLICIT; }
+static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_FRAMES; }
 
 /* ---- Before the work ---------------------------------------------------------------------------- */
 
@@ -153,11 +153,11 @@ static void say_recipe(const struct spin_plan *p)
     if (o->refine > 0)
         snprintf(refining, sizeof refining, "%s on each frame%s",
                  spin_text_count(o->refine, "iteration", count),
-                 o->method == SPIN_METHOD_EXPLICIT ? "" : ", then ");
+                 o->method == SPIN_METHOD_FRAMES ? "" : ", then ");
     if (isfinite(p->report->seconds_estimated))
         snprintf(about, sizeof about, "; about %s here",
                  spin_text_about(p->report->seconds_estimated, time));
-    if (o->method == SPIN_METHOD_EXPLICIT)
+    if (o->method == SPIN_METHOD_FRAMES)
         spin_log(0, "preset %s: %s, %s%s", o->preset, refining, frames, about);
     else
         spin_log(0, "preset %s: %s%s, %s%s", o->preset, refining,

@@ -151,56 +151,85 @@ static spin_status check_refined(struct spin_bundle *b)
 }
 
 /* "splats": of every frame, where densification has changed their number. */
-static spin_status read_network_counts(struct spin_bundle *b, const spin_json *network)
+static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
-    const spin_json *list = spin_json_get(network, "splats");
+    const spin_json *list = spin_json_get(trained, "splats");
     void *block = NULL;
 
     if (!list)
         return SPIN_OK;
-    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->network_n, &block));
-    b->network_n = block;
+    SPIN_TRY(spin_alloc((size_t)b->meta.n_frames, sizeof *b->trained_n, &block));
+    b->trained_n = block;
     for (int f = 0; f < b->meta.n_frames; f++) {
         int64_t n;
 
         if (!spin_json_integer(spin_json_at(list, (size_t)f), &n) || n < 0 || n > INT32_MAX)
-            return spin_meta_fail("network.splats", "a number of splats for every frame");
-        b->network_n[f] = (size_t)n;
+            return spin_meta_fail("trained.splats", "a number of splats for every frame");
+        b->trained_n[f] = (size_t)n;
     }
     return SPIN_OK;
 }
 
-/* The network's arrays are there; what they mean is the core's business. */
-static spin_status check_network(struct spin_bundle *b)
+/* The trained arrays are there; what they mean is the core's business. */
+static spin_status check_trained(struct spin_bundle *b)
 {
-    const spin_json *network = spin_json_get(b->json, "network");
-    int64_t features, shape[2] = {-1, -1};
-    bool own, explicit = false;
+    const spin_json *trained = spin_json_get(b->json, "trained"), *field;
+    int64_t shape[2] = {-1, -1};
+    bool own;
 
-    if (!network)
+    if (!trained)
         return SPIN_OK;
-    if (!spin_json_is_object(network))
-        return spin_meta_fail("network", "an object");
-    spin_json_bool(spin_json_get(network, "explicit"), &explicit);
-    SPIN_TRY(spin_meta_integer(network, "features", 1, 8, &features));
-    shape[1] = features;
-    if (!explicit) {
-        SPIN_TRY(spin_bundle_values_check(b, "network/table", -1, 'f', 2, shape));
-        SPIN_TRY(spin_bundle_values_check(b, "network/heads", -1, 'f', 1, shape));
+    if (!spin_json_is_object(trained))
+        return spin_meta_fail("trained", "an object");
+    field = spin_json_get(trained, "field");
+    if (!spin_json_is_object(field) && !spin_json_is_null(field))
+        return spin_meta_fail("trained.field", "an object or null");
+    if (spin_json_is_object(field)) {
+        SPIN_TRY(spin_meta_integer(field, "features", 1, 8, &shape[1]));
+        SPIN_TRY(spin_bundle_values_check(b, "trained/table", -1, 'f', 2, shape));
+        shape[1] = -1;
+        SPIN_TRY(spin_bundle_values_check(b, "trained/heads", -1, 'f', 1, shape));
     }
-    SPIN_TRY(read_network_counts(b, network));
-    if (spin_json_get(network, "tracks")) /* the rest is checked when frames are read */
+    SPIN_TRY(read_trained_counts(b, trained));
+    if (spin_json_get(trained, "tracks")) /* the rest is checked when frames are read */
         return SPIN_OK;
-    own = spin_npz_has(&b->npz, "network/residual/00000");
+    own = spin_npz_has(&b->npz, "trained/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
-        shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_NETWORK);
+        shape[0] = (int64_t)spin_bundle_count(b, f, SPIN_FROM_TRAINED);
         shape[1] = 3;
-        SPIN_TRY(spin_bundle_values_check(b, "network/means", f, 'f', 2, shape));
+        SPIN_TRY(spin_bundle_values_check(b, "trained/means", f, 'f', 2, shape));
         shape[1] = 11;
         if (own)
-            SPIN_TRY(spin_bundle_values_check(b, "network/residual", f, 'f', 2, shape));
+            SPIN_TRY(spin_bundle_values_check(b, "trained/residual", f, 'f', 2, shape));
     }
     return SPIN_OK;
+}
+
+/* Before version 4 "trained" was called "network", and what is now its "field" stood there among the rest, or
+ * "explicit" said that there is none. */
+static void modernise(struct spin_bundle *b)
+{
+    static const char *const series[] = {"per_unit", "xor_rows"};
+    spin_json *json = b->json, *trained;
+    bool explicit = false;
+
+    if (!spin_json_get(json, "network"))
+        return;
+    b->npz.prefix = "trained/";
+    b->npz.prefix_there = "network/";
+    spin_json_rename(json, "network", "trained");
+    for (int i = 0; i < 2; i++)
+        spin_json_rename((spin_json *)spin_json_get(json, series[i]), "network/", "trained/");
+    trained = (spin_json *)spin_json_get(json, "trained");
+    spin_json_bool(spin_json_get(trained, "explicit"), &explicit);
+    if (explicit) {
+        spin_json_set_null(trained, "field");
+    } else if (spin_json_is_object(trained)) {
+        spin_json *field = spin_json_object();
+
+        spin_json_share(field, trained);
+        spin_json_set(trained, "field", field);
+    }
 }
 
 static spin_status load_meta(struct spin_bundle *b)
@@ -216,6 +245,7 @@ static spin_status load_meta(struct spin_bundle *b)
     status = spin_json_parse(META, (const char *)text, (size_t)m->size, &b->json);
     free(owned);
     SPIN_TRY(status);
+    modernise(b);
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
@@ -233,7 +263,7 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
         status = spin_fail_context(status, "refined");
         goto out;
     }
-    SPIN_TRY_OUT(check_network(out));
+    SPIN_TRY_OUT(check_trained(out));
     return SPIN_OK;
 out:
     spin_bundle_close(out);
@@ -246,7 +276,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_json_free(bundle->json);
     spin_bundle_meta_free(&bundle->meta);
     free(bundle->refined.n);
-    free(bundle->network_n);
+    free(bundle->trained_n);
     spin_bundle_keys_free(&bundle->keys);
     free(bundle->path);
     memset(bundle, 0, sizeof *bundle);
@@ -386,8 +416,8 @@ void spin_bundle_rest(const struct spin_splats *view)
 
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from)
 {
-    if (from == SPIN_FROM_NETWORK && bundle->network_n)
-        return bundle->network_n[frame];
+    if (from == SPIN_FROM_TRAINED && bundle->trained_n)
+        return bundle->trained_n[frame];
     if (from != SPIN_FROM_SOURCE && bundle->refined.columns)
         return bundle->refined.n[frame];
     return bundle->meta.frame[frame].n;

@@ -4,9 +4,9 @@
  *   source/<column>/<index, 5 digits>.npy    one frame of a column, or
  *   source/<column>.npy                      a column that is the same in every frame
  *   refined/<column>/<index>.npy             one frame of splats refined on their own
- *   network/means/<index>.npy                positions after retraining
- *   network/residual/<index>.npy             what the network's outputs are added to, if anything
- *   network/table.npy  network/heads.npy ... what model/field keeps
+ *   trained/means/<index>.npy                positions after retraining
+ *   trained/residual/<index>.npy             what the network's outputs are added to, if anything
+ *   trained/table.npy  trained/heads.npy ... what model/field keeps
  *
  * Columns: means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3], rgb [n,3];
  * all little-endian float32, or packed (scene/bundle_pack.h). <index> is the frame's place in meta.json's
@@ -37,7 +37,7 @@ struct spin_bundle {
     spin_json *json; /* meta.json, whole */
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
-    size_t *network_n; /* [frames] splats of the network's frames where these are others; or NULL */
+    size_t *trained_n; /* [frames] splats of the network's frames where these are others; or NULL */
     struct spin_bundle_keys keys; /* of packed series */
     bool told_not_finite; /* a warning said how many splats cannot be drawn */
 };

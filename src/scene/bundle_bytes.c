@@ -32,13 +32,14 @@ static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
         return &bytes->source;
     if (begins(name, "refined/"))
         return &bytes->refined;
-    if (begins(name, "network/means/") || begins(name, "network/residual/"))
+    if (!begins(name, "trained/") && !begins(name, "network/")) /* as it was called before */
+        return NULL;
+    name = strchr(name, '/') + 1;
+    if (begins(name, "means/") || begins(name, "residual/"))
         return &bytes->positions;
-    if (begins(name, "network/track"))
+    if (begins(name, "track"))
         return &bytes->tracks;
-    if (begins(name, "network/table"))
-        return &bytes->table;
-    return begins(name, "network/") ? &bytes->heads : NULL;
+    return begins(name, "table") ? &bytes->table : &bytes->heads;
 }
 
 /* What a member has unpacked. Planes of bytes that would be 0 are left out of the file. */

@@ -13,7 +13,7 @@
 
 #define FORMAT "spin bundle"
 /* Arrays as they are; packed, which the first readers cannot read. */
-enum { VERSION = 1, VERSION_PACKED = 3 };
+enum { VERSION = 1, VERSION_PACKED = 4 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
 {

@@ -13,7 +13,7 @@ enum { ROW = SPIN_TRACK_WIDTH - 3 };
 
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
 {
-    const spin_json *json = spin_json_get(spin_json_get(bundle->json, "network"), "tracks");
+    const spin_json *json = spin_json_get(spin_json_get(bundle->json, "trained"), "tracks");
     int64_t n, moving, varying, shape[2] = {-1, SPIN_TRACK_WIDTH};
     struct spin_bundle_values v;
     void *block = NULL;
@@ -26,10 +26,10 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
         !spin_json_integer(spin_json_get(json, "moving"), &moving) ||
         !spin_json_integer(spin_json_get(json, "varying"), &varying) || n < 0 || n > UINT32_MAX ||
         moving < 0 || moving > n || varying < 0 || varying > n)
-        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'network.tracks'");
+        return spin_fail(SPIN_E_MALFORMED, "meta.json: bad 'trained.tracks'");
     spin_json_bool(spin_json_get(json, "same_rows"), &out->same_rows);
     shape[0] = n;
-    SPIN_TRY(spin_bundle_values_open(bundle, "network/tracks", -1, 'f', 2, shape, &v));
+    SPIN_TRY(spin_bundle_values_open(bundle, "trained/tracks", -1, 'f', 2, shape, &v));
     SPIN_TRY_OUT(spin_alloc((size_t)n + 1, SPIN_TRACK_WIDTH * sizeof *out->values, &block));
     out->values = block;
     out->n = (size_t)n;
@@ -39,7 +39,7 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     for (size_t i = 0; i < v.count && status == SPIN_OK; i++)
         if (!isfinite(out->values[i]))
             status =
-                spin_fail(SPIN_E_MALFORMED, "array 'network/tracks' is not finite in row %zu",
+                spin_fail(SPIN_E_MALFORMED, "array 'trained/tracks' is not finite in row %zu",
                           i / SPIN_TRACK_WIDTH);
 out:
     spin_bundle_values_close(&v);
@@ -63,7 +63,7 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
     spin_status status = SPIN_OK;
 
     *n = 0;
-    snprintf(series, sizeof series, "network/%s", what);
+    snprintf(series, sizeof series, "trained/%s", what);
     snprintf(name, sizeof name, "%s/%05d", series, index);
     if (!spin_npz_has(&t->bundle->npz, name))
         return SPIN_OK;
@@ -86,13 +86,13 @@ static spin_status read_numbers(struct spin_bundle_tracks *t, int index, size_t 
     struct spin_bundle_values v;
 
     index = t->same_rows ? 0 : index;
-    SPIN_TRY(spin_bundle_values_open(t->bundle, "network/track", index, 'u', 1, shape, &v));
+    SPIN_TRY(spin_bundle_values_open(t->bundle, "trained/track", index, 'u', 1, shape, &v));
     spin_bundle_values_get(&v, 0, n, track);
     spin_bundle_values_close(&v);
     for (size_t i = 0; i < n; i++)
         if (track[i] != SPIN_NOT_TRACKED && track[i] >= t->n)
             return spin_fail(SPIN_E_MALFORMED,
-                             "array 'network/track/%05d' names track %" PRIu32 " of %zu", index,
+                             "array 'trained/track/%05d' names track %" PRIu32 " of %zu", index,
                              track[i], t->n);
     return SPIN_OK;
 }

@@ -1,10 +1,10 @@
 /* The tracks of a bundle's network: Gaussians that several frames share.
  *
- *   network/tracks.npy            [n][14] displacement 3, log scale 3, rotation 4, colour 3, logit of opacity 1
- *   network/track/<index>.npy     [splats] uint32: the track of each, 0xffffffff: none; with "same_rows" of
+ *   trained/tracks.npy            [n][14] displacement 3, log scale 3, rotation 4, colour 3, logit of opacity 1
+ *   trained/track/<index>.npy     [splats] uint32: the track of each, 0xffffffff: none; with "same_rows" of
  *                                 index 0 only, for all frames
- *   network/means/<index>.npy     [own][3]  positions of splats without a track, or of a moving one
- *   network/residual/<index>.npy  [own][11] of splats without a track, or of a varying one
+ *   trained/means/<index>.npy     [own][3]  positions of splats without a track, or of a moving one
+ *   trained/residual/<index>.npy  [own][11] of splats without a track, or of a varying one
  *
  * A splat has the sum of what it has of its own and of what its track has. The first "moving" tracks
  * move; of the others the displacement is the whole position. The first "varying" ones have values in every

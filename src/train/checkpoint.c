@@ -22,8 +22,8 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
                              char **out)
 {
     const struct spin_retrain_options *o = plan->o;
-    bool network = o->method != SPIN_METHOD_EXPLICIT;
-    spin_json *j = network ? spin_field_to_json(&plan->field) : spin_json_object();
+    bool network = o->method != SPIN_METHOD_FRAMES;
+    spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
     spin_json *frames = spin_json_array(), *centre = spin_json_array();
     const struct spin_zip *zip = &plan->clip.bundle.npz.zip;
     char text[64];

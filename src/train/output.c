@@ -89,9 +89,9 @@ static spin_status set_units(const struct spin_output *output, struct spin_packe
             unit[3 + part[k].first + i] = per_unit(output, part[k].column);
     if (unit[0] <= 0)
         return SPIN_OK;
-    SPIN_TRY(spin_packer_units(packer, "network/means", 3, unit));
-    SPIN_TRY(spin_packer_units(packer, "network/residual", SPIN_RESIDUAL, unit + 3));
-    return spin_packer_units(packer, "network/tracks", SPIN_TRACK, unit);
+    SPIN_TRY(spin_packer_units(packer, "trained/means", 3, unit));
+    SPIN_TRY(spin_packer_units(packer, "trained/residual", SPIN_RESIDUAL, unit + 3));
+    return spin_packer_units(packer, "trained/tracks", SPIN_TRACK, unit);
 }
 
 static void round_splats(const struct spin_output *output, unsigned columns, struct spin_splats *s)
@@ -164,7 +164,7 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
         round_rows(output, packed, n, width);
     else
         round_values(output, SPIN_COL_MEANS, packed, width * n);
-    status = spin_bundle_write_array(w, residual ? "network/residual" : "network/means", frame,
+    status = spin_bundle_write_array(w, residual ? "trained/residual" : "trained/means", frame,
                                      "<f4", 2, shape, packed);
 out:
     free(place);
@@ -213,7 +213,7 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
         uint64_t shape[1] = {t->frame[f].size.n};
 
         SPIN_TRY_OUT(read_numbers(output, f, &track));
-        SPIN_TRY_OUT(spin_bundle_write_array(w, "network/track", f, "<u4", 1, shape, track));
+        SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/track", f, "<u4", 1, shape, track));
         free(track);
         track = NULL;
     }
@@ -246,7 +246,7 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     for (size_t i = 0; i < n; i++)
         round_values(output, SPIN_COL_MEANS, rows + SPIN_TRACK * i, 3);
     round_rows(output, rows + 3, n, SPIN_TRACK);
-    SPIN_TRY_OUT(spin_bundle_write_array(w, "network/tracks", -1, "<f4", 2, shape, rows));
+    SPIN_TRY_OUT(spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows));
     status = write_numbers(output, w, same_rows);
 out:
     free(block);
@@ -287,10 +287,10 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
         SPIN_TRY(write_tracks(output, w, same_rows));
     if (!t->network)
         return SPIN_OK;
-    SPIN_TRY(spin_pack_write(&w->zip, "network/table", 2, table, read_weights,
-                             &(struct weights){output, "network/table", whole}));
-    return spin_pack_write(&w->zip, "network/heads", 1, heads, read_weights,
-                           &(struct weights){output, "network/heads", t->heads.p});
+    SPIN_TRY(spin_pack_write(&w->zip, "trained/table", 2, table, read_weights,
+                             &(struct weights){output, "trained/table", whole}));
+    return spin_pack_write(&w->zip, "trained/heads", 1, heads, read_weights,
+                           &(struct weights){output, "trained/heads", t->heads.p});
 }
 
 /* The source's columns, those kept of refined frames, the network. */
@@ -310,13 +310,13 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
     }
     for (int f = 0; output->refinement->frame && f < plan->clip.n_frames; f++) {
         SPIN_TRY_OUT(spin_refinement_read(output->refinement, plan, f, kept, &splats));
-        if (plan->o->method == SPIN_METHOD_EXPLICIT && f == 0)
+        if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
             SPIN_TRY_OUT(set_refined_units(output, &w->packer, kept, splats.sh_degree));
-        if (plan->o->method == SPIN_METHOD_EXPLICIT) /* else they are what a network began with */
+        if (plan->o->method == SPIN_METHOD_FRAMES) /* else they are what a network began with */
             round_splats(output, kept, &splats);
         SPIN_TRY_OUT(spin_bundle_write_refined(w, f, kept, &splats));
     }
-    if (plan->o->method != SPIN_METHOD_EXPLICIT)
+    if (plan->o->method != SPIN_METHOD_FRAMES)
         status = write_network(output, w, whole, same_rows);
 out:
     spin_splats_free(&splats);
@@ -428,8 +428,8 @@ static void counts_to_json(const struct spin_trainer *t, spin_json *network)
     spin_json_set(network, "splats", splats);
 }
 
-/* The "network" object. */
-static spin_status network_to_json(const struct spin_output *output, bool same_rows,
+/* The "trained" object. */
+static spin_status trained_to_json(const struct spin_output *output, bool same_rows,
                                    spin_json **json)
 {
     const struct spin_trainer *t = output->trainer;
@@ -437,7 +437,7 @@ static spin_status network_to_json(const struct spin_output *output, bool same_r
     spin_json *j, *cameras = NULL;
 
     SPIN_TRY(cameras_to_json(output, &cameras));
-    j = spin_field_to_json(&output->trainer->field);
+    j = spin_field_to_json(&t->field, t->network != NULL);
     spin_json_set(j, "options",
                   spin_settings_network(output->plan, output->frames->init_log_scale));
     spin_json_set_string(j, "device", output->trainer->device->op->name);
@@ -446,8 +446,6 @@ static spin_status network_to_json(const struct spin_output *output, bool same_r
         tracks_to_json(t, same_rows, j);
     if (t->tracked)
         counts_to_json(t, j);
-    if (!t->network)
-        spin_json_set_bool(j, "explicit", true);
     spin_json_set_string(j, "fingerprint", output->fingerprint);
     spin_json_set_string(j, "path", output->code_paths);
     set_quality(j, "before", &report->before);
@@ -460,7 +458,7 @@ static spin_status network_to_json(const struct spin_output *output, bool same_r
 static spin_status describe(const struct spin_output *output, bool same_rows, spin_json *extra)
 {
     const struct spin_plan *plan = output->plan;
-    spin_json *refined = NULL, *network = NULL;
+    spin_json *refined = NULL, *trained = NULL;
 
     spin_json_set_string(extra, "precision", precision_name(plan->o));
     if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
@@ -470,9 +468,9 @@ static spin_status describe(const struct spin_output *output, bool same_rows, sp
         set_quality(refined, "test", &plan->report->refined);
         spin_json_set(extra, "refined", refined);
     }
-    if (plan->o->method != SPIN_METHOD_EXPLICIT) {
-        SPIN_TRY(network_to_json(output, same_rows, &network));
-        spin_json_set(extra, "network", network);
+    if (plan->o->method != SPIN_METHOD_FRAMES) {
+        SPIN_TRY(trained_to_json(output, same_rows, &trained));
+        spin_json_set(extra, "trained", trained);
     } else {
         set_quality(refined, "before", &plan->report->before);
         spin_json_set_string(refined, "fingerprint", output->fingerprint);
@@ -537,7 +535,7 @@ spin_status spin_output_write(const struct spin_output *output)
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)
 {
     struct spin_bundle bundle;
-    const char *method = plan->o->method != SPIN_METHOD_EXPLICIT ? "network" : "refined", *text,
+    const char *method = plan->o->method != SPIN_METHOD_FRAMES ? "trained" : "refined", *text,
                *precision;
     bool same;
 

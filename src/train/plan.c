@@ -27,7 +27,7 @@ static spin_status check_options(const struct spin_retrain_options *o)
     if (!o->input || (!o->output && !o->dry_run))
         return spin_fail(SPIN_E_USAGE, "retraining needs an input and an output");
     SPIN_TRY(spin_options_check(o));
-    if (o->method == SPIN_METHOD_EXPLICIT && o->refine < 1)
+    if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_fail(SPIN_E_USAGE, "the explicit method needs iterations for every frame: say "
                                        "how many with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
@@ -221,7 +221,7 @@ static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
     int frames = decodings(o), n = spin_n_ranks();
 
-    if (o->method != SPIN_METHOD_EXPLICIT && frames < n)
+    if (o->method != SPIN_METHOD_FRAMES && frames < n)
         spin_warn("a step shows %d frame%s (--batch %d), so only %d of %d processes draw%s: give "
                   "--batch %d, or start "
                   "fewer processes",
@@ -254,7 +254,7 @@ int spin_plan_frame_sh_degree(const struct spin_plan *plan)
 {
     int most = plan->o->sh_degree, source = plan->clip.bundle.meta.sh_degree;
 
-    if (plan->o->method != SPIN_METHOD_EXPLICIT)
+    if (plan->o->method != SPIN_METHOD_FRAMES)
         return 0;
     if (plan->o->refine_start == SPIN_REFINE_FROM_SOURCE)
         most = most < source ? most : source;
@@ -363,12 +363,12 @@ static void plan_memory(struct spin_plan *plan, size_t held)
 
     network_bytes(plan, &of_device, &of_host);
     if (plan->o->refine > 0 &&
-        (plan->o->method == SPIN_METHOD_EXPLICIT || of_device + of_host < refining)) {
+        (plan->o->method == SPIN_METHOD_FRAMES || of_device + of_host < refining)) {
         of_device = refining;
         of_host = 0;
     }
     report->ranks = spin_n_ranks();
-    if (plan->o->method != SPIN_METHOD_EXPLICIT)
+    if (plan->o->method != SPIN_METHOD_FRAMES)
         report->bytes_sent =
             distinct * spin_share_traffic(network ? &plan->field : NULL, plan->clip.n_mean,
                                           spin_plan_has_residual(plan), plan->o->tracks);
@@ -510,7 +510,7 @@ static double guess_seconds(const struct spin_plan *plan)
     if (threads < 1 && spin_pool_create(0, &pool) == SPIN_OK)
         threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
-    if (o->method != SPIN_METHOD_EXPLICIT)
+    if (o->method != SPIN_METHOD_FRAMES)
         seconds += o->iterations * guess_iteration(plan);
     return seconds / (threads > 1 ? threads : 1);
 }
@@ -594,7 +594,7 @@ spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_opt
     report->densify_every = spin_plan_densifies(plan) ? plan->o->densify_every : 0;
     report->splats_mean = plan->clip.n_mean;
     report->iterations =
-        plan->o->method == SPIN_METHOD_EXPLICIT ? plan->o->refine : plan->o->iterations;
+        plan->o->method == SPIN_METHOD_FRAMES ? plan->o->refine : plan->o->iterations;
     return SPIN_OK;
 }
 

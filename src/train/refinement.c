@@ -28,7 +28,7 @@
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 static bool is_explicit(const struct spin_plan *plan)
 {
-    return plan->o->method == SPIN_METHOD_EXPLICIT;
+    return plan->o->method == SPIN_METHOD_FRAMES;
 }
 
 /* All of a refined frame is wanted, not only where its points lie. */

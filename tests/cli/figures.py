@@ -197,9 +197,9 @@ def moving(truth, median):
 
 def weigh(bundle):
     """Bytes of the parts by the names of the members, packed and unpacked."""
-    where = [("source/", "source"), ("refined/", "refined"), ("network/means/", "positions"),
-             ("network/residual/", "positions"), ("network/track", "tracks"), ("network/table", "table"),
-             ("network/", "heads")]
+    where = [("source/", "source"), ("refined/", "refined"), ("trained/means/", "positions"),
+             ("trained/residual/", "positions"), ("trained/track", "tracks"), ("trained/table", "table"),
+             ("trained/", "heads")]
     file = os.path.getsize(bundle)
     packed = dict({"file": file}, **{k: 0 for _, k in where})
     unpacked = dict(packed)
@@ -397,16 +397,16 @@ def text_bundle(j, has_table):
     t += ["splats      " + splats(j["splats"]), "attributes  " + columns(j)]
     if j["static"]:
         t += ["static      " + " ".join(j["static"])]
-    for name in ("refined", "network"):
+    for name in ("refined", "trained"):
         if name not in j:
             continue
         s = j[name]
         line = "%-12s%s, %d iterations" % (name, splats(s["splats"]), s["options"]["iterations"])
         if name == "refined":
             line += " each"
-        elif has_table:
+        elif s["field"]:
             line += " on %s; %d levels of %d features, %d rows, hidden width %d" % (
-                s["device"], s["levels"], s["features"], s["rows"], s["hidden"])
+                s["device"], s["field"]["levels"], s["field"]["features"], s["field"]["rows"], s["field"]["hidden"])
         else:
             line += " on %s, no network" % s["device"]
         t += [line, "            attributes: " + columns(s)]
@@ -429,7 +429,7 @@ def check_bundle(name, source, stages):
     text, j = both("import", "--info", bundle)
     meta = meta_of(bundle)
     with zipfile.ZipFile(bundle) as z:
-        has_table = "network/table.npy" in z.namelist()
+        has_table = "trained/table.npy" in z.namelist()
     for stage in stages:
         ok(j[stage]["options"] == meta[stage]["options"], "%s: settings of %s" % (name, stage))
         n = stages[stage]
@@ -439,7 +439,8 @@ def check_bundle(name, source, stages):
     counts_are(j, source, "%s: splats of the source" % name)
     packed, unpacked = weigh(bundle)
     if has_table:
-        ok(j["network"]["rows"] == meta["network"]["offset"][meta["network"]["levels"]], "%s: rows of its table" % name)
+        field = meta["trained"]["field"]
+        ok(j["trained"]["field"]["rows"] == field["offset"][field["levels"]], "%s: rows of its table" % name)
     ok(j["bytes"] == packed, "%s: bytes of its parts" % name, j["bytes"], packed)
     ok(j["bytes_unpacked"] == unpacked, "%s: unpacked" % name, j["bytes_unpacked"], unpacked)
     return j
@@ -455,7 +456,7 @@ def quality(name, q):
 def text_plan(j):
     t = ["device      " + j["device"], "preset      " + j["preset"]]
     t += ["work        %s%s, %s, %s splats each" % (
-        some(j["iterations"], "iteration"), " on each frame" if j["method"] == "explicit" else "",
+        some(j["iterations"], "iteration"), " on each frame" if j["method"] == "frames" else "",
         some(j["frames"], "frame"), mean(j["splats_mean"]))]
     if j["densify_every"] > 0:
         t += ["densify     every %d iterations" % j["densify_every"]]
@@ -477,7 +478,7 @@ def available(text):
 
 def check_plans(frames):
     n, bundle = np.mean([len(f) for f in frames]), path("all.spin")
-    for more in ("", "--preset best --batch 2 --scale 0.25", "--method explicit --refine 70 --scale 0.5",
+    for more in ("", "--preset best --batch 2 --scale 0.25", "--method frames --refine 70 --scale 0.5",
                  "--refine 1 --iterations 1",
                  "--preset paper --iterations 200000 --threads 1", "--preset paper --iterations 3000000"):
         text, j = both("retrain", bundle, "--dry-run", "--device", "cpu", *more.split())
@@ -510,21 +511,21 @@ def check_retrain(name, frames, *args):
     j = json.loads(run(*command, "--force", "--json"))
     lines = read_log(log)
     got = re.match(r"(.*): (.*) in ([0-9.]+) s \(([0-9.e-]+) s each\) on (.*)\n", text)
-    explicit = j["method"] == "explicit"
+    by_frame = j["method"] == "frames"
     if not got:
         return ok(False, "%s: the text" % name, text)
     # Of two runs: what is measured is the same, but for times.
     want = "%s: %s in %s s (%s s each) on %s, %s, %s splats each\n%-10s  %8s  %7s\n" % (
         out, some(j["iterations"], "iteration"), got.group(3), got.group(4), j["device"], some(j["frames"], "frame"),
         mean(j["splats_mean"]), "test views", "PSNR", "SSIM") + quality("before", j["before"]) + "\n"
-    if j.get("refined") and not explicit:
+    if j.get("refined") and not by_frame:
         want += quality("refined", j["refined"]) + "\n"
     same(text, want + quality("after", j["test"]), "%s: the text has the figures of --json" % name)
     refine, steps = j.get("refine_seconds", 0), [x for x in lines if "loss" in x and "iteration" in x]
     tests = [x for x in lines if "test_psnr" in x]
-    per = j["frames"] * j["iterations"] if explicit else j["iterations"]
-    near((j["seconds"] - (0 if explicit else refine)) / per, j["seconds_per_iteration"], 1e-9, "%s: seconds each" % name)
-    if not explicit:
+    per = j["frames"] * j["iterations"] if by_frame else j["iterations"]
+    near((j["seconds"] - (0 if by_frame else refine)) / per, j["seconds_per_iteration"], 1e-9, "%s: seconds each" % name)
+    if not by_frame:
         ok(len(steps) == j["iterations"] and [x["iteration"] for x in steps] == list(range(1, len(steps) + 1)),
            "%s: a line of the log for every step" % name)
         ok(steps[-1]["seconds"] - 0.002 <= j["seconds"] <= tests[-1]["seconds"] + 0.002 and j["seconds"] >= refine,
@@ -561,11 +562,11 @@ def check_said(name, told, j, lines, sizes):
         found = re.findall("^" + pattern + "$", told, re.M)
         return found[0] if len(found) == 1 else None
 
-    iterations, explicit = some(j["iterations"], "iteration"), j["method"] == "explicit"
+    iterations, by_frame = some(j["iterations"], "iteration"), j["method"] == "frames"
     about = "a second|[0-9]+ seconds"
     if j["refine"]:
         want = "preset %s: %s on each frame%s, %s; about (%s) here" % (
-            j["preset"], some(j["refine"], "iteration"), "" if explicit else ", then " + iterations,
+            j["preset"], some(j["refine"], "iteration"), "" if by_frame else ", then " + iterations,
             some(j["frames"], "frame"), about)
         ok(line(r"refining %d of %d frames, %s each" % (len(sizes), len(sizes), some(j["refine"], "iteration"))) is not None,
            "%s: says how many frames it refines" % name, told)
@@ -589,15 +590,15 @@ def check_said(name, told, j, lines, sizes):
     ok(line(r"before: test PSNR %.3f dB, SSIM %.4f" % (j["before"]["psnr"], j["before"]["ssim"])) is not None,
        "%s: says how good the source is" % name, told)
     if j["method"] == "network":
-        table = meta_of(path(name))["network"]
+        table = meta_of(path(name))["trained"]["field"]
         ok(line(r"%.1f M parameters in the table, %.1f %% of the points outside the unit ball" % (
             table["offset"][table["levels"]] * table["features"] / 1e6, 100 * j["outside_ball"])) is not None,
            "%s: says how large the table is" % name, told)
-    tracks = meta_of(path(name)).get("network", {}).get("tracks")
+    tracks = meta_of(path(name)).get("trained", {}).get("tracks")
     if tracks:
         ok(line(r"%d tracks \(splats at the same place in several frames\), %d move, %d have attributes of every frame" % (
             tracks["n"], tracks["moving"], tracks["varying"])) is not None, "%s: says how many tracks" % name, told, tracks)
-    if not explicit:
+    if not by_frame:
         want = ["iteration %d: test PSNR %.3f dB, SSIM %.4f" % (x["iteration"], x["test_psnr"], x["test_ssim"])
                 for x in lines if "test_psnr" in x]
         same("\n".join(re.findall(r"^iteration \d+: test .*$", told, re.M)), "\n".join(want),
@@ -621,7 +622,7 @@ def check_said(name, told, j, lines, sizes):
 
 def parts_of(j, attributes):
     s = j["storage"]
-    return {"retrained": s["positions"] + s["tracks"] + s["table"] + s["heads"], "explicit": s["refined"],
+    return {"retrained": s["positions"] + s["tracks"] + s["table"] + s["heads"], "frames": s["refined"],
             "source": s["source"]}[attributes]
 
 
@@ -795,7 +796,7 @@ def storage_tile(j):
 def check_page(name, j, before, seen, log, split="test"):
     page, meta, bundle = open(path(name + ".html")).read(), meta_of(path(name)), path(name)
     text = re.sub(r"base64,[^\"]*", "", page)
-    stage = meta["network"] if j["attributes"] == "retrained" else None
+    stage = meta["trained"] if j["attributes"] == "retrained" else None
     ok("<p>%s attributes, %d %s views of %d frames. From %s.%s</p>" % (
         j["attributes"], len(j["views"]), split, len(j["frames"]), meta["variant"],
         " Dynamic regions: pixels that differ from their camera's median over time.") in text, name + ": the page's first line",
@@ -808,7 +809,8 @@ def check_page(name, j, before, seen, log, split="test"):
             " in %.1f minutes" % (seconds / 60) if log else "") in text, name + ": how it was trained",
            re.findall("<p>Trained.*", text))
         same(re.search(r"<h2>Options of the run</h2>\n<p>(.*?)</p>", text).group(1),
-             ", ".join("%s %.10g" % (k, stage[k]) for k in ("levels", "features", "hidden", "sh_degree")) +
+             ", ".join("%s %.10g" % (k, (stage["field"] or stage)[k]) for k in ("levels", "features", "hidden", "sh_degree")
+                       if k in (stage["field"] or {}) or k == "sh_degree") +
              "; trained on " + stage["device"], name + ": its network")
         ok(json.loads(re.search(r"<pre>(.*?)</pre>", text, re.S).group(1).replace("&quot;", '"')) == o, name + ": its options")
 
@@ -1046,15 +1048,15 @@ def main():
         check_retrain("tracks.spin", frames, *of_tracks)
         check_retrain("net.spin", frames, "--preset", "paper", "--iterations", "5", "--eval-every", "2", "--refine", "4",
                       "--sh-degree", "1", *small.split())
-        check_retrain("explicit.spin", frames, "--method", "explicit", "--refine", "5", "--scale", "0.5")
-        refined = {n: [f["n"] for f in meta_of(path(n))["refined"]["frames"]] for n in ("net.spin", "explicit.spin")}
-        check_bundle("net.spin", frames, {"refined": refined["net.spin"], "network": refined["net.spin"]})
-        check_bundle("explicit.spin", frames, {"refined": refined["explicit.spin"]})
+        check_retrain("apart.spin", frames, "--method", "frames", "--refine", "5", "--scale", "0.5")
+        refined = {n: [f["n"] for f in meta_of(path(n))["refined"]["frames"]] for n in ("net.spin", "apart.spin")}
+        check_bundle("net.spin", frames, {"refined": refined["net.spin"], "trained": refined["net.spin"]})
+        check_bundle("apart.spin", frames, {"refined": refined["apart.spin"]})
     else:
         run("retrain", path("all.spin"), "-o", tracks, "--device", "cpu", "--log", tracks + ".log", *of_tracks)
-    kept = [int(n) for n in meta_of(tracks)["network"]["splats"]]
+    kept = [int(n) for n in meta_of(tracks)["trained"]["splats"]]
     if only in (None, "retrains"):
-        check_bundle("tracks.spin", frames, {"network": kept})
+        check_bundle("tracks.spin", frames, {"trained": kept})
     if only in (None, "pages"):
         run("import", CLIP, "--data", CLIP, "-o", path("court.spin"))  # with all frames of the data set, counted from 0
         run("eval", path("court.spin"), "--images", path("photos"))

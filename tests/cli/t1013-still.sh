@@ -53,7 +53,7 @@ for name in plain still; do
     run "$bin/spin-eval" "$work/$name/whole.spin" --source --json --device cpu
     is "$code" 0 "$name: measures the source"
     measured "$name/source"
-    run "$bin/spin-retrain" "$work/$name/whole.spin" -o "$work/$name/whole.own" --method explicit \
+    run "$bin/spin-retrain" "$work/$name/whole.spin" -o "$work/$name/whole.own" --method frames \
         --refine 3 --refine-start source --scale 0.5 --device cpu
     is "$code" 0 "$name: refines every frame on its own"
     run "$bin/spin-eval" "$work/$name/whole.own" --json --device cpu

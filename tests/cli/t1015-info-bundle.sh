@@ -51,7 +51,7 @@ is "$code" 0 "is retrained"
 run "$bin/spin-import" --info "$work/net.spin"
 is "$code" 0 "what was retrained is described"
 out_has "^refined .*, 3 iterations each$" "refined frames"
-out_has "^network .*, 12 iterations on cpu; 8 levels of 4 features, [0-9]* rows, hidden width 32$" "the network"
+out_has "^trained .*, 12 iterations on cpu; 8 levels of 4 features, [0-9]* rows, hidden width 32$" "the network"
 out_has "attributes: means quats log_scales logit_opacities sh (SH degree 2)$" "what it gives"
 out_has "held-out views before: [0-9.]* dB, SSIM 0[.0-9]*$" "how good the source was"
 out_has "held-out views after: [0-9.]* dB, SSIM 0[.0-9]*$" "how good it is"
@@ -59,9 +59,9 @@ out_has "hash_log2: 14" "its settings"
 out_has "^size .*source .*refined .*values of frames .*table .*heads " "the sizes of all its parts"
 run "$bin/spin-import" --info --json "$work/net.spin"
 is_json "as JSON"
-network=$(tr -d ' \n' <"$work/out" | sed 's/.*"network"://')
-for word in '"levels":8,"features":4,"hidden":32,' '"device":"cpu"' '"options":{' '"iterations":12' '"hash_log2":14'; do
-    case $network in
+trained=$(tr -d ' \n' <"$work/out" | sed 's/.*"trained"://')
+for word in '"field":{"levels":8,"features":4,"hidden":32,' '"device":"cpu"' '"options":{' '"iterations":12' '"hash_log2":14'; do
+    case $trained in
     *"$word"*) : ;;
     *) false ;;
     esac
@@ -77,7 +77,7 @@ is "$code" 0 "is retrained without a network"
 grep -q "in the table" "$work/err"
 is $? 1 "of which nothing is said then"
 run "$bin/spin-import" --info "$work/tracks.spin"
-out_has "^network .*, 6 iterations on cpu, no network$" "nor here"
+out_has "^trained .*, 6 iterations on cpu, no network$" "nor here"
 out_has "^size .*source .*values of frames .*tracks [0-9]" "its sizes"
 run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/tracks.spin" --device cpu --tracks off --force
 fails 2 spin-retrain "--method tracks, and --tracks off"

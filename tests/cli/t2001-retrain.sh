@@ -77,7 +77,7 @@ if command -v python3 >/dev/null 2>&1; then
     python3 -c 'import sys, zipfile
 z = zipfile.ZipFile(sys.argv[1])
 moved = zipfile.ZipFile(sys.argv[2])
-name = "network/means/00000.npy"
+name = "trained/means/00000.npy"
 still = z.read(name) == z.read("source/means/00000.npy")
 sys.exit(not (still and moved.read(name) != z.read(name)))' "$work/still.spin" "$work/one.spin"
     ok $? "--lr-position 0 leaves them where they are, the default does not"
@@ -142,7 +142,7 @@ done
 run "$bin/spin-retrain" "$in" -o "$work/own0.spin" $small --iterations 6 --residual points --lr-residual 0
 if command -v python3 >/dev/null 2>&1; then
     python3 -c 'import sys, zipfile
-a, b = (zipfile.ZipFile(f).read("network/residual/00000.npy") for f in sys.argv[1:])
+a, b = (zipfile.ZipFile(f).read("trained/residual/00000.npy") for f in sys.argv[1:])
 sys.exit(len(a) != len(b) or a == b)' "$work/own0.spin" "$work/own.spin"
     ok $? "these values are trained, and with --lr-residual 0 they stay"
 else
@@ -192,7 +192,7 @@ run "$bin/spin-retrain" "$in" -o "$work/preset.spin" $small --iterations 2 --pre
 is "$code" 0 "retrains with a preset"
 if command -v python3 >/dev/null 2>&1; then
     python3 -c 'import json, sys, zipfile
-o = json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["network"]["options"]
+o = json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["trained"]["options"]
 sys.exit(not (o["iterations"] == 2 and o["hash_log2"] == 10 and o["residual"] == "points" and
               o["lr_table"] == 0.04 and o["views_per_frame"] == 3))' "$work/preset.spin"
     ok $? "its own options, and those given"

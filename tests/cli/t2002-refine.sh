@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: retrain refine threads
-# spin-retrain frame by frame: --refine before the network, --method explicit instead of it; threads,
+# spin-retrain frame by frame: --refine before the network, --method frames instead of it; threads,
 # a kill and --resume, what is kept and taken again, counts of splats that change.
 . tests/cli/lib.sh
 
@@ -23,14 +23,15 @@ same() { # FILE FILE NAME
 }
 
 # Explicit frames.
+# Its name of before.
 run "$bin/spin-retrain" "$in" --dry-run $few --method explicit --json
-is "$code" 0 "--dry-run of the explicit method"
+is "$code" 0 "--dry-run frame by frame"
 is_json "which is one document"
-run "$bin/spin-retrain" "$in" -o "$work/one.spin" $few --method explicit --threads 1 --json \
+run "$bin/spin-retrain" "$in" -o "$work/one.spin" $few --method frames --threads 1 --json \
     --log "$work/log.jsonl" --preview "$work/preview"
 is "$code" 0 "refines two frames on one thread"
 is_json "--json at the end is one document"
-is "$(member method)" explicit "which names the method"
+is "$(member method)" frames "which names the method"
 out_has '"refined": {' "and has the quality of the refined frames"
 told=$(member splats_mean)
 splats_of "$work/one.spin" >/dev/null
@@ -43,25 +44,25 @@ ls "$work/preview"/*refined.png >/dev/null 2>&1
 ok $? "--preview has pictures"
 nothing_at "$work/one.spin." "nothing unfinished is left"
 for n in 2 3; do
-    run "$bin/spin-retrain" "$in" -o "$work/$n.spin" $few --method explicit --threads $n
+    run "$bin/spin-retrain" "$in" -o "$work/$n.spin" $few --method frames --threads $n
     same "$work/one.spin" "$work/$n.spin" "$n threads give the same bytes as one"
 done
 run "$bin/spin-eval" "$work/one.spin" --scale 0.25 --json
-is "$(member attributes)" explicit "spin-eval takes the explicit splats"
+is "$(member attributes)" frames "spin-eval takes the frames' splats"
 after=$(member psnr)
 run "$bin/spin-eval" "$work/one.spin" --scale 0.25 --source --json
 is "$(member attributes)" source "and the source's with --source"
 greater "$after" "$(member psnr)"
-ok $? "the explicit ones are better"
+ok $? "those are better"
 n_source=$(splats_of "$in")
-n_explicit=$(splats_of "$work/one.spin")
-[ -n "$n_explicit" ] && [ "$n_explicit" != "$n_source" ]
+n_frames=$(splats_of "$work/one.spin")
+[ -n "$n_frames" ] && [ "$n_frames" != "$n_source" ]
 ok $? "the export has the new number of splats"
-run "$bin/spin-retrain" "$in" -o "$work/still.spin" $one --method explicit --densify off \
+run "$bin/spin-retrain" "$in" -o "$work/still.spin" $one --method frames --densify off \
     --max-points 5
 greater "$((n_source + 1))" "$(splats_of "$work/still.spin")"
 ok $? "--densify off adds none"
-run "$bin/spin-retrain" "$in" -o "$work/capped.spin" $one --method explicit \
+run "$bin/spin-retrain" "$in" -o "$work/capped.spin" $one --method frames \
     --max-points "$((n_source + 7))" --refine-start source
 greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
 ok $? "--max-points is kept, and frames start from the source's attributes"
@@ -69,23 +70,23 @@ ok $? "--max-points is kept, and frames start from the source's attributes"
 # What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
 for more in '--sh-increase-every 50' '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
     # shellcheck disable=SC2086
-    run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method explicit --densify off $more --force --json \
+    run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method frames --densify off $more --force --json \
         --precision half
     is "$code" 0 "refines with $more"
     learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
     # shellcheck disable=SC2086
-    run "$bin/spin-retrain" "$in" -o "$work/more3.spin" $few --method explicit --densify off $more --force --threads 3 \
+    run "$bin/spin-retrain" "$in" -o "$work/more3.spin" $few --method frames --densify off $more --force --threads 3 \
         --precision half
     same "$work/more.spin" "$work/more3.spin" "$more: the same bytes on three threads"
     run "$bin/spin-eval" "$work/more.spin" --scale 0.25 --json
     awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
     ok $? "$more: measured as trained"
-    run "$bin/spin-retrain" "$work/more.spin" -o "$work/without.spin" $few --method explicit --densify off --force
+    run "$bin/spin-retrain" "$work/more.spin" -o "$work/without.spin" $few --method frames --densify off --force
     err_has "refining 2 of 2 frames" "$more: not taken for frames refined without"
 done
 
 # The SH of a source stays, up to --sh-degree. PLY writes f_rest channel by channel.
-run "$bin/spin-retrain" "$in" -o "$work/sh.spin" $one --method explicit --densify off --sh-increase-every 50 \
+run "$bin/spin-retrain" "$in" -o "$work/sh.spin" $one --method frames --densify off --sh-increase-every 50 \
     --precision full
 splats_of "$work/sh.spin" >/dev/null
 mkdir "$work/ply.sh"
@@ -95,7 +96,7 @@ run "$bin/spin-import" "$work/ply.sh" --data $clip -o "$work/fromsh.spin"
 for pair in '3 24' '1 9'; do
     degree=${pair% *} n=${pair#* }
     run "$bin/spin-retrain" "$work/fromsh.spin" -o "$work/$n.spin" --device cpu --scale 0.25 \
-        --method explicit --refine 1 --refine-start source --precision full --sh-degree "$degree"
+        --method frames --refine 1 --refine-start source --precision full --sh-degree "$degree"
     "$bin/spin-export" "$work/$n.spin" --to ply -o "$work/ply.$n" -q 2>"$work/err"
     is "$(grep -a -c '^property float f_rest_' "$work"/ply.$n/frame_*.ply)" $n "--sh-degree $degree: $n numbers of a source with SH go on"
 done
@@ -122,7 +123,7 @@ fi
 # Refined frames, then the network.
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $few $net
 is "$code" 0 "refines, then trains the network"
-is "$(splats_of "$work/whole.spin")" "$n_explicit" "which has the refined frames' number of splats"
+is "$(splats_of "$work/whole.spin")" "$n_frames" "which has the refined frames' number of splats"
 run "$bin/spin-eval" "$work/whole.spin" --scale 0.25 --json
 is "$(member attributes)" retrained "spin-eval takes the network"
 run "$bin/spin-retrain" "$work/whole.spin" -o "$work/again.spin" $few $net
@@ -174,7 +175,7 @@ err_has "already finished" "--resume of what is finished does nothing"
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/bare.spin" --positions-only
 run "$bin/spin-retrain" "$work/bare.spin" -o "$work/x.spin" $few --refine-start source
 fails 1 spin-retrain "no attributes to start from"
-run "$bin/spin-retrain" "$work/bare.spin" -o "$work/x.spin" $one --method explicit
+run "$bin/spin-retrain" "$work/bare.spin" -o "$work/x.spin" $one --method frames
 is "$code" 0 "points without colours are refined from grey"
 
 done_testing

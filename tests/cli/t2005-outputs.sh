@@ -234,13 +234,13 @@ fi
 in=$light
 
 # Frames that are refined.
-start --refine 150 --method explicit
+start --refine 150 --method frames
 touch "$out"
 finish
 is "$code" 1 "refined, and the output was made meanwhile"
 err_has "refined so far are kept in '$out.parts': go on with --resume" "the frames are kept"
 rm "$out"
-run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --method explicit --resume
+run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --method frames --resume
 is "$code" 0 "--resume writes the output"
 err_has "refining 0 of 2 frames" "without a step"
 rm "$out"
@@ -255,7 +255,7 @@ if [ -w /dev/full ]; then
     is "$(grep -c "^warning: cannot write the log '/dev/full'" "$work/err")" 1 "and once before"
     same "$out" "$work/whole.spin" "the work is not lost"
     rm "$out"
-    run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --method explicit --log /dev/full
+    run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --method frames --log /dev/full
     is "$code" 1 "the same of frames that are refined"
     is "$(grep -c "^warning: cannot write the log '/dev/full'" "$work/err")" 1 "said once"
     rm "$out"
@@ -346,7 +346,7 @@ else
     is "$(grep -c '^warning: .*not bit for bit' "$work/err")" 1 "and says once what that means"
     unzip -p "$out" meta.json 2>/dev/null | grep -q '"path": "v[34]+base"' ||
         python3 -c 'import json, sys, zipfile
-sys.exit(json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["network"]["path"] not in ("v3+base", "v4+base"))' "$out"
+sys.exit(json.loads(zipfile.ZipFile(sys.argv[1]).read("meta.json"))["trained"]["path"] not in ("v3+base", "v4+base"))' "$out"
     ok $? "the output has both"
     killed
     retrain --resume

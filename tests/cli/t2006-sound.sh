@@ -85,7 +85,7 @@ fails_late() { # NAME: the last line is the error
     ok $? "$1: no output"
 }
 fails_late "nothing in view"
-run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method explicit --refine 5 --force
+run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method frames --refine 5 --force
 fails_late "nothing in view of any frame"
 sed "s/, [-0-9.]*\], $far/, -1e4], [0.0, 0.0, 0.0, 1.0]/" "$work/single/train_meta.json" \
     >"$work/away/train_meta.json"
@@ -95,7 +95,7 @@ grep -c 'no splat was visible' "$work/err" >"$work/times"
 err_has "^warning: no splat was visible in any view of 2 of 12 iterations, first in iteration [1-6]: nothing was learned in them$" \
     "and says in how many steps"
 is "$(cat "$work/times")" 1 "once"
-run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method explicit --refine 5 \
+run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --method frames --refine 5 \
     --force
 is "$code" 0 "nothing in view of one frame of six: refines"
 is "$(grep 'no splat was visible' "$work/err")" \
@@ -160,7 +160,7 @@ err_has "try more --iterations" "with what to try"
 run "$bin/spin-retrain" "$in" --data "$clip" -o "$work/new.spin" $small --iterations 2 --force
 grep -q "nothing to resume" "$work/err"
 is $? 1 "without --resume there is nothing to say"
-run "$bin/spin-retrain" "$in" --data "$clip" -o "$work/new.spin" $small --iterations 2 --method explicit \
+run "$bin/spin-retrain" "$in" --data "$clip" -o "$work/new.spin" $small --iterations 2 --method frames \
     --refine 150 --refine-start source --force
 grep -q "worse than the source" "$work/err"
 is $? 1 "what is better is not"

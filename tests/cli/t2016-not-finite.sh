@@ -72,11 +72,11 @@ command -v python3 >/dev/null || {
 python3 -c 'import sys, zipfile
 with zipfile.ZipFile(sys.argv[1]) as z:
     members = {i.filename: z.read(i) for i in z.infolist()}
-table = bytearray(members["network/table.npy"])
+table = bytearray(members["trained/table.npy"])
 head = 10 + table[8] + 256 * table[9]
 plane = (len(table) - head) // 4
 table[head::plane] = b"\0\0\xc0\x7f"
-members["network/table.npy"] = bytes(table)
+members["trained/table.npy"] = bytes(table)
 with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED) as z:
     for name in members:
         z.writestr(name, members[name])' "$work/net.spin"
@@ -84,7 +84,7 @@ for command in "spin-eval $work/net.spin" "spin-export $work/net.spin --to ply -
     # shellcheck disable=SC2086
     run "$bin/"$command
     fails 1 "${command%% *}" "${command%% *} of a table with a NaN"
-    err_has "array 'network/table' has 1 values that are not finite" "${command%% *}: says so"
+    err_has "array 'trained/table' has 1 values that are not finite" "${command%% *}: says so"
 done
 nothing_at "$work/bad" "nothing was exported"
 done_testing

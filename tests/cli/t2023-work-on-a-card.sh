@@ -39,7 +39,7 @@ learned() { sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out"; 
 
 # ---- Refinement. After a densification two runs part, on two kinds of CPU as well: by up to 0.4 dB here.
 
-frames='--method explicit --refine 136 --range 0:2 --test-cams 0'
+frames='--method frames --refine 136 --range 0:2 --test-cams 0'
 for device in cpu cuda; do
     retrain "refined-$device" $device $frames --log "$work/refined-$device.log" --json
     is "$code" 0 "refines two frames on $device"
@@ -182,7 +182,7 @@ gone() {
     [ ! -e "$2" ]
     ok $? "$1: no output"
 }
-short='--method explicit --refine 12 --range 0:1 --test-cams 0 -q'
+short='--method frames --refine 12 --range 0:1 --test-cams 0 -q'
 for n in 3 10 20 34; do # from the splats to what a verb wants for itself
     SPIN_EMU_FULL=$n retrain full cuda $short
     gone "refining, block $n is too much" "$work/full.spin"
@@ -191,7 +191,7 @@ for n in 3 10 20 34; do # from the splats to what a verb wants for itself
 done
 found=0
 for n in 46 45 44 43 42 41 40 39 38 37 36; do # some of these blocks are for the splats that densification adds
-    SPIN_EMU_FULL=$n retrain full cuda --method explicit --refine 136 --range 0:1 --test-cams 0 -q --log "$work/full.log"
+    SPIN_EMU_FULL=$n retrain full cuda --method frames --refine 136 --range 0:1 --test-cams 0 -q --log "$work/full.log"
     grep -q '"refine": 99, ' "$work/full.log" && grep -q "frame 0: .*out of memory" "$work/err" && found=1 && break
 done
 is $found 1 "memory that runs out with a densification"
@@ -199,16 +199,16 @@ gone "memory that runs out with a densification" "$work/full.spin"
 
 for n in 3 400 1000 1500; do
     rm -rf "$work"/lost.spin*
-    SPIN_EMU_LOST=$n retrain lost cuda --method explicit --refine 30 --range 0:2 --test-cams 0 -q
+    SPIN_EMU_LOST=$n retrain lost cuda --method frames --refine 30 --range 0:2 --test-cams 0 -q
     gone "refining, lost at $n" "$work/lost.spin"
     err_has "frame [01]: the CUDA device failed: emulated: the card is lost" "refining, lost at $n: it says so"
 done
 err_has "frame 1: .*; the frames refined so far are kept in .*lost.spin.parts': go on with --resume" "one frame is kept"
-run "$bin/spin-retrain" "$in" -o "$work/lost.spin" --device cuda --scale 0.1 --method explicit --refine 30 --range 0:2 \
+run "$bin/spin-retrain" "$in" -o "$work/lost.spin" --device cuda --scale 0.1 --method frames --refine 30 --range 0:2 \
     --test-cams 0 --resume
 is "$code" 0 "the run goes on"
 err_has "refining 1 of 2 frames" "with the other frame"
-retrain never cuda --method explicit --refine 30 --range 0:2 --test-cams 0 -q
+retrain never cuda --method frames --refine 30 --range 0:2 --test-cams 0 -q
 same_frames "$work/never.spin" "$work/lost.spin" "and ends as if the card had never been lost"
 
 for to in ply images gltf html ${video:+video}; do

@@ -93,7 +93,7 @@ nothing_at "$work/parts.html" "blocks that are there: no page"
 # Splats trained antialiased: formats that have a word for it say so, others are warned of, and what was
 # written as PLY is drawn the same when it comes back: to the last digit, as nothing is rounded to half floats.
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/clip.spin"
-run "$bin/spin-retrain" "$work/clip.spin" -o "$work/anti.spin" --device cpu --scale 0.25 --method explicit \
+run "$bin/spin-retrain" "$work/clip.spin" -o "$work/anti.spin" --device cpu --scale 0.25 --method frames \
     --refine 20 --antialias on --precision full
 is "$code" 0 "refines antialiased"
 for to in ply compressed-ply spz html; do

@@ -67,7 +67,7 @@ for precision in compact half full; do
         "network:retrained:$net --iterations 3" \
         "plain:retrained:$net --iterations 3 --activation relu --scene-normalise none --sh-degree 1 --residual source" \
         "both:retrained:$net --iterations 3 --tracks auto --learn-exposure on" \
-        "frames:explicit:--method explicit --refine 5"; do
+        "frames:frames:--method frames --refine 5"; do
         name=${kind%%:*}
         options=${kind#*:}
         # shellcheck disable=SC2086
@@ -77,6 +77,33 @@ for precision in compact half full; do
     done
 done
 same "$work/half-tracks.spin" source "the source beside it" --source
+
+# Bundles of version 3 give what those of today give.
+cat >"$work/older.py" <<'E'
+import json, sys, zipfile
+
+with zipfile.ZipFile(sys.argv[1]) as now, zipfile.ZipFile(sys.argv[2], "w", zipfile.ZIP_DEFLATED) as then:
+    meta = json.loads(now.read("meta.json"))
+    trained = meta.pop("trained")
+    meta.update(version=3, network={"explicit": True, **trained})
+    if trained["field"]:
+        meta["network"].update(trained["field"], explicit=False)
+    del meta["network"]["field"]
+    for key in "per_unit", "xor_rows":
+        meta[key] = {k.replace("trained/", "network/"): v for k, v in meta.get(key, {}).items()}
+    for name in now.namelist():
+        then.writestr(name.replace("trained/", "network/"),
+                      json.dumps(meta) if name == "meta.json" else now.read(name))
+E
+for kind in tracks network both; do
+    python3 "$work/older.py" "$work/compact-$kind.spin" "$work/older.spin"
+    rm -rf "$work/today"
+    "$bin/spin-export" "$work/compact-$kind.spin" --to ply -o "$work/today" -q
+    same "$work/older.spin" retrained "version 3, $kind"
+    diff -r "$work/today" "$work/ply" >"$work/err" 2>&1
+    ok $? "version 3, $kind: as the bundle of today"
+done
+rm "$work/older.spin"
 
 # The manual's example is the decoder that it says it is.
 python3 - "$work/full-tracks.spin" "$work/half-tracks.spin" "$work/compact-tracks.spin" man/spin-bundle.5 \
@@ -95,9 +122,9 @@ for path in sys.argv[5], sys.argv[1], sys.argv[3]:
     for name in set(zipped.files) - {"meta.json"}:
         a, b = scope["values"](zipped, meta, name), clip.values(name)
         assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), name
-assert list(meta["per_unit"]) == ["network/means", "network/residual", "network/tracks"], meta
+assert list(meta["per_unit"]) == ["trained/means", "trained/residual", "trained/tracks"], meta
 for name in "means/00000", "residual/00000", "tracks":
-    assert zipped["network/" + name].dtype == numpy.int8, name
+    assert zipped["trained/" + name].dtype == numpy.int8, name
 frames = spin4d.load(sys.argv[6])
 for name in "means", "quats", "log_scales", "logit_opacities", "sh":
     assert frames.meta["per_unit"]["refined/" + name][0] >= 32, name
@@ -112,7 +139,7 @@ for name in zipped.files:
         continue
     b, small = full.values(name), compact.values(name)
     rounded = half.values(name)
-    if name.startswith("source/") or name.startswith("network/track/"):
+    if name.startswith("source/") or name.startswith("trained/track/"):
         assert rounded.tobytes() == b.tobytes(), name
         continue
     bound = numpy.maximum(numpy.abs(b) * 2.0**-11, 2.0**-11)
@@ -148,7 +175,7 @@ def fails(word, call, *args, **more):
 
 clip = spin4d.load(sys.argv[1])
 fails("no frame 3", clip.frame, 3)
-fails("explicit", clip.frame, 0, version="explicit")
+fails("frames", clip.frame, 0, version="frames")
 fails("no array", clip.values, "network/none")
 fails("not a bundle", spin4d.load, sys.argv[3])
 assert np.array_equal(clip.frame(-1).means, clip.frame(2).means) and clip.antialias()
@@ -190,7 +217,7 @@ import json, re, sys, zipfile
 
 page = open(sys.argv[1]).read()
 arrays = {re.sub("/<index>.npy$|.npy$", "", a) for a in
-          re.findall(r"(?:network|source|refined)/[a-z<>_/]+[.]npy", page)}
+          re.findall(r"(?:trained|source|refined)/[a-z<>_/]+[.]npy", page)}
 part = page[page.index(".Ss meta.json"):page.index(".Sh SECURITY")]
 named = set(re.findall(r"(?<=Ql )[a-z_0-9]+", part))
 listed = {key for line in re.findall(r"^[.]It (Ql .*)", part, re.M) for key in re.findall(r"(?<=Ql )[a-z_0-9]+", line)}

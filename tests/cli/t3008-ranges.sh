@@ -144,7 +144,7 @@ for range in 2:5 1:5:2; do
         --eval-every 6
     same "spin-retrain --preset paper" spin-retrain -o r.spin --device cpu --iterations 4 --scale 0.5 --preset paper \
         --refine 3 --levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16 --json
-    same "spin-retrain --method explicit" spin-retrain -o r.spin --device cpu --method explicit --refine 4 --scale 0.5 --json
+    same "spin-retrain --method frames" spin-retrain -o r.spin --device cpu --method frames --refine 4 --scale 0.5 --json
 
     other=fewer.spin
     for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart gltf:clip.glb:--visibility splat:o compressed-ply:o \

@@ -59,7 +59,7 @@ for n in 1 2 3; do
     ends_whole exporting "$n ranks export"
     ranks $n "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/progress-$n.spin" --range 0:5
     ends_whole importing "$n ranks import"
-    ranks $n "$bin/spin-retrain" "$in" -o "$work/refined-$n.spin" --device cpu --method explicit --refine 2 --scale 0.25
+    ranks $n "$bin/spin-retrain" "$in" -o "$work/refined-$n.spin" --device cpu --method frames --refine 2 --scale 0.25
     ends_whole refining "$n ranks refine"
 done
 done_testing

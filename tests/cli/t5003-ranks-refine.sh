@@ -6,7 +6,7 @@
 in=$work/in.spin
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
 is "$code" 0 "imports a clip"
-explicit='--device cpu --method explicit --refine 10 --threads 1'
+explicit='--device cpu --method frames --refine 10 --threads 1'
 run "$bin/spin-retrain" "$in" -o "$work/one.spin" $explicit
 is "$code" 0 "one process refines the clip"
 err_has '^refining 5 of 5 frames' "all of it"

@@ -145,12 +145,12 @@ is "$?" 0 "a place with what the examples take"
 cat >"$work/path/spin-retrain" <<RETRAIN
 #!/bin/sh
 case "\$*" in
-*'--method explicit'*--refine* | *--refine*'--method explicit'* | *--iterations*) ;;
-*'--method explicit'*) set -- "\$@" --refine 10 ;;
+*'--method frames'*--refine* | *--refine*'--method frames'* | *--iterations*) ;;
+*'--method frames'*) set -- "\$@" --refine 10 ;;
 *) set -- "\$@" --iterations 20 ;;
 esac
 case "\$*" in
-*--hash-log2* | *'--method explicit'*) ;;
+*--hash-log2* | *'--method frames'*) ;;
 *'--preset paper'* | *'--preset short'* | *--refine*) set -- "\$@" --hash-log2 12 ;;
 esac
 exec "$bin/spin-retrain" "\$@"

@@ -300,7 +300,7 @@ retrain --preset paper --iterations 2 $small
 greater "$(member outside_ball)" 0.09
 ok $? "a tenth of the points outside the ball"
 warns "is usual" "$(worse)more --iterations, --preset short, or --residual source"
-retrain --method explicit --refine 2 --lr-sh 1
+retrain --method frames --refine 2 --lr-sh 1
 warns "frames that are worse, an option without effect" "no effect without a network: --lr-sh" \
     "$(worse)a larger --refine, or --refine-start source"
 retrain --iterations 3 --lr-position 0 --lr-tracked 0 --lr-displacement 0 --lr-track 0 --lr-residual 0

@@ -164,11 +164,11 @@ static void weigh(const char *bundle, const char *more, const char *const measur
     near(number(s, "source"), bytes_of(&zip, "source/"), 0, "the source's");
     near(number(s, "refined"), bytes_of(&zip, "refined/"), 0, "the refined frames'");
     near(number(s, "positions"),
-         bytes_of(&zip, "network/means/") + bytes_of(&zip, "network/residual/"), 0,
+         bytes_of(&zip, "trained/means/") + bytes_of(&zip, "trained/residual/"), 0,
          "the positions'");
-    near(number(s, "tracks"), bytes_of(&zip, "network/track"), 0, "the tracks'");
-    near(number(s, "table"), bytes_of(&zip, "network/table.npy"), 0, "the table's");
-    near(number(s, "heads"), bytes_of(&zip, "network/heads.npy"), 0, "the heads'");
+    near(number(s, "tracks"), bytes_of(&zip, "trained/track"), 0, "the tracks'");
+    near(number(s, "table"), bytes_of(&zip, "trained/table.npy"), 0, "the table's");
+    near(number(s, "heads"), bytes_of(&zip, "trained/heads.npy"), 0, "the heads'");
     for (int i = 0; i < 3; i++)
         sum += measured[i] ? bytes_of(&zip, measured[i]) : 0;
     ok(sum > 0, "there are some");
@@ -182,8 +182,8 @@ static void weigh(const char *bundle, const char *more, const char *const measur
 static void test_storage(void)
 {
     static const char *const
-        network[] = {"network/means/", "network/table.npy", "network/heads.npy"},
-        *const residual[] = {"network/", NULL, NULL}, *const source[] = {"source/", NULL, NULL},
+        network[] = {"trained/means/", "trained/table.npy", "trained/heads.npy"},
+        *const residual[] = {"trained/", NULL, NULL}, *const source[] = {"source/", NULL, NULL},
         *const refined[] = {"refined/", NULL, NULL};
 
     weigh("net.spin", "", network);
@@ -286,7 +286,7 @@ TAP_MAIN
              folder, folder, folder, small) == 0 &&
            shell("%s/spin-retrain %s/in.spin -o %s/own.spin --residual points %s", bin, folder,
                  folder, small) == 0 &&
-           shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --method explicit --refine 2 %s",
+           shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --method frames --refine 2 %s",
                  bin, folder, folder, small) == 0,
        "three bundles: %s", said);
     test_views();

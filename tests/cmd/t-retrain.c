@@ -86,22 +86,23 @@ static void free_run(struct run *r)
 static void read_bundle(struct run *r, const char *path)
 {
     size_t n_heads;
+    bool there;
 
     if (!ok(spin_bundle_open(path, &r->bundle) == SPIN_OK, "%s is a bundle", path)) {
         printf("#   %s\n", spin_last_error());
         exit(tap_done());
     }
     r->meta = r->bundle.json;
-    r->network = spin_json_get(r->meta, "network");
+    r->network = spin_json_get(r->meta, "trained");
     r->options = spin_json_get(r->network, "options");
     if (!r->network)
         return;
-    if (!ok(spin_field_from_json(r->network, &r->field) == SPIN_OK, "its network is one"))
+    if (!ok(spin_field_from_json(r->network, &r->field, &there) == SPIN_OK, "what was trained is told"))
         exit(tap_done());
-    if (spin_json_get(r->network, "explicit"))
+    if (!there)
         return;
-    r->table = check_values(&r->bundle, "network/table", &r->n_table);
-    r->heads = check_values(&r->bundle, "network/heads", &n_heads);
+    r->table = check_values(&r->bundle, "trained/table", &r->n_table);
+    r->heads = check_values(&r->bundle, "trained/heads", &n_heads);
 }
 
 /* The command with the base options and these, which override them. */
@@ -292,7 +293,7 @@ static double mean_of(unsigned column)
 
     snprintf(path, sizeof path, "%s/run.spin", folder);
     if (!ok(spin_scene_open(path, &scene) == SPIN_OK &&
-                spin_scene_read(scene, 0, SPIN_FROM_NETWORK, column, &s) == SPIN_OK,
+                spin_scene_read(scene, 0, SPIN_FROM_TRAINED, column, &s) == SPIN_OK,
             "decodes the network"))
         exit(tap_done());
     for (size_t i = 0; i < s.n; i++)
@@ -386,7 +387,7 @@ static void test_rates(void)
     char more[400];
     double extent = number(zero->options, "spatial_extent");
 
-    ok(moved_array(zero, zero, "network/means/00000") == 0, "a run compares with itself");
+    ok(moved_array(zero, zero, "trained/means/00000") == 0, "a run compares with itself");
     snprintf(more, sizeof more, "--iterations 1 --warmup 1 %s", rates);
     one = retrain(more);
     near(farthest(one->table, zero->table, 0, one->n_table), 0.01, 1e-5, "--lr-table");
@@ -394,8 +395,8 @@ static void test_rates(void)
     near(moved(one, zero, SPIN_HEAD_SCALE), 0.003, 1e-6, "--lr-scale is the scale head's");
     near(moved(one, zero, SPIN_HEAD_ROTATION), 0.004, 1e-6, "--lr-rotation is the rotation head's");
     near(moved(one, zero, SPIN_HEAD_OPACITY), 0.005, 1e-6, "--lr-opacity is the opacity head's");
-    near(fmax(moved_array(one, zero, "network/means/00000"),
-              moved_array(one, zero, "network/means/00001")) /
+    near(fmax(moved_array(one, zero, "trained/means/00000"),
+              moved_array(one, zero, "trained/means/00001")) /
              extent,
          0.001, 1e-5, "--lr-position is the positions', times the extent");
     drop(one);
@@ -440,10 +441,10 @@ static void test_defaults(void)
                 "--lambda-opacity 0 --lambda-scale 0 --dynamic-weight 1 --background black "
                 "--method network --refine 0 --pair auto --preset paper --test-cams 0,15");
     two = retrain("--iterations 40 --warmup 2");
-    ok(moved_array(one, said_so, "network/table") == 0 &&
-           moved_array(one, said_so, "network/heads") == 0,
+    ok(moved_array(one, said_so, "trained/table") == 0 &&
+           moved_array(one, said_so, "trained/heads") == 0,
        "spelling out the defaults changes nothing");
-    ok(moved_array(one, two, "network/table") > 1e-6, "another warm-up does");
+    ok(moved_array(one, two, "trained/table") > 1e-6, "another warm-up does");
     drop(one), drop(said_so), drop(two);
 }
 
@@ -468,8 +469,8 @@ static void test_own(void)
         snprintf(more, sizeof more, "%s --residual %s --range 1:2 --lr-residual 0.5", still,
                  word[k]);
         go = retrain(more);
-        a = array_of(stay, "network/residual/00000", &n);
-        b = array_of(go, "network/residual/00000", &m);
+        a = array_of(stay, "trained/residual/00000", &n);
+        b = array_of(go, "trained/residual/00000", &m);
         for (int g = 0; g < 4 && ok(n == m && n == 11 * 2940, "eleven values a splat"); g++) {
             double most = 0;
 
@@ -494,7 +495,7 @@ static void test_own(void)
     }
     ok(farthest(opacity[0], opacity[1], 0, n) > 0.1, "points' values are not the source's");
     off = retrain("--preset short --iterations 1 --residual off");
-    ok(!spin_npz_has(&off->bundle.npz, "network/residual/00000"),
+    ok(!spin_npz_has(&off->bundle.npz, "trained/residual/00000"),
        "--residual off: nothing, whatever the preset");
     drop(off);
     free(opacity[0]);
@@ -781,7 +782,7 @@ static void norm_of(struct run *r, float centre[3], double *inverse)
     size_t n[2], total;
 
     for (int f = 0; f < 2; f++)
-        p[f] = array_of(r, f ? "network/means/00001" : "network/means/00000", &n[f]);
+        p[f] = array_of(r, f ? "trained/means/00001" : "trained/means/00000", &n[f]);
     total = (n[0] + n[1]) / 3;
     value = malloc(total * sizeof *value);
     for (size_t c = 0; c < 3; c++) {
@@ -976,11 +977,11 @@ static void test_plan(void)
        "--preset short");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset=short", bin, folder);
     ok(said_number("iterations") == 1500, "or --preset=short");
-    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit", bin, folder);
-    ok(said_text("method", "explicit") && said_text("preset", "paper") &&
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method frames", bin, folder);
+    ok(said_text("method", "frames") && said_text("preset", "paper") &&
            said_number("refine") == 2000,
-       "--method explicit: 2000 a frame");
-    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method explicit --refine 7", bin,
+       "--method frames: 2000 a frame");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method frames --refine 7", bin,
           folder);
     ok(said_number("refine") == 7, "--refine 7");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --threads 1", bin, folder);
@@ -1009,27 +1010,27 @@ static void test_idle(void)
     warns("--refine-start source --densify off",
           "warning: no effect without --refine: --refine-start, --densify\n");
     warns("--refine 5 --refine-start source --densify off --sh-degree 1", "");
-    warns("--method explicit --iterations 5 --lr-position 0",
-          "warning: no effect with --method explicit: --iterations, --lr-position\n");
-    warns("--method explicit --sh-degree 1 --sh-increase-every 5", "");
+    warns("--method frames --iterations 5 --lr-position 0",
+          "warning: no effect with --method frames: --iterations, --lr-position\n");
+    warns("--method frames --sh-degree 1 --sh-increase-every 5", "");
     warns("--sh-degree 1", "warning: no effect with --method tracks: --sh-degree\n");
-    warns("--method explicit --refine 1000 --sh-degree 1",
+    warns("--method frames --refine 1000 --sh-degree 1",
           "warning: no effect in so few iterations: --sh-degree\n");
-    warns("--method explicit --refine 1001 --sh-degree 1", "");
-    warns("--method explicit --refine 5 --refine-start source --sh-degree 1 --sh-increase-every 2",
+    warns("--method frames --refine 1001 --sh-degree 1", "");
+    warns("--method frames --refine 5 --refine-start source --sh-degree 1 --sh-increase-every 2",
           "warning: no effect with --refine-start source: --sh-increase-every\n");
-    warns("--method explicit --save-every 5 --eval-every 5",
-          "warning: no effect with --method explicit: --eval-every, --save-every\n");
+    warns("--method frames --save-every 5 --eval-every 5",
+          "warning: no effect with --method frames: --eval-every, --save-every\n");
     warns("--save-every 5 --eval-every 5 --max-points 100", "");
     warns("--max-points 100 --densify-every 0",
           "warning: no effect without densification: --max-points\n");
     warns("--preset short --max-points 100",
           "warning: no effect without densification: --max-points\n");
     warns("--preset short --max-points 100 --refine 5", "");
-    warns("--method explicit --max-points 100", "");
+    warns("--method frames --max-points 100", "");
     warns("--tracks auto --densify-every 9 --refine 5 --densify off --max-points 100",
           "warning: no effect without densification: --max-points\n");
-    warns("--method explicit --max-points 100 --densify off",
+    warns("--method frames --max-points 100 --densify off",
           "warning: no effect without densification: --max-points\n");
     warns("--learn-exposure off --lr-exposure 0.1",
           "warning: no effect without --learn-exposure: --lr-exposure\n");
@@ -1126,7 +1127,7 @@ static void test_save_every(void)
 
 /* ---- Frame by frame ----------------------------------------------------------------------------- */
 
-/* Cameras and losses in the log of a run with --method explicit. */
+/* Cameras and losses in the log of a run with --method frames. */
 struct refined {
     int n, n_cameras[32];
     double first, clones;
@@ -1141,9 +1142,9 @@ static struct refined refine(const char *more)
 
     snprintf(path, sizeof path, "%s/refine.log", folder);
     if (!ok(shell("%s/spin-retrain %s/in.spin -o %s/refined.spin --log %s --device cpu --range 1:2 "
-                  "--scale 0.25 --method explicit --force -q %s",
+                  "--scale 0.25 --method frames --force -q %s",
                   bin, folder, folder, path, more) == 0,
-            "spin-retrain --method explicit %s", more)) {
+            "spin-retrain --method frames %s", more)) {
         printf("#   %s\n", said);
         exit(tap_done());
     }
@@ -1205,8 +1206,8 @@ static void test_refine(void)
 static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t end)
 {
     size_t n, n_b;
-    float *of_a = array_of(a, "network/tracks", &n),
-          *of_b = b ? array_of(b, "network/tracks", &n_b) : NULL;
+    float *of_a = array_of(a, "trained/tracks", &n),
+          *of_b = b ? array_of(b, "trained/tracks", &n_b) : NULL;
     double most = 0;
 
     for (size_t i = 0; i < n; i++)
@@ -1271,17 +1272,17 @@ static void test_tracks(void)
     const spin_json *tracks = spin_json_get(all->network, "tracks");
     double n = number(tracks, "n");
 
-    ok(!spin_json_get(off->network, "tracks") && !spin_npz_has(&off->bundle.npz, "network/tracks"),
+    ok(!spin_json_get(off->network, "tracks") && !spin_npz_has(&off->bundle.npz, "trained/tracks"),
        "no tracks by default");
-    ok(n > 0 && n == splats_of(all) && length_of(all, "network/tracks") == 14 * (size_t)n,
+    ok(n > 0 && n == splats_of(all) && length_of(all, "trained/tracks") == 14 * (size_t)n,
        "--tracks auto: rows of this run are the same Gaussians, a track each");
-    ok(length_of(all, "network/track/00000") == (size_t)n &&
-           !spin_npz_has(&all->bundle.npz, "network/track/00001"),
+    ok(length_of(all, "trained/track/00000") == (size_t)n &&
+           !spin_npz_has(&all->bundle.npz, "trained/track/00001"),
        "whose numbers stand there once for all frames");
-    ok(length_of(all, "network/means/00000") == 3 * (size_t)number(tracks, "moving"),
+    ok(length_of(all, "trained/means/00000") == 3 * (size_t)number(tracks, "moving"),
        "frames have places of tracks that move");
     ok(all->n_table == off->n_table, "and the network is there");
-    ok(!spin_npz_has(&only->bundle.npz, "network/table"), "--method tracks: it is not");
+    ok(!spin_npz_has(&only->bundle.npz, "trained/table"), "--method tracks: it is not");
     ok(farthest_tracks(only, NULL, 3, 14) > 0 && farthest_tracks(only, fixed, 3, 14) > 1e-3 &&
            farthest_tracks(only, fixed, 0, 3) > 1e-6,
        "tracks are trained");
@@ -1289,13 +1290,13 @@ static void test_tracks(void)
        "--lr-displacement 0: their places stay");
     ok(farthest_tracks(places, fixed, 3, 14) == 0 && farthest_tracks(places, fixed, 0, 3) > 1e-6,
        "--lr-track 0: their values stay");
-    ok(number(tracks, "varying") > 0 && length_of(shared, "network/residual/00000") == 0 &&
-           length_of(only, "network/residual/00000") == 11 * (size_t)number(tracks, "varying"),
+    ok(number(tracks, "varying") > 0 && length_of(shared, "trained/residual/00000") == 0 &&
+           length_of(only, "trained/residual/00000") == 11 * (size_t)number(tracks, "varying"),
        "--dynamic-residual");
-    ok(largest(only, "network/residual/00000") > 1e-4 &&
-           largest(zero, "network/residual/00000") == 0,
+    ok(largest(only, "trained/residual/00000") > 1e-4 &&
+           largest(zero, "trained/residual/00000") == 0,
        "--lr-residual 0: values of single frames stay");
-    ok(largest(slow, "network/residual/00000") == 0 && farthest_tracks(slow, fixed, 3, 14) > 1e-3,
+    ok(largest(slow, "trained/residual/00000") == 0 && farthest_tracks(slow, fixed, 3, 14) > 1e-3,
        "--lr-tracked 0: those of tracks stay");
     ok(splats_of(grown) > splats_of(only) && splats_of(calm) <= splats_of(only),
        "--densify-every, --densify-threshold: %g splats, %g before", splats_of(grown),
@@ -1304,7 +1305,7 @@ static void test_tracks(void)
     ok(splats_of(early) == splats_of(only), "--densify-until");
     ok(farthest_tracks(soon, fixed, 3, 14) > 1e-3 && farthest_tracks(soon, two, 0, 14) < 1e-5 &&
            farthest_tracks(soon, only, 3, 14) > 1e-3 &&
-           largest(soon, "network/residual/00000") > 1e-4,
+           largest(soon, "trained/residual/00000") > 1e-4,
        "--track-iterations 2: after two steps tracks stay, what frames have alone does not");
     ok(splats_of(soon_grown) == splats_of(only), "nor are they densified then");
     ok(same_order(off, 0, late, 0, 4) && late->step[1].loss != all->step[1].loss &&
@@ -1353,7 +1354,7 @@ static struct densified densify(int batch, int steps, const char *more)
     snprintf(path, sizeof path, "%s/run.spin", folder);
     if (spin_bundle_open(path, &bundle) != SPIN_OK)
         exit(1);
-    d.values = check_values(&bundle, "network/tracks", &n);
+    d.values = check_values(&bundle, "trained/tracks", &n);
     spin_bundle_close(&bundle);
     return d;
 }

@@ -455,7 +455,7 @@ static void check_black(void)
         return;
     for (size_t i = 0; i < 2; i++) {
         const spin_json *one =
-            spin_json_at(spin_json_get(spin_json_get(b.json, "network"), "cameras"), i);
+            spin_json_at(spin_json_get(spin_json_get(b.json, "trained"), "cameras"), i);
 
         for (size_t c = 0; c < 3; c++) {
             spin_json_number(spin_json_at(spin_json_get(one, "log_gain"), c), &gain);
@@ -549,7 +549,7 @@ static void train(void)
     if (!ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network"))
         printf("#   %s\n", spin_last_error());
     e.input = trained;
-    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.network, "measured again");
+    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.trained, "measured again");
     near(er.mean.psnr, r.test.psnr, 1e-9, "from its file, the network is what it was in training");
     near(er.mean.ssim, r.test.ssim, 1e-9, "in its SSIM as well");
     spin_eval_report_free(&er);
@@ -625,15 +625,15 @@ static void check_storage(const struct spin_eval_report *r)
 
     if (stat(trained, &at) != 0 || spin_npz_open(trained, &npz) != SPIN_OK)
         exit(1);
-    network = bytes_of(&npz.zip, "network/");
+    network = bytes_of(&npz.zip, "trained/");
     ok(s->file == (uint64_t)at.st_size, "storage: the file");
     ok(s->source > 0 && s->source == bytes_of(&npz.zip, "source/"), "storage: the source");
     ok(s->refined > 0 && s->refined == bytes_of(&npz.zip, "refined/"), "storage: refined frames");
-    ok(s->positions > bytes_of(&npz.zip, "network/means/") &&
+    ok(s->positions > bytes_of(&npz.zip, "trained/means/") &&
            s->positions ==
-               bytes_of(&npz.zip, "network/means/") + bytes_of(&npz.zip, "network/residual/"),
+               bytes_of(&npz.zip, "trained/means/") + bytes_of(&npz.zip, "trained/residual/"),
        "storage: positions, and what splats have of their own");
-    ok(s->table > 0 && s->table == bytes_of(&npz.zip, "network/table"), "storage: the table");
+    ok(s->table > 0 && s->table == bytes_of(&npz.zip, "trained/table"), "storage: the table");
     ok(s->heads > 0 && s->heads == network - s->positions - s->table, "storage: the heads");
     spin_npz_close(&npz);
 }
@@ -716,12 +716,12 @@ static double mean_slopes(const char *path, double slope[4])
     double extent = 0;
 
     if (spin_scene_open(path, &scene) != SPIN_OK || spin_bundle_open(path, &b) != SPIN_OK ||
-        !spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "network"), "options"),
+        !spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "trained"), "options"),
                                         "spatial_extent"),
                           &extent))
         exit(1);
     for (int f = 0; f < 2; f++) {
-        if (spin_scene_read(scene, f, SPIN_FROM_NETWORK,
+        if (spin_scene_read(scene, f, SPIN_FROM_TRAINED,
                             SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES, &s) != SPIN_OK)
             exit(1);
         for (size_t k = 0; k < s.n; k++) {

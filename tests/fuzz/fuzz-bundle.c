@@ -49,10 +49,10 @@ static void evaluate(struct spin_bundle *bundle)
 
     if (!device.op && spin_device_open("cpu", 1, &device) != SPIN_OK)
         abort();
-    if (spin_frame_renderer_open(&renderer, &device, bundle, SPIN_FROM_NETWORK) != SPIN_OK)
+    if (spin_frame_renderer_open(&renderer, &device, bundle, SPIN_FROM_TRAINED) != SPIN_OK)
         return;
     for (int f = 0; f < bundle->meta.n_frames; f++) {
-        size_t n = spin_bundle_count(bundle, f, SPIN_FROM_NETWORK);
+        size_t n = spin_bundle_count(bundle, f, SPIN_FROM_TRAINED);
 
         if (n <= MOST &&
             spin_frame_renderer_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
@@ -78,7 +78,7 @@ static void read_bundle(struct spin_bundle *bundle)
             splats.n != bundle->refined.n[f])
             abort();
     }
-    if (spin_bundle_has_network(bundle))
+    if (spin_bundle_is_trained(bundle))
         evaluate(bundle);
     (void)spin_bundle_data_path(bundle, &data_path);
     free(data_path);

@@ -94,7 +94,8 @@ static void check_json(void)
 {
     const int base[4] = {8, 8, 8, 8}, finest[4] = {512, 512, 512, 16};
     struct spin_field m, back;
-    spin_json *j, *parsed = NULL;
+    spin_json *j, *net, *parsed = NULL;
+    bool there;
     char *text;
 
     ok(spin_field_plan(&m, 8, 4, 14, 32, 2, base, finest) == SPIN_OK, "plans");
@@ -102,25 +103,35 @@ static void check_json(void)
     m.transform.inv_radius = 0.37f;
     m.time_last = 17;
     m.transform.raw = m.heads.relu = true;
-    j = spin_field_to_json(&m);
+    j = spin_field_to_json(&m, true);
+    net = (spin_json *)spin_json_get(j, "field");
     text = spin_json_text(j, false);
-    ok(spin_json_parse("network", text, strlen(text), &parsed) == SPIN_OK, "its JSON parses");
-    ok(spin_field_from_json(parsed, &back) == SPIN_OK, "and reads back");
+    ok(spin_json_parse("trained", text, strlen(text), &parsed) == SPIN_OK, "its JSON parses");
+    ok(spin_field_from_json(parsed, &back, &there) == SPIN_OK && there, "and reads back");
     check_same_bits(&m.grid, &back.grid, sizeof m.grid, "the same grid");
     check_same_bits(&m.transform, &back.transform, sizeof m.transform, "the same norm");
     ok(back.transform.raw && back.heads.relu, "what the ablations change");
     ok(back.n_heads == m.n_heads && back.n_table == m.n_table && back.sh_degree == 2,
        "the same sizes");
     spin_json_free(parsed);
-    spin_json_set_integer(j, "hidden", 1 << 20);
-    ok(spin_field_from_json(j, &back) == SPIN_E_MALFORMED, "a huge hidden width is malformed");
-    spin_json_set_integer(j, "hidden", 32);
-    spin_json_set_string(j, "activation", "tanh");
-    ok(spin_field_from_json(j, &back) == SPIN_E_UNSUPPORTED, "another activation: %s",
+    spin_json_set_integer(net, "hidden", 1 << 20);
+    ok(spin_field_from_json(j, &back, &there) == SPIN_E_MALFORMED, "a huge hidden width is malformed");
+    spin_json_set_integer(net, "hidden", 32);
+    spin_json_set_string(net, "activation", "tanh");
+    ok(spin_field_from_json(j, &back, &there) == SPIN_E_UNSUPPORTED, "another activation: %s",
        spin_last_error());
-    spin_json_set_string(j, "activation", "gelu");
-    spin_json_set(j, "offset", spin_json_array());
-    ok(spin_field_from_json(j, &back) == SPIN_E_MALFORMED, "no offsets is malformed");
+    spin_json_set_string(net, "activation", "gelu");
+    spin_json_set(net, "offset", spin_json_array());
+    ok(spin_field_from_json(j, &back, &there) == SPIN_E_MALFORMED, "no offsets is malformed");
+    spin_json_free(j);
+    m.antialias = true;
+    j = spin_field_to_json(&m, false);
+    ok(spin_json_is_null(spin_json_get(j, "field")) &&
+           spin_field_from_json(j, &back, &there) == SPIN_OK && !there && back.sh_degree == 2 &&
+           back.antialias && back.n_table == 0,
+       "without a network: the degree of SH and how splats are drawn");
+    spin_json_set_integer(j, "sh_degree", 4);
+    ok(spin_field_from_json(j, &back, &there) == SPIN_E_MALFORMED, "SH of degree 4");
     spin_json_free(j);
     free(text);
 }
@@ -132,13 +143,14 @@ static spin_status level_with(const char *key, const char *value)
     struct spin_field m, back;
     spin_json *j, *other = NULL;
     spin_status status;
+    bool there;
 
     if (spin_field_plan(&m, 1, 4, 8, 4, 0, base, base) != SPIN_OK)
         return SPIN_OK;
-    j = spin_field_to_json(&m);
+    j = spin_field_to_json(&m, true);
     if (spin_json_parse(key, value, strlen(value), &other) == SPIN_OK)
-        spin_json_set(j, key, other);
-    status = spin_field_from_json(j, &back);
+        spin_json_set((spin_json *)spin_json_get(j, "field"), key, other);
+    status = spin_field_from_json(j, &back, &there);
     spin_json_free(j);
     return status;
 }

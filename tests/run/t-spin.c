@@ -34,12 +34,12 @@ static void check_read(void)
     struct spin_splats s = {0};
 
     ok(spin_scene_open(bundle, &scene) == SPIN_OK, "opens the bundle");
-    ok(spin_scene_n_frames(scene) == 6 && !spin_scene_has_network(scene), "six frames, no network");
+    ok(spin_scene_n_frames(scene) == 6 && !spin_scene_is_trained(scene), "six frames, no network");
     ok((spin_scene_columns(scene) & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES, "all attributes");
     ok(spin_scene_read(scene, 5, SPIN_FROM_BEST, SPIN_COL_MEANS | SPIN_COL_SH, &s) == SPIN_OK,
        "reads the last frame");
     ok(s.n == spin_scene_frame(scene, 5)->n && s.means && s.sh, "with the rows it announced");
-    ok(spin_scene_read(scene, 0, SPIN_FROM_NETWORK, SPIN_COL_MEANS, &s) == SPIN_E_NOT_FOUND,
+    ok(spin_scene_read(scene, 0, SPIN_FROM_TRAINED, SPIN_COL_MEANS, &s) == SPIN_E_NOT_FOUND,
        "no network yet: %s", spin_last_error());
     spin_splats_free(&s);
     spin_scene_close(scene);

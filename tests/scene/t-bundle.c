@@ -170,12 +170,12 @@ static const char *write_refined(const char *frames, bool network)
     for (int f = 0; network && f < FRAMES; f++) {
         char name[40];
 
-        snprintf(name, sizeof name, "network/means/%05d", f);
+        snprintf(name, sizeof name, "trained/means/%05d", f);
         spin_npz_write(&w.zip, name, "<f4", 2, means, zeros);
     }
     if (network) {
-        spin_npz_write(&w.zip, "network/table", "<f4", 2, table, zeros);
-        spin_npz_write(&w.zip, "network/heads", "<f4", 1, heads, zeros);
+        spin_npz_write(&w.zip, "trained/table", "<f4", 2, table, zeros);
+        spin_npz_write(&w.zip, "trained/heads", "<f4", 1, heads, zeros);
     }
     if (spin_json_parse("extra", frames, strlen(frames), &extra) != SPIN_OK ||
         spin_bundle_writer_finish(&w, &meta, extra) != SPIN_OK)
@@ -205,7 +205,7 @@ static void test_refined(void)
         fill(&want, f, columns, false);
         ok(spin_bundle_count(&b, f, SPIN_FROM_SOURCE) == want.n &&
                spin_bundle_count(&b, f, SPIN_FROM_REFINED) == (size_t)f + 1 &&
-               spin_bundle_count(&b, f, SPIN_FROM_NETWORK) == (size_t)f + 1,
+               spin_bundle_count(&b, f, SPIN_FROM_TRAINED) == (size_t)f + 1,
            "refined frame %d has a count of its own, which a network's is too", f);
         if (ok(spin_bundle_refined_frame(&b, f, columns, &got) == SPIN_OK && got.n == (size_t)f + 1,
                "refined frame %d", f))
@@ -316,7 +316,7 @@ static void test_lies(void)
         {"", "meta.json", "an empty meta.json"},
         {"[]", "format", "a list for an object"},
         {"{\"format\":\"other\"}", "format", "another format"},
-        {"{\"format\":\"spin bundle\",\"version\":4}", "version 4", "a later version"},
+        {"{\"format\":\"spin bundle\",\"version\":5}", "version 5", "a later version"},
         {"{\"format\":\"spin bundle\",\"version\":1e99}", "version", "an absurd version"},
         {HEAD COLUMNS TAIL(""), "frames", "no frames"},
         {HEAD COLUMNS TAIL("7"), "number", "a frame that is a number"},
@@ -345,11 +345,15 @@ static void test_lies(void)
          "sh_degree", "SH of degree 9"},
         {HEAD "\"columns\":[\"means\",\"rgb\"],\"static_columns\":[],\"sh_degree\":-1," TAIL(GOOD),
          "source/rgb/00000", "a column that is not there"},
-        {HEAD COLUMNS "\"network\":{\"features\":4}," TAIL(GOOD), "network/table",
+        {HEAD COLUMNS "\"trained\":{\"field\":{\"features\":4}}," TAIL(GOOD), "trained/table",
          "a network that is not there"},
-        {HEAD COLUMNS "\"network\":{\"features\":-4}," TAIL(GOOD), "features",
+        {HEAD COLUMNS "\"trained\":{\"field\":{\"features\":-4}}," TAIL(GOOD), "features",
          "a network of -4 features"},
-        {HEAD COLUMNS "\"network\":3," TAIL(GOOD), "network", "a network that is a number"},
+        {HEAD COLUMNS "\"trained\":3," TAIL(GOOD), "trained", "a training that is a number"},
+        {HEAD COLUMNS "\"trained\":{\"sh_degree\":0}," TAIL(GOOD), "trained.field",
+         "a training that does not say whether it has a network"},
+        {HEAD COLUMNS "\"network\":{\"features\":4}," TAIL(GOOD), "trained/table",
+         "a network of before that is not there"},
         {HEAD COLUMNS "\"refined\":[]," TAIL(GOOD), "refined", "refined frames in a list"},
         {HEAD COLUMNS "\"refined\":{\"n\":1}," TAIL(GOOD), "columns",
          "refined frames without columns"},
@@ -366,8 +370,8 @@ static void test_lies(void)
          "means", "refined frames without positions"},
     };
 
-    refuses(write_refined("{" REFINED ",\"network\":{\"features\":4}}", true),
-            "network/means/00000", "a network with another count than the refined frames");
+    refuses(write_refined("{" REFINED ",\"trained\":{\"field\":{\"features\":4}}}", true),
+            "trained/means/00000", "a network with another count than the refined frames");
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         refuses(write_meta(cases[i].text, "<f4", 2), cases[i].word, cases[i].what);
     refuses(write_meta(HEAD COLUMNS TAIL(GOOD), "<f8", 2), "float32", "positions in float64");

@@ -30,7 +30,7 @@ static void write_bundle(const struct change *c)
     struct spin_bundle_meta meta = {
         .columns = SPIN_COL_MEANS, .sh_degree = -1, .n_source_frames = 1};
     struct spin_splats s = {.n = N, .means = means[0]};
-    spin_json *extra = spin_json_object(), *network = spin_json_object(), *t = spin_json_object();
+    spin_json *extra = spin_json_object(), *trained = spin_json_object(), *t = spin_json_object();
     uint64_t of_tracks[2] = {TRACKS, W}, of_track[1] = {N}, of_means[2] = {c->n_means, 3},
              of_residual[2] = {c->n_residual, ROW};
 
@@ -43,16 +43,15 @@ static void write_bundle(const struct change *c)
     spin_json_set_integer(t, "moving", c->n_moving);
     spin_json_set_integer(t, "varying", c->n_varying);
     spin_json_set_bool(t, "same_rows", true);
-    spin_json_set(network, "tracks", t);
-    spin_json_set_integer(network, "features", 4);
-    spin_json_set_bool(network, "explicit", true);
-    spin_json_set(extra, "network", network);
+    spin_json_set(trained, "tracks", t);
+    spin_json_set_null(trained, "field");
+    spin_json_set(extra, "trained", trained);
     if (spin_bundle_writer_open(path, true, false, &w) != SPIN_OK ||
         spin_bundle_write_frame(&w, 0, SPIN_COL_MEANS, 0, &s) != SPIN_OK ||
-        spin_npz_write(&w.zip, "network/tracks", "<f4", 2, of_tracks, tracks) != SPIN_OK ||
-        spin_npz_write(&w.zip, "network/track/00000", "<u4", 1, of_track, c->track) != SPIN_OK ||
-        spin_npz_write(&w.zip, "network/means/00000", "<f4", 2, of_means, means) != SPIN_OK ||
-        spin_npz_write(&w.zip, "network/residual/00000", "<f4", 2, of_residual, residual) !=
+        spin_npz_write(&w.zip, "trained/tracks", "<f4", 2, of_tracks, tracks) != SPIN_OK ||
+        spin_npz_write(&w.zip, "trained/track/00000", "<u4", 1, of_track, c->track) != SPIN_OK ||
+        spin_npz_write(&w.zip, "trained/means/00000", "<f4", 2, of_means, means) != SPIN_OK ||
+        spin_npz_write(&w.zip, "trained/residual/00000", "<f4", 2, of_residual, residual) !=
             SPIN_OK ||
         spin_bundle_writer_finish(&w, &meta, extra) != SPIN_OK)
         exit(1);
@@ -132,11 +131,11 @@ TAP_MAIN
     c = sound, c.n_residual = 1;
     check_refused(c, "1 residual values", "too few values");
     c = sound, c.n_moving = 4;
-    check_refused(c, "network.tracks", "more that move than there are");
+    check_refused(c, "trained.tracks", "more that move than there are");
     c = sound, c.n_varying = -1;
-    check_refused(c, "network.tracks", "fewer that vary than none");
+    check_refused(c, "trained.tracks", "fewer that vary than none");
     c = sound, c.n_tracks = 4;
-    check_refused(c, "network/tracks", "another number of rows");
+    check_refused(c, "trained/tracks", "another number of rows");
     c = sound, c.nan = true;
     check_refused(c, "not finite in row 1", "a value that is no number");
 }

@@ -71,8 +71,8 @@ def heads(params, net, z):
 
 def decode(bundle, meta, frame, nudge=0):
     """The attributes of a frame; nudge 1 or -1 takes each grid coordinate one float32 step further."""
-    net = meta["network"]
-    means = bundle[f"network/means/{frame:05d}"]
+    net = {**meta["trained"], **meta["trained"]["field"]}
+    means = bundle[f"trained/means/{frame:05d}"]
     p = (means.astype(np.float64) - net["norm"]["centre"]) * net["norm"]["inv_radius"]
     r = np.linalg.norm(p, axis=1, keepdims=True)
     p = np.where(r > 1, (2 - 1 / np.maximum(r, 1e-30)) / np.maximum(r, 1e-30) * p, p)
@@ -82,9 +82,9 @@ def decode(bundle, meta, frame, nudge=0):
     if nudge:
         x = np.nextafter(x, np.float32(2 * nudge))
     x = np.clip(x, 0, 1)
-    table = bundle["network/table"].astype(np.float64)
-    scale, rotation, sh, opacity = heads(bundle["network/heads"], net, encode(table, net, x))
-    own = f"network/residual/{frame:05d}"
+    table = bundle["trained/table"].astype(np.float64)
+    scale, rotation, sh, opacity = heads(bundle["trained/heads"], net, encode(table, net, x))
+    own = f"trained/residual/{frame:05d}"
     if own in bundle:  # raw values of every splat, to which the network adds
         own = bundle[own].astype(np.float64)
         scale, rotation, opacity = scale + own[:, :3], rotation + own[:, 3:7], opacity + own[:, 10:]

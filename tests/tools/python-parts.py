@@ -123,9 +123,9 @@ fails(["no splats"], "and have no frame", points.frame, 0)
 
 # ---- What is no bundle ------------------------------------------------------------------------------
 
-for name, meta in ("version", {"version": 4}), ("format", {"format": "spin"}), ("none", {"version": None}):
-    fails(["not a bundle of version 1 to 3", name], f"another {name}", spin4d.load, write(name, meta, {}))
-for version in 1, 2, 3:
+for name, meta in ("version", {"version": 5}), ("format", {"format": "spin"}), ("none", {"version": None}):
+    fails(["not a bundle of version 1 to 4", name], f"another {name}", spin4d.load, write(name, meta, {}))
+for version in 1, 2, 3, 4:
     ok(len(spin4d.load(write(f"v{version}", {"version": version}, {}))) == 3, f"version {version}")
 np.savez(os.path.join(work, "other.npz"), a=np.zeros(3))
 np.save(os.path.join(work, "array.npy"), np.zeros(3))
@@ -155,16 +155,16 @@ for column in FULL:
 part = {"columns": FULL, "sh_degree": 0, "antialias": True}
 arrays["source/sh"] = frames[2]["sh"]
 both = spin4d.load(write("both", {"columns": FULL, "static_columns": ["sh"], "sh_degree": 1, "refined": part}, arrays))
-ok(both.versions == ["explicit", "source"], "frames of the explicit method come first")
+ok(both.versions == ["frames", "source"], "frames that were optimised come first")
 same(both.frame(2).means, refined[2]["means"], "and are what is given when nothing is said")
 same(both.frame(2, version="source").means, frames[2]["means"], "the source beside them")
 same(both.frame(2).sh, refined[2]["sh"], "a column that is static in the source is not in them")
 same(both.frame(0).scales[0, 0], np.exp(np.float32(20)), "their scales, to e^20", 1e3)
-ok((both.antialias(), both.antialias("explicit"), both.antialias("source")) == (True, True, False), "what is to be drawn antialiased")
+ok((both.antialias(), both.antialias("frames"), both.antialias("source")) == (True, True, False), "what is to be drawn antialiased")
 some = {"columns": FULL, "sh_degree": 1, "antialias": True, "refined": {"columns": ["means", "rgb"], "antialias": False}}
 start = spin4d.load(write("start", some, {k: v for k, v in arrays.items() if k.startswith("source/")}))
 ok(start.versions == ["source"] and start.antialias() is True, "refined points are no version")
-fails(["no explicit"], "of them there is no frame", start.frame, 0, version="explicit")
+fails(["no frames"], "of them there is no frame", start.frame, 0, version="frames")
 fails(["no retrained"], "nor is there a network", start.antialias, "retrained")
 
 # ---- Packed arrays ---------------------------------------------------------------------------------------
@@ -182,7 +182,7 @@ value = [random(6, 3), random(5, 3), random(4, 3)]
 word = [v.view(np.uint32) for v in value]
 apart = word[1].copy()
 apart[:4] ^= word[0][:4]
-meta = {"version": 3, "xor_rows": {"source/means": [0, 4, 0], "source/sh": [0, 2, 0]}, "per_unit": {"source/sh": [32, 256, 8], "network/tracks": [4, 2]}}
+meta = {"version": 3, "xor_rows": {"source/means": [0, 4, 0], "source/sh": [0, 2, 0]}, "per_unit": {"source/sh": [32, 256, 8], "trained/tracks": [4, 2]}}
 for kind in "unsigned", "signed":
     to = planes if kind == "unsigned" else lambda w: columns_last(planes(w))
     packed = spin4d.load(write("packed-" + kind, meta, series("source/means", [to(word[0]), to(apart), to(word[2])])))
@@ -195,15 +195,15 @@ folded = [np.where(w < 0, -2 * w - 1, 2 * w).astype(np.uint32) for w in whole]
 change = folded[1] ^ folded[0][:2]
 units = np.array([32, 256, 8], np.float32)
 counts = {**series("source/sh", [columns_last(planes(folded[0], 3)), columns_last(planes(change, 3)), columns_last(planes(folded[0][:0], 1))]),
-          "network/tracks": columns_last(planes(np.array([[3, 8]], np.uint32), 1)),
-          "source/quats/00000": columns_last(planes(folded[0], 3)), "network/track/00000": planes(np.array([0, 7, 2**32 - 1], np.uint32))}
+          "trained/tracks": columns_last(planes(np.array([[3, 8]], np.uint32), 1)),
+          "source/quats/00000": columns_last(planes(folded[0], 3)), "trained/track/00000": planes(np.array([0, 7, 2**32 - 1], np.uint32))}
 counted = spin4d.load(write("counted", meta, counts))
 for i in 0, 1:
     same(counted.values(f"source/sh/{i:05d}"), (whole[i] / units).astype(np.float32), f"whole numbers of units, frame {i}")
 ok(counted.values("source/sh/00002").shape == (0, 3), "of no rows")
-same(counted.values("network/tracks"), [[-2 / 4, 4 / 2]], "an array that is no series has units, too")
+same(counted.values("trained/tracks"), [[-2 / 4, 4 / 2]], "an array that is no series has units, too")
 same(counted.values("source/quats/00000").view(np.uint32), folded[0], "bytes without units are bits")
-track = counted.values("network/track/00000")
+track = counted.values("trained/track/00000")
 ok(track.dtype.kind == "u" and list(track) == [0, 7, 2**32 - 1], "tracks are numbers, not floats")
 for name, array, more in (
         ("five planes", np.zeros((5, 3, 2), np.int8), {}), ("no planes", np.zeros((0, 3, 2), np.int8), {}), ("one axis", np.zeros(4, np.int8), {}),
@@ -226,8 +226,8 @@ def tracked(same_rows, residual=True):
     of, moving, varying = random(5, 14), 3, 2
     number = [np.array([0, NONE, 4, 2, 3, NONE, 1, 0], np.uint32)] * 3 if same_rows else [
         np.array(t, np.uint32) for t in ([NONE, 0, 1, 2, 3, 4], [4, 3, NONE, 1], [1, 1, 0, NONE, NONE])]
-    arrays, want = {"network/tracks": of}, []
-    arrays.update({"network/track/00000": number[0]} if same_rows else series("network/track", number))
+    arrays, want = {"trained/tracks": of}, []
+    arrays.update({"trained/track/00000": number[0]} if same_rows else series("trained/track", number))
     for i, track in enumerate(number):
         means, rest, rows = [], [], []
         for t in track:
@@ -239,9 +239,9 @@ def tracked(same_rows, residual=True):
                 rest.append(random(11))
                 row[3:] += rest[-1]
             rows.append(row + (0 if t == NONE else of[t]))
-        arrays[f"network/means/{i:05d}"] = np.array(means, np.float32).reshape(-1, 3)
+        arrays[f"trained/means/{i:05d}"] = np.array(means, np.float32).reshape(-1, 3)
         if residual:
-            arrays[f"network/residual/{i:05d}"] = np.array(rest, np.float32).reshape(-1, 11)
+            arrays[f"trained/residual/{i:05d}"] = np.array(rest, np.float32).reshape(-1, 11)
         want.append(np.array(rows))
     return {"n": 5, "moving": moving, "varying": varying, "same_rows": same_rows}, arrays, want
 
@@ -256,26 +256,26 @@ def expect(got, rows, name):
 
 for same_rows in True, False:
     tracks, arrays, want = tracked(same_rows)
-    network = {"explicit": True, "sh_degree": 0, "tracks": tracks, "antialias": True, "cameras": [{"camera": 3}]}
-    clip = spin4d.load(write("tracks", {"network": network}, arrays))
+    trained = {"field": None, "sh_degree": 0, "tracks": tracks, "antialias": True, "cameras": [{"camera": 3}]}
+    clip = spin4d.load(write("tracks", {"trained": trained}, arrays))
     ok((clip.versions, clip.antialias(), clip.cameras) == (["retrained"], True, [{"camera": 3}]), "tracks are a version")
     for i in 2, 0, 1:
         expect(clip.frame(i), want[i], f"tracks with {'the same' if same_rows else 'other'} rows, frame {i}")
     clip.frame(0).means[:] = 9
     same(clip.frame(0).means, want[0][:, :3], "a frame is not the caller's to change", 1e-6)
 free = random(4, 14)
-arrays = {**series("network/means", [free[:, :3].copy()] * 3), **series("network/residual", [free[:, 3:].copy()] * 3)}
-expect(spin4d.load(write("free", {"network": {"explicit": True, "sh_degree": 0}}, arrays)).frame(1), free, "without tracks")
+arrays = {**series("trained/means", [free[:, :3].copy()] * 3), **series("trained/residual", [free[:, 3:].copy()] * 3)}
+expect(spin4d.load(write("free", {"trained": {"field": None, "sh_degree": 0}}, arrays)).frame(1), free, "without tracks")
 tracks, arrays, want = tracked(False)
-network = {"explicit": True, "sh_degree": 0, "tracks": tracks}
+trained = {"field": None, "sh_degree": 0, "tracks": tracks}
 for name, words, key, array in (
-        ("a track that is not there", ["frame 1", "tracks that are not there"], "network/track/00001", np.array([5, 3, NONE, 1], np.uint32)),
-        ("a position too few", ["network/means/00001", "(1, 3)", "(2, 3)"], "network/means/00001", arrays["network/means/00001"][:1]),
-        ("a position too many", ["network/means/00001", "(4, 3)"], "network/means/00001", random(4, 3)),
-        ("values of another width", ["network/residual/00001", "(2, 10)"], "network/residual/00001", random(2, 10))):
-    fails(words + ["bad.spin"], name, spin4d.load(write("bad", {"network": network}, {**arrays, key: array})).frame, 1)
-del arrays["network/residual/00001"]
-fails(["network/residual/00001", "(0, 11)"], "values that are not there", spin4d.load(write("bad", {"network": network}, arrays)).frame, 1)
+        ("a track that is not there", ["frame 1", "tracks that are not there"], "trained/track/00001", np.array([5, 3, NONE, 1], np.uint32)),
+        ("a position too few", ["trained/means/00001", "(1, 3)", "(2, 3)"], "trained/means/00001", arrays["trained/means/00001"][:1]),
+        ("a position too many", ["trained/means/00001", "(4, 3)"], "trained/means/00001", random(4, 3)),
+        ("values of another width", ["trained/residual/00001", "(2, 10)"], "trained/residual/00001", random(2, 10))):
+    fails(words + ["bad.spin"], name, spin4d.load(write("bad", {"trained": trained}, {**arrays, key: array})).frame, 1)
+del arrays["trained/residual/00001"]
+fails(["trained/residual/00001", "(0, 11)"], "values that are not there", spin4d.load(write("bad", {"trained": trained}, arrays)).frame, 1)
 
 # ---- The network -----------------------------------------------------------------------------------------------
 
@@ -333,9 +333,9 @@ def retrained(net, arrays, means, time):
     for p in means:
         x = point(net, p, time)
         inside = all(0 <= a <= 1 for a in x)
-        z, at, row = grid(net, arrays["network/table"], x) if inside else np.zeros(net["levels"] * net["features"]), 0, []
+        z, at, row = grid(net, arrays["trained/table"], x) if inside else np.zeros(net["levels"] * net["features"]), 0, []
         for n_out in (3, 4, 48, 1):
-            part, at = head(net, arrays["network/heads"], z, n_out, at)
+            part, at = head(net, arrays["trained/heads"], z, n_out, at)
             row.append(part)
         rows.append(row)
     return rows
@@ -351,14 +351,14 @@ for name, more, means in (
         ("GELU, contracted", {"norm": ball, "sh_degree": 3}, points), ("ReLU", {"norm": ball, "sh_degree": 2, "activation": "relu"}, points), ("raw", {"norm": raw, "sh_degree": 1}, unit),
         ("one time", {"norm": ball, "sh_degree": 0, "time_last": 0.5}, points), ("times beyond its own", {"norm": ball, "sh_degree": 0, "time_first": 0.6, "time_last": 0.7}, points)):
     net = {**LEVELS, "time_first": 0.5, "time_last": 1.0, **more}
-    arrays = {"network/table": random(751, 2), "network/heads": 0.7 * random(size), **series("network/means", [means] * 3)}
-    arrays["network/heads"][20:25] *= 3
+    arrays = {"trained/table": random(751, 2), "trained/heads": 0.7 * random(size), **series("trained/means", [means] * 3)}
+    arrays["trained/heads"][20:25] *= 3
     own = random(len(means), 11)
     own[0, 0] = 40
     for residual in False, True:
         if residual:
-            arrays.update(series("network/residual", [own] * 3))
-        clip = spin4d.load(write("network", {"network": net}, arrays))
+            arrays.update(series("trained/residual", [own] * 3))
+        clip = spin4d.load(write("network", {"trained": {"field": net, "sh_degree": net["sh_degree"]}}, arrays))
         for i in 0, 1, 2:
             got, k = clip.frame(i), (net["sh_degree"] + 1) ** 2
             want = retrained(net, arrays, means, clip.times[i])

@@ -392,7 +392,7 @@ static void check_fingerprint(void)
             char *was, *now;
 
             make_input(&in);
-            in.o.method = alone ? SPIN_METHOD_EXPLICIT : in.o.method;
+            in.o.method = alone ? SPIN_METHOD_FRAMES : in.o.method;
             was = fingerprint_of(&in);
             (none ? by_nothing : by[i].change)(&in);
             now = fingerprint_of(&in);

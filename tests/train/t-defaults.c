@@ -299,7 +299,7 @@ static void test_limits(void)
     o.normalise = SPIN_NORMALISE_GIVEN;
     o.normalise_radius = 1;
     is_refused(false, "a radius");
-    o.method = SPIN_METHOD_EXPLICIT;
+    o.method = SPIN_METHOD_FRAMES;
     is_refused(true, "--refine");
     o.method = SPIN_METHOD_TRACKS;
     is_refused(true, "--tracks auto");

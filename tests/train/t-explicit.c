@@ -24,7 +24,7 @@ static struct spin_retrain_options explicit_options(int iterations)
     o.precision = SPIN_PRECISION_FULL;
     o.input = in;
     o.output = out;
-    o.method = SPIN_METHOD_EXPLICIT;
+    o.method = SPIN_METHOD_FRAMES;
     o.refine = iterations;
     o.image_scale = 0.25;
     o.range = (struct spin_range){true, 2, 5, 2};

@@ -173,14 +173,15 @@ static void write_times(double a, double b, double c)
     spin_bundle_close(&in);
 }
 
-static double of_network(const char *key)
+static double of_field(const char *key)
 {
     struct spin_bundle b;
     double value = NAN;
 
     if (spin_bundle_open(output, &b) != SPIN_OK)
         return NAN;
-    spin_json_number(spin_json_get(spin_json_get(b.json, "network"), key), &value);
+    spin_json_number(spin_json_get(spin_json_get(spin_json_get(b.json, "trained"), "field"), key),
+                     &value);
     spin_bundle_close(&b);
     return value;
 }
@@ -192,8 +193,8 @@ static void test_times(void)
     o.range.last = 3;
     write_times(7, 4, 5.5);
     ok(run(&o, SPIN_OK, NULL), "retrains frames in any order of time");
-    near(of_network("time_first"), 4, 0, "the network's times begin with the earliest");
-    near(of_network("time_last"), 7, 0, "and end with the latest");
+    near(of_field("time_first"), 4, 0, "the network's times begin with the earliest");
+    near(of_field("time_last"), 7, 0, "and end with the latest");
     remove(output);
     write_times(4, 7, 4);
     ok(run(&o, SPIN_E_MALFORMED, "frames 0 and 2 are both at time 4"),

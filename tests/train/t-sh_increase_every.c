@@ -17,7 +17,7 @@ static float largest(int first, int last)
     float most = 0;
 
     if (spin_scene_open(out, &scene) != SPIN_OK ||
-        spin_scene_read(scene, 0, SPIN_FROM_NETWORK, SPIN_COL_SH, &s) != SPIN_OK)
+        spin_scene_read(scene, 0, SPIN_FROM_TRAINED, SPIN_COL_SH, &s) != SPIN_OK)
         exit(1);
     for (size_t i = 0; i < s.n; i++)
         for (int k = first * first; k < (last + 1) * (last + 1); k++)

@@ -78,7 +78,7 @@ WRITERS = {"ply": write_ply, "splat": write_splat, "spz": write_spz}
 def main():
     bundle, out = np.load(sys.argv[1]), sys.argv[2]
     meta = json.loads(bytes(bundle["meta.json"]))
-    if "network" not in meta:
+    if "trained" not in meta:
         sys.exit(f"known-good: '{sys.argv[1]}' holds no network")
     places = {frame["number"]: i for i, frame in enumerate(meta["frames"])}
     for kind in WRITERS:

@@ -186,7 +186,7 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
 rm -rf anti anti.spin
 echo
 echo "== anti"
-if "$bin/spin-retrain" -q mini-source.spin -o anti.spin --device cpu --method explicit --refine 100 \
+if "$bin/spin-retrain" -q mini-source.spin -o anti.spin --device cpu --method frames --refine 100 \
     --densify off --antialias on --lambda-scale 300; then
     mkdir -p anti && use_page anti --picture-only --size 160,100 --min-psnr 43
 else

@@ -80,7 +80,7 @@ static const char *name_of(const struct page *p)
 {
     const struct spin_eval_report *r = p->r->after;
 
-    return r->network ? "retrained" : r->refined ? "explicit" : "source";
+    return r->trained ? "retrained" : r->refined ? "frames" : "source";
 }
 
 /* ---- At the top ---------------------------------------------------------------------------------- */
@@ -104,7 +104,7 @@ static void put_tiles(struct page *p)
     const struct spin_quality *after = &a->mean;
     const struct spin_quality *before = p->r->before ? &p->r->before->mean : &none;
     const struct spin_bundle_bytes *s = &a->storage;
-    uint64_t bytes = a->network   ? s->positions + s->tracks + s->table + s->heads
+    uint64_t bytes = a->trained   ? s->positions + s->tracks + s->table + s->heads
                      : a->refined ? s->refined
                                   : s->source;
     char each[32];
@@ -124,13 +124,13 @@ static void put_tiles(struct page *p)
 /* How it was trained, in a line; all options are at the end. */
 static void put_training(struct page *p)
 {
-    const spin_json *network = spin_json_get(p->r->clip->bundle.json, "network");
-    const spin_json *options = spin_json_get(network, "options");
+    const spin_json *trained = spin_json_get(p->r->clip->bundle.json, "trained");
+    const spin_json *options = spin_json_get(trained, "options");
     const char *method = spin_json_string(spin_json_get(options, "method"));
-    const char *device = spin_json_string(spin_json_get(network, "device"));
+    const char *device = spin_json_string(spin_json_get(trained, "device"));
     double iterations;
 
-    if (!p->r->after->network ||
+    if (!p->r->after->trained ||
         !spin_json_number(spin_json_get(options, "iterations"), &iterations))
         return;
     fprintf(p->to, "<p>Trained by spin-retrain --iterations %.0f", iterations);
@@ -463,21 +463,24 @@ static void put_storage(struct page *p)
 
 static void put_options(struct page *p)
 {
-    const spin_json *network = spin_json_get(p->r->clip->bundle.json, "network");
-    const spin_json *options = spin_json_get(network, "options");
-    static const char *const plain[] = {"levels", "features", "hidden", "sh_degree", NULL};
-    const char *device = spin_json_string(spin_json_get(network, "device"));
+    const spin_json *trained = spin_json_get(p->r->clip->bundle.json, "trained");
+    const spin_json *options = spin_json_get(trained, "options");
+    static const char *const plain[] = {"levels", "features", "hidden", NULL};
+    const spin_json *field = spin_json_get(trained, "field");
+    const char *device = spin_json_string(spin_json_get(trained, "device"));
     char *text = options ? spin_json_text(options, true) : NULL;
     double v;
 
-    if (!p->r->after->network || !text) {
+    if (!p->r->after->trained || !text) {
         free(text);
         return;
     }
     fprintf(p->to, "<h2>Options of the run</h2>\n<p>");
     for (int i = 0; plain[i]; i++)
-        if (spin_json_number(spin_json_get(network, plain[i]), &v))
-            fprintf(p->to, "%s%s %.10g", i ? ", " : "", plain[i], v);
+        if (spin_json_number(spin_json_get(field, plain[i]), &v))
+            fprintf(p->to, "%s %.10g, ", plain[i], v);
+    if (spin_json_number(spin_json_get(trained, "sh_degree"), &v))
+        fprintf(p->to, "sh_degree %.10g", v);
     if (device) {
         fprintf(p->to, "; trained on ");
         spin_text_html(p->to, device);
