@@ -42,8 +42,8 @@ static spin_status draw_source(struct spin_metrics *m, const struct spin_pair *p
     if (!m->source)
         return SPIN_OK;
     SPIN_TRY(spin_alloc(3 * (size_t)c->width * (size_t)c->height, sizeof(float), (void **)out));
-    SPIN_TRY(spin_frame_renderer_show(m->source, m->clip->frame[pair->frame]));
-    return spin_frame_renderer_draw(m->source, c, m->background, *out);
+    SPIN_TRY(spin_player_show(m->source, m->clip->frame[pair->frame]));
+    return spin_player_draw(m->source, c, m->background, *out);
 }
 
 static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pair, int number,
@@ -76,8 +76,8 @@ static spin_status show(struct spin_metrics *m, int frame)
     int index = m->clip->frame[frame];
 
     if (m->live_counts)
-        return spin_frame_renderer_show_live(m->frame_renderer, frame, m->live_counts[frame]);
-    return spin_frame_renderer_show(m->frame_renderer, index);
+        return spin_player_show_live(m->player, frame, m->live_counts[frame]);
+    return spin_player_show(m->player, index);
 }
 
 /* PSNR of the whole picture, and in and outside the mask, of views that have enough of both to say
@@ -112,14 +112,14 @@ static spin_status draw_one(struct spin_metrics *m, size_t i)
 
     if (i == 0 || m->pairs[i - 1].frame != pair->frame) {
         SPIN_TRY(show(m, pair->frame));
-        SPIN_TRY(m->frame_renderer->device->op->wait(m->frame_renderer->device));
+        SPIN_TRY(m->player->device->op->wait(m->player->device));
         m->seconds_decode += spin_now_s() - start;
         m->n_decoded++;
         start = spin_now_s();
     }
-    SPIN_TRY(spin_frame_renderer_draw(m->frame_renderer, &m->clip->views.view[pair->view].camera,
-                                      m->background, NULL));
-    SPIN_TRY(m->frame_renderer->device->op->wait(m->frame_renderer->device));
+    SPIN_TRY(
+        spin_player_draw(m->player, &m->clip->views.view[pair->view].camera, m->background, NULL));
+    SPIN_TRY(m->player->device->op->wait(m->player->device));
     m->seconds_draw += spin_now_s() - start;
     return SPIN_OK;
 }
@@ -161,12 +161,11 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
 
     SPIN_TRY(draw_one(m, i));
     SPIN_TRY(load_photo(m, pair->view, plane, regions, p, &n_dynamic));
-    SPIN_TRY(
-        spin_frame_renderer_measure(m->frame_renderer, p->rgb8, regions ? p->mask : NULL, values));
+    SPIN_TRY(spin_player_measure(m->player, p->rgb8, regions ? p->mask : NULL, values));
     out->frame = m->clip->bundle.meta.frame[m->clip->frame[pair->frame]].number;
     out->camera = view->camera_id;
     set_quality(values, (double)plane, regions, (double)n_dynamic, &out->q);
-    SPIN_TRY(spin_frame_renderer_picture(m->frame_renderer, p->image));
+    SPIN_TRY(spin_player_picture(m->player, p->image));
     spin_colour_sums(view->camera_id, plane, p->image, p->truth, &one->sums);
     for (int k = 0; k < SPIN_N_LPIPS; k++)
         if (m->lpips[k])

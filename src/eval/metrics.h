@@ -5,10 +5,10 @@
 #include "spin_run.h"
 #include "eval/lpips.h"
 #include "eval/dynamic_mask.h"
-#include "render/frame_renderer.h"
+#include "render/player.h"
 
 struct spin_metrics {
-    struct spin_frame_renderer *frame_renderer;
+    struct spin_player *player;
     const struct spin_clip *clip;
     struct spin_image_cache *pixels;
     const struct spin_pair *pairs; /* sorted by frame */
@@ -18,7 +18,7 @@ struct spin_metrics {
     struct spin_dynamic_mask *dynamic; /* moving regions apart, or NULL */
     struct spin_lpips *lpips[SPIN_N_LPIPS]; /* or NULL */
     const char *images;                     /* folder for "truth | picture" PNGs, or NULL */
-    struct spin_frame_renderer *source;     /* "truth | source | picture" then; or NULL */
+    struct spin_player *source;             /* "truth | source | picture" then; or NULL */
     const char *what;                       /* for the progress line */
     struct spin_eval_view *view;            /* [n_pairs] out, or NULL */
     double seconds_decode;                  /* out: all frames, network or file to splats */

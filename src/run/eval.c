@@ -9,7 +9,7 @@
 #include "base/mem.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
-#include "io/claim.h"
+#include "io/output_lock.h"
 #include "io/ranks.h"
 
 struct eval {
@@ -20,9 +20,9 @@ struct eval {
     struct spin_dynamic_mask dynamic;
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
-    struct spin_frame_renderer frame_renderer, source;
+    struct spin_player player, source;
     struct spin_lenses lenses; /* of the cameras that taught what is measured */
-    bool has_source; /* source is open: what is measured is compared with it */
+    bool has_source;           /* source is open: what is measured is compared with it */
     enum spin_splat_source from;
     struct spin_pair *pairs;
     size_t n_pairs;
@@ -44,7 +44,7 @@ static spin_status open_clip(struct eval *e)
                                   .needs_views = true};
 
     SPIN_TRY(spin_clip_open(&c, &e->clip));
-    SPIN_TRY(spin_frame_renderer_choose(&e->clip.bundle, o->source, &e->from));
+    SPIN_TRY(spin_player_choose(&e->clip.bundle, o->source, &e->from));
     SPIN_TRY(spin_lenses_from_json(spin_json_get(e->clip.bundle.json, "lenses"), o->image_scale,
                                    &e->lenses));
     e->report->trained = e->from == SPIN_FROM_TRAINED;
@@ -63,16 +63,16 @@ static spin_status open_players(struct eval *e)
     const struct spin_eval_options *o = e->o;
 
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
-    SPIN_TRY(spin_frame_renderer_open(&e->frame_renderer, &e->device, &e->clip.bundle, e->from));
+    SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
     if (e->from != SPIN_FROM_SOURCE) {
-        SPIN_TRY(spin_frame_renderer_set_lenses(&e->frame_renderer, &e->lenses));
+        SPIN_TRY(spin_player_set_lenses(&e->player, &e->lenses));
         if (spin_rank() == 0)
             spin_lenses_warn(&e->lenses, &e->clip.views, e->pairs, e->n_pairs);
     }
     if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
         (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))
         return SPIN_OK;
-    SPIN_TRY(spin_frame_renderer_open(&e->source, &e->device, &e->clip.bundle, SPIN_FROM_SOURCE));
+    SPIN_TRY(spin_player_open(&e->source, &e->device, &e->clip.bundle, SPIN_FROM_SOURCE));
     e->has_source = true;
     return SPIN_OK;
 }
@@ -107,7 +107,7 @@ static spin_status check_report(const struct spin_eval_options *o)
         return spin_fail(SPIN_E_USAGE, "the log is for the report: say where with --report");
     if (o->log && !spin_path_exists(o->log))
         return spin_fail(SPIN_E_NOT_FOUND, "the log '%s' does not exist", o->log);
-    return o->report ? spin_claim_file(o->report, o->force) : SPIN_OK;
+    return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
 /* The source is measured as well, when there is one to compare with. */
@@ -122,14 +122,14 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
                             .clip = &e->clip,
                             .pixels = &e->pixels,
                             .pairs = e->pairs,
-                            .frame_renderer = &e->frame_renderer,
+                            .player = &e->player,
                             .after = e->report};
     struct spin_metrics m = *after;
     spin_status status = SPIN_OK;
 
     if (e->has_source) {
         SPIN_TRY(spin_alloc(e->n_pairs, sizeof *before.view, (void **)&before.view));
-        m.frame_renderer = &e->source;
+        m.player = &e->source;
         m.source = NULL;
         m.images = NULL;
         m.view = before.view;
@@ -153,7 +153,7 @@ static spin_status sum_left_out(struct eval *e)
     spin_status status;
 
     SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *n, (void **)&n));
-    n[spin_rank()] = e->frame_renderer.n_bad;
+    n[spin_rank()] = e->player.n_bad;
     status = spin_ranks_gather(n, sizeof *n);
     for (int r = 0; r < spin_n_ranks(); r++)
         e->report->left_out += n[r];
@@ -165,7 +165,7 @@ static spin_status run_eval(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
     struct spin_eval_report *report = e->report;
-    struct spin_metrics m = {.frame_renderer = &e->frame_renderer,
+    struct spin_metrics m = {.player = &e->player,
                              .clip = &e->clip,
                              .pixels = &e->pixels,
                              .dynamic = &e->dynamic,
@@ -179,8 +179,8 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(open_players(e));
     SPIN_TRY(spin_alloc(e->n_pairs, sizeof *report->view, (void **)&report->view));
     if (o->images)
-        SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_claim_empty_folder(o->images, o->force)
-                                                   : SPIN_OK));
+        SPIN_TRY(spin_ranks_agree(
+            spin_rank() == 0 ? spin_output_check_empty_folder(o->images, o->force) : SPIN_OK));
     m.source = e->has_source ? &e->source : NULL;
     m.pairs = e->pairs;
     m.n_pairs = e->n_pairs;
@@ -205,8 +205,8 @@ spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report
 
     memset(report, 0, sizeof *report);
     status = run_eval(&e);
-    spin_frame_renderer_close(&e.frame_renderer);
-    spin_frame_renderer_close(&e.source);
+    spin_player_close(&e.player);
+    spin_player_close(&e.source);
     spin_device_close(&e.device);
     spin_dynamic_mask_close(&e.dynamic);
     for (int i = 0; i < SPIN_N_LPIPS; i++)

@@ -10,7 +10,7 @@
 #include "base/mem.h"
 #include "io/file.h"
 #include "io/ranks.h"
-#include "render/frame_renderer.h"
+#include "render/player.h"
 #include "run/share_splats.h"
 #include "scene/lens.h"
 #include "scene/probe.h"
@@ -22,7 +22,7 @@ void spin_set_verbosity(int level) { spin_log_set_level(level); }
 struct spin_scene {
     struct spin_bundle bundle;
     struct spin_device device;
-    struct spin_frame_renderer frame_renderer; /* of the network; opened when first needed */
+    struct spin_player player; /* of the network; opened when first needed */
     bool is_trained, device_open, player_open;
 };
 
@@ -47,7 +47,7 @@ void spin_scene_close(struct spin_scene *scene)
     if (!scene)
         return;
     if (scene->player_open)
-        spin_frame_renderer_close(&scene->frame_renderer);
+        spin_player_close(&scene->player);
     if (scene->device_open)
         spin_device_close(&scene->device);
     spin_bundle_close(&scene->bundle);
@@ -71,7 +71,7 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
     const struct spin_bundle *bundle = &scene->bundle;
 
     if (from == SPIN_FROM_BEST)
-        from = scene->is_trained                               ? SPIN_FROM_TRAINED
+        from = scene->is_trained                                ? SPIN_FROM_TRAINED
                : SPIN_COL_ATTRIBUTES & ~bundle->refined.columns ? SPIN_FROM_SOURCE
                                                                 : SPIN_FROM_REFINED;
     if (from == SPIN_FROM_SOURCE)
@@ -86,24 +86,24 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
         scene->device_open = true;
     }
     if (!scene->player_open) {
-        SPIN_TRY(spin_frame_renderer_open(&scene->frame_renderer, &scene->device, &scene->bundle,
-                                          SPIN_FROM_TRAINED));
+        SPIN_TRY(
+            spin_player_open(&scene->player, &scene->device, &scene->bundle, SPIN_FROM_TRAINED));
         scene->player_open = true;
     }
-    return spin_frame_renderer_splats(&scene->frame_renderer, frame, columns, out);
+    return spin_player_splats(&scene->player, frame, columns, out);
 }
 
 /* ---- Drawing ----------------------------------------------------------------------------------- */
 
 struct spin_renderer {
-    struct spin_frame_renderer frame_renderer;
+    struct spin_player player;
 };
 
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image)
 {
-    SPIN_TRY(spin_frame_renderer_show_splats(&r->frame_renderer, splats));
-    return spin_frame_renderer_draw(&r->frame_renderer, camera, background, image);
+    SPIN_TRY(spin_player_show_splats(&r->player, splats));
+    return spin_player_draw(&r->player, camera, background, image);
 }
 
 /* ---- Export ---------------------------------------------------------------------------------------- */
@@ -115,7 +115,7 @@ struct export
     const struct spin_exporter *exporter;
     struct spin_clip clip;
     struct spin_device device;
-    struct spin_frame_renderer frame_renderer;
+    struct spin_player player;
     struct spin_renderer *renderer;
     struct spin_splats splats, received; /* of this process, of another */
     enum spin_splat_source from;
@@ -160,8 +160,9 @@ static double clip_stride(const struct spin_clip *clip)
     const struct spin_frame_info *info = clip->bundle.meta.frame;
     int n = clip->n_frames;
 
-    return n < 2 ? 1
-                 : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
+    return n < 2
+               ? 1
+               : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
 }
 
 static spin_status write_frames(struct export *x)
@@ -179,7 +180,7 @@ static spin_status write_frames(struct export *x)
             status = spin_fail_cancelled();
             break;
         }
-        status = spin_frame_renderer_splats(&x->frame_renderer, index, columns, &x->splats);
+        status = spin_player_splats(&x->player, index, columns, &x->splats);
         info.n = x->splats.n;
         if (status == SPIN_OK)
             status = x->exporter->frame(x->self, f, &info, &x->splats);
@@ -201,8 +202,7 @@ static spin_status write_round(struct export *x, int first, int n)
     if (spin_cancelled())
         return spin_fail_cancelled();
     if (own < n)
-        SPIN_TRY(spin_frame_renderer_splats(&x->frame_renderer, x->clip.frame[first + own], columns,
-                                            &x->splats));
+        SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[first + own], columns, &x->splats));
     for (int r = 0; r < n; r++) {
         struct spin_splats *splats = r == own ? &x->splats : &x->received;
         struct spin_frame_info info = x->clip.bundle.meta.frame[x->clip.frame[first + r]];
@@ -242,7 +242,7 @@ static spin_status source_frame(void *source_of, int frame, struct spin_splats *
 
 static bool is_antialiased(const struct export *x)
 {
-    return x->from == SPIN_FROM_TRAINED   ? x->frame_renderer.field.antialias
+    return x->from == SPIN_FROM_TRAINED   ? x->player.field.antialias
            : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
                                           : x->clip.bundle.meta.antialias;
 }
@@ -250,7 +250,7 @@ static bool is_antialiased(const struct export *x)
 static int sh_degree_of(const struct export *x)
 {
     if (x->from == SPIN_FROM_TRAINED)
-        return x->frame_renderer.field.sh_degree;
+        return x->player.field.sh_degree;
     return x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.sh_degree
                                         : x->clip.bundle.meta.sh_degree;
 }
@@ -271,8 +271,8 @@ static spin_status read_again(void *context, int frame, const struct spin_splats
     *out = &x->splats;
     if (spin_cancelled())
         return spin_fail_cancelled();
-    return spin_frame_renderer_splats(&x->frame_renderer, x->clip.frame[frame],
-                                      SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->splats);
+    return spin_player_splats(&x->player, x->clip.frame[frame],
+                              SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &x->splats);
 }
 
 static spin_status begin_export(struct export *x)
@@ -346,8 +346,10 @@ static spin_status say_lens(const struct export *x)
     SPIN_TRY(spin_lenses_from_json(spin_json_get(x->clip.bundle.json, "lenses"), 1, &lenses));
     corner = spin_lenses_corner(&lenses);
     if (lenses.n > 0)
-        spin_log(0, "without the falloff of the cameras' lens, whose pictures have %.0f %% of the brightness in "
-                    "the corners",
+        spin_log(0,
+                 "without the falloff of the cameras' lens, whose pictures have %.0f %% of the "
+                 "brightness in "
+                 "the corners",
                  100 * corner);
     spin_lenses_free(&lenses);
     return SPIN_OK;
@@ -369,13 +371,12 @@ static spin_status run_export(struct export *x)
     c.wants_views = x->exporter->looks_at_views || o->check;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     x->clip.bundle.told_not_finite = true; /* exporters say which rows they leave out */
-    SPIN_TRY(spin_frame_renderer_choose(&x->clip.bundle, o->source, &x->from));
+    SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
-    SPIN_TRY(spin_frame_renderer_open(&x->frame_renderer, &x->device, &x->clip.bundle, x->from));
+    SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));
     if (x->exporter->needs_renderer || o->check) {
         SPIN_TRY(spin_alloc(1, sizeof *x->renderer, (void **)&x->renderer));
-        SPIN_TRY(spin_frame_renderer_open(&x->renderer->frame_renderer, &x->device, NULL,
-                                          SPIN_FROM_SOURCE));
+        SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }
     SPIN_TRY(say_lens(x));
     x->report->frames = x->clip.n_frames;
@@ -391,9 +392,9 @@ spin_status spin_export(const struct spin_export_options *o, struct spin_export_
     memset(report, 0, sizeof *report);
     status = run_export(&x);
     if (x.renderer)
-        spin_frame_renderer_close(&x.renderer->frame_renderer);
+        spin_player_close(&x.renderer->player);
     free(x.renderer);
-    spin_frame_renderer_close(&x.frame_renderer);
+    spin_player_close(&x.player);
     spin_device_close(&x.device);
     spin_splats_free(&x.splats);
     spin_splats_free(&x.received);

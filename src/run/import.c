@@ -20,7 +20,7 @@
 #include "run/exported_frames.h"
 #include "run/frame_times.h"
 #include "run/share_splats.h"
-#include "io/claim.h"
+#include "io/output_lock.h"
 #include "io/picture_name.h"
 #include "io/ranks.h"
 #include "scene/probe.h"
@@ -167,10 +167,11 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     const struct spin_sequence_info *t = &im->sequence;
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' stores its %d frames: --frame-times is for methods that are continuous "
-                         "in time",
-                         o->input, t->n_frames);
+        return spin_fail(
+            SPIN_E_USAGE,
+            "'%s' stores its %d frames: --frame-times is for methods that are continuous "
+            "in time",
+            o->input, t->n_frames);
     if (o->n_frames > 0 || o->n_times > 0)
         return spin_fail(SPIN_E_USAGE,
                          "'%s' stores its %d frames: --frames and --times are "
@@ -346,7 +347,7 @@ static spin_status check_cameras(struct import *im)
 
     if (!o->check_cameras || spin_rank() > 0)
         return SPIN_OK;
-    SPIN_TRY(spin_claim_folder(o->check_cameras));
+    SPIN_TRY(spin_output_check_folder(o->check_cameras));
     for (int k = 0; k < n; k++) {
         int frame = spread(k, n, im->meta.n_frames);
         size_t view[CHECKED_VIEWS];
@@ -630,7 +631,7 @@ static spin_status run_import(struct import *im)
     if (o->check_cameras && !o->data)
         return spin_fail(SPIN_E_USAGE, "--check-cameras draws over images: say where with --data");
     if (o->output && spin_rank() == 0)
-        SPIN_TRY(spin_claim_file(o->output, o->force));
+        SPIN_TRY(spin_output_check_file(o->output, o->force));
     SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));
     im->input = im->below ? im->below : o->input;
     SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));

@@ -11,7 +11,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/text.h"
-#include "io/claim.h"
+#include "io/output_lock.h"
 #include "io/ranks.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
@@ -25,7 +25,7 @@ static const double least_spread = 0.05, least_falloff = 0.05;
 struct run {
     struct spin_plan plan;
     struct spin_device device;
-    struct spin_truth truth;
+    struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
     struct spin_frames frames;
@@ -33,10 +33,10 @@ struct run {
     char *fingerprint;
     struct spin_code_paths code_paths;
     struct spin_checkpoint checkpoint;
-    struct spin_journal journal;
-    struct spin_claim claim; /* on the output */
-    double colour_spread;    /* of the cameras, 0..1; -1: nothing to compare; NaN: not asked for */
-    bool resume;             /* there is a state to go on from */
+    struct spin_step_log step_log;
+    struct spin_output_lock lock; /* on the output */
+    double colour_spread; /* of the cameras, 0..1; -1: nothing to compare; NaN: not asked for */
+    bool resume;          /* there is a state to go on from */
 };
 
 static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_METHOD_FRAMES; }
@@ -66,7 +66,7 @@ static spin_status check_output(const struct run *r, bool *done)
             tidy_up(r);
             return SPIN_OK;
         }
-        return spin_claim_file(o->output, false); /* says what is there */
+        return spin_output_check_file(o->output, false); /* says what is there */
     }
     if ((part || parts) && !o->resume && !o->force)
         return spin_fail(SPIN_E_IO,
@@ -110,18 +110,18 @@ static spin_status check_disk(const struct run *r)
 }
 
 /* All that will be written can be, before the first step. */
-static spin_status claim_outputs(struct run *r)
+static spin_status check_outputs(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
 
-    SPIN_TRY(spin_claim_file(o->output, o->force));
-    SPIN_TRY(spin_claim_file(r->plan.part, true));
+    SPIN_TRY(spin_output_check_file(o->output, o->force));
+    SPIN_TRY(spin_output_check_file(r->plan.part, true));
     if (o->refine > 0 && (o->cache || spin_path_is_taken(r->plan.parts)))
-        SPIN_TRY(spin_claim_folder(r->plan.parts));
+        SPIN_TRY(spin_output_check_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
     if (o->preview)
-        SPIN_TRY(spin_claim_empty_folder(o->preview, o->force || o->resume));
-    return spin_journal_open(&r->journal, o->log, o->resume);
+        SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
+    return spin_step_log_open(&r->step_log, o->log, o->resume);
 }
 
 /* Ranks of unlike processors would part in the last bits. */
@@ -190,7 +190,7 @@ static spin_status choose_exposure(struct run *r)
     r->colour_spread = NAN;
     if (*choice == SPIN_EXPOSURE_OFF)
         return SPIN_OK;
-    SPIN_TRY(spin_camera_colours(&r->plan, &r->truth, &r->colour_spread));
+    SPIN_TRY(spin_camera_colours(&r->plan, &r->photos, &r->colour_spread));
     if (*choice == SPIN_EXPOSURE_AUTO)
         *choice = r->colour_spread > least_spread || fabs(corner_of(r) - 1) > least_falloff
                       ? SPIN_EXPOSURE_ON
@@ -229,12 +229,12 @@ static void say_exposure(const struct run *r)
 /* What the run is made from. */
 static spin_status look_at_input(struct run *r)
 {
-    SPIN_TRY(spin_truth_open(&r->truth, &r->plan));
-    SPIN_TRY(spin_truth_look(&r->truth, &r->plan));
+    SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
+    SPIN_TRY(spin_photos_look(&r->photos, &r->plan));
     SPIN_TRY(choose_exposure(r));
     if (r->plan.o->refine > 0)
-        SPIN_TRY(spin_refinement_keys(&r->refinement, &r->plan, &r->truth));
-    return spin_fingerprint(&r->plan, &r->refinement, &r->truth, &r->device, &r->fingerprint);
+        SPIN_TRY(spin_refinement_keys(&r->refinement, &r->plan, &r->photos));
+    return spin_fingerprint(&r->plan, &r->refinement, &r->photos, &r->device, &r->fingerprint);
 }
 
 /* ---- The work ----------------------------------------------------------------------------------- */
@@ -259,7 +259,7 @@ static spin_status look_at_source(struct run *r)
 {
     struct spin_quality *q = &r->plan.report->before;
 
-    SPIN_TRY(spin_test_views_measure_source(&r->plan, &r->truth, &r->device, q));
+    SPIN_TRY(spin_test_views_measure_source(&r->plan, &r->photos, &r->device, q));
     if (q->valid)
         spin_log(0, "before: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
     return SPIN_OK;
@@ -277,7 +277,7 @@ static spin_status find_tracks(struct run *r)
         spin_log(0, "refined frames have no splats in common: no tracks");
         return SPIN_OK;
     }
-    SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->truth : NULL));
+    SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
     if (t->n == 0)
         spin_log(0, "no splat keeps its position in more than half of the frames: no tracks%s",
                  spin_plan_densifies(p) ? ", each frame's splats are densified alone" : "");
@@ -409,7 +409,7 @@ static spin_status train_network(struct run *r)
 {
     bool resume = r->resume;
     struct spin_checkpoint *c = &r->checkpoint;
-    struct spin_loop loop = {&r->plan, &r->truth, &r->frames, &r->trainer, c, &r->journal};
+    struct spin_loop loop = {&r->plan, &r->photos, &r->frames, &r->trainer, c, &r->step_log};
 
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
@@ -467,8 +467,8 @@ static spin_status run(struct run *r)
                                  .code_paths = r->code_paths.all};
 
     if (p->o->refine > 0) {
-        SPIN_TRY(spin_refinement_run(&r->refinement, p, &r->truth, &r->device, &r->code_paths,
-                                     &r->journal));
+        SPIN_TRY(spin_refinement_run(&r->refinement, p, &r->photos, &r->device, &r->code_paths,
+                                     &r->step_log));
         if (trains_clip(r))
             SPIN_TRY(spin_plan_check_memory(p));
     }
@@ -504,9 +504,9 @@ static spin_status keep(struct run *r, spin_status failed)
 }
 
 /* Files are rank 0's: one lock, one log, one state. */
-static spin_status take_claim(struct run *r)
+static spin_status take_lock(struct run *r)
 {
-    return spin_ranks_agree(spin_rank() == 0 ? spin_claim_take(r->plan.o->output, &r->claim)
+    return spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(r->plan.o->output, &r->lock)
                                              : SPIN_OK);
 }
 
@@ -518,7 +518,7 @@ static spin_status begin(struct run *r, bool *done)
     if (status == SPIN_OK && !found[0])
         status = spin_plan_check_memory(&r->plan);
     if (status == SPIN_OK && !found[0] && spin_rank() == 0)
-        status = claim_outputs(r);
+        status = check_outputs(r);
     SPIN_TRY(spin_ranks_agree(status));
     SPIN_TRY(spin_ranks_share(found, sizeof found, 0));
     *done = found[0];
@@ -532,7 +532,7 @@ static spin_status work(struct run *r)
     bool done = false;
     spin_status status;
 
-    SPIN_TRY(take_claim(r));
+    SPIN_TRY(take_lock(r));
     SPIN_TRY(look_at_input(r));
     SPIN_TRY(begin(r, &done));
     if (done) {
@@ -553,21 +553,21 @@ static spin_status work(struct run *r)
 /* The work is done and kept, but who asked for a log does not have it. */
 static spin_status close_log(struct run *r)
 {
-    spin_journal_close(&r->journal);
-    if (!*r->journal.error)
+    spin_step_log_close(&r->step_log);
+    if (!*r->step_log.error)
         return SPIN_OK;
     return spin_fail(SPIN_E_IO, "'%s' is written, but the log '%s' is incomplete: %s",
-                     r->plan.o->output, r->journal.path, r->journal.error);
+                     r->plan.o->output, r->step_log.path, r->step_log.error);
 }
 
 static void close_all(struct run *r)
 {
-    spin_claim_drop(&r->claim);
+    spin_output_lock_drop(&r->lock);
     spin_trainer_close(&r->trainer);
     spin_frames_close(&r->frames);
     spin_tracks_close(&r->tracks);
     spin_refinement_close(&r->refinement);
-    spin_truth_close(&r->truth);
+    spin_photos_close(&r->photos);
     spin_device_close(&r->device);
     spin_plan_close(&r->plan);
     free(r->fingerprint);
@@ -587,7 +587,7 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
     if (status == SPIN_OK) {
         status = close_log(&r);
     } else {
-        spin_journal_close(&r.journal);
+        spin_step_log_close(&r.step_log);
         if (status != SPIN_E_CANCELLED && o->input)
             status = spin_fail_context(status, "cannot retrain '%s'", o->input);
     }

@@ -17,7 +17,7 @@ enum {
 
 struct look {
     const struct spin_plan *plan;
-    struct spin_truth *truth;
+    struct spin_photos *photos;
     size_t n;
     const float *place;
     int n_frames;            /* looked at */
@@ -95,7 +95,7 @@ static spin_status look_through(struct look *l, int camera_id)
             continue;
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(spin_image_cache_get_rgb8(&l->truth->cache, pair->view, l->image));
+        SPIN_TRY(spin_image_cache_get_rgb8(&l->photos->cache, pair->view, l->image));
         for (size_t i = 0; i < l->n; i++)
             l->bright[i * n_frames + (size_t)f] =
                 brightness(&view->camera, l->image, l->place + 3 * i);
@@ -114,10 +114,10 @@ static spin_status look_through(struct look *l, int camera_id)
     return SPIN_OK;
 }
 
-spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_truth *truth, size_t n,
-                                   const float *place, uint8_t *varies)
+spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_photos *photos,
+                                   size_t n, const float *place, uint8_t *varies)
 {
-    struct look l = {.plan = plan, .truth = truth, .n = n, .place = place};
+    struct look l = {.plan = plan, .photos = photos, .n = n, .place = place};
     void *block = NULL;
     size_t cells;
     spin_status status;

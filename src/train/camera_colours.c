@@ -27,7 +27,7 @@ static const double behind = 1.05;
 
 struct colours {
     struct spin_plan *plan;
-    struct spin_truth *truth;
+    struct spin_photos *photos;
     struct spin_splats splats; /* of the frame */
     size_t step, n_points;     /* every so many splats is a point */
     uint8_t *image;            /* of a view */
@@ -91,7 +91,7 @@ static spin_status look(struct colours *c, size_t view)
     const struct spin_view *v = &c->plan->clip.views.view[view];
     size_t k = (size_t)spin_plan_camera(c->plan, v->camera_id), n = (size_t)c->plan->n_cameras;
 
-    SPIN_TRY(spin_image_cache_get_rgb8(&c->truth->cache, view, c->image));
+    SPIN_TRY(spin_image_cache_get_rgb8(&c->photos->cache, view, c->image));
     map_nearest(c, &v->camera);
     c->lens[k] = spin_lenses_find(&c->plan->lenses, &v->camera);
     for (size_t i = 0; i < c->n_points; i++) {
@@ -234,7 +234,7 @@ static double spread_of(struct colours *c, int rgb)
     return most;
 }
 
-spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth, double *spread)
+spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos, double *spread)
 {
     struct colours *c = NULL;
     size_t n = (size_t)plan->n_cameras;
@@ -244,7 +244,7 @@ spin_status spin_camera_colours(struct spin_plan *plan, struct spin_truth *truth
     *spread = -1;
     SPIN_TRY(spin_alloc(1, sizeof *c, (void **)&c));
     c->plan = plan;
-    c->truth = truth;
+    c->photos = photos;
     SPIN_TRY_OUT(spin_alloc(plan->max_pixels, 3, (void **)&c->image));
     SPIN_TRY_OUT(spin_alloc(n * POINTS, sizeof *c->seen, (void **)&c->seen));
     SPIN_TRY_OUT(spin_alloc(n, sizeof *c->n, (void **)&c->n));

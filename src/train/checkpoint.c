@@ -18,7 +18,7 @@
 enum { PORTION = 1 << 20 }; /* floats that are carried to the host at a time */
 
 spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refinement *refinement,
-                             const struct spin_truth *truth, const struct spin_device *device,
+                             const struct spin_photos *photos, const struct spin_device *device,
                              char **out)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -48,7 +48,7 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
         if (refinement->frame)
             spin_json_push_string(frames, refinement->frame[f].key);
     }
-    snprintf(text, sizeof text, "%016" PRIx64, spin_truth_imprint(truth, plan, -1));
+    snprintf(text, sizeof text, "%016" PRIx64, spin_photos_imprint(photos, plan, -1));
     spin_json_set(j, "frames", frames);
     spin_json_set_string(j, "images", text);
     snprintf(text, sizeof text, "%.0f", sum);

@@ -23,7 +23,7 @@ struct spin_checkpoint {
 /* What decides the result: options, the frames and what refined frames are made from, the images, the CRCs of
  * the input's arrays. To be freed. */
 spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_refinement *refinement,
-                             const struct spin_truth *truth, const struct spin_device *device,
+                             const struct spin_photos *photos, const struct spin_device *device,
                              char **out);
 
 /* Seconds of work so far, those before a resume too. */

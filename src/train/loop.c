@@ -29,28 +29,28 @@ static struct spin_frame_batch frame_of(void *context, int frame)
 static spin_status show_network(const struct spin_loop *l, struct spin_quality *q)
 {
     struct spin_trainer *t = l->trainer;
-    struct spin_frame_renderer live;
+    struct spin_player live;
     struct spin_lenses lenses = l->plan->lenses; /* with the falloff of now */
     float SPIN_DEV *table;
     char label[40];
     spin_status status;
 
     SPIN_TRY(spin_trainer_take_table(t, &table));
-    spin_frame_renderer_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL,
-                                  table, t->heads.p, frame_of, t);
+    spin_player_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL, table,
+                          t->heads.p, frame_of, t);
     status = spin_exposures_read_lenses(&t->exposures, t->device, &lenses);
     if (status == SPIN_OK && t->exposures.param.n)
-        status = spin_frame_renderer_set_lenses(&live, &lenses);
+        status = spin_player_set_lenses(&live, &lenses);
     snprintf(label, sizeof label, "iteration_%07lld", (long long)t->iteration);
     if (status == SPIN_OK)
         status =
-            spin_test_views_measure(l->plan, l->truth, &live, l->plan->counts, "evaluating", q);
+            spin_test_views_measure(l->plan, l->photos, &live, l->plan->counts, "evaluating", q);
     if (status == SPIN_OK && l->plan->o->preview)
         status = spin_trainer_lend(t, l->plan->clip.n_frames / 2, 0);
     if (status == SPIN_OK && spin_rank() == 0)
-        status = spin_test_views_preview(l->plan, l->truth, &live, label);
+        status = spin_test_views_preview(l->plan, l->photos, &live, label);
     status = spin_ranks_agree(status);
-    spin_frame_renderer_close(&live);
+    spin_player_close(&live);
     spin_trainer_put_back(t);
     return status;
 }
@@ -64,13 +64,13 @@ static spin_status look(const struct spin_loop *l)
     if (q.valid)
         spin_log(0, "iteration %lld: test PSNR %.3f dB, SSIM %.4f",
                  (long long)l->trainer->iteration, q.psnr, q.ssim);
-    if (l->journal->file && q.valid) {
+    if (l->step_log->file && q.valid) {
         fprintf(
-            l->journal->file,
+            l->step_log->file,
             "{\"iteration\": %lld, \"seconds\": %.3f, \"test_psnr\": %.6f, \"test_ssim\": %.6f}\n",
             (long long)l->trainer->iteration, spin_checkpoint_seconds(l->checkpoint), q.psnr,
             q.ssim);
-        spin_journal_check(l->journal, true);
+        spin_step_log_check(l->step_log, true);
     }
     l->plan->report->test = q;
     return SPIN_OK;
@@ -89,7 +89,7 @@ static void log_step(const struct spin_loop *l, const struct spin_train_values *
                      const struct spin_pair *const *pairs, const struct spent *spent,
                      double seconds)
 {
-    FILE *f = l->journal->file;
+    FILE *f = l->step_log->file;
 
     fprintf(f,
             "{\"iteration\": %lld, \"seconds\": %.3f, \"step_s\": %.5f, \"loss\": %.7g, "
@@ -103,7 +103,7 @@ static void log_step(const struct spin_loop *l, const struct spin_train_values *
     for (int i = 0; i < SPIN_N_OPS; i++)
         fprintf(f, "%s\"%s\": %.6f", i ? ", " : "", op_names[i], spent->step[i]);
     fprintf(f, "}}\n");
-    spin_journal_check(l->journal, false);
+    spin_step_log_check(l->step_log, false);
 }
 
 /* What the device did since the last call. */
@@ -287,7 +287,7 @@ static spin_status iterate(const struct spin_loop *l, struct spin_sampler *sampl
     spent->step[SPIN_OP_PIXELS] += loaded - start;
     seconds = spin_now_s() - start;
     count_seconds(spent, seconds);
-    if (l->journal->file)
+    if (l->step_log->file)
         log_step(l, v, sampler->pairs, spent, seconds);
     return count_blind(l, v->seen, blind);
 }
@@ -329,7 +329,7 @@ spin_status spin_loop_run(const struct spin_loop *l)
     struct spent spent = {0};
     spin_status status;
 
-    SPIN_TRY_OUT(spin_sampler_open(&sampler, l->plan, l->truth));
+    SPIN_TRY_OUT(spin_sampler_open(&sampler, l->plan, l->photos));
     status = iterate_all(l, &sampler, &spent);
     say_seconds(&spent);
 out:

@@ -4,15 +4,15 @@
 
 #include "train/checkpoint.h"
 #include "train/frames.h"
-#include "train/journal.h"
+#include "train/step_log.h"
 
 struct spin_loop {
     struct spin_plan *plan;
-    struct spin_truth *truth;
+    struct spin_photos *photos;
     struct spin_frames *frames;
     struct spin_trainer *trainer;
     struct spin_checkpoint *checkpoint;
-    struct spin_journal *journal;
+    struct spin_step_log *step_log;
 };
 
 /* All iterations that are left, states saved on the way, then a last measurement. */

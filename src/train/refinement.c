@@ -69,7 +69,7 @@ static uint64_t hash_of(const char *text)
     return hash;
 }
 
-static spin_status make_key(struct spin_plan *plan, const struct spin_truth *truth, int f,
+static spin_status make_key(struct spin_plan *plan, const struct spin_photos *photos, int f,
                             struct spin_refined *refined)
 {
     char images[20], *text;
@@ -79,7 +79,7 @@ static spin_status make_key(struct spin_plan *plan, const struct spin_truth *tru
     SPIN_TRY(spin_bundle_checksum(&plan->clip.bundle, spin_plan_index(plan, f), start_columns(plan),
                                   &input));
     j = spin_settings_refine(plan);
-    snprintf(images, sizeof images, "%016" PRIx64, spin_truth_imprint(truth, plan, f));
+    snprintf(images, sizeof images, "%016" PRIx64, spin_photos_imprint(photos, plan, f));
     spin_json_set_string(j, "images", images);
     spin_json_set_integer(j, "frame", spin_plan_info(plan, f)->number);
     spin_json_set_integer(j, "input", input);
@@ -113,10 +113,10 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
 }
 
 spin_status spin_refinement_keys(struct spin_refinement *refinement, struct spin_plan *plan,
-                                 const struct spin_truth *truth)
+                                 const struct spin_photos *photos)
 {
     for (int f = 0; f < plan->clip.n_frames; f++)
-        SPIN_TRY(make_key(plan, truth, f, &refinement->frame[f]));
+        SPIN_TRY(make_key(plan, photos, f, &refinement->frame[f]));
     return SPIN_OK;
 }
 
@@ -184,10 +184,10 @@ spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *pl
 struct stage {
     struct spin_refinement *refinement;
     struct spin_plan *plan;
-    struct spin_truth *truth;
+    struct spin_photos *photos;
     struct spin_device *device; /* that the run was opened with */
     struct spin_code_paths *code_paths;
-    struct spin_journal *journal;
+    struct spin_step_log *step_log;
     struct spin_refine_options options;
     int *todo, n_todo;        /* frames that this rank refines */
     int *all, n_all;          /* and all ranks */
@@ -217,7 +217,7 @@ struct job {
 static void log_iteration(const struct job *job, const struct spin_refine_step *step)
 {
     const struct spin_plan *plan = job->stage->plan;
-    FILE *log = job->stage->journal->file;
+    FILE *log = job->stage->step_log->file;
 
     fprintf(log,
             "{\"refine\": %d, \"frame\": %d, \"seconds\": %.3f, \"loss\": %.7g, \"splats\": %zu, "
@@ -229,7 +229,7 @@ static void log_iteration(const struct job *job, const struct spin_refine_step *
         fprintf(log, ", \"clones\": %zu, \"splits\": %zu, \"pruned\": %zu", step->change.clones,
                 step->change.splits, step->change.pruned);
     fprintf(log, "}\n");
-    spin_journal_check(job->stage->journal, false);
+    spin_step_log_check(job->stage->step_log, false);
 }
 
 static void watch(void *context, const struct spin_refine_step *step)
@@ -239,7 +239,7 @@ static void watch(void *context, const struct spin_refine_step *step)
 
     pthread_mutex_lock(&stage->lock);
     stage->done++;
-    if (stage->journal->file)
+    if (stage->step_log->file)
         log_iteration(job, step);
     spin_progress_set(&stage->progress, stage->done, "frame %d, loss %.4f, %zu splats",
                       spin_plan_info(stage->plan, job->frame)->number, step->loss, step->n);
@@ -259,13 +259,14 @@ static spin_status load_views(struct job *job, struct spin_device *device)
     job->view = view;
     SPIN_TRY(spin_alloc(n + 1, sizeof *job->pair, &pair));
     job->pair = pair;
-    SPIN_TRY(spin_truth_open_store(plan, device, n, &job->images));
+    SPIN_TRY(spin_photos_open_store(plan, device, n, &job->images));
     for (size_t i = 0; i < plan->n_train; i++) {
         uint32_t image = (uint32_t)job->n_views;
 
         if (plan->train[i].frame != job->frame)
             continue;
-        SPIN_TRY(spin_truth_put(job->stage->truth, plan, plan->train[i].view, &job->images, image));
+        SPIN_TRY(
+            spin_photos_put(job->stage->photos, plan, plan->train[i].view, &job->images, image));
         job->pair[image] = &plan->train[i];
         job->view[image].camera = plan->clip.views.view[plan->train[i].view].camera;
         job->view[image].image = image;
@@ -558,12 +559,12 @@ static spin_status read_whole(void *context, int frame, struct spin_splats *out)
     return SPIN_OK;
 }
 
-static spin_status open_shown(struct stage *stage, struct spin_frame_renderer *shown)
+static spin_status open_shown(struct stage *stage, struct spin_player *shown)
 {
-    spin_frame_renderer_open_reader(shown, stage->device, read_whole, stage);
+    spin_player_open_reader(shown, stage->device, read_whole, stage);
     if (stage->plan->o->learn_exposure != SPIN_EXPOSURE_ON)
         return SPIN_OK;
-    return spin_frame_renderer_set_lenses(shown, &stage->plan->lenses);
+    return spin_player_set_lenses(shown, &stage->plan->lenses);
 }
 
 /* Measure the refined frames, and draw the preview. */
@@ -571,15 +572,15 @@ static spin_status look(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
     struct spin_quality *q = &plan->report->refined;
-    struct spin_frame_renderer shown;
+    struct spin_player shown;
     spin_status status;
 
     if (!can_be_drawn(stage))
         return SPIN_OK;
     SPIN_TRY(open_shown(stage, &shown));
-    status = spin_test_views_measure(plan, stage->truth, &shown, plan->counts,
+    status = spin_test_views_measure(plan, stage->photos, &shown, plan->counts,
                                      "evaluating the refined frames", q);
-    spin_frame_renderer_close(&shown);
+    spin_player_close(&shown);
     SPIN_TRY(status);
     if (spin_rank() > 0)
         return SPIN_OK;
@@ -587,8 +588,8 @@ static spin_status look(struct stage *stage)
         spin_log(0, "refined: %.0f splats a frame, test PSNR %.3f dB, SSIM %.4f", plan->clip.n_mean,
                  q->psnr, q->ssim);
     SPIN_TRY(open_shown(stage, &shown));
-    status = spin_test_views_preview(plan, stage->truth, &shown, "refined");
-    spin_frame_renderer_close(&shown);
+    status = spin_test_views_preview(plan, stage->photos, &shown, "refined");
+    spin_player_close(&shown);
     return status;
 }
 
@@ -610,7 +611,7 @@ static spin_status judge_blind(const struct stage *stage)
 /* The plan for the refined frames. Images that are kept stay; how many more may be is planned anew. */
 static spin_status recount(const struct stage *stage)
 {
-    struct spin_image_cache *cache = &stage->truth->cache;
+    struct spin_image_cache *cache = &stage->photos->cache;
 
     SPIN_TRY(spin_plan_recount(stage->plan, stage->refinement->counts, cache->held));
     cache->budget = stage->plan->pixels_budget;
@@ -618,15 +619,15 @@ static spin_status recount(const struct stage *stage)
 }
 
 spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_plan *plan,
-                                struct spin_truth *truth, struct spin_device *device,
-                                struct spin_code_paths *code_paths, struct spin_journal *journal)
+                                struct spin_photos *photos, struct spin_device *device,
+                                struct spin_code_paths *code_paths, struct spin_step_log *step_log)
 {
     struct stage stage = {.refinement = refinement,
                           .plan = plan,
-                          .truth = truth,
+                          .photos = photos,
                           .device = device,
                           .code_paths = code_paths,
-                          .journal = journal,
+                          .step_log = step_log,
                           .lock = PTHREAD_MUTEX_INITIALIZER,
                           .start_s = spin_now_s()};
     char count[48];

@@ -5,8 +5,8 @@
 #include "scene/bundle.h"
 #include "train/code_paths.h"
 #include "train/frame_cache.h"
-#include "train/journal.h"
-#include "train/truth.h"
+#include "train/step_log.h"
+#include "train/photos.h"
 
 struct spin_refined {
     char key[SPIN_FRAME_KEY]; /* what it is made from and how */
@@ -24,11 +24,11 @@ spin_status spin_refinement_open(struct spin_refinement *refinement, const struc
 void spin_refinement_close(struct spin_refinement *refinement);
 /* What every frame will be made from. */
 spin_status spin_refinement_keys(struct spin_refinement *refinement, struct spin_plan *plan,
-                                 const struct spin_truth *truth);
+                                 const struct spin_photos *photos);
 /* Refine all frames that are not there yet, plan with what became of them, and measure it. */
 spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_plan *plan,
-                                struct spin_truth *truth, struct spin_device *device,
-                                struct spin_code_paths *code_paths, struct spin_journal *journal);
+                                struct spin_photos *photos, struct spin_device *device,
+                                struct spin_code_paths *code_paths, struct spin_step_log *step_log);
 /* Columns of a refined frame. */
 spin_status spin_refinement_read(struct spin_refinement *refinement, struct spin_plan *plan,
                                  int frame, unsigned columns, struct spin_splats *out);

@@ -90,7 +90,7 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
 
         if (spin_trainer_rank(s->items, (int)k, plan->counts) == spin_rank() &&
             !spin_image_store_find(&s->images, view, &item->image))
-            SPIN_TRY(spin_truth_put(s->truth, plan, view, &s->images, item->image));
+            SPIN_TRY(spin_photos_put(s->photos, plan, view, &s->images, item->image));
     }
     return SPIN_OK;
 }
@@ -108,17 +108,17 @@ static size_t images_kept(const struct spin_plan *plan)
 }
 
 spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *plan,
-                              struct spin_truth *truth)
+                              struct spin_photos *photos)
 {
     size_t batch = (size_t)plan->o->batch;
     void *block = NULL;
 
     s->plan = plan;
-    s->truth = truth;
+    s->photos = photos;
     s->epoch = -1;
     SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, &block));
     s->sequence = block;
-    SPIN_TRY(spin_truth_open_store(plan, plan->device, images_kept(plan), &s->images));
+    SPIN_TRY(spin_photos_open_store(plan, plan->device, images_kept(plan), &s->images));
     SPIN_TRY(spin_alloc(batch, sizeof *s->items, &block));
     s->items = block;
     SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, &block));

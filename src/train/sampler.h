@@ -2,12 +2,12 @@
 #ifndef SPIN_TRAIN_SAMPLER_H
 #define SPIN_TRAIN_SAMPLER_H
 
-#include "train/truth.h"
+#include "train/photos.h"
 #include "train/step.h"
 
 struct spin_sampler {
     const struct spin_plan *plan;
-    struct spin_truth *truth;
+    struct spin_photos *photos;
     uint32_t *
         sequence; /* [n_train] pairs in the order of the present epoch; [2 n_train] more to make it */
     int64_t epoch;                  /* that sequence belongs to; -1: none */
@@ -18,7 +18,7 @@ struct spin_sampler {
 
 /* For images on the plan's device. Zero it first; close it also after a failure. */
 spin_status spin_sampler_open(struct spin_sampler *sampler, const struct spin_plan *plan,
-                              struct spin_truth *truth);
+                              struct spin_photos *photos);
 void spin_sampler_close(struct spin_sampler *sampler);
 /* The batch of an iteration (from 0), a function of seed and iteration. An epoch's last incomplete batch is
  * dropped. */

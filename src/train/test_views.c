@@ -9,13 +9,13 @@
 #include "base/mem.h"
 #include "io/picture_name.h"
 
-spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_truth *truth,
-                                    struct spin_frame_renderer *shown, const size_t *live_counts,
+spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const size_t *live_counts,
                                     const char *what, struct spin_quality *out)
 {
-    struct spin_metrics m = {.frame_renderer = shown,
+    struct spin_metrics m = {.player = shown,
                              .clip = &plan->clip,
-                             .pixels = &truth->cache,
+                             .pixels = &photos->cache,
                              .pairs = plan->test,
                              .n_pairs = plan->n_test,
                              .background = plan->o->background,
@@ -26,26 +26,25 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_tr
     return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
 }
 
-spin_status spin_test_views_measure_source(struct spin_plan *plan, struct spin_truth *truth,
+spin_status spin_test_views_measure_source(struct spin_plan *plan, struct spin_photos *photos,
                                            struct spin_device *device, struct spin_quality *out)
 {
-    struct spin_frame_renderer source;
+    struct spin_player source;
     spin_status status;
 
     memset(out, 0, sizeof *out);
     if (!spin_plan_has_source(plan))
         return SPIN_OK;
-    SPIN_TRY(spin_frame_renderer_open(&source, device, &plan->clip.bundle, SPIN_FROM_SOURCE));
-    status = spin_test_views_measure(plan, truth, &source, NULL, "evaluating the source", out);
-    spin_frame_renderer_close(&source);
+    SPIN_TRY(spin_player_open(&source, device, &plan->clip.bundle, SPIN_FROM_SOURCE));
+    status = spin_test_views_measure(plan, photos, &source, NULL, "evaluating the source", out);
+    spin_player_close(&source);
     return status;
 }
 
 /* One of the preview's pictures. source may be NULL. */
-static spin_status preview_view(struct spin_plan *plan, struct spin_truth *truth,
-                                struct spin_frame_renderer *shown,
-                                struct spin_frame_renderer *source, const struct spin_pair *pair,
-                                const char *label)
+static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
+                                struct spin_player *shown, struct spin_player *source,
+                                const struct spin_pair *pair, const char *label)
 {
     const struct spin_view *view = &plan->clip.views.view[pair->view];
     size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
@@ -59,16 +58,14 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_truth *truth
 
     SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), &block));
     values = block;
-    SPIN_TRY_OUT(spin_image_cache_get(&truth->cache, pair->view, values));
+    SPIN_TRY_OUT(spin_image_cache_get(&photos->cache, pair->view, values));
     picture[n++] = values;
     if (source) {
-        SPIN_TRY_OUT(spin_frame_renderer_show(source, spin_plan_index(plan, pair->frame)));
-        SPIN_TRY_OUT(
-            spin_frame_renderer_draw(source, &view->camera, plan->o->background, values + pixels));
+        SPIN_TRY_OUT(spin_player_show(source, spin_plan_index(plan, pair->frame)));
+        SPIN_TRY_OUT(spin_player_draw(source, &view->camera, plan->o->background, values + pixels));
         picture[n++] = values + pixels;
     }
-    SPIN_TRY_OUT(
-        spin_frame_renderer_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
+    SPIN_TRY_OUT(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
     picture[n++] = values + 2 * pixels;
     spin_picture_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number,
                       label, name);
@@ -80,10 +77,10 @@ out:
     return status;
 }
 
-spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_truth *truth,
-                                    struct spin_frame_renderer *shown, const char *label)
+spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const char *label)
 {
-    struct spin_frame_renderer source = {0};
+    struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
     int middle = plan->clip.n_frames / 2;
     spin_status status = SPIN_OK;
@@ -91,14 +88,13 @@ spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_truth *t
     if (!plan->o->preview || plan->n_test == 0)
         return SPIN_OK;
     if (with_source)
-        SPIN_TRY(
-            spin_frame_renderer_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
-    SPIN_TRY_OUT(spin_frame_renderer_show_live(shown, middle, plan->counts[middle]));
+        SPIN_TRY(spin_player_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
+    SPIN_TRY_OUT(spin_player_show_live(shown, middle, plan->counts[middle]));
     for (size_t i = 0; i < plan->n_test; i++)
         if (plan->test[i].frame == middle)
-            SPIN_TRY_OUT(preview_view(plan, truth, shown, with_source ? &source : NULL,
+            SPIN_TRY_OUT(preview_view(plan, photos, shown, with_source ? &source : NULL,
                                       &plan->test[i], label));
 out:
-    spin_frame_renderer_close(&source);
+    spin_player_close(&source);
     return status;
 }

@@ -4,18 +4,18 @@
 
 #include "spin_run.h"
 #include "eval/metrics.h"
-#include "train/truth.h"
+#include "train/photos.h"
 
 /* Of what a renderer shows. live_counts as in metrics.h. */
-spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_truth *truth,
-                                    struct spin_frame_renderer *shown, const size_t *live_counts,
+spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const size_t *live_counts,
                                     const char *what, struct spin_quality *out);
 /* Of the source, when the bundle has all of it; else out is not valid. */
-spin_status spin_test_views_measure_source(struct spin_plan *plan, struct spin_truth *truth,
+spin_status spin_test_views_measure_source(struct spin_plan *plan, struct spin_photos *photos,
                                            struct spin_device *device, struct spin_quality *out);
 /* Truth | source | shown of the clip's middle frame, one PNG a test camera, with this at the end of their
  * names. Nothing without --preview. */
-spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_truth *truth,
-                                    struct spin_frame_renderer *shown, const char *label);
+spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const char *label);
 
 #endif

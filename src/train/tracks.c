@@ -264,7 +264,7 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
 
 /* Which of the tracks look different over time; places that move count as they stand on average. */
 static spin_status look_at_places(const struct spin_tracks *tracks, const struct spin_plan *plan,
-                                  struct spin_truth *truth, const struct places *p,
+                                  struct spin_photos *photos, const struct places *p,
                                   const uint32_t *order, uint8_t *varies)
 {
     void *block = NULL;
@@ -275,13 +275,13 @@ static spin_status look_at_places(const struct spin_tracks *tracks, const struct
     at = block;
     for (size_t i = 0; i < tracks->n; i++)
         memcpy(at + 3 * i, p->place[order[i]].at, 3 * sizeof *at);
-    status = spin_appearance_varies(plan, truth, tracks->n, at, varies);
+    status = spin_appearance_varies(plan, photos, tracks->n, at, varies);
     free(block);
     return status;
 }
 
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
-                             struct spin_truth *truth)
+                             struct spin_photos *photos)
 {
     struct places places = {0};
     void *block = NULL;
@@ -302,14 +302,14 @@ spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
     varies = (uint8_t *)(order + places.n);
     memset(varies, 0, places.n);
     SPIN_TRY_OUT(order_places(tracks, &places, order, &tracks->n));
-    if (truth)
-        SPIN_TRY_OUT(look_at_places(tracks, plan, truth, &places, order, varies));
+    if (photos)
+        SPIN_TRY_OUT(look_at_places(tracks, plan, photos, &places, order, varies));
     SPIN_TRY_OUT(number_tracks(tracks, &places, order, varies, number));
     for (int f = 0; f < tracks->n_frames; f++)
         for (size_t i = 0; i < plan->counts[f]; i++)
             if (tracks->of[f][i] != SPIN_NO_TRACK)
                 tracks->of[f][i] = number[tracks->of[f][i]];
-    if (!truth)
+    if (!photos)
         tracks->n_varying = 0;
 out:
     close_places(&places);

@@ -5,7 +5,7 @@
 
 #include "train/plan.h"
 #include "train/train_frame.h"
-#include "train/truth.h"
+#include "train/photos.h"
 
 struct spin_tracks {
     size_t n;        /* tracks; 0: none were looked for, or found */
@@ -19,10 +19,10 @@ struct spin_tracks {
     bool identity; /* row i is track of[0][i] in every frame */
 };
 
-/* One pass over the means of the bundle, and with truth over images; NULL: no residual values of every frame. Zero it
+/* One pass over the means of the bundle, and with photos over images; NULL: no residual values of every frame. Zero it
  * first; close it also after a failure. */
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
-                             struct spin_truth *truth);
+                             struct spin_photos *photos);
 void spin_tracks_close(struct spin_tracks *tracks);
 
 /* How many of a frame's n splats have a position, and residual values, of their own. */

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "model/field_eval.h"
-#include "render/frame_renderer.h"
+#include "render/player.h"
 #include "tests/device/raster.h"
 #include "tests/device/strict.h"
 
@@ -164,17 +164,17 @@ static void measure(struct spin_device *d, const struct spin_splats *splats, str
     static const float background[3] = {1, 1, 1};
     static uint8_t photo[3 * PIXELS], mask[(PIXELS + 7) / 8] = {0x5a, 0xff, 3};
     struct spin_camera camera = camera_of(W, H, 40);
-    struct spin_frame_renderer r;
+    struct spin_player r;
 
     for (int i = 0; i < 3 * PIXELS; i++)
         photo[i] = (uint8_t)(i * 7);
-    spin_frame_renderer_open_reader(&r, d, NULL, NULL);
-    ok(spin_frame_renderer_show_splats(&r, splats) == SPIN_OK &&
-           spin_frame_renderer_draw(&r, &camera, background, NULL) == SPIN_OK &&
-           spin_frame_renderer_measure(&r, photo, mask, out->values) == SPIN_OK &&
-           spin_frame_renderer_picture(&r, out->image) == SPIN_OK,
+    spin_player_open_reader(&r, d, NULL, NULL);
+    ok(spin_player_show_splats(&r, splats) == SPIN_OK &&
+           spin_player_draw(&r, &camera, background, NULL) == SPIN_OK &&
+           spin_player_measure(&r, photo, mask, out->values) == SPIN_OK &&
+           spin_player_picture(&r, out->image) == SPIN_OK,
        "shows, draws, measures");
-    spin_frame_renderer_close(&r);
+    spin_player_close(&r);
 }
 
 static void renderer(void)

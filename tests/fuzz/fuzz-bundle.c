@@ -1,5 +1,5 @@
 /* Any bytes as a bundle: open, read every frame, and the splats that its network makes of each.  K: fuzz bundle */
-#include "render/frame_renderer.h"
+#include "render/player.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>
@@ -44,24 +44,24 @@ static void mend_checksums(uint8_t *data, size_t n)
 static void evaluate(struct spin_bundle *bundle)
 {
     static struct spin_device device;
-    struct spin_frame_renderer renderer;
+    struct spin_player renderer;
     struct spin_splats splats = {0};
 
     if (!device.op && spin_device_open("cpu", 1, &device) != SPIN_OK)
         abort();
-    if (spin_frame_renderer_open(&renderer, &device, bundle, SPIN_FROM_TRAINED) != SPIN_OK)
+    if (spin_player_open(&renderer, &device, bundle, SPIN_FROM_TRAINED) != SPIN_OK)
         return;
     for (int f = 0; f < bundle->meta.n_frames; f++) {
         size_t n = spin_bundle_count(bundle, f, SPIN_FROM_TRAINED);
 
         if (n <= MOST &&
-            spin_frame_renderer_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+            spin_player_splats(&renderer, f, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                                        &splats) == SPIN_OK &&
             splats.n != n)
             abort();
     }
     spin_splats_free(&splats);
-    spin_frame_renderer_close(&renderer);
+    spin_player_close(&renderer);
 }
 
 static void read_bundle(struct spin_bundle *bundle)

@@ -13,7 +13,7 @@ static struct spin_view view[FRAMES * CAMERAS];
 static struct spin_pair pair[FRAMES * CAMERAS];
 static int camera_ids[CAMERAS] = {2, 5, 7};
 static struct spin_plan plan;
-static struct spin_truth truth;
+static struct spin_photos photos;
 
 /* Cameras on the z axis look along it, each sees [-2, 2] x [-1, 1] at z = 0 in 8 pixels a unit; the last sees the
  * right half only. All pixels are grey. */
@@ -41,11 +41,11 @@ static void open_views(void)
     plan.train = pair;
     plan.n_train = FRAMES * CAMERAS;
     plan.max_pixels = (size_t)W * H;
-    if (spin_image_cache_open(&plan.clip.views, 1 << 20, NULL, &truth.cache) != SPIN_OK)
+    if (spin_image_cache_open(&plan.clip.views, 1 << 20, NULL, &photos.cache) != SPIN_OK)
         exit(1);
     for (int i = 0; i < FRAMES * CAMERAS; i++) {
-        truth.cache.rgb[i] = malloc((size_t)3 * W * H);
-        memset(truth.cache.rgb[i], 100, (size_t)3 * W * H);
+        photos.cache.rgb[i] = malloc((size_t)3 * W * H);
+        memset(photos.cache.rgb[i], 100, (size_t)3 * W * H);
     }
 }
 
@@ -53,7 +53,7 @@ static void open_views(void)
 static void paint(int frame, int c, double x, int grey)
 {
     const struct spin_camera *camera = &view[frame * CAMERAS + c].camera;
-    uint8_t *rgb = truth.cache.rgb[frame * CAMERAS + c];
+    uint8_t *rgb = photos.cache.rgb[frame * CAMERAS + c];
     int at = (int)(8 * x + camera->cx);
 
     for (int j = -1; j <= 1; j++)
@@ -77,21 +77,21 @@ TAP_MAIN
     paint(1, 0, 1, 200); /* one of three sees it */
     paint(1, 0, -1, 60); /* two cameras see the place, both of them this */
     paint(1, 1, -1, 60);
-    ok(spin_appearance_varies(&plan, &truth, N, place[0], varies) == SPIN_OK, "looks at places: %s",
-       spin_last_error());
+    ok(spin_appearance_varies(&plan, &photos, N, place[0], varies) == SPIN_OK,
+       "looks at places: %s", spin_last_error());
     ok(varies[SHADOW] == 1, "what all cameras see in one frame changes");
     ok(varies[PASSING] == 0, "what one of three sees passes in front");
     ok(varies[LEFT] == 1, "cameras that do not see the place have no voice");
     ok(varies[FAINT] == 0, "four levels of 255 are noise");
     ok(varies[STILL] == 0 && varies[BEHIND] == 0, "nor does what nobody sees change");
     paint(1, 1, -1, 100);
-    ok(spin_appearance_varies(&plan, &truth, N, place[0], varies) == SPIN_OK && varies[LEFT] == 0,
+    ok(spin_appearance_varies(&plan, &photos, N, place[0], varies) == SPIN_OK && varies[LEFT] == 0,
        "one of two cameras is not enough");
     for (int f = 0; f < FRAMES; f++) { /* cameras may differ from each other in all frames */
         paint(f, 0, -1.7, 220);
         paint(f, 1, -1.7, 50);
     }
-    ok(spin_appearance_varies(&plan, &truth, N, place[0], varies) == SPIN_OK && varies[STILL] == 0,
+    ok(spin_appearance_varies(&plan, &photos, N, place[0], varies) == SPIN_OK && varies[STILL] == 0,
        "each camera is compared with itself");
-    spin_image_cache_close(&truth.cache);
+    spin_image_cache_close(&photos.cache);
 }

@@ -133,7 +133,7 @@ TAP_MAIN
     struct spin_retrain_options o;
     struct spin_retrain_report report = {0};
     struct spin_plan plan = {0};
-    struct spin_truth truth = {0};
+    struct spin_photos photos = {0};
     char points[700], data[700], bundle[700], path[700];
     double spread = NAN;
 
@@ -159,10 +159,10 @@ TAP_MAIN
     o.input = bundle;
     o.output = path;
     o.learn_exposure = SPIN_EXPOSURE_ON;
-    ok(spin_plan_open(&plan, &o, &report) == SPIN_OK && spin_truth_open(&truth, &plan) == SPIN_OK,
+    ok(spin_plan_open(&plan, &o, &report) == SPIN_OK && spin_photos_open(&photos, &plan) == SPIN_OK,
        "plans: %s", spin_last_error());
-    ok(spin_camera_colours(&plan, &truth, &spread) == SPIN_OK, "compares: %s", spin_last_error());
+    ok(spin_camera_colours(&plan, &photos, &spread) == SPIN_OK, "compares: %s", spin_last_error());
     check(&plan, spread);
-    spin_truth_close(&truth);
+    spin_photos_close(&photos);
     spin_plan_close(&plan);
 }

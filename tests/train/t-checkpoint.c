@@ -281,7 +281,7 @@ struct input {
     struct spin_plan plan;
     struct spin_retrain_options o;
     struct spin_refinement refinement;
-    struct spin_truth truth;
+    struct spin_photos photos;
     struct spin_device device;
     struct spin_device_ops op;
     struct spin_zip_member member[2];
@@ -315,7 +315,7 @@ static void make_input(struct input *in)
     in->plan.clip.bundle.npz.zip.n = 2;
     in->plan.clip.views.view = in->view;
     in->plan.clip.views.n = 3;
-    in->truth.imprint = in->imprint;
+    in->photos.imprint = in->imprint;
     in->refinement.frame = in->refined;
     for (int i = 0; i < 3; i++) {
         in->info[i].number = 10 + i;
@@ -336,7 +336,7 @@ static char *fingerprint_of(const struct input *in)
 {
     char *text = NULL;
 
-    if (spin_fingerprint(&in->plan, &in->refinement, &in->truth, &in->device, &text) != SPIN_OK)
+    if (spin_fingerprint(&in->plan, &in->refinement, &in->photos, &in->device, &text) != SPIN_OK)
         exit(1);
     return text;
 }

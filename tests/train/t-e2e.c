@@ -18,7 +18,7 @@ struct fixture {
     float background[3];
     size_t points[MOST], at[MOST + 1]; /* of a frame; floats of positions before it */
     struct spin_camera camera[MOST];
-    float *truth; /* [frames][cameras][3][height][width] */
+    float *photos; /* [frames][cameras][3][height][width] */
     double *order;
     float *table0, *heads0;
 };
@@ -254,7 +254,8 @@ static void run(struct fixture *f, struct spin_device *d, struct result *r)
        "opens");
     fill_trainer(f, &t);
     for (int k = 0; k < n_photos; k++)
-        spin_image_store_put(&photos, (uint32_t)k, pixels, f->truth + (size_t)k * 3 * pixels, NULL);
+        spin_image_store_put(&photos, (uint32_t)k, pixels, f->photos + (size_t)k * 3 * pixels,
+                             NULL);
     for (int i = 0; i < f->steps; i++) {
         struct spin_train_item items[MOST] = {0};
         struct spin_train_values v = {0};
@@ -520,7 +521,7 @@ TAP_MAIN
     }
     for (int k = 0; k < f.cameras; k++)
         f.camera[k] = load_camera(&f, k);
-    f.truth = check_load_f32(&f.npz, "gt", NULL);
+    f.photos = check_load_f32(&f.npz, "gt", NULL);
     f.order = check_load(&f.npz, "order", NULL);
     f.table0 = check_load_f32(&f.npz, "table0", NULL);
     for (int i = 0; i < 3 && check_device_is_cpu(); i++) {
@@ -539,7 +540,7 @@ TAP_MAIN
         check_strict(&f);
     else
         check_device_golden(&f);
-    free(f.truth);
+    free(f.photos);
     free(f.order);
     free(f.table0);
     free(f.heads0);

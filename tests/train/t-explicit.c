@@ -77,25 +77,25 @@ static int take_views(const struct spin_retrain_options *from, struct spin_clip 
     for (size_t i = 0; i < clip->views.n; i++) {
         const struct spin_view *v = &clip->views.view[i];
         size_t plane = (size_t)v->camera.width * (size_t)v->camera.height, n_dynamic;
-        float *truth;
+        float *photo;
         uint8_t *mask;
 
         if (v->dataset_frame != clip->dataset_frame[frame] || v->camera_id == held_out[0] ||
             v->camera_id == held_out[1])
             continue;
-        truth = malloc(3 * plane * sizeof *truth);
+        photo = malloc(3 * plane * sizeof *photo);
         mask = calloc(plane / 8 + 1, 1);
-        if (!truth || !mask || plane > photos->images.max_pixels || n == MOST_VIEWS ||
-            spin_image_cache_get(&pixels, i, truth) != SPIN_OK ||
-            spin_dynamic_mask_find(&dynamic, i, truth, &n_dynamic) != SPIN_OK)
+        if (!photo || !mask || plane > photos->images.max_pixels || n == MOST_VIEWS ||
+            spin_image_cache_get(&pixels, i, photo) != SPIN_OK ||
+            spin_dynamic_mask_find(&dynamic, i, photo, &n_dynamic) != SPIN_OK)
             exit(1);
         for (size_t k = 0; k < plane; k++)
             mask[k / 8] |= (uint8_t)((dynamic.mask[k] != 0) << k % 8);
-        spin_image_store_put(photos, (uint32_t)n, plane, truth, photos->masks ? mask : NULL);
+        spin_image_store_put(photos, (uint32_t)n, plane, photo, photos->masks ? mask : NULL);
         view[n].camera = v->camera;
         view[n].image = (uint32_t)n;
         n++;
-        free(truth);
+        free(photo);
         free(mask);
     }
     spin_dynamic_mask_close(&dynamic);

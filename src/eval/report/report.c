@@ -360,15 +360,14 @@ static spin_status draw_pair(struct page *p, size_t i)
 {
     const struct spin_pair *pair = &p->r->pairs[i];
     const struct spin_camera *c = &p->r->clip->views.view[pair->view].camera;
-    struct spin_frame_renderer *frame_renderer[2] = {p->r->source, p->r->frame_renderer};
+    struct spin_player *player[2] = {p->r->source, p->r->player};
 
     SPIN_TRY(spin_image_cache_get(p->r->pixels, pair->view, p->picture[0]));
     for (int k = 0; k < 2; k++) {
-        if (!frame_renderer[k])
+        if (!player[k])
             continue;
-        SPIN_TRY(spin_frame_renderer_show(frame_renderer[k], p->r->clip->frame[pair->frame]));
-        SPIN_TRY(spin_frame_renderer_draw(frame_renderer[k], c, p->r->options->background,
-                                          p->picture[k + 1]));
+        SPIN_TRY(spin_player_show(player[k], p->r->clip->frame[pair->frame]));
+        SPIN_TRY(spin_player_draw(player[k], c, p->r->options->background, p->picture[k + 1]));
     }
     for (size_t k = 0; k < 3 * (size_t)c->width * (size_t)c->height; k++)
         p->picture[3][k] = GAIN * fabsf(fminf(fmaxf(p->picture[2][k], 0), 1) - p->picture[0][k]);

@@ -3,7 +3,7 @@
 #define SPIN_EVAL_REPORT_REPORT_H
 
 #include "spin_run.h"
-#include "render/frame_renderer.h"
+#include "render/player.h"
 
 struct spin_report {
     const char *path, *log; /* the page; what spin-retrain --log wrote, or NULL */
@@ -12,9 +12,9 @@ struct spin_report {
     const struct spin_clip *clip;
     struct spin_image_cache *pixels;
     const struct spin_pair *pairs; /* [n_views] of what was measured */
-    struct spin_frame_renderer *frame_renderer;
+    struct spin_player *player;
     const struct spin_eval_report *after;
-    struct spin_frame_renderer *source;    /* what it is compared with; NULL: nothing */
+    struct spin_player *source;            /* what it is compared with; NULL: nothing */
     const struct spin_eval_report *before; /* of source */
 };
 

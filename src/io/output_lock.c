@@ -1,5 +1,5 @@
-/* Outputs, claimed before long work. */
-#include "io/claim.h"
+/* Outputs, looked at and locked before long work. */
+#include "io/output_lock.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -13,7 +13,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 
-spin_status spin_claim_file(const char *path, bool force)
+spin_status spin_output_check_file(const char *path, bool force)
 {
     struct spin_out out;
 
@@ -23,7 +23,7 @@ spin_status spin_claim_file(const char *path, bool force)
     return SPIN_OK;
 }
 
-spin_status spin_claim_folder(const char *path)
+spin_status spin_output_check_folder(const char *path)
 {
     SPIN_TRY(spin_folder_make(path));
     if (access(path, W_OK | X_OK) == 0)
@@ -31,7 +31,7 @@ spin_status spin_claim_folder(const char *path)
     return spin_fail(SPIN_E_IO, "cannot write to folder '%s': %s", path, strerror(errno));
 }
 
-spin_status spin_claim_empty_folder(const char *path, bool force)
+spin_status spin_output_check_empty_folder(const char *path, bool force)
 {
     char **names = NULL;
     size_t n = 0;
@@ -43,7 +43,7 @@ spin_status spin_claim_empty_folder(const char *path, bool force)
     if (n > 0 && !force)
         return spin_fail(SPIN_E_IO, "folder '%s' exists and is not empty; use --force to overwrite",
                          path);
-    return spin_claim_folder(path);
+    return spin_output_check_folder(path);
 }
 
 /* ---- The lock ------------------------------------------------------------------------------ */
@@ -77,13 +77,13 @@ static enum lock try_lock(const char *path, int *fd)
     return got;
 }
 
-spin_status spin_claim_take(const char *output, struct spin_claim *out)
+spin_status spin_output_lock_take(const char *output, struct spin_output_lock *out)
 {
     size_t n = strlen(output) + sizeof ".lock";
     void *block = NULL;
     enum lock got;
 
-    *out = (struct spin_claim){.fd = -1};
+    *out = (struct spin_output_lock){.fd = -1};
     SPIN_TRY(spin_alloc(n, 1, &block));
     out->path = block;
     snprintf(out->path, n, "%s.lock", output);
@@ -108,15 +108,15 @@ spin_status spin_claim_take(const char *output, struct spin_claim *out)
 
 /* Removed while it is still held: who opened it before sees that its name is gone. A file with bytes in
  * it is somebody else's. */
-void spin_claim_drop(struct spin_claim *claim)
+void spin_output_lock_drop(struct spin_output_lock *lock)
 {
     struct stat st;
 
-    if (!claim->path)
+    if (!lock->path)
         return;
-    if (fstat(claim->fd, &st) == 0 && st.st_size == 0)
-        unlink(claim->path);
-    close(claim->fd);
-    free(claim->path);
-    *claim = (struct spin_claim){.fd = -1};
+    if (fstat(lock->fd, &st) == 0 && st.st_size == 0)
+        unlink(lock->path);
+    close(lock->fd);
+    free(lock->path);
+    *lock = (struct spin_output_lock){.fd = -1};
 }

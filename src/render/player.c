@@ -1,5 +1,5 @@
 /* Frames to pictures. */
-#include "render/frame_renderer.h"
+#include "render/player.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -15,8 +15,8 @@ bool spin_bundle_is_trained(const struct spin_bundle *bundle)
     return spin_json_get(bundle->json, "trained") != NULL;
 }
 
-spin_status spin_frame_renderer_choose(const struct spin_bundle *bundle, bool source,
-                                       enum spin_splat_source *out)
+spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
+                               enum spin_splat_source *out)
 {
     if (!source && spin_bundle_is_trained(bundle))
         *out = SPIN_FROM_TRAINED;
@@ -57,14 +57,14 @@ static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
            !isnan(s->logit_opacities[i]);
 }
 
-static void add_bad(struct spin_frame_renderer *p, int index, size_t n_bad)
+static void add_bad(struct spin_player *p, int index, size_t n_bad)
 {
     p->looked[index] = 1;
     p->n_bad += n_bad;
     p->n_bad_frames += n_bad > 0;
 }
 
-static void count_stored(struct spin_frame_renderer *p, int index, const struct spin_splats *s)
+static void count_stored(struct spin_player *p, int index, const struct spin_splats *s)
 {
     size_t n_sh = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1), n_bad = 0;
 
@@ -76,7 +76,7 @@ static void count_stored(struct spin_frame_renderer *p, int index, const struct 
 }
 
 /* Of the network's splats: positions and, or NULL, their own values; the rest follows from weights. */
-static void count_network(struct spin_frame_renderer *p, int index, size_t n, const float *means,
+static void count_network(struct spin_player *p, int index, size_t n, const float *means,
                           const float *residual)
 {
     size_t n_bad = 0;
@@ -90,7 +90,7 @@ static void count_network(struct spin_frame_renderer *p, int index, size_t n, co
     add_bad(p, index, n_bad);
 }
 
-static void warn_bad(const struct spin_frame_renderer *p)
+static void warn_bad(const struct spin_player *p)
 {
     if (p->n_bad == 0 || p->bundle->told_not_finite)
         return;
@@ -116,7 +116,7 @@ static spin_status check_weights(const char *name, const float *values, size_t n
 
 enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at a time */
 
-static spin_status upload_values(struct spin_frame_renderer *p, const char *name,
+static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
 {
     struct spin_device *d = p->device;
@@ -140,7 +140,7 @@ static spin_status upload_values(struct spin_frame_renderer *p, const char *name
     return status;
 }
 
-static spin_status load_array(struct spin_frame_renderer *p, const char *name, int n_dims, size_t n,
+static spin_status load_array(struct spin_player *p, const char *name, int n_dims, size_t n,
                               const float SPIN_DEV **out)
 {
     const int64_t any[2] = {-1, -1};
@@ -162,8 +162,8 @@ out:
     return status;
 }
 
-spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_device *device,
-                                     struct spin_bundle *bundle, enum spin_splat_source from)
+spin_status spin_player_open(struct spin_player *p, struct spin_device *device,
+                             struct spin_bundle *bundle, enum spin_splat_source from)
 {
     bool there;
     spin_status status;
@@ -187,14 +187,14 @@ spin_status spin_frame_renderer_open(struct spin_frame_renderer *p, struct spin_
     }
     return SPIN_OK;
 out:
-    spin_frame_renderer_close(p);
+    spin_player_close(p);
     return spin_fail_context(status, "cannot read '%s'", bundle->path);
 }
 
-void spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_device *device,
-                                   const struct spin_field *field, bool network,
-                                   const float SPIN_DEV *table, const float SPIN_DEV *heads,
-                                   spin_frame_renderer_live_fn live, void *context)
+void spin_player_open_live(struct spin_player *p, struct spin_device *device,
+                           const struct spin_field *field, bool network,
+                           const float SPIN_DEV *table, const float SPIN_DEV *heads,
+                           spin_player_live_fn live, void *context)
 {
     memset(p, 0, sizeof *p);
     p->device = device;
@@ -208,8 +208,8 @@ void spin_frame_renderer_open_live(struct spin_frame_renderer *p, struct spin_de
     p->now_frame = -1;
 }
 
-void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_device *device,
-                                     spin_frame_renderer_read_fn read, void *context)
+void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
+                             spin_player_read_fn read, void *context)
 {
     memset(p, 0, sizeof *p);
     p->device = device;
@@ -219,7 +219,7 @@ void spin_frame_renderer_open_reader(struct spin_frame_renderer *p, struct spin_
     p->now_frame = -1;
 }
 
-static void release_frame(struct spin_frame_renderer *p)
+static void release_frame(struct spin_player *p)
 {
     struct spin_device *d = p->device;
 
@@ -234,7 +234,7 @@ static void release_frame(struct spin_frame_renderer *p)
     p->capacity = 0;
 }
 
-static void release_pictures(struct spin_frame_renderer *p)
+static void release_pictures(struct spin_player *p)
 {
     struct spin_device *d = p->device;
 
@@ -245,7 +245,7 @@ static void release_pictures(struct spin_frame_renderer *p)
     p->pixels = p->tiles = 0;
 }
 
-void spin_frame_renderer_close(struct spin_frame_renderer *p)
+void spin_player_close(struct spin_player *p)
 {
     if (!p->device)
         return;
@@ -268,7 +268,7 @@ void spin_frame_renderer_close(struct spin_frame_renderer *p)
 }
 
 /* Room for n splats. */
-static spin_status need(struct spin_frame_renderer *p, size_t n)
+static spin_status need(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
     size_t capacity = n + n / 8 + 64;
@@ -284,7 +284,7 @@ static spin_status need(struct spin_frame_renderer *p, size_t n)
     return d->op->reserve(d, capacity * SPIN_ATTR * sizeof(float), (void SPIN_DEV **)&p->attr);
 }
 
-static void decode(struct spin_frame_renderer *p, const struct spin_frame_batch *frame)
+static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
 {
     p->now = *frame;
     spin_field_forward(&p->field_eval, p->network, p->table, p->heads, &p->now);
@@ -294,7 +294,7 @@ static void decode(struct spin_frame_renderer *p, const struct spin_frame_batch 
 }
 
 /* An array of a frame's splats. */
-static spin_status read_rows(struct spin_frame_renderer *p, const char *series, int index, size_t n,
+static spin_status read_rows(struct spin_player *p, const char *series, int index, size_t n,
                              int64_t width, float *to)
 {
     const int64_t shape[2] = {(int64_t)n, width};
@@ -307,8 +307,7 @@ static spin_status read_rows(struct spin_frame_renderer *p, const char *series, 
 }
 
 /* Residuals of a frame's splats, rows [n][SPIN_RESIDUAL] in the staging, to the device. */
-static spin_status send_residual(struct spin_frame_renderer *p, size_t n,
-                                 const float SPIN_DEV **residual)
+static spin_status send_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
     float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR;
@@ -323,7 +322,7 @@ static spin_status send_residual(struct spin_frame_renderer *p, size_t n,
 }
 
 /* Residuals, if they have some. */
-static spin_status read_residual(struct spin_frame_renderer *p, int index, size_t n,
+static spin_status read_residual(struct spin_player *p, int index, size_t n,
                                  const float SPIN_DEV **residual)
 {
     char name[64];
@@ -337,7 +336,7 @@ static spin_status read_residual(struct spin_frame_renderer *p, int index, size_
 }
 
 /* Positions and residuals of a frame of the network. */
-static spin_status read_network_frame(struct spin_frame_renderer *p, int index, size_t n,
+static spin_status read_network_frame(struct spin_player *p, int index, size_t n,
                                       const float SPIN_DEV **residual)
 {
     SPIN_TRY(spin_splats_reserve(&p->splats, n, SPIN_COL_MEANS, 0));
@@ -350,13 +349,13 @@ static spin_status read_network_frame(struct spin_frame_renderer *p, int index, 
 }
 
 /* Columns as they are stored. */
-static spin_status read_stored(struct spin_frame_renderer *p, int index, unsigned columns,
+static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
 {
     return spin_bundle_view(p->bundle, index, p->from, columns, out);
 }
 
-spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
+spin_status spin_player_show(struct spin_player *p, int index)
 {
     size_t n = spin_bundle_count(p->bundle, index, p->from);
     const float SPIN_DEV *residual;
@@ -367,7 +366,7 @@ spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
     if (p->from != SPIN_FROM_TRAINED) {
         SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
         count_stored(p, index, &p->splats);
-        SPIN_TRY(spin_frame_renderer_show_splats(p, &p->splats));
+        SPIN_TRY(spin_player_show_splats(p, &p->splats));
         spin_bundle_rest(&p->splats);
     } else {
         SPIN_TRY(need(p, n));
@@ -382,13 +381,13 @@ spin_status spin_frame_renderer_show(struct spin_frame_renderer *p, int index)
     return SPIN_OK;
 }
 
-spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int index, size_t n)
+spin_status spin_player_show_live(struct spin_player *p, int index, size_t n)
 {
     struct spin_frame_batch frame;
 
     if (p->read) {
         SPIN_TRY(p->read(p->context, index, &p->splats));
-        return spin_frame_renderer_show_splats(p, &p->splats);
+        return spin_player_show_splats(p, &p->splats);
     }
     SPIN_TRY(need(p, n));
     frame = p->live(p->context, index);
@@ -397,8 +396,7 @@ spin_status spin_frame_renderer_show_live(struct spin_frame_renderer *p, int ind
     return SPIN_OK;
 }
 
-spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
-                                            const struct spin_splats *s)
+spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *s)
 {
     SPIN_TRY(need(p, s->n));
     spin_attr_from_splats(s, p->staging);
@@ -412,15 +410,15 @@ spin_status spin_frame_renderer_show_splats(struct spin_frame_renderer *p,
     return SPIN_OK;
 }
 
-spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index, unsigned columns,
-                                       struct spin_splats *out)
+spin_status spin_player_splats(struct spin_player *p, int index, unsigned columns,
+                               struct spin_splats *out)
 {
     size_t bytes;
     float *raw, *attr;
 
     if (p->from != SPIN_FROM_TRAINED)
         return read_stored(p, index, columns, out);
-    SPIN_TRY(spin_frame_renderer_show(p, index));
+    SPIN_TRY(spin_player_show(p, index));
     SPIN_TRY(spin_splats_reserve(out, p->now.n, columns, p->now_sh_degree));
     out->antialias = p->field.antialias;
     if (columns & SPIN_COL_MEANS)
@@ -436,7 +434,7 @@ spin_status spin_frame_renderer_splats(struct spin_frame_renderer *p, int index,
 }
 
 /* Room for a picture, and for the lists of the frame that is shown. */
-static spin_status need_pictures(struct spin_frame_renderer *p, size_t pixels, size_t tiles)
+static spin_status need_pictures(struct spin_player *p, size_t pixels, size_t tiles)
 {
     if (pixels > p->pixels || tiles > p->tiles) {
         release_pictures(p);
@@ -448,8 +446,7 @@ static spin_status need_pictures(struct spin_frame_renderer *p, size_t pixels, s
     return SPIN_OK;
 }
 
-spin_status spin_frame_renderer_set_lenses(struct spin_frame_renderer *p,
-                                           const struct spin_lenses *lenses)
+spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lenses *lenses)
 {
     struct spin_device *d = p->device;
     float none[SPIN_EXPOSURE] = {0};
@@ -467,7 +464,7 @@ spin_status spin_frame_renderer_set_lenses(struct spin_frame_renderer *p,
 }
 
 /* The picture drawn last as the camera shows it. */
-static void look_through_lens(struct spin_frame_renderer *p, const struct spin_camera *camera)
+static void look_through_lens(struct spin_player *p, const struct spin_camera *camera)
 {
     int lens = p->lenses ? spin_lenses_find(p->lenses, camera) : -1;
 
@@ -478,9 +475,8 @@ static void look_through_lens(struct spin_frame_renderer *p, const struct spin_c
     p->device->op->exposure(p->device, &p->drawn, p->falloff, p->raster.image, p->raster.image);
 }
 
-spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
-                                     const struct spin_camera *camera, const float background[3],
-                                     float *image)
+spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
+                             const float background[3], float *image)
 {
     struct spin_camera_f32 cam = spin_camera_f32_from(camera);
 
@@ -490,17 +486,17 @@ spin_status spin_frame_renderer_draw(struct spin_frame_renderer *p,
     spin_raster_add_view(&p->raster, &p->drawn, 0, p->now.n, camera, p->now_antialias);
     SPIN_TRY(spin_raster_forward(&p->raster, &p->drawn, &p->now, p->now_attr, p->now_sh_degree));
     look_through_lens(p, camera);
-    return image ? spin_frame_renderer_picture(p, image) : SPIN_OK;
+    return image ? spin_player_picture(p, image) : SPIN_OK;
 }
 
-spin_status spin_frame_renderer_picture(struct spin_frame_renderer *p, float *image)
+spin_status spin_player_picture(struct spin_player *p, float *image)
 {
     return p->device->op->download(p->device, image, p->raster.image,
                                    3 * p->drawn_pixels * sizeof(float));
 }
 
-spin_status spin_frame_renderer_measure(struct spin_frame_renderer *p, const uint8_t *rgb8,
-                                        const uint8_t *mask, double values[SPIN_MEASURE_VALUES])
+spin_status spin_player_measure(struct spin_player *p, const uint8_t *rgb8, const uint8_t *mask,
+                                double values[SPIN_MEASURE_VALUES])
 {
     struct spin_device *d = p->device;
     struct spin_images images;

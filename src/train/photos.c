@@ -1,5 +1,5 @@
 /* Images, and masks of pixels that count differently. */
-#include "train/truth.h"
+#include "train/photos.h"
 
 #include <stdlib.h>
 
@@ -8,35 +8,35 @@
 #include "base/mem.h"
 #include "io/image.h"
 
-spin_status spin_truth_open(struct spin_truth *truth, const struct spin_plan *plan)
+spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan)
 {
     void *block = NULL;
 
     SPIN_TRY(spin_image_cache_open(&plan->clip.views, plan->pixels_budget, plan->o->background,
-                                   &truth->cache));
+                                   &photos->cache));
     SPIN_TRY(spin_alloc(plan->max_pixels, 4, &block));
-    truth->image = block;
+    photos->image = block;
     if (!spin_plan_is_weighted(plan))
         return SPIN_OK;
-    SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &truth->cache, SPIN_DYNAMIC_AUTO,
-                                    plan->train, plan->n_train, &truth->dynamic));
-    if (truth->dynamic.from == SPIN_DYNAMIC_OFF)
+    SPIN_TRY(spin_dynamic_mask_open(&plan->clip.views, &photos->cache, SPIN_DYNAMIC_AUTO,
+                                    plan->train, plan->n_train, &photos->dynamic));
+    if (photos->dynamic.from == SPIN_DYNAMIC_OFF)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "--dynamic-weight: the data set has no foreground masks, and no camera "
                          "stands still for three frames");
-    return spin_dynamic_mask_keep(&truth->dynamic);
+    return spin_dynamic_mask_keep(&photos->dynamic);
 }
 
-void spin_truth_close(struct spin_truth *truth)
+void spin_photos_close(struct spin_photos *photos)
 {
-    spin_dynamic_mask_close(&truth->dynamic);
-    spin_image_cache_close(&truth->cache);
-    free(truth->image);
-    free(truth->imprint);
+    spin_dynamic_mask_close(&photos->dynamic);
+    spin_image_cache_close(&photos->cache);
+    free(photos->image);
+    free(photos->imprint);
 }
 
-spin_status spin_truth_open_store(const struct spin_plan *plan, struct spin_device *device,
-                                  size_t n, struct spin_image_store *store)
+spin_status spin_photos_open_store(const struct spin_plan *plan, struct spin_device *device,
+                                   size_t n, struct spin_image_store *store)
 {
     SPIN_TRY(spin_image_store_open(store, device, n, plan->max_pixels, SPIN_IMAGE_RGB8,
                                    spin_plan_is_weighted(plan)));
@@ -44,20 +44,20 @@ spin_status spin_truth_open_store(const struct spin_plan *plan, struct spin_devi
     return SPIN_OK;
 }
 
-spin_status spin_truth_put(struct spin_truth *truth, const struct spin_plan *plan, size_t view,
-                           struct spin_image_store *store, uint32_t number)
+spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *plan, size_t view,
+                            struct spin_image_store *store, uint32_t number)
 {
     const struct spin_camera *camera = &plan->clip.views.view[view].camera;
     size_t n = (size_t)camera->width * (size_t)camera->height, dynamic;
     uint8_t *mask = NULL;
 
-    SPIN_TRY(spin_image_cache_get_rgb8(&truth->cache, view, truth->image));
+    SPIN_TRY(spin_image_cache_get_rgb8(&photos->cache, view, photos->image));
     if (spin_plan_is_weighted(plan)) {
-        mask = truth->image + 3 * plan->max_pixels;
-        SPIN_TRY(spin_dynamic_mask_find(&truth->dynamic, view, NULL, &dynamic));
-        spin_dynamic_mask_bits(&truth->dynamic, n, mask);
+        mask = photos->image + 3 * plan->max_pixels;
+        SPIN_TRY(spin_dynamic_mask_find(&photos->dynamic, view, NULL, &dynamic));
+        spin_dynamic_mask_bits(&photos->dynamic, n, mask);
     }
-    spin_image_store_put(store, number, n, truth->image, mask);
+    spin_image_store_put(store, number, n, photos->image, mask);
     return SPIN_OK;
 }
 
@@ -94,7 +94,7 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
 /* ---- Looking ----------------------------------------------------------------------------------- */
 
 /* The image of a view, and its mask where masks decide; *hash may be NULL. */
-static spin_status look_at(const struct spin_truth *truth, const struct spin_plan *plan,
+static spin_status look_at(const struct spin_photos *photos, const struct spin_plan *plan,
                            size_t index, uint64_t *hash)
 {
     const struct spin_view *view = &plan->clip.views.view[index];
@@ -110,7 +110,7 @@ static spin_status look_at(const struct spin_truth *truth, const struct spin_pla
     *hash = 0xcbf29ce484222325u;
     add_imprint(hash, &imprint);
     add_camera(hash, view);
-    if (truth->dynamic.from != SPIN_DYNAMIC_MASKS)
+    if (photos->dynamic.from != SPIN_DYNAMIC_MASKS)
         return SPIN_OK;
     SPIN_TRY(spin_image_look(view->mask, &width, &height, &imprint));
     add_imprint(hash, &imprint);
@@ -118,36 +118,37 @@ static spin_status look_at(const struct spin_truth *truth, const struct spin_pla
 }
 
 /* Views that a camera's pixels are compared with to find dynamic pixels. */
-static size_t median_views(const struct spin_truth *truth, const struct spin_plan *plan, int camera,
-                           size_t *view)
+static size_t median_views(const struct spin_photos *photos, const struct spin_plan *plan,
+                           int camera, size_t *view)
 {
-    if (truth->dynamic.from != SPIN_DYNAMIC_IMAGES)
+    if (photos->dynamic.from != SPIN_DYNAMIC_IMAGES)
         return 0;
     return spin_moving_views(&plan->clip.views, camera, view);
 }
 
-spin_status spin_truth_look(struct spin_truth *truth, const struct spin_plan *plan)
+spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan *plan)
 {
     size_t median[SPIN_MOVING_ROWS];
     void *block = NULL;
 
-    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *truth->imprint, &block));
-    truth->imprint = block;
+    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->imprint, &block));
+    photos->imprint = block;
     for (size_t i = 0; i < plan->n_train; i++)
-        SPIN_TRY(look_at(truth, plan, plan->train[i].view, &truth->imprint[plan->train[i].view]));
+        SPIN_TRY(look_at(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
     for (int k = 0; k < plan->n_cameras; k++) {
-        size_t n = median_views(truth, plan, plan->camera[k], median);
+        size_t n = median_views(photos, plan, plan->camera[k], median);
 
         for (size_t i = 0; i < n; i++)
-            if (!truth->imprint[median[i]])
-                SPIN_TRY(look_at(truth, plan, median[i], &truth->imprint[median[i]]));
+            if (!photos->imprint[median[i]])
+                SPIN_TRY(look_at(photos, plan, median[i], &photos->imprint[median[i]]));
     }
     for (size_t i = 0; i < plan->n_test; i++)
-        SPIN_TRY(look_at(truth, plan, plan->test[i].view, NULL));
+        SPIN_TRY(look_at(photos, plan, plan->test[i].view, NULL));
     return SPIN_OK;
 }
 
-uint64_t spin_truth_imprint(const struct spin_truth *truth, const struct spin_plan *plan, int frame)
+uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin_plan *plan,
+                             int frame)
 {
     size_t median[SPIN_MOVING_ROWS];
     uint64_t hash = 0xcbf29ce484222325u;
@@ -159,10 +160,10 @@ uint64_t spin_truth_imprint(const struct spin_truth *truth, const struct spin_pl
         if (frame >= 0 && pair->frame != frame)
             continue;
         add_number(&hash, frame < 0 ? pair->frame : 0);
-        add(&hash, &truth->imprint[pair->view], sizeof *truth->imprint);
-        n = median_views(truth, plan, plan->clip.views.view[pair->view].camera_id, median);
+        add(&hash, &photos->imprint[pair->view], sizeof *photos->imprint);
+        n = median_views(photos, plan, plan->clip.views.view[pair->view].camera_id, median);
         for (size_t k = 0; k < n; k++)
-            add(&hash, &truth->imprint[median[k]], sizeof *truth->imprint);
+            add(&hash, &photos->imprint[median[k]], sizeof *photos->imprint);
     }
     return hash;
 }

@@ -1,0 +1,23 @@
+/* The log of a training (--log): a JSON object a line. */
+#ifndef SPIN_TRAIN_STEP_LOG_H
+#define SPIN_TRAIN_STEP_LOG_H
+
+#include <stdio.h>
+
+#include "spin.h"
+
+struct spin_step_log {
+    const char *path;
+    FILE *file;     /* NULL: none is written, or no longer */
+    char error[96]; /* why no longer */
+};
+
+/* path NULL: none is written. */
+spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append);
+/* After a line, and with flush at once. A log that cannot be written ends here, with a warning: the
+ * training goes on. */
+void spin_step_log_check(struct spin_step_log *log, bool flush);
+/* log->error says what was not written; empty: all was. */
+void spin_step_log_close(struct spin_step_log *log);
+
+#endif
