@@ -169,7 +169,7 @@ static bool fits(const struct spin_retrain_report *r)
 static void report_json(const struct spin_retrain_report *r)
 {
     spin_print_open(NULL, '{');
-    spin_print_string("method", options.method == SPIN_METHOD_FRAMES ? "frames"
+    spin_print_string("method", options.method == SPIN_METHOD_FRAMES   ? "frames"
                                 : options.method == SPIN_METHOD_TRACKS ? "tracks"
                                                                        : "network");
     spin_print_string("preset", options.preset);
@@ -216,7 +216,10 @@ static void report_plan(const struct spin_retrain_report *r)
            options.method == SPIN_METHOD_FRAMES ? " on each frame" : "",
            spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
     if (r->densify_every > 0)
-        printf("densify     every %d iterations\n", r->densify_every);
+        printf("densify     every %d iterations%s\n", r->densify_every,
+               options.max_points > 0 && r->splats_mean >= options.max_points
+                   ? ", where splats go and none come: there are --max-points"
+                   : "");
     printf("memory      %s needed, %s available\n",
            spin_print_bytes((double)r->bytes_needed, needed),
            r->bytes_available > 0 ? spin_print_bytes((double)r->bytes_available, available)

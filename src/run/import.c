@@ -133,10 +133,11 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                            : *n > 0       ? SPIN_SAMPLED_DATA
                                           : SPIN_SAMPLED_ENDS;
     if (*n <= 0 && o->output)
-        return spin_fail(SPIN_E_USAGE,
-                         "'%s' is continuous in time: give the times with "
-                         "--frames, --times or --data",
-                         o->input);
+        return spin_fail(
+            SPIN_E_USAGE,
+            "'%s' is continuous in time, from %g to %g, and nothing here says how many frames "
+            "it has: give them with --frames, --times or --data",
+            o->input, t->time_first, t->time_last);
     if (*n <= 0) /* a look at both ends is enough to describe it */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));

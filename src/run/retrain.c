@@ -85,7 +85,7 @@ static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
     size_t all = 0, most = 0, floats;
-    char *folder = NULL;
+    char *folder = NULL, need[32], left[32];
     uint64_t bytes, room;
 
     if (!trains_clip(r))
@@ -102,10 +102,10 @@ static spin_status check_disk(const struct run *r)
     room = spin_path_free_bytes(folder);
     free(folder);
     if (room < bytes)
-        return spin_fail(SPIN_E_IO,
-                         "cannot write '%s': state and output take %.2f GB and more, and the disk "
-                         "has %.2f GB free",
-                         p->o->output, (double)bytes / 1e9, (double)room / 1e9);
+        return spin_fail(
+            SPIN_E_IO,
+            "cannot write '%s': state and output take %s and more, and the disk has %s free",
+            p->o->output, spin_text_bytes(bytes, need), spin_text_bytes(room, left));
     return SPIN_OK;
 }
 

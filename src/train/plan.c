@@ -111,7 +111,8 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
 
-    return o->tracks && o->refine == 0 && o->densify_every > 0;
+    return o->tracks && o->refine == 0 && o->densify_every > 0 &&
+           o->densify_every < o->densify_until * o->track_iterations;
 }
 
 int spin_plan_camera(const struct spin_plan *plan, int id)

@@ -23,7 +23,7 @@ is "$(member from)" realtime4dgs "from realtime4dgs"
 out_has "assumed the one used since September 2024" "the notes say what was assumed"
 run "$bin/spin-import" "$run_in" -o "$work/none.spin"
 fails 2 spin-import "an import needs to know where"
-err_has "--frames, --times or --data" "and says how to tell"
+err_has "continuous in time, from 0 to 1, and .* with --frames, --times or --data" "and says how to tell, and the range"
 nothing_at "$work/none" "nothing was written"
 
 mkdir -p "$work/beside/court"

@@ -97,7 +97,8 @@ static void read_bundle(struct run *r, const char *path)
     r->options = spin_json_get(r->network, "options");
     if (!r->network)
         return;
-    if (!ok(spin_field_from_json(r->network, &r->field, &there) == SPIN_OK, "what was trained is told"))
+    if (!ok(spin_field_from_json(r->network, &r->field, &there) == SPIN_OK,
+            "what was trained is told"))
         exit(tap_done());
     if (!there)
         return;
@@ -956,6 +957,19 @@ static void test_plan(void)
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --iterations 40", bin, folder);
     ok(said_number("iterations") == 40 && said_number("densify_every") == 2,
        "--iterations 40: densified by them");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-every 1260", bin, folder);
+    ok(said_number("densify_every") == 0, "the first densification would be as late as the last");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-every 1259", bin, folder);
+    ok(said_number("densify_every") == 1259, "a step earlier there is one");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-until 0", bin, folder);
+    ok(said_number("densify_every") == 0, "--densify-until 0: none");
+    ok(shell("%s/spin-retrain %s/in.spin --dry-run --max-points 2940", bin, folder) == 0 &&
+           strstr(said,
+                  "every 105 iterations, where splats go and none come: there are --max-points\n"),
+       "as many splats as there may be: %s", said);
+    ok(shell("%s/spin-retrain %s/in.spin --dry-run --max-points 2941", bin, folder) == 0 &&
+           strstr(said, "every 105 iterations\n"),
+       "one more: %s", said);
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --tracks auto --densify-every 9 "
           "--refine 5",
           bin, folder);
@@ -981,8 +995,7 @@ static void test_plan(void)
     ok(said_text("method", "frames") && said_text("preset", "paper") &&
            said_number("refine") == 2000,
        "--method frames: 2000 a frame");
-    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method frames --refine 7", bin,
-          folder);
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --method frames --refine 7", bin, folder);
     ok(said_number("refine") == 7, "--refine 7");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --threads 1", bin, folder);
     ok(said_text("device", "cpu") && said_text("device", ", 1 thread)"), "--threads 1");
