@@ -58,6 +58,27 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
+/* All views are drawn as those of test cameras are, of which no exposure was learned. */
+static void warn_exposures(const struct eval *e)
+{
+    const spin_json *cameras =
+        spin_json_get(spin_json_get(e->clip.bundle.json, "trained"), "cameras");
+    size_t n = 0;
+
+    for (size_t i = 0; i < e->n_pairs; i++)
+        for (size_t k = 0; k < spin_json_length(cameras); k++) {
+            double id = NAN;
+
+            spin_json_number(spin_json_get(spin_json_at(cameras, k), "camera"), &id);
+            n += id == e->clip.views.view[e->pairs[i].view].camera_id;
+        }
+    if (n > 0)
+        spin_warn("%zu of %zu views are of cameras whose exposure was learned: they are drawn with "
+                  "the mean "
+                  "exposure all the same, and darker or brighter than they are",
+                  n, e->n_pairs);
+}
+
 static spin_status open_players(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
@@ -66,8 +87,10 @@ static spin_status open_players(struct eval *e)
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
     if (e->from != SPIN_FROM_SOURCE) {
         SPIN_TRY(spin_player_set_lenses(&e->player, &e->lenses));
-        if (spin_rank() == 0)
+        if (spin_rank() == 0) {
             spin_lenses_warn(&e->lenses, &e->clip.views, e->pairs, e->n_pairs);
+            warn_exposures(e);
+        }
     }
     if ((!o->images && !o->report) || e->from == SPIN_FROM_SOURCE ||
         (SPIN_COL_ATTRIBUTES & ~e->clip.bundle.meta.columns))

@@ -655,6 +655,11 @@ static void test_falloff(void)
              folder, folder) == 0 &&
            !strstr(said, "another lens"),
        "and those of full size in scaled pictures");
+    ok(!strstr(said, "exposure was learned"), "of test cameras no exposure was learned");
+    ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --split all", bin,
+             folder, folder) == 0 &&
+           strstr(said, "36 of 48 views are of cameras whose exposure was learned"),
+       "of the others it was, and they are drawn without it: %s", said);
     ok(shell("%s/spin-eval %s/lens.spin --source --data %s/lens --device cpu --threads 1 --json",
              bin, folder, folder) == 0,
        "spin-eval --source");
