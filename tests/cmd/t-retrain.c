@@ -890,7 +890,10 @@ static void test_network(void)
     one = retrain(more);
     snprintf(more, sizeof more, "%s --hash-init-range 0.5 --scene-normalise none", still);
     r = retrain(more);
-    ok(spin_json_bool(spin_json_get(spin_json_get(r->network, "norm"), "raw"), &flag) && flag,
+    ok(spin_json_bool(
+           spin_json_get(spin_json_get(spin_json_get(r->network, "field"), "norm"), "raw"),
+           &flag) &&
+           flag,
        "--scene-normalise none: without the contraction");
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "which draws otherwise");
     drop(r);
