@@ -139,7 +139,7 @@ class Clip:
             self._kept["words", name] = self._words(name, self._zip[self._there(name)])[0]
         return self._kept["words", name]
 
-    # ---- Bundles of before --------------------------------------------------------------------
+    # ---- Older bundles ------------------------------------------------------------------------
 
     def _modernise(self):
         """As version 4 has it: until then "trained" was "network", whose numbers stood among the rest."""

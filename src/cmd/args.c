@@ -237,7 +237,7 @@ int spin_args_choice(const char *text, const char *choices)
 
 static bool parse_enum(const struct spin_args_row *row, const char *text)
 {
-    /* Scripts of before say --method explicit. */
+    /* Older scripts say --method explicit. */
     bool before = strcmp(row->name, "method") == 0 && strcmp(text, "explicit") == 0;
     int place = spin_args_choice(before ? "frames" : text, row->arg);
 

@@ -218,7 +218,7 @@ static void report_plan(const struct spin_retrain_report *r)
     if (r->densify_every > 0)
         printf("densify     every %d iterations%s\n", r->densify_every,
                options.max_points > 0 && r->splats_mean >= options.max_points
-                   ? ", where splats go and none come: there are --max-points"
+                   ? ", only to prune: --max-points leaves no room"
                    : "");
     printf("memory      %s needed, %s available\n",
            spin_print_bytes((double)r->bytes_needed, needed),

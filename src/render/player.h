@@ -43,8 +43,7 @@ struct spin_player {
     struct spin_view_batch drawn; /* the view drawn last */
     size_t drawn_pixels;
     const struct spin_lenses *lenses; /* pictures have the falloff of these; NULL: none */
-    float SPIN_DEV
-        *falloff; /* [1 + lenses->n][SPIN_EXPOSURE] a camera of no gain, and the lenses */
+    float SPIN_DEV *falloff; /* [1 + lenses->n][SPIN_EXPOSURE] no exposure, then the lenses */
     int now_sh_degree, now_frame;
     bool now_antialias;
     uint8_t *looked; /* [frames of the bundle] 1: counted below */

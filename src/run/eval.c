@@ -58,7 +58,7 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* All views are drawn as those of test cameras are, of which no exposure was learned. */
+/* Views of training cameras are drawn as those of test cameras, of which no exposure is known. */
 static void warn_exposures(const struct eval *e)
 {
     const spin_json *cameras =
@@ -73,9 +73,8 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn("%zu of %zu views are of cameras whose exposure was learned: they are drawn with "
-                  "the mean "
-                  "exposure all the same, and darker or brighter than they are",
+        spin_warn("%zu of %zu views are of cameras whose exposure was learned; they are drawn with "
+                  "the mean exposure, so their figures are too low",
                   n, e->n_pairs);
 }
 

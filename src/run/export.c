@@ -348,8 +348,7 @@ static spin_status say_lens(const struct export *x)
     if (lenses.n > 0)
         spin_log(0,
                  "without the falloff of the cameras' lens, whose pictures have %.0f %% of the "
-                 "brightness in "
-                 "the corners",
+                 "brightness in the corners",
                  100 * corner);
     spin_lenses_free(&lenses);
     return SPIN_OK;

@@ -218,10 +218,7 @@ static void warn_blind(const struct blind *b)
 
 static bool densifies(const struct spin_loop *l, int64_t iteration)
 {
-    const struct spin_retrain_options *o = l->plan->o;
-
-    return l->trainer->tracked && o->densify_every > 0 &&
-           (double)iteration < o->densify_until * o->track_iterations;
+    return l->trainer->tracked && spin_plan_densifies_by(l->plan, iteration);
 }
 
 static spin_status densify(const struct spin_loop *l)

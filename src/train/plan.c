@@ -111,8 +111,14 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
 
-    return o->tracks && o->refine == 0 && o->densify_every > 0 &&
-           o->densify_every < o->densify_until * o->track_iterations;
+    return o->tracks && o->refine == 0 && spin_plan_densifies_by(plan, o->densify_every);
+}
+
+bool spin_plan_densifies_by(const struct spin_plan *plan, int64_t iteration)
+{
+    const struct spin_retrain_options *o = plan->o;
+
+    return o->densify_every > 0 && (double)iteration < o->densify_until * o->track_iterations;
 }
 
 int spin_plan_camera(const struct spin_plan *plan, int id)

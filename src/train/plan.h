@@ -54,6 +54,8 @@ bool spin_plan_has_source(const struct spin_plan *plan);
 bool spin_plan_has_residual(const struct spin_plan *plan);
 /* Tracks, and splats without one, are densified; refined frames, which were before, are not. */
 bool spin_plan_densifies(const struct spin_plan *plan);
+/* Whether clips that are densified still are in this iteration. */
+bool spin_plan_densifies_by(const struct spin_plan *plan, int64_t iteration);
 /* Pixels do not all count alike (--dynamic-weight). */
 bool spin_plan_is_weighted(const struct spin_plan *plan);
 /* Whether the table takes lazy Adam: the device has it, and a step's splats need less than half of the table. */

@@ -102,6 +102,12 @@ for kind in tracks network both; do
     same "$work/older.spin" retrained "version 3, $kind"
     diff -r "$work/today" "$work/ply" >"$work/err" 2>&1
     ok $? "version 3, $kind: as the bundle of today"
+    for file in older "compact-$kind"; do
+        "$bin/spin-import" --info --json "$work/$file.spin" |
+            sed '/"bytes": {/,/}/d; /"version"/d; /"file"/d; /"bundle"/d' >"$work/$file.info"
+    done
+    diff "$work/older.info" "$work/compact-$kind.info" >"$work/err" 2>&1
+    ok $? "version 3, $kind: described as the bundle of today"
 done
 rm "$work/older.spin"
 
