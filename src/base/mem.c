@@ -89,16 +89,20 @@ spin_status spin_strdup(const char *text, char **out)
     return *out ? SPIN_OK : fail_memory(strlen(text) + 1);
 }
 
+/* A line before a block has its bytes; a large block, which begins with a huge page, has a small page for it. */
+enum { HEAD_PAGE = 4096 };
+
+static size_t *head_of(void *block) { return (size_t *)(void *)((char *)block - LINE); }
+
 static spin_status reserve_small(size_t bytes, void **out)
 {
-    size_t rounded = (bytes + LINE - 1) / LINE * LINE;
+    size_t rounded = (bytes + LINE - 1) / LINE * LINE + LINE;
+    char *head = aligned_alloc(LINE, rounded);
 
-    if (rounded == 0)
-        rounded = LINE;
-    *out = aligned_alloc(LINE, rounded);
-    if (!*out)
+    if (!head)
         return fail_memory(bytes);
-    memset(*out, 0, rounded);
+    memset(head, 0, rounded);
+    *out = head + LINE;
     return SPIN_OK;
 }
 
@@ -113,34 +117,33 @@ spin_status spin_pages_reserve(size_t bytes, void **out)
     if (!round_up(bytes, huge_page, &rounded) || rounded > SIZE_MAX - huge_page)
         return fail_memory(bytes);
 
-    /* Map one huge page more than needed, then give back what lies outside the aligned part. */
+    /* Map one huge page more than needed, then give back what lies outside the aligned part and its head. */
     raw =
         mmap(NULL, rounded + huge_page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (raw == MAP_FAILED)
         return fail_memory(bytes);
-    before = (huge_page - ((uintptr_t)raw & (huge_page - 1))) & (huge_page - 1);
+    before = huge_page - ((uintptr_t)raw & (huge_page - 1));
     block = raw + before;
-    if (before > 0)
-        munmap(raw, before);
-    if (huge_page - before > 0)
+    if (before > HEAD_PAGE)
+        munmap(raw, before - HEAD_PAGE);
+    if (huge_page > before)
         munmap(block + rounded, huge_page - before);
 #ifdef MADV_HUGEPAGE
     (void)madvise(block, rounded, MADV_HUGEPAGE);
 #endif
+    *head_of(block) = rounded;
     *out = block;
     return SPIN_OK;
 }
 
-void spin_pages_release(void *block, size_t bytes)
+void spin_pages_release(void *block)
 {
-    size_t rounded;
-
     if (!block)
         return;
-    if (bytes < huge_page)
-        free(block);
-    else if (round_up(bytes, huge_page, &rounded))
-        munmap(block, rounded);
+    if (*head_of(block) == 0)
+        free(head_of(block));
+    else
+        munmap((char *)block - HEAD_PAGE, HEAD_PAGE + *head_of(block));
 }
 
 /* Blocks of an arena are chained, the one in use first; pieces follow the head in a block. */
@@ -219,7 +222,7 @@ spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes)
 
 void spin_scratch_free(struct spin_scratch *scratch)
 {
-    spin_pages_release(scratch->block, scratch->bytes);
+    spin_pages_release(scratch->block);
     scratch->block = NULL;
     scratch->bytes = 0;
 }

@@ -17,7 +17,7 @@ spin_status spin_strdup(const char *text, char **out);
 
 /* Big zeroed blocks: 2 MiB-aligned, huge pages where the system gives them. Any size. */
 spin_status spin_pages_reserve(size_t bytes, void **out);
-void spin_pages_release(void *block, size_t bytes);
+void spin_pages_release(void *block);
 
 /* A bump allocator; everything is released at once. Zero it to begin. 64-byte aligned pieces. */
 struct spin_arena {

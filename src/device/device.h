@@ -187,10 +187,10 @@ struct spin_view_batch {
         int frame;       /* that it shows, of the frame batch */
         size_t first, n; /* its rows in splat2d: one for every splat of the frame */
         struct spin_camera_f32 camera;
-        float weight;   /* of its loss in the gradient */
-        uint32_t image; /* its photograph */
+        float weight;       /* of its loss in the gradient */
+        uint32_t image;     /* its photograph */
         int exposure, lens; /* rows of its camera, and of its camera's lens, among the exposures */
-        int value;      /* its row in the values of loss() and measure() */
+        int value;          /* its row in the values of loss() and measure() */
     } view[SPIN_MAX_VIEWS];
 };
 
@@ -261,12 +261,11 @@ struct spin_host_memory {
     bool pinned; /* page-locked */
 };
 
-/* A piece of device memory to or from another rank. Messages between two ranks arrive in the order of the list. */
-struct spin_device_message {
-    int peer;
-    bool receive; /* else: send */
+/* Numbers whose sums over all ranks take their place on each of them. */
+struct spin_device_sum {
     void SPIN_DEV *at;
-    size_t bytes;
+    size_t n;
+    bool counts; /* unsigned numbers of 32 bits; else floats */
 };
 /* A connection between the cards of all ranks: the name that rank 0 makes for it. */
 struct spin_link_name {
@@ -280,7 +279,7 @@ struct spin_device_ops {
 
     /* Memory. reserve() gives zeroed, 64-byte aligned memory (now). */
     spin_status (*reserve)(struct spin_device *d, size_t bytes, void SPIN_DEV **out);
-    void (*release)(struct spin_device *d, void SPIN_DEV *block, size_t bytes);
+    void (*release)(struct spin_device *d, void SPIN_DEV *block); /* NULL: nothing */
     void (*zero)(struct spin_device *d, void SPIN_DEV *block, size_t bytes);
     void (*upload)(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes);
     /* Now: all that was queued before is done. */
@@ -299,19 +298,17 @@ struct spin_device_ops {
      * apart. */
     void (*copy_rows)(struct spin_device *d, size_t n, size_t width, const float SPIN_DEV *from,
                       size_t from_stride, float SPIN_DEV *to, size_t to_stride);
-    /* to [n] += from [n] */
-    void (*add)(struct spin_device *d, size_t n, const float SPIN_DEV *from, float SPIN_DEV *to);
-    /* Messages between ranks from card to card, without the host; all NULL in a build without it. ready: whether it
+    /* Sums over ranks from card to card, without the host; all NULL in a build without it. ready: whether it
      * can be had here, and by what ("NCCL 2.28.9"). name: by rank 0 alone. link: all ranks join, each with a card of
-     * its own (now). exchange: all messages of the list, after what was queued before; now. While it waits it calls
+     * its own (now). sum: all of the list, after what was queued before; now. While it waits it calls
      * listen(): when that fails, the link is given up, and its failure is the verb's. close() gives up the link as
-     * well: before it, all ranks must know that all have done their last exchange. */
+     * well: before it, all ranks must know that all have done their last sum. */
     spin_status (*link_ready)(struct spin_device *d, char about[32]);
     spin_status (*link_name)(struct spin_device *d, struct spin_link_name *out);
     spin_status (*link)(struct spin_device *d, const struct spin_link_name *name, int rank,
                         int n_ranks);
-    spin_status (*exchange)(struct spin_device *d, const struct spin_device_message *message,
-                            size_t n, spin_status (*listen)(void));
+    spin_status (*sum)(struct spin_device *d, const struct spin_device_sum *sum, size_t n,
+                       spin_status (*listen)(void));
     size_t (*memory_available)(
         struct spin_device *d); /* bytes that could still be reserved (now) */
     /* Seconds that the verbs of one op (SPIN_OP_...) took since the last call for it. */
@@ -480,7 +477,8 @@ struct spin_device {
     char card[40];        /* of a card: a number that no other card in the world has */
     int frames_at_once, views_at_once; /* that its caches and memory like best in one call */
     bool is_host; /* its memory is the host's: what the plan needs is one sum */
-    bool deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
+    bool
+        deterministic; /* the caller's wish, any time: sums in one order, or in whole numbers, so that the same
                          * calls give the same bits. The CPU does always. */
 };
 

@@ -184,6 +184,15 @@ void spin_ranks_spend(uint64_t bytes, double seconds)
     waited_s += seconds;
 }
 
+static spin_status status_of(int end, const char *why)
+{
+    if (end == SPIN_RANKS_NOTICE)
+        return fail_as_told();
+    return end == SPIN_RANKS_DONE
+               ? SPIN_OK
+               : spin_fail(SPIN_E_IO, "the connection to the other processes broke: %s", why);
+}
+
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n)
 {
     char why[256] = "";
@@ -196,11 +205,20 @@ spin_status spin_ranks_exchange(const struct spin_message *message, size_t n)
     for (size_t i = 0; i < n; i++)
         sent_bytes += message[i].receive ? 0 : message[i].bytes;
     waited_s += spin_now_s() - start;
-    if (end == SPIN_RANKS_NOTICE)
-        return fail_as_told();
-    return end == SPIN_RANKS_DONE
-               ? SPIN_OK
-               : spin_fail(SPIN_E_IO, "the connection to the other processes broke: %s", why);
+    return status_of(end, why);
+}
+
+spin_status spin_ranks_sum(void *at, size_t n, int kind)
+{
+    char why[256] = "";
+    double start = spin_now_s();
+    int end;
+
+    if (n_ranks == 1 || n == 0)
+        return SPIN_OK;
+    end = shim->sum(at, n, kind, why, sizeof why);
+    spin_ranks_spend(n * (kind == SPIN_SUM_F64 ? 8 : 4), spin_now_s() - start);
+    return status_of(end, why);
 }
 
 spin_status spin_ranks_gather(void *rows, size_t bytes)

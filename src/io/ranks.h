@@ -15,6 +15,8 @@ int spin_n_ranks(void);
 
 /* All messages of the list, at once: to and from others, in the order of the list between two ranks. */
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n);
+/* at [n], SPIN_SUM_...: their sums over all ranks, the same bits on each of them, take their place. */
+spin_status spin_ranks_sum(void *at, size_t n, int kind);
 /* rows [n][bytes]: row i is known to rank owner[i], and afterwards to all. */
 spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owner);
 /* rows [ranks][bytes]: every rank knows its own, and afterwards all. */

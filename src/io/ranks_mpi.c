@@ -131,6 +131,27 @@ static int exchange(const struct spin_message *message, size_t n, char *why, siz
     return end;
 }
 
+/* A sum that is given up goes on in MPI: the process ends soon, and at may not be freed before. */
+static int sum(void *at, size_t n, int kind, char *why, size_t n_why)
+{
+    MPI_Datatype type = kind == SPIN_SUM_F32   ? MPI_FLOAT
+                        : kind == SPIN_SUM_U32 ? MPI_UINT32_T
+                                               : MPI_DOUBLE;
+    size_t size = kind == SPIN_SUM_F64 ? 8 : 4, most = piece_bytes / size;
+
+    for (size_t first = 0; first < n; first += most) {
+        int count = (int)(n - first < most ? n - first : most), end;
+        MPI_Request request;
+        int code = MPI_Iallreduce(MPI_IN_PLACE, (char *)at + first * size, count, type, MPI_SUM,
+                                  MPI_COMM_WORLD, &request);
+
+        end = code == MPI_SUCCESS ? wait_for(&request, 1, why, n_why) : say(code, why, n_why);
+        if (end != SPIN_RANKS_DONE)
+            return end;
+    }
+    return SPIN_RANKS_DONE;
+}
+
 static void notify(void *notice, size_t bytes)
 {
     for (int i = 0; i < n_ranks; i++)
@@ -160,6 +181,7 @@ const struct spin_ranks_shim spin_ranks_shim_table = {
     .abi = SPIN_RANKS_SHIM_ABI,
     .start = start,
     .exchange = exchange,
+    .sum = sum,
     .notify = notify,
     .heed = heed,
     .stop = stop,

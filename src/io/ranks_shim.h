@@ -4,7 +4,7 @@
 
 #include <stddef.h>
 
-#define SPIN_RANKS_SHIM_ABI 1
+#define SPIN_RANKS_SHIM_ABI 2
 #define SPIN_RANKS_SHIM_SYMBOL "spin_ranks_shim_table"
 
 #define SPIN_MAX_RANKS 4096
@@ -18,6 +18,8 @@ struct spin_message {
 };
 
 enum { SPIN_RANKS_DONE, SPIN_RANKS_NOTICE, SPIN_RANKS_BROKEN };
+/* Numbers that can be summed. */
+enum { SPIN_SUM_F32, SPIN_SUM_U32, SPIN_SUM_F64 };
 
 struct spin_ranks_shim {
     int abi;
@@ -26,6 +28,8 @@ struct spin_ranks_shim {
     /* All messages, at once. NOTICE: another rank has sent a notice, and what is under way is given up. BROKEN
      * with why. */
     int (*exchange)(const struct spin_message *message, size_t n, char *why, size_t n_why);
+    /* at [n], numbers of a kind: their sums over all ranks take their place. Ends as exchange() does. */
+    int (*sum)(void *at, size_t n, int kind, char *why, size_t n_why);
     /* A notice to all other ranks, at most once: it is not waited for. */
     void (*notify)(void *notice, size_t bytes);
     /* A notice that has arrived, and from whom; 0: none. */

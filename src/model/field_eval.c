@@ -82,9 +82,8 @@ void spin_field_eval_close(struct spin_field_eval *w, const struct spin_field *f
         return;
     list_pieces(w, field, piece);
     for (int i = 0; i < N_PIECES; i++)
-        w->device->op->release(w->device, *piece[i].at,
-                               w->capacity * piece[i].floats * sizeof(float));
-    w->device->op->release(w->device, w->active.n, sizeof *w->active.n);
+        w->device->op->release(w->device, *piece[i].at);
+    w->device->op->release(w->device, w->active.n);
     memset(w, 0, sizeof *w);
 }
 

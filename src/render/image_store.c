@@ -40,8 +40,8 @@ void spin_image_store_close(struct spin_image_store *s)
 {
     if (!s->device)
         return;
-    s->device->op->release(s->device, s->pixels, s->n * s->image_bytes);
-    s->device->op->release(s->device, s->masks, s->n * s->mask_bytes);
+    s->device->op->release(s->device, s->pixels);
+    s->device->op->release(s->device, s->masks);
     free(s->key);
     memset(s, 0, sizeof *s);
 }

@@ -224,9 +224,9 @@ static void release_frame(struct spin_player *p)
     struct spin_device *d = p->device;
 
     spin_field_eval_close(&p->field_eval, p->network);
-    d->op->release(d, p->pos, p->capacity * 3 * sizeof(float));
-    d->op->release(d, p->attr, p->capacity * SPIN_ATTR * sizeof(float));
-    d->op->release(d, p->residual, p->capacity * SPIN_RESIDUAL * sizeof(float));
+    d->op->release(d, p->pos);
+    d->op->release(d, p->attr);
+    d->op->release(d, p->residual);
     p->pos = p->attr = p->residual = NULL;
     free(p->staging);
     p->staging = NULL;
@@ -240,7 +240,7 @@ static void release_pictures(struct spin_player *p)
 
     spin_raster_close(&p->raster);
     spin_image_store_close(&p->photo);
-    d->op->release(d, p->values, SPIN_MEASURE_VALUES * sizeof *p->values);
+    d->op->release(d, p->values);
     p->values = NULL;
     p->pixels = p->tiles = 0;
 }
@@ -254,14 +254,11 @@ void spin_player_close(struct spin_player *p)
     release_frame(p);
     release_pictures(p);
     if (p->lenses)
-        p->device->op->release(p->device, p->falloff,
-                               (size_t)(1 + p->lenses->n) * SPIN_EXPOSURE * sizeof(float));
+        p->device->op->release(p->device, p->falloff);
     spin_bundle_tracks_close(&p->tracks);
     if (p->owns_network) {
-        p->device->op->release(p->device, (void SPIN_DEV *)p->table,
-                               p->field.n_table * sizeof(float));
-        p->device->op->release(p->device, (void SPIN_DEV *)p->heads,
-                               p->field.n_heads * sizeof(float));
+        p->device->op->release(p->device, (void SPIN_DEV *)p->table);
+        p->device->op->release(p->device, (void SPIN_DEV *)p->heads);
     }
     spin_splats_free(&p->splats);
     memset(p, 0, sizeof *p);

@@ -87,8 +87,7 @@ out:
 
 static void release_intersections(struct spin_raster *r)
 {
-    r->device->op->release(r->device, r->tiles.intersections,
-                           r->intersections_capacity * sizeof *r->tiles.intersections);
+    r->device->op->release(r->device, r->tiles.intersections);
     r->tiles.intersections = NULL;
     r->intersections_capacity = 0;
 }
@@ -101,7 +100,7 @@ void spin_raster_close(struct spin_raster *r)
         return;
     list_pieces(r, piece);
     for (int i = 0; i < N_PIECES; i++)
-        r->device->op->release(r->device, *piece[i].at, piece[i].bytes);
+        r->device->op->release(r->device, *piece[i].at);
     release_intersections(r);
     memset(r, 0, sizeof *r);
 }

@@ -387,8 +387,7 @@ static spin_status begin_network(struct run *r)
         spin_field_clear_sh(&t->field, heads);
     if (spin_plan_has_residual(&r->plan))
         spin_field_clear_heads(&t->field, heads);
-    d->op->upload(d, t->table.p, table + spin_share_floats(&t->field.grid, t->levels.first),
-                  t->table.n * sizeof(float));
+    d->op->upload(d, t->table.p, table, t->table.n * sizeof(float));
     d->op->upload(d, t->heads.p, heads, t->heads.n * sizeof(float));
     free(block);
     return SPIN_OK;

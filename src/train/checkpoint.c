@@ -67,63 +67,22 @@ double spin_checkpoint_seconds(const struct spin_checkpoint *c)
 struct piece {
     char name[48];
     float SPIN_DEV *at;
-    size_t n; /* here */
-    enum {
-        WHOLE,
-        ROWS,
-        LINES,
-        OWNED
-    } cut; /* every rank has all of it; or its levels' part of the table, of its lines; or only its owner has it */
-    int owner;    /* of what is owned */
-    size_t all;   /* values that the owner has */
+    size_t n;
     bool numbers; /* unsigned, not floats */
+    bool lines;   /* steps, of lazy Adam */
+    bool parted;  /* its sum over ranks counts: rank 0 has all of it, the others zeros */
 };
 
-/* Values of a piece that are with a rank. */
-static size_t part_of(const struct spin_trainer *t, const struct piece *piece, int rank)
-{
-    struct spin_levels levels = spin_share_levels(&t->field.grid, rank, spin_n_ranks());
-    struct spin_field part = spin_share_part(&t->field, levels);
-
-    if (piece->cut == OWNED)
-        return rank == piece->owner ? piece->all : 0;
-    if (piece->cut == WHOLE || !t->network)
-        return piece->n;
-    return piece->cut == ROWS ? part.n_table : spin_lazy_lines(&part);
-}
-
-/* Values before this rank's, and with last those of all ranks. */
-static size_t before(const struct spin_trainer *t, const struct piece *piece, int last)
-{
-    size_t sum = 0;
-
-    for (int r = 0; piece->cut != WHOLE && r < last; r++)
-        sum += part_of(t, piece, r);
-    return sum;
-}
-
-static size_t all_of(const struct spin_trainer *t, const struct piece *piece)
-{
-    if (piece->cut == OWNED)
-        return piece->all;
-    return piece->cut == WHOLE || !t->network ? piece->n : before(t, piece, spin_n_ranks());
-}
-
-/* What every rank has of a frame with tracks besides, as numbers: tracks of its splats, and their places in the
- * output. */
+/* What a frame with tracks has besides, as numbers: tracks of its splats, and their places in the output. */
 enum { N_NUMBERS = 2 };
 static const char *const number_name[N_NUMBERS] = {"track", "place"};
 
-/* An array of a frame, here or with its owner. */
 static void add_of_frame(int f, const char *what, const char *array, float SPIN_DEV *at, size_t n,
                          struct piece *piece)
 {
     snprintf(piece->name, sizeof piece->name, "%s/%05d/%s", what, f, array);
     piece->at = at;
-    piece->all = n;
-    piece->n = spin_trainer_owns(f) ? n : 0;
-    piece->owner = spin_share_owner(f);
-    piece->cut = OWNED;
+    piece->n = n;
 }
 
 static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_t *n)
@@ -145,14 +104,11 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
             snprintf(piece[k].name, sizeof piece[k].name, "%s/%s", param_name[i], part_name[j]);
             piece[k].at = at[j];
             piece[k].n = param[i]->n;
-            piece[k].cut = i == 0 ? ROWS : WHOLE;
         }
     }
     if (t->lazy)
         piece[k++] = (struct piece){
-            .name = "table/last", .at = t->lazy->last, .n = t->lazy->n_lines, .cut = LINES};
-    else if (t->is_lazy)
-        piece[k++] = (struct piece){.name = "table/last", .cut = LINES};
+            .name = "table/last", .at = t->lazy->last, .n = t->lazy->n_lines, .lines = true};
     for (int f = 0; f < t->n_frames; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
@@ -170,10 +126,12 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
     for (int f = 0; f < t->n_frames && t->tracked; f++) {
         struct spin_train_frame *frame = &t->frame[f];
 
-        add_of_frame(f, "frames", "gradient", frame->gradient, frame->size.n, &piece[k++]);
+        add_of_frame(f, "frames", "gradient", frame->gradient, frame->size.n, &piece[k]);
+        piece[k++].parted = true;
         add_of_frame(f, "frames", "seen", (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
                      frame->size.n, &piece[k]);
-        piece[k++].numbers = true;
+        piece[k].numbers = true;
+        piece[k++].parted = true;
     }
     *out = piece;
     *n = k;
@@ -352,57 +310,22 @@ out:
     return status;
 }
 
-/* A portion of a piece that is with rank `from`, here when this is rank 0. */
-static spin_status fetch(struct spin_trainer *t, const struct piece *piece, int from, size_t first,
-                         size_t n, float *block)
+static spin_status save_seen(struct spin_trainer *t, struct spin_zip_writer *w,
+                             const struct piece *piece)
 {
-    struct spin_message m = {from, spin_rank() == 0, block, n * sizeof *block};
+    uint64_t shape[1] = {piece->n};
+    void *block = NULL;
+    spin_status status;
 
-    if (spin_rank() == from)
-        SPIN_TRY(t->device->op->download(t->device, block, piece->at + first, m.bytes));
-    m.peer = spin_rank() == 0 ? from : 0;
-    return from == 0 || (spin_rank() != 0 && spin_rank() != from) ? SPIN_OK
-                                                                  : spin_ranks_exchange(&m, 1);
-}
-
-/* A piece of which ranks have parts. w: of rank 0. What it cannot write it still takes, and says so in
- * *written. */
-static spin_status save_parts(struct spin_trainer *t, const struct piece *piece,
-                              struct spin_zip_writer *w, spin_status *written)
-{
-    uint64_t shape[1] = {all_of(t, piece)};
-    size_t at = 0;
-    float *block;
-    spin_status status = SPIN_OK;
-
-    SPIN_TRY(spin_alloc(PORTION, sizeof *block, (void **)&block));
-    if (w && *written == SPIN_OK)
-        *written = spin_npz_write_begin(w, piece->name, piece->numbers ? "<u4" : "<f4", 1, shape);
-    for (int r = 0; r < spin_n_ranks(); r++) {
-        size_t end = part_of(t, piece, r);
-
-        for (size_t first = 0; first < end; first += PORTION) {
-            size_t n = end - first < PORTION ? end - first : PORTION;
-
-            SPIN_TRY_OUT(fetch(t, piece, r, first, n, block));
-            if (w && *written == SPIN_OK && !piece->numbers)
-                *written = check_values(t, piece->name, at + first, block, n);
-            if (w && *written == SPIN_OK)
-                *written = spin_zip_member_write(w, block, n * sizeof *block);
-        }
-        at += end;
-    }
-    if (w && *written == SPIN_OK)
-        *written = spin_zip_member_end(w);
+    SPIN_TRY_OUT(spin_alloc(piece->n + 1, sizeof(uint32_t), &block));
+    SPIN_TRY_OUT(t->device->op->download(t->device, block, piece->at, piece->n * sizeof(uint32_t)));
+    status = spin_npz_write(w, piece->name, "<u4", 1, shape, block);
 out:
     free(block);
     return status;
 }
 
-/* w NULL: another rank writes. written: how that went so far. After a failure the parts of other ranks are taken
- * all the same. */
-static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w,
-                               spin_status written)
+static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w)
 {
     struct piece *piece = NULL;
     size_t n = 0;
@@ -412,13 +335,10 @@ static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        if (piece[i].cut != WHOLE)
-            SPIN_TRY_OUT(save_parts(t, &piece[i], w, &written));
-        else if (w && written == SPIN_OK)
-            written =
-                spin_write_device_array(t, w, piece[i].name, 1, shape, piece[i].at, piece[i].n);
+        SPIN_TRY_OUT(piece[i].numbers ? save_seen(t, w, &piece[i])
+                                      : spin_write_device_array(t, w, piece[i].name, 1, shape,
+                                                                piece[i].at, piece[i].n));
     }
-    status = written;
 out:
     free(piece);
     return status;
@@ -449,13 +369,27 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
     spin_json_set_integer(j, "varying_tracks", (int64_t)t->n_varying);
 }
 
-spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)
+static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t, const char *header)
 {
     struct spin_zip_writer w;
+    spin_status status;
+
+    SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
+    w.out.sync = true; /* it stands for hours of work */
+    SPIN_TRY_OUT(write_text(&w, "state.json", header));
+    SPIN_TRY_OUT(save_pieces(t, &w));
+    SPIN_TRY_OUT(save_numbers(c, t, &w));
+    return spin_zip_writer_commit(&w);
+out:
+    spin_zip_writer_abandon(&w);
+    return status;
+}
+
+spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer *t)
+{
     spin_json *j = spin_json_object(), *steps = spin_json_array();
     char *text;
-    bool writes = spin_rank() == 0;
-    spin_status status = SPIN_OK;
+    spin_status status;
 
     for (int f = 0; f < t->n_frames; f++)
         spin_json_push_number(steps, (double)t->frame[f].steps);
@@ -470,22 +404,10 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     spin_json_set_string(j, "path", c->code_paths->all);
     text = spin_json_text(j, true);
     spin_json_free(j);
-    if (writes)
-        status = spin_zip_writer_open(c->path, true, &w);
-    status = spin_ranks_agree(status);
-    if (status == SPIN_OK && !writes) {
-        status = save_pieces(t, NULL, SPIN_OK);
-    } else if (status == SPIN_OK) {
-        w.out.sync = true; /* it stands for hours of work */
-        status = write_text(&w, "state.json", text ? text : "");
-        status = save_pieces(t, &w, status);
-        if (status == SPIN_OK)
-            status = save_numbers(c, t, &w);
-        if (status == SPIN_OK)
-            status = spin_zip_writer_commit(&w);
-        else
-            spin_zip_writer_abandon(&w);
-    }
+    status = spin_trainer_join_seen(t);
+    spin_trainer_part_seen(t);
+    if (status == SPIN_OK && spin_rank() == 0)
+        status = write_state(c, t, text ? text : "");
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
@@ -515,20 +437,20 @@ static spin_status load_pieces(struct spin_trainer *t, struct spin_npz *npz)
     SPIN_TRY_OUT(list_pieces(t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
-        int64_t shape[1] = {(int64_t)all_of(t, &piece[i])};
-        size_t first = before(t, &piece[i], spin_rank());
+        int64_t shape[1] = {(int64_t)piece[i].n};
 
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
         if (piece[i].numbers) {
-            to_numbers(&a, first, piece[i].n, block);
+            to_numbers(&a, 0, piece[i].n, block);
         } else {
-            spin_array_to_f32(&a, first, piece[i].n, block);
-            SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, piece[i].n));
+            spin_array_to_f32(&a, 0, piece[i].n, block);
+            SPIN_TRY_OUT(check_values(t, piece[i].name, 0, block, piece[i].n));
         }
-        if (piece[i].cut == LINES)
+        if (piece[i].lines)
             SPIN_TRY_OUT(check_last(block, piece[i].n, t->iteration));
-        t->device->op->upload(t->device, piece[i].at, block, piece[i].n * sizeof(float));
+        if (!piece[i].parted || spin_rank() == 0)
+            t->device->op->upload(t->device, piece[i].at, block, piece[i].n * sizeof(float));
     }
 out:
     free(piece);

@@ -1,5 +1,4 @@
-/* Host memory only; one frame after the other comes down, changes and goes up again. Ranks change tracks alike, and
- * each the frames that it owns. */
+/* Host memory only; one frame after the other comes down, changes and goes up again. All ranks do the same. */
 #include "train/densify_tracks.h"
 
 #include <stdlib.h>
@@ -7,7 +6,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/ranks.h"
 #include "model/residual.h"
 
 /* Old and new tracks. */
@@ -62,7 +60,7 @@ out:
     return status;
 }
 
-/* Statistics of a frame's splats, at its owner, and their tracks. */
+/* Statistics of a frame's splats, and their tracks. */
 struct seen_frame {
     float *gradient;
     uint32_t *seen, *track;
@@ -79,10 +77,8 @@ static spin_status fetch_seen(struct spin_trainer *t, int f, struct seen_frame *
     out->gradient = block;
     out->seen = (uint32_t *)(out->gradient + n);
     out->track = out->seen + n;
-    if (spin_trainer_owns(f)) {
-        SPIN_TRY(d->op->download(d, out->gradient, frame->gradient, n * sizeof *out->gradient));
-        SPIN_TRY(d->op->download(d, out->seen, frame->seen, n * sizeof *out->seen));
-    }
+    SPIN_TRY(d->op->download(d, out->gradient, frame->gradient, n * sizeof *out->gradient));
+    SPIN_TRY(d->op->download(d, out->seen, frame->seen, n * sizeof *out->seen));
     return d->op->download(d, out->track, frame->track, n * sizeof *out->track);
 }
 
@@ -95,9 +91,6 @@ static spin_status add_statistics(struct change *c)
         struct seen_frame seen = {0};
 
         status = fetch_seen(c->t, f, &seen);
-        if (status == SPIN_OK)
-            status = spin_ranks_share(seen.gradient, 2 * c->t->frame[f].size.n * sizeof(float),
-                                      spin_share_owner(f));
         for (size_t i = 0; status == SPIN_OK && i < c->t->frame[f].size.n; i++)
             if (seen.track[i] != SPIN_NO_TRACK) {
                 c->tracks.point[seen.track[i]].gradient += seen.gradient[i];
@@ -314,7 +307,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     struct spin_train_frame *frame = &c->t->frame[f], old = *frame;
 
     spin_train_frame_close(frame, d);
-    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, true, true));
+    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, true));
     frame->time = old.time;
     frame->steps = old.steps;
     d->op->upload(d, frame->track, rows->track, rows->size.n * sizeof *rows->track);
@@ -349,80 +342,7 @@ out:
     return status;
 }
 
-/* ---- Of other ranks ------------------------------------------------------------------------------ */
-
-/* What becomes of a frame. */
-struct changed {
-    struct spin_frame_size size;
-    struct spin_densify_change change;
-};
-
-/* A changed frame's tracks, and the places of its splats, to all ranks. */
-static spin_status share_frame(struct spin_trainer *t, int f, struct spin_frame_size size,
-                               uint32_t **permutation)
-{
-    struct spin_device *d = t->device;
-    struct spin_train_frame *frame = &t->frame[f], old = *frame;
-    size_t bytes = size.n * sizeof(uint32_t);
-    void *places = NULL, *track = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_alloc(size.n + 1, sizeof(uint32_t), &places));
-    SPIN_TRY_OUT(spin_alloc(size.n + 1, sizeof(uint32_t), &track));
-    if (spin_trainer_owns(f)) {
-        memcpy(places, *permutation, bytes);
-        SPIN_TRY_OUT(d->op->download(d, track, frame->track, bytes));
-    }
-    SPIN_TRY_OUT(spin_ranks_share(places, bytes, spin_share_owner(f)));
-    SPIN_TRY_OUT(spin_ranks_share(track, bytes, spin_share_owner(f)));
-    if (spin_trainer_owns(f))
-        goto out;
-    spin_train_frame_close(frame, d);
-    SPIN_TRY_OUT(spin_train_frame_open(frame, d, size, true, false));
-    frame->time = old.time;
-    frame->steps = old.steps;
-    d->op->upload(d, frame->track, track, bytes);
-    free(*permutation);
-    *permutation = places;
-    places = NULL;
-out:
-    free(places);
-    free(track);
-    return status;
-}
-
-/* Each frame by its owner, and then known to all. */
-static spin_status change_frames(struct change *c, uint32_t **permutation, size_t *counts,
-                                 struct spin_densify_change *sum)
-{
-    size_t n = (size_t)c->t->n_frames;
-    struct changed *changed;
-    int *owner;
-    void *block = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_alloc(n, sizeof *changed + sizeof *owner, &block));
-    changed = block;
-    owner = (int *)(changed + n);
-    for (int f = 0; f < c->t->n_frames; f++) {
-        owner[f] = spin_share_owner(f);
-        if (spin_trainer_owns(f))
-            SPIN_TRY_OUT(change_frame(c, f, &permutation[f], &changed[f].change));
-        changed[f].size = c->t->frame[f].size;
-    }
-    SPIN_TRY_OUT(spin_ranks_merge(changed, n, sizeof *changed, owner));
-    for (int f = 0; f < c->t->n_frames; f++) {
-        counts[f] = changed[f].size.n;
-        sum->clones += changed[f].change.clones;
-        sum->splits += changed[f].change.splits;
-        sum->pruned += changed[f].change.pruned;
-        if (spin_n_ranks() > 1)
-            SPIN_TRY_OUT(share_frame(c->t, f, changed[f].size, &permutation[f]));
-    }
-out:
-    free(block);
-    return status;
-}
+/* ---- The whole ---------------------------------------------------------------------------------- */
 
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,
@@ -434,8 +354,12 @@ spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densif
 
     SPIN_TRY(spin_alloc(t->n_tracks + 1, sizeof *c.row, &block));
     c.row = block;
+    SPIN_TRY_OUT(spin_trainer_join_seen(t));
     SPIN_TRY_OUT(change_tracks(&c, change));
-    SPIN_TRY_OUT(change_frames(&c, permutation, counts, change));
+    for (int f = 0; f < t->n_frames; f++) {
+        SPIN_TRY_OUT(change_frame(&c, f, &permutation[f], change));
+        counts[f] = t->frame[f].size.n;
+    }
     t->n_tracks = c.tracks.n;
     t->n_moving = c.n_moving;
     t->n_varying = c.n_varying;

@@ -23,7 +23,7 @@ spin_status spin_exposures_open(struct spin_exposures *t, struct spin_device *d,
 void spin_exposures_close(struct spin_exposures *t, struct spin_device *d)
 {
     spin_param_close(&t->param, d);
-    d->op->release(d, t->exposed, 3 * t->pixels * sizeof(float));
+    d->op->release(d, t->exposed);
     memset(t, 0, sizeof *t);
 }
 

@@ -203,10 +203,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
             residual =
                 (struct spin_rows){cloud.point[0].p.log_scale, sizeof *cloud.point / sizeof(float)};
     }
-    status = SPIN_OK;
-    if (spin_trainer_owns(f))
-        status =
-            spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, pos, residual, permutation);
+    status = spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, pos, residual, permutation);
 out:
     spin_refine_cloud_free(&cloud);
     return status;
@@ -271,7 +268,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
     trainer->frame[f].time = spin_plan_info(plan, f)->time;
     if (isnan(plan->o->init_log_scale) && f == spin_plan_middle_frame(plan))
         SPIN_TRY(measure_spacing(plan->o->n_threads, s, &frames->init_log_scale));
-    if (!first_values || (!spin_trainer_owns(f) && tracks->n == 0))
+    if (!first_values)
         return SPIN_OK;
     return send_frame(plan, s, f, frames->permutation[f], first, trainer->device,
                       &trainer->frame[f]);

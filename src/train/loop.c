@@ -31,11 +31,10 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
     struct spin_trainer *t = l->trainer;
     struct spin_player live;
     struct spin_lenses lenses = l->plan->lenses; /* with the falloff of now */
-    float SPIN_DEV *table;
+    float SPIN_DEV *table = spin_trainer_take_table(t);
     char label[40];
     spin_status status;
 
-    SPIN_TRY(spin_trainer_take_table(t, &table));
     spin_player_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL, table,
                           t->heads.p, frame_of, t);
     status = spin_exposures_read_lenses(&t->exposures, t->device, &lenses);
@@ -45,8 +44,6 @@ static spin_status show_network(const struct spin_loop *l, struct spin_quality *
     if (status == SPIN_OK)
         status =
             spin_test_views_measure(l->plan, l->photos, &live, l->plan->counts, "evaluating", q);
-    if (status == SPIN_OK && l->plan->o->preview)
-        status = spin_trainer_lend(t, l->plan->clip.n_frames / 2, 0);
     if (status == SPIN_OK && spin_rank() == 0)
         status = spin_test_views_preview(l->plan, l->photos, &live, label);
     status = spin_ranks_agree(status);

@@ -120,37 +120,20 @@ static spin_status invert(const uint32_t *permutation, size_t n, uint32_t **out)
     return SPIN_OK;
 }
 
-/* Frames are written twice, for their positions and for their residual values, and come to rank 0 one by one. */
-static int n_lendings(const struct spin_output *output)
-{
-    return output->trainer->n_frames * (spin_plan_has_residual(output->plan) ? 2 : 1);
-}
-
-static spin_status lend_next(const struct spin_output *output)
-{
-    int frame = (*output->n_lent)++ % output->trainer->n_frames;
-
-    return spin_trainer_lend(output->trainer, frame, 0);
-}
-
 /* A frame's own positions or residual values: of the splats that have some, in the order of the source. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, bool residual)
 {
-    struct spin_train_frame at, *from = &at;
-    size_t n, width = residual ? SPIN_RESIDUAL : 3, to = 0;
-    uint64_t shape[2];
+    const struct spin_train_frame *from = &output->trainer->frame[frame];
+    size_t n = residual ? from->size.n_residual : from->size.n_pos;
+    size_t width = residual ? SPIN_RESIDUAL : 3, to = 0;
+    uint64_t shape[2] = {n, width};
     struct spin_rows rows = {.stride = width}, none = {0};
     uint32_t *place = NULL;
     float *packed;
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY(lend_next(output));
-    at = spin_trainer_at(output->trainer, frame);
-    n = residual ? at.size.n_residual : at.size.n_pos;
-    shape[0] = n;
-    shape[1] = width;
     SPIN_TRY_OUT(invert(output->frames->permutation[frame], from->size.n, &place));
     SPIN_TRY_OUT(spin_alloc(width * n + 1, 2 * sizeof(float), &block));
     rows.at = block;
@@ -513,22 +496,13 @@ out:
 spin_status spin_output_write(const struct spin_output *output)
 {
     struct spin_trainer *t = output->trainer;
-    struct spin_output own = *output;
-    float SPIN_DEV *whole = NULL;
-    int n_lent = 0;
-    spin_status status = SPIN_OK, lent = SPIN_OK;
+    spin_status status = SPIN_OK;
 
-    own.n_lent = &n_lent;
-    if (t->network)
-        SPIN_TRY(spin_trainer_take_table(t, &whole));
-    if (spin_rank() == 0)
-        status = write_whole(&own, whole);
-    while (spin_n_ranks() > 1 && lent == SPIN_OK &&
-           n_lent < n_lendings(&own)) /* also what could not be written */
-        lent = lend_next(&own);
-    status = status == SPIN_OK ? lent : status;
-    if (t->network)
-        spin_trainer_put_back(t);
+    if (spin_rank() == 0) {
+        status = write_whole(output, t->network ? spin_trainer_take_table(t) : NULL);
+        if (t->network)
+            spin_trainer_put_back(t);
+    }
     return spin_ranks_agree(status);
 }
 

@@ -12,7 +12,6 @@ struct spin_output {
     struct spin_trainer *trainer; /* with a network */
     const char *fingerprint;
     const char *code_paths; /* that did the work */
-    int *n_lent; /* spin_output_write()'s own: frames that came from their owners so far */
 };
 
 /* Nothing in it tells when or how fast it was made, so equal runs give equal files. */

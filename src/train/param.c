@@ -25,7 +25,7 @@ void spin_param_close(struct spin_param *param, struct spin_device *d)
 
     for (int i = 0; i < 4; i++)
         if (at[i])
-            d->op->release(d, at[i] - param->pad, (param->n + param->pad) * sizeof(float));
+            d->op->release(d, at[i] - param->pad);
     memset(param, 0, sizeof *param);
 }
 

@@ -223,22 +223,21 @@ static int decodings(const struct spin_retrain_options *o)
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
-/* Frames of a step go round the ranks (share.h). */
+/* Images of a step go to the ranks in equal parts. */
 static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
-    int frames = decodings(o), n = spin_n_ranks();
+    int n = spin_n_ranks();
 
-    if (o->method != SPIN_METHOD_FRAMES && frames < n)
-        spin_warn("a step shows %d frame%s (--batch %d), so only %d of %d processes draw%s: give "
-                  "--batch %d, or start "
-                  "fewer processes",
-                  frames, frames == 1 ? "" : "s", o->batch, frames, n, frames == 1 ? "s" : "",
-                  n * o->views_per_frame);
+    if (o->method != SPIN_METHOD_FRAMES && o->batch < n)
+        spin_warn("a step has %d image%s (--batch %d), so only %d of %d processes draw%s: give "
+                  "--batch %d, or start fewer processes",
+                  o->batch, o->batch == 1 ? "" : "s", o->batch, o->batch, n,
+                  o->batch == 1 ? "s" : "", n);
 }
 
 bool spin_plan_is_lazy(const struct spin_plan *plan)
 {
-    return plan->device->op->lazy_adam_enable &&
+    return plan->device->op->lazy_adam_enable && spin_n_ranks() == 1 &&
            spin_lazy_pays(&plan->field, decodings(plan->o) * plan->clip.n_mean,
                           plan->o->iterations);
 }
@@ -284,7 +283,7 @@ size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 static size_t trainer_bytes(const struct spin_plan *plan)
 {
     bool residual = spin_plan_has_residual(plan);
-    size_t most = plan->clip.n_max, owned = 0, all = 0;
+    size_t most = plan->clip.n_max, all = 0;
     const struct spin_frame_size frame = {most, most, most, residual ? most : 0};
     const struct spin_trainer_size size = {.n_frames = 1,
                                            .frame = &frame,
@@ -294,17 +293,11 @@ static size_t trainer_bytes(const struct spin_plan *plan)
                                            .max_items = plan->o->batch,
                                            .max_pixels = plan->max_pixels};
 
-    for (int r = 0; r < spin_n_ranks(); r++) { /* the largest part of a rank */
-        size_t n = 0;
-
-        for (int f = 0; f < plan->clip.n_frames; f++)
-            n += spin_share_owner(f) == r ? plan->counts[f] : 0;
-        all += n;
-        owned = n > owned ? n : owned;
-    }
+    for (int f = 0; f < plan->clip.n_frames; f++)
+        all += plan->counts[f];
     return spin_trainer_bytes(plan->device, &plan->field, &size) +
-           (owned - most) * spin_train_frame_bytes(residual) +
-           (plan->o->tracks ? (all + 2 * owned - 3 * most) * sizeof(uint32_t) : 0);
+           (all - most) *
+               (spin_train_frame_bytes(residual) + (plan->o->tracks ? 3 * sizeof(uint32_t) : 0));
 }
 
 /* What a card's verbs need for themselves (src/device/cuda): activations of a chunk of splats, places and keys for
@@ -333,7 +326,7 @@ static void network_bytes(const struct spin_plan *plan, size_t *of_device, size_
                  (size_t)o->batch * image + scratch_bytes(plan) +
                  (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0) +
                  (plan->device->deterministic && !plan->device->is_host
-                      ? spin_share_most(&plan->field.grid) * sizeof(uint64_t) /* fixed-point sums */
+                      ? plan->field.n_table * sizeof(uint64_t) /* fixed-point sums */
                       : 0);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
 }
@@ -359,14 +352,24 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
+/* What each rank puts into the sums of a step, as if nothing were shared: gradients of the network, and of what the frames
+ * of a step have of their own. */
+static double step_bytes(const struct spin_plan *plan)
+{
+    double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
+    double floats = plan->o->batch * own * plan->clip.n_mean;
+
+    if (plan->o->method == SPIN_METHOD_NETWORK)
+        floats += (double)plan->field.n_table + (double)plan->field.n_heads;
+    return sizeof(float) * floats;
+}
+
 /* On a device with memory of its own both its memory and the host's must do; the tighter one is reported.
  * held: bytes of decoded images that are kept by now. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
     size_t of_device, of_host, available, refining = spin_plan_refine_bytes(plan);
-    double distinct = decodings(plan->o); /* frames of a step */
-    bool network = plan->o->method == SPIN_METHOD_NETWORK;
 
     network_bytes(plan, &of_device, &of_host);
     if (plan->o->refine > 0 &&
@@ -377,8 +380,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     report->ranks = spin_n_ranks();
     if (plan->o->method != SPIN_METHOD_FRAMES)
         report->bytes_sent =
-            distinct * spin_share_traffic(network ? &plan->field : NULL, plan->clip.n_mean,
-                                          spin_plan_has_residual(plan), plan->o->tracks);
+            (spin_n_ranks() > 1 ? spin_n_ranks() : 0) * step_bytes(plan);
     of_host += program_bytes + (plan->device->is_host ? of_device : 0);
     report->bytes_available = spin_memory_available() + held;
     of_host += plan_pixels(plan, report->bytes_available, of_host, held);

@@ -200,7 +200,7 @@ static void release(struct refine *r)
 
     list_arrays(r, list, bytes);
     for (int i = 0; i < N_ARRAYS; i++) {
-        d->op->release(d, *list[i], r->frame.capacity.n * bytes[i]);
+        d->op->release(d, *list[i]);
         *list[i] = NULL;
     }
     spin_field_eval_close(&r->field_eval, NULL);
@@ -219,8 +219,7 @@ static spin_status reserve(struct refine *r, size_t n)
     if (n > r->frame.capacity.n) {
         release(r);
         SPIN_TRY(spin_train_frame_open(
-            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity, capacity}, false,
-            true));
+            &r->frame, d, (struct spin_frame_size){capacity, capacity, capacity, capacity}, false));
         r->frame.steps = steps;
         SPIN_TRY(spin_field_eval_open(&r->field_eval, d, NULL, capacity, true));
         SPIN_TRY(spin_raster_open(&r->raster, d, capacity, r->max_pixels, r->max_tiles, 1, true));
@@ -588,7 +587,7 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
         *stats = r.stats;
 out:
     release(&r);
-    device->op->release(device, r.values, SPIN_LOSS_VALUES * sizeof *r.values);
+    device->op->release(device, r.values);
     spin_exposures_close(&r.exposures, device);
     free(block);
     return status;

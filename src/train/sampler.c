@@ -88,7 +88,7 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
         struct spin_train_item *item = &s->items[k];
         size_t view = s->pairs[k]->view;
 
-        if (spin_trainer_rank(s->items, (int)k, plan->counts) == spin_rank() &&
+        if (spin_step_rank((int)k, (int)batch) == spin_rank() &&
             !spin_image_store_find(&s->images, view, &item->image))
             SPIN_TRY(spin_photos_put(s->photos, plan, view, &s->images, item->image));
     }

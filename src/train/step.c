@@ -1,91 +1,276 @@
-/* The training step. It goes in groups of as many frames and views as the device takes at once. Gradients of
- * table and heads gather over all of them; positions take their step when their group is done. */
+/* The training step. It goes in groups of as many frames and views as the device takes at once. Gradients of what
+ * frames share gather over all of them; a frame's own values take their step when its group is done, or with several
+ * ranks when all have drawn: each draws its part of the items, and gradients are summed. */
 #include "train/step.h"
 
 #include "base/err.h"
 #include "io/ranks.h"
 #include "model/residual.h"
-#include "train/step_ranks.h"
 
-/* The sums to where Adam takes them. */
-static void put_shared(struct spin_trainer *t)
+struct batch {
+    const struct spin_images *images;
+    const struct spin_train_item *items;
+    int n;
+};
+
+int spin_step_rank(int item, int n) { return (int)((int64_t)item * spin_n_ranks() / n); }
+
+/* ---- Drawing ---------------------------------------------------------------------------------- */
+
+/* Draw the views, add their gradients to d_attr and d_pos, and empty the batch of views. */
+static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
+                              const struct spin_frame_batch *frames, struct spin_view_batch *views)
 {
-    size_t n = t->heads.n, n_exposure = t->exposures.param.n;
-    struct spin_device *d = t->device;
+    struct spin_field_eval *eval = &t->field_eval;
+    int sh_degree = spin_trainer_sh_degree(t);
 
-    if (!t->shared || n + n_exposure == 0)
-        return;
-    if (n > 0)
-        d->op->copy_rows(d, 1, n, t->shared, n, t->heads.g, n);
-    if (n_exposure > 0)
-        d->op->copy_rows(d, 1, n_exposure, t->shared + n, n_exposure, t->exposures.param.g,
-                         n_exposure);
-    d->op->zero(d, t->shared, (n + n_exposure) * sizeof(float));
-}
-
-static void add_own_shared(struct spin_trainer *t)
-{
-    float SPIN_DEV *mine = t->shared + spin_step_shared(t);
-
-    if (!t->shared)
-        return;
-    spin_step_take_shared(t, mine);
-    spin_step_add_shared(t, mine);
-}
-
-/* The frames of these items, whose views may stand anywhere in the batch. */
-static spin_status do_frames(struct spin_trainer *t, const struct spin_step_batch *b,
-                             const int *first, int n)
-{
-    const struct spin_field *network = spin_trainer_network(t);
-    struct spin_frame_batch frames;
-
-    if (spin_n_ranks() > 1)
-        return spin_step_round(t, b, first, n);
-    frames = spin_step_frames(t, b, first, n);
-    spin_step_add_tracks(t, &frames);
-    spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
-    SPIN_TRY(spin_step_draw(t, b, first, &frames));
-    spin_field_backward(&t->field_eval, network, t->table.p, t->heads.p, &frames, t->table.g,
-                        t->heads.g);
-    spin_step_finish(t, b, first, &frames);
-    add_own_shared(t);
+    if (views->n_views == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_raster_forward(&t->raster, views, frames, eval->attr, sh_degree));
+    t->seen |= t->raster.tiles.n_intersections > 0;
+    spin_image_loss(&t->exposures, &t->raster, views, b->images, t->lambda_dssim, t->values);
+    spin_raster_backward(&t->raster, views, frames, eval->attr, sh_degree, eval->d_attr);
+    if (t->gather)
+        t->device->op->densify_stats(t->device, views, frames, t->raster.splat2d,
+                                     t->raster.d_splat2d);
+    views->n_views = 0;
     return SPIN_OK;
 }
 
-/* ---- The step -------------------------------------------------------------------------------- */
+static void add_item(struct spin_trainer *t, const struct batch *b, int item, int frame,
+                     size_t n, struct spin_view_batch *views)
+{
+    struct spin_view_of_batch *view = spin_raster_add_view(
+        &t->raster, views, frame, n, b->items[item].camera, t->field.antialias);
 
-static bool seen_before(const struct spin_train_item *items, int i)
+    view->weight = 1.0f / (float)b->n;
+    view->image = b->items[item].image;
+    view->exposure = b->items[item].exposure;
+    view->lens = b->items[item].lens;
+    view->value = t->n_drawn;
+    t->drawn[t->n_drawn++] = item;
+}
+
+/* All views of the frames that this rank draws; first[f]: the first item that shows frame f of the batch. */
+static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, const int *first,
+                               struct spin_frame_batch *frames)
+{
+    struct spin_view_batch views = spin_raster_batch(&t->raster, t->background);
+
+    for (int f = 0; f < frames->n_frames; f++) {
+        struct spin_frame_of_batch *frame = &frames->frame[f];
+        float share = 0; /* of the batch's pictures */
+
+        for (int i = first[f]; i < b->n; i++) {
+            if (b->items[i].frame != b->items[first[f]].frame ||
+                spin_step_rank(i, b->n) != spin_rank())
+                continue;
+            if (views.n_views == t->raster.views || views.n_views == SPIN_MAX_VIEWS)
+                SPIN_TRY(draw_views(t, b, frames, &views));
+            add_item(t, b, i, f, frame->n, &views);
+            share += 1.0f / (float)b->n;
+        }
+        frame->d_scale = share * t->lambda_scale / (3 * (float)frame->n);
+        frame->d_opacity = share * t->lambda_opacity / (float)frame->n;
+    }
+    return draw_views(t, b, frames, &views);
+}
+
+static void add_frame(const struct spin_trainer *t, int number, struct spin_frame_batch *frames)
+{
+    struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
+    const struct spin_train_frame *frame = &t->frame[number];
+    bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
+
+    *to = (struct spin_frame_of_batch){
+        .first = frames->n,
+        .n = frame->size.n,
+        .t = spin_field_time(&t->field, frame->time),
+        .means = frame->pos,
+        .d_means = t->d_pos + 3 * frames->n,
+        .residual = frame->residual,
+        .d_residual = residual ? t->d_residual + SPIN_RESIDUAL * frames->n : NULL,
+    };
+    if (t->tracked) {
+        to->track = frame->track;
+        to->own_means = frame->pos;
+        to->n_own_means = frame->size.n_pos;
+        to->own_residual = frame->residual;
+        to->n_own_residual = frame->size.n_residual;
+        to->means = t->means + 3 * frames->n;
+        to->residual = t->residual + SPIN_RESIDUAL * frames->n;
+        to->d_residual = t->d_residual + SPIN_RESIDUAL * frames->n;
+        to->gradient = frame->gradient;
+        to->seen = frame->seen;
+    }
+    frames->n += frame->size.n;
+}
+
+/* What the frames' splats have from their tracks. */
+static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *frames)
+{
+    struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g};
+
+    if (t->tracked)
+        t->device->op->tracks(t->device, frames, &tracks, t->means, t->residual);
+}
+
+struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
+{
+    struct spin_frame_batch frames = {0};
+
+    add_frame(t, frame, &frames);
+    add_tracks(t, &frames);
+    return frames;
+}
+
+/* ---- Frames' own values ----------------------------------------------------------------------- */
+
+/* Adam for what belongs to the frames alone: their positions, and residual values, each group at its rate. */
+static void step_frames(struct spin_trainer *t, const struct batch *b, const int *first,
+                        const struct spin_frame_batch *frames)
+{
+    struct spin_param_group group[SPIN_MAX_FRAMES * SPIN_TRAIN_FRAME_GROUPS];
+    double lr_pos =
+        t->rates.position == 0 ? 0 : spin_trainer_rate(t, t->rates.position, t->iteration);
+    double lr[SPIN_HEADS];
+    bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0; /* residual values stay as they are */
+    int n_groups = 0;
+
+    for (int k = 0; k < SPIN_HEADS; k++)
+        lr[k] = spin_trainer_rate(t, t->rates.residual[k], t->iteration);
+    for (int f = 0; f < frames->n_frames; f++)
+        n_groups += spin_train_frame_step(
+            &t->frame[b->items[first[f]].frame], lr_pos, lr, t->rates.tracked,
+            frames->frame[f].d_means, fixed ? NULL : frames->frame[f].d_residual, group + n_groups);
+    t->device->op->adam(t->device, n_groups, group);
+}
+
+/* Gradients of a frame's own values, which have places of their own in t->own_grad while ranks sum them. put: to there,
+ * else from there. Returns the floats. */
+static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
+                       const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
+{
+    float SPIN_DEV *from[1 + SPIN_HEADS] = {frame->d_means};
+    size_t n[1 + SPIN_HEADS] = {3 * size->n_pos}, sum = 0, all = 0;
+
+    for (int k = 0; frame->d_residual && k < SPIN_HEADS; k++) {
+        from[1 + k] = frame->d_residual + sum * frame->n;
+        n[1 + k] = spin_residual_width[k] * size->n_residual;
+        sum += spin_residual_width[k];
+    }
+    for (int i = 0; i <= SPIN_HEADS; all += n[i++])
+        if (n[i] > 0)
+            t->device->op->copy_rows(t->device, 1, n[i], put ? from[i] : at + all, n[i],
+                                     put ? at + all : from[i], n[i]);
+    return all;
+}
+
+static bool seen_before(const struct batch *b, int i, int rank)
 {
     for (int j = 0; j < i; j++)
-        if (items[j].frame == items[i].frame)
+        if (b->items[j].frame == b->items[i].frame &&
+            (rank < 0 || spin_step_rank(j, b->n) == rank))
             return true;
     return false;
 }
 
-int spin_trainer_rank(const struct spin_train_item *items, int item, const size_t *counts)
+/* Whether an item is the first of its frame among those of a rank, or with -1 of all. Frames without a splat have no
+ * part. */
+static bool begins(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
-    int place = 0;
-
-    for (int i = 0; i < item; i++) {
-        if (items[i].frame == items[item].frame)
-            break;
-        place += !seen_before(items, i) && counts[items[i].frame] > 0;
-    }
-    return place % spin_n_ranks();
+    return (rank < 0 || spin_step_rank(i, b->n) == rank) && !seen_before(b, i, rank) &&
+           t->frame[b->items[i].frame].size.n > 0;
 }
 
-/* Groups of frames, in the order in which the items first show them. Frames without a splat have no part. */
-static spin_status do_groups(struct spin_trainer *t, const struct spin_step_batch *b)
+/* Where the gradients of an item's frame are in t->own_grad: behind those of the frames before it. */
+static float SPIN_DEV *place_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
-    int at_once = spin_n_ranks() > 1 ? spin_n_ranks() : spin_trainer_frames_at_once(t);
-    int first[SPIN_MAX_RANKS], n = 0;
+    float SPIN_DEV *at = t->own_grad;
+
+    for (int i = 0; i < b->n && b->items[i].frame != b->items[item].frame; i++) {
+        const struct spin_frame_size *size = &t->frame[b->items[i].frame].size;
+
+        if (begins(t, b, i, -1))
+            at += 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual;
+    }
+    return at;
+}
+
+/* Gradients of all ranks to each, and then the frames' step. */
+static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
+{
+    const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
+    struct spin_device_sum sum[5];
+    size_t n = 0, own = 0;
+
+    if (spin_n_ranks() == 1)
+        return SPIN_OK;
+    for (int k = 0; k < 4; k++)
+        if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
+            sum[n++] = (struct spin_device_sum){param[k]->g, param[k]->n, false};
+    for (int i = 0; i < b->n; i++)
+        if (begins(t, b, i, -1))
+            own += 3 * t->frame[b->items[i].frame].size.n_pos +
+                   SPIN_RESIDUAL * t->frame[b->items[i].frame].size.n_residual;
+    if (own > 0)
+        sum[n++] = (struct spin_device_sum){t->own_grad, own, false};
+    SPIN_TRY(spin_rank_sum(&t->rank_sum, sum, n));
+    for (int i = 0; i < b->n; i++) {
+        struct spin_frame_batch frames = {0};
+
+        if (!begins(t, b, i, -1))
+            continue;
+        add_frame(t, b->items[i].frame, &frames);
+        move_own(t, &frames.frame[0], &t->frame[b->items[i].frame].size, place_of(t, b, i), false);
+        step_frames(t, b, &i, &frames);
+    }
+    t->device->op->zero(t->device, t->own_grad, own * sizeof(float));
+    return SPIN_OK;
+}
+
+/* ---- The step --------------------------------------------------------------------------------- */
+
+/* The frames of these items, whose views may stand anywhere in the batch. */
+static spin_status do_frames(struct spin_trainer *t, const struct batch *b, const int *first, int n)
+{
+    const struct spin_field *network = spin_trainer_network(t);
+    struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g};
+    struct spin_frame_batch frames = {0};
+    struct spin_device *d = t->device;
+
+    for (int i = 0; i < n; i++)
+        add_frame(t, b->items[first[i]].frame, &frames);
+    add_tracks(t, &frames);
+    spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
+    d->op->zero(d, t->field_eval.d_attr, frames.n * SPIN_ATTR * sizeof(float));
+    d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
+    if (t->tracked ||
+        (spin_n_ranks() > 1 && t->residuals)) /* no Adam here, which would leave zeros */
+        d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
+    SPIN_TRY(draw_frames(t, b, first, &frames));
+    spin_field_backward(&t->field_eval, network, t->table.p, t->heads.p, &frames, t->table.g,
+                        t->heads.g);
+    if (t->tracked)
+        d->op->tracks_back(d, &frames, &tracks);
+    if (spin_n_ranks() == 1)
+        step_frames(t, b, first, &frames);
+    for (int f = 0; spin_n_ranks() > 1 && f < n; f++)
+        move_own(t, &frames.frame[f], &t->frame[b->items[first[f]].frame].size,
+                 place_of(t, b, first[f]), true);
+    return SPIN_OK;
+}
+
+/* Groups of frames, in the order in which the items of this rank first show them. */
+static spin_status do_groups(struct spin_trainer *t, const struct batch *b)
+{
+    int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
 
     for (int i = 0; i < b->n; i++) {
-        if (seen_before(b->items, i) || t->frame[b->items[i].frame].size.n == 0)
+        if (!begins(t, b, i, spin_rank()))
             continue;
         first[n++] = i;
-        if (n == at_once || (spin_n_ranks() == 1 && n == SPIN_MAX_FRAMES)) {
+        if (n == at_once || n == SPIN_MAX_FRAMES) {
             SPIN_TRY(do_frames(t, b, first, n));
             n = 0;
         }
@@ -157,22 +342,29 @@ static void step_shared(struct spin_trainer *t)
     spin_exposures_centre(&t->exposures, d);
 }
 
-/* The step's one read-back. */
+/* The step's one read-back, and the sums of all ranks. */
 static spin_status read_values(struct spin_trainer *t, int n, struct spin_train_values *values)
 {
+    double sum[4] = {0};
+
     SPIN_TRY(
         t->device->op->download(t->device, t->host_values, t->values,
                                 (size_t)t->n_drawn * SPIN_LOSS_VALUES * sizeof *t->host_values));
-    values->seen = t->seen;
+    sum[3] = t->seen;
     for (int i = 0; i < t->n_drawn; i++) {
         const double *v = t->host_values + i * SPIN_LOSS_VALUES;
 
-        values->loss += v[SPIN_LOSS] / n;
-        values->l1 += v[SPIN_LOSS_L1] / n;
-        values->ssim += v[SPIN_LOSS_SSIM] / n;
+        sum[0] += v[SPIN_LOSS] / n;
+        sum[1] += v[SPIN_LOSS_L1] / n;
+        sum[2] += v[SPIN_LOSS_SSIM] / n;
         if (values->each)
             values->each[t->drawn[i]] = v[SPIN_LOSS];
     }
+    SPIN_TRY(spin_ranks_sum(sum, 4, SPIN_SUM_F64));
+    values->loss = sum[0];
+    values->l1 = sum[1];
+    values->ssim = sum[2];
+    values->seen = sum[3] > 0;
     return SPIN_OK;
 }
 
@@ -180,16 +372,15 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
                               const struct spin_train_item *items, int n,
                               struct spin_train_values *values)
 {
-    const struct spin_step_batch b = {images, items, n};
+    const struct batch b = {images, items, n};
 
-    values->loss = values->l1 = values->ssim = 0;
     t->seen = false;
     t->n_drawn = 0;
     spin_trainer_catch_up(t, spin_trainer_network_steps(t));
     t->iteration++;
     t->field_eval.still = t->rates.position == 0 && t->rates.displacement == 0;
     SPIN_TRY(do_groups(t, &b));
-    put_shared(t);
+    SPIN_TRY(sum_gradients(t, &b));
     step_shared(t);
     return read_values(t, n, values);
 }

@@ -24,14 +24,13 @@ static void list_arrays(struct spin_train_frame *f, float SPIN_DEV **list[N_ARRA
 }
 
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
-                                  struct spin_frame_size size, bool tracked, bool owned)
+                                  struct spin_frame_size size, bool tracked)
 {
     float SPIN_DEV **list[N_ARRAYS];
     size_t bytes[N_ARRAYS];
 
     memset(frame, 0, sizeof *frame);
-    frame->size = size;
-    frame->capacity = owned ? size : (struct spin_frame_size){.n = size.n};
+    frame->size = frame->capacity = size;
     list_arrays(frame, list, bytes);
     for (int i = 0; i < N_ARRAYS; i++)
         if (bytes[i] > 0)
@@ -39,8 +38,6 @@ spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_de
     if (!tracked)
         return SPIN_OK;
     SPIN_TRY(d->op->reserve(d, size.n * sizeof *frame->track, (void SPIN_DEV **)&frame->track));
-    if (!owned)
-        return SPIN_OK;
     SPIN_TRY(
         d->op->reserve(d, size.n * sizeof *frame->gradient, (void SPIN_DEV **)&frame->gradient));
     return d->op->reserve(d, size.n * sizeof *frame->seen, (void SPIN_DEV **)&frame->seen);
@@ -53,10 +50,10 @@ void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *
 
     list_arrays(frame, list, bytes);
     for (int i = 0; i < N_ARRAYS; i++)
-        d->op->release(d, *list[i], bytes[i]);
-    d->op->release(d, frame->track, frame->capacity.n * sizeof *frame->track);
-    d->op->release(d, frame->gradient, frame->capacity.n * sizeof *frame->gradient);
-    d->op->release(d, frame->seen, frame->capacity.n * sizeof *frame->seen);
+        d->op->release(d, *list[i]);
+    d->op->release(d, frame->track);
+    d->op->release(d, frame->gradient);
+    d->op->release(d, frame->seen);
     memset(frame, 0, sizeof *frame);
 }
 

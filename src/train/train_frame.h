@@ -26,10 +26,9 @@ struct spin_train_frame {
     int64_t steps;
 };
 
-/* All zero; tracked: also what only frames whose splats may have tracks have. owned: else only the tracks of its splats, which every
- * rank has. After a failure close as well. */
+/* All zero; tracked: also what only frames whose splats may have tracks have. After a failure close as well. */
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
-                                  struct spin_frame_size size, bool tracked, bool owned);
+                                  struct spin_frame_size size, bool tracked);
 void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d);
 /* Bytes that open reserves for a splat that has everything of its own. */
 size_t spin_train_frame_bytes(bool residual);

@@ -5,9 +5,8 @@
 
 #include "model/field_eval.h"
 #include "render/raster.h"
-#include "train/exchange.h"
 #include "train/image_loss.h"
-#include "train/share.h"
+#include "train/rank_sum.h"
 #include "train/train_frame.h"
 
 struct spin_train_rates {
@@ -33,19 +32,11 @@ struct spin_trainer_size {
     const float *exposure;   /* [n_cameras + n_lenses][SPIN_EXPOSURE] what they begin with */
 };
 
-enum { SPIN_ROUND_BUFFERS = 6 };
-
 struct spin_trainer {
     struct spin_device *device;
     struct spin_field field;
     const struct spin_field *network; /* the same, or NULL: there is none */
-    struct spin_param table, heads;   /* empty without a network; table: the levels of this rank */
-    struct spin_levels levels;        /* these, of all */
-    struct spin_field part;           /* the network with these levels alone */
-    float SPIN_DEV *whole;            /* the table of all ranks, between take_table and put_back */
-    float SPIN_DEV *
-        shared; /* [2][spin_step_shared()] gradients of heads and exposures: summed frame by frame, and of
-                             * one frame; or NULL */
+    struct spin_param table, heads;   /* empty without a network */
     struct spin_param tracks; /* [SPIN_TRACK n_tracks] in groups (device.h) */
     bool tracked;             /* as in spin_trainer_size */
     size_t n_tracks;
@@ -53,17 +44,12 @@ struct spin_trainer {
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
     bool gather;   /* what densification goes by */
     struct spin_exposures exposures;
-    struct spin_train_frame *frame; /* [n_frames]; arrays of those that this rank owns */
+    struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
-    int visiting; /* the frame of another rank that is in the buffers, or -1 */
-    float SPIN_DEV *visit_pos, *visit_residual; /* its values, [3 n_max], [SPIN_RESIDUAL n_max] */
-    float SPIN_DEV *visit_gradient; /* [n_max] when tracked: what densification goes by */
-    uint32_t SPIN_DEV *visit_seen;  /* [n_max] */
     bool residuals;                 /* splats have values besides the network's */
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
-    bool is_lazy;                /* the table's Adam is, as that pays */
-    struct spin_lazy_adam *lazy; /* of the table, where this rank has lines; else NULL */
+    struct spin_lazy_adam *lazy; /* of the table, as that pays; else NULL */
     float lambda_dssim, background[3];
     float lambda_scale, lambda_opacity; /* on the mean scale and opacity of what a step sees */
     int sh_increase_every; /* steps until the next degree of SH joins; 0: all from the start */
@@ -77,9 +63,8 @@ struct spin_trainer {
     double SPIN_DEV *values;          /* [max_items][SPIN_LOSS_VALUES] of a step */
     double *host_values;              /* the same */
     int *drawn;                       /* [max_items] the item of each row of values */
-    struct spin_exchange exchange;    /* with other ranks */
-    void SPIN_DEV *round[SPIN_ROUND_BUFFERS]; /* memory of step_ranks.c */
-    size_t round_bytes[SPIN_ROUND_BUFFERS];
+    struct spin_rank_sum rank_sum;
+    float SPIN_DEV *own_grad; /* with several ranks: gradients of the own values of a batch's frames; zeros between steps */
     int max_items, n_drawn;
     bool seen; /* some view of the step shows a splat */
 };
@@ -99,19 +84,9 @@ size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_fi
 /* Frames that go through the device together, at most. */
 int spin_trainer_frames_at_once(const struct spin_trainer *t);
 
-/* Whether this rank has the frame's values and moments. */
-bool spin_trainer_owns(int frame);
-/* The frame as it can be drawn here: its own arrays, or of one that visits, its values. */
-struct spin_train_frame spin_trainer_at(const struct spin_trainer *t, int frame);
-/* A frame's values as floats one after the other: positions [3 n_pos], residual values [SPIN_RESIDUAL n_residual]; while
- * a densification is prepared also gradient [n], seen [n]. whole: all of them; else the positions alone. */
-size_t spin_trainer_floats(const struct spin_trainer *t, int frame);
-void spin_trainer_pack(const struct spin_trainer *t, int frame, float SPIN_DEV *to, bool whole);
-/* From there: the frame visits. */
-void spin_trainer_receive(struct spin_trainer *t, int frame, const float SPIN_DEV *from,
-                          bool whole);
-/* The values of a frame from its owner to rank `to`, where it then visits until the next step. All ranks call it. */
-spin_status spin_trainer_lend(struct spin_trainer *t, int frame, int to);
+/* What densification goes by, of all ranks: the sums on each; and back to parts, which rank 0 has. All ranks call them. */
+spin_status spin_trainer_join_seen(struct spin_trainer *t);
+void spin_trainer_part_seen(struct spin_trainer *t);
 
 /* The network, or NULL: there is none, or it has not joined yet. */
 const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
@@ -120,9 +95,9 @@ const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
  * depends on the direction later. Above it there must be zeros, spin_field_clear_sh(). */
 int spin_trainer_sh_degree(const struct spin_trainer *t);
 
-/* The whole table as it is now: the parameters, or a copy, with lazy Adam in the place of the gradient, until
- * spin_trainer_put_back(). No step may come between. All ranks call it together. */
-spin_status spin_trainer_take_table(struct spin_trainer *t, float SPIN_DEV **out);
+/* The table as it is now: the parameters, or with lazy Adam a copy in the place of the gradient, until
+ * spin_trainer_put_back(). No step may come between. */
+float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t);
 void spin_trainer_put_back(struct spin_trainer *t);
 
 /* Rates now, of what begins with lr0: of all that is trained; of tracks, which learn in the first steps; and of the

@@ -68,14 +68,14 @@ static void pages(void)
         aligned = aligned && (uintptr_t)p % unit == 0;
         zero = zero && all_zero(p, size[i]);
         memset(p, 0xff, size[i]);
-        spin_pages_release(p, size[i]);
+        spin_pages_release(p);
     }
     ok(got, "reserves pages of any size");
     ok(aligned, "aligned to 2 MiB when that large, else to 64 bytes");
     ok(zero, "zeroed");
     ok(spin_pages_reserve(SIZE_MAX, &p) == SPIN_E_MEMORY && !p, "refuses the impossible");
     ok(spin_pages_reserve(SIZE_MAX / 2, &p) == SPIN_E_MEMORY && !p, "refuses the absurd");
-    spin_pages_release(NULL, 100);
+    spin_pages_release(NULL);
 }
 
 static void arenas(void)
@@ -140,5 +140,5 @@ TAP_MAIN
     spin_pages_reserve(96 << 20, &p);
     memset(p, 1, 96 << 20);
     ok(spin_memory_peak() >= before + (64 << 20), "the peak rises with use");
-    spin_pages_release(p, 96 << 20);
+    spin_pages_release(p);
 }

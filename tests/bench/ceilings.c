@@ -233,7 +233,7 @@ spin_status bench_ceilings(int n_threads, struct bench_ceilings *out)
     measure_streams(pool, block, out);
     measure_lookups(pool, block, out);
 out:
-    spin_pages_release(block, bytes);
+    spin_pages_release(block);
     spin_pool_free(pool);
     return status;
 }

@@ -74,12 +74,12 @@ static void misuse(void)
     ok(strict_complaints() == before + 1 && strstr(strict_last(), "zero"),
        "a host pointer in place of a device's is complained about");
     frames.frame[0].means = means;
-    d->op->release(d, means, sizeof host);
+    d->op->release(d, means);
     d->op->contract(d, &identity, &frames, x_u);
     ok(strict_complaints() == before + 2 && strstr(strict_last(), "contract"),
        "and memory that was released, inside of a struct too");
     strict_expect(false);
-    d->op->release(d, x_u, sizeof host);
+    d->op->release(d, x_u);
     strict_close(d);
 }
 

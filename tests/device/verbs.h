@@ -61,7 +61,7 @@ static void settle(struct loans *l)
             ok(0, "the device failed: %s", spin_last_error());
     }
     for (int i = 0; i < l->n; i++)
-        l->d->op->release(l->d, l->loan[i].at, l->loan[i].bytes + 64);
+        l->d->op->release(l->d, l->loan[i].at);
     l->n = 0;
 }
 

@@ -1,5 +1,6 @@
-/* A stand-in for libnccl between processes on one machine: each two of them have a socket. A group of messages is
- * carried out by a thread of its own, as on a card, and what is queued on the stream after it waits (gpu.cpp).
+/* A stand-in for libnccl between processes on one machine: each two of them have a socket. A group of sums is
+ * carried out by a thread of its own, as on a card, and what is queued on the stream after it waits (gpu.cpp): every
+ * rank sends its values to all others, and adds up what it has in the order of the ranks.
  *
  * For tests: SPIN_EMU_NCCL_FAIL=NAME, this function fails. */
 #include "nccl.h"
@@ -25,6 +26,13 @@ struct message {
     uint64_t head;
 };
 
+struct reduction {
+    char *at;
+    size_t count;
+    ncclDataType_t type;
+    std::vector<std::vector<char>> of; /* [n] the values of each rank */
+};
+
 struct ncclComm {
     int rank, n;
     std::vector<int> socket; /* to each rank */
@@ -33,7 +41,7 @@ struct ncclComm {
     std::atomic<ncclResult_t> error{ncclSuccess};
 };
 
-static std::vector<message> group;
+static std::vector<reduction> group;
 static ncclComm *of_group;
 static std::atomic<int> *stream_of_group;
 static int depth;
@@ -175,7 +183,7 @@ static bool go_on(ncclComm *comm, message &m)
 }
 
 /* Each peer's sends in order, and its receives. */
-static void carry_out(ncclComm *comm, std::vector<message> messages, std::atomic<int> *stream)
+static void exchange(ncclComm *comm, std::vector<message> &messages)
 {
     size_t left = 1;
 
@@ -198,6 +206,39 @@ static void carry_out(ncclComm *comm, std::vector<message> messages, std::atomic
         if (left > 0)
             usleep(100);
     }
+}
+
+template <typename T> static void add_up(const reduction &r)
+{
+    for (size_t i = 0; i < r.count; i++) {
+        T sum = 0;
+
+        for (auto &of : r.of)
+            sum += ((const T *)of.data())[i];
+        ((T *)r.at)[i] = sum;
+    }
+}
+
+static void carry_out(ncclComm *comm, std::vector<reduction> sums, std::atomic<int> *stream)
+{
+    std::vector<message> messages;
+
+    for (auto &r : sums) {
+        size_t bytes = 4 * r.count;
+
+        r.of.assign((size_t)comm->n, std::vector<char>(bytes));
+        memcpy(r.of[(size_t)comm->rank].data(), r.at, bytes);
+        for (int peer = 0; peer < comm->n; peer++) {
+            if (peer == comm->rank)
+                continue;
+            messages.push_back({false, peer, r.of[(size_t)comm->rank].data(), bytes, 0, bytes});
+            messages.push_back({true, peer, r.of[(size_t)peer].data(), bytes, 0, 0});
+        }
+    }
+    exchange(comm, messages);
+    for (auto &r : sums)
+        if (comm->error == ncclSuccess && !comm->stop)
+            r.type == ncclFloat32 ? add_up<float>(r) : add_up<uint32_t>(r);
     while (comm->error != ncclSuccess && !comm->stop) /* as a card would */
         usleep(100);
     --*stream;
@@ -210,30 +251,18 @@ ncclResult_t ncclGroupStart()
     return ncclSuccess;
 }
 
-static ncclResult_t add(message m, ncclComm_t comm, cudaStream_t stream)
+ncclResult_t ncclAllReduce(const void *from, void *to, size_t count, ncclDataType_t type,
+                           ncclRedOp_t op, ncclComm_t comm, cudaStream_t stream)
 {
-    if (m.peer < 0 || m.peer >= comm->n || m.peer == comm->rank)
+    MAY_FAIL();
+    if (from != to || op != ncclSum || (type != ncclFloat32 && type != ncclUint32))
         return ncclInvalidArgument;
     if (depth == 0)
-        return ncclInvalidUsage; /* with more than one message it would wait for ever */
+        return ncclInvalidUsage; /* with more than one sum it would be slow */
     of_group = comm;
     stream_of_group = (std::atomic<int> *)stream;
-    group.push_back(m);
+    group.push_back({(char *)to, count, type, {}});
     return ncclSuccess;
-}
-
-ncclResult_t ncclSend(const void *from, size_t count, ncclDataType_t, int peer, ncclComm_t comm,
-                      cudaStream_t stream)
-{
-    MAY_FAIL();
-    return add({false, peer, (char *)from, count, 0, count}, comm, stream);
-}
-
-ncclResult_t ncclRecv(void *to, size_t count, ncclDataType_t, int peer, ncclComm_t comm,
-                      cudaStream_t stream)
-{
-    MAY_FAIL();
-    return add({true, peer, (char *)to, count, 0, 0}, comm, stream);
 }
 
 ncclResult_t ncclGroupEnd()

@@ -15,7 +15,8 @@ typedef enum {
     ncclInvalidArgument = 4,
     ncclInvalidUsage = 5
 } ncclResult_t;
-typedef enum { ncclUint8 = 1 } ncclDataType_t;
+typedef enum { ncclUint32 = 3, ncclFloat32 = 7 } ncclDataType_t;
+typedef enum { ncclSum = 0 } ncclRedOp_t;
 
 #pragma GCC visibility push(default)
 extern "C" {
@@ -27,10 +28,8 @@ ncclResult_t ncclCommGetAsyncError(ncclComm_t comm, ncclResult_t *error);
 const char *ncclGetErrorString(ncclResult_t result);
 ncclResult_t ncclGroupStart();
 ncclResult_t ncclGroupEnd();
-ncclResult_t ncclSend(const void *from, size_t count, ncclDataType_t type, int peer,
-                      ncclComm_t comm, cudaStream_t stream);
-ncclResult_t ncclRecv(void *to, size_t count, ncclDataType_t type, int peer, ncclComm_t comm,
-                      cudaStream_t stream);
+ncclResult_t ncclAllReduce(const void *from, void *to, size_t count, ncclDataType_t type,
+                           ncclRedOp_t op, ncclComm_t comm, cudaStream_t stream);
 }
 #pragma GCC visibility pop
 

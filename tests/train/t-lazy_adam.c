@@ -76,7 +76,8 @@ static float *flush(struct table *t)
 
     t->d->op->lazy_adam_flush(t->d, t->lazy, out);
     flushed = fetch(t, out, t->n);
-    t->d->op->release(t->d, out, t->loans.loan[--t->loans.n].bytes + 64);
+    t->loans.n--;
+    t->d->op->release(t->d, out);
     return flushed;
 }
 

@@ -46,7 +46,7 @@ static void test_step(double tracked)
     int n_groups;
 
     if (spin_device_open("cpu", 1, d) != SPIN_OK ||
-        spin_train_frame_open(&frame, d, size, true, true) != SPIN_OK)
+        spin_train_frame_open(&frame, d, size, true) != SPIN_OK)
         exit(1);
     d->op->upload(d, frame.pos, host, 3 * POS * sizeof *host);
     d->op->upload(d, frame.residual, host, SPIN_RESIDUAL * RESIDUAL * sizeof *host);
@@ -63,8 +63,8 @@ static void test_step(double tracked)
         ok(moved(host + at, width[k], 0, FREE, rate[k]) &&
                moved(host + at, width[k], FREE, RESIDUAL, tracked * rate[k]),
            "group %zu of them", k);
-    d->op->release(d, d_pos, 3 * N * sizeof *host);
-    d->op->release(d, d_residual, SPIN_RESIDUAL * N * sizeof *host);
+    d->op->release(d, d_pos);
+    d->op->release(d, d_residual);
     spin_train_frame_close(&frame, d);
     spin_device_close(d);
 }

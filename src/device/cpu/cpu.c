@@ -51,11 +51,10 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void **out)
     return spin_pages_reserve(bytes, out);
 }
 
-static void release(struct spin_device *d, void *block, size_t bytes)
+static void release(struct spin_device *d, void *block)
 {
     (void)d;
-    if (block)
-        spin_pages_release(block, bytes);
+    spin_pages_release(block);
 }
 
 static void zero(struct spin_device *d, void *block, size_t bytes)
@@ -103,8 +102,7 @@ static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin
 static void host_release(struct spin_device *d, struct spin_host_memory *memory)
 {
     (void)d;
-    if (memory->at)
-        spin_pages_release(memory->at, memory->bytes);
+    spin_pages_release(memory->at);
     *memory = (struct spin_host_memory){0};
 }
 
@@ -124,13 +122,6 @@ static void copy_rows(struct spin_device *d, size_t n, size_t width, const float
         memcpy(to, from, n * width * sizeof *to);
     for (size_t i = 0; i < n && !whole; i++)
         memcpy(to + i * to_stride, from + i * from_stride, width * sizeof *to);
-}
-
-static void add(struct spin_device *d, size_t n, const float *from, float *to)
-{
-    (void)d;
-    for (size_t i = 0; i < n; i++)
-        to[i] += from[i];
 }
 
 static size_t memory_available(struct spin_device *d)
@@ -162,7 +153,6 @@ const struct spin_device_ops SPIN_CPU(ops) = {
     .host_release = host_release,
     .host_view = host_view,
     .copy_rows = copy_rows,
-    .add = add,
     .memory_available = memory_available,
     .clock = clock_of,
     .tracks = SPIN_CPU(tracks),

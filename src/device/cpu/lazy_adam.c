@@ -125,7 +125,7 @@ spin_status SPIN_CPU(lazy_adam_enable)(struct spin_device *d, const struct spin_
 void SPIN_CPU(lazy_adam_close)(struct spin_device *d, struct spin_lazy_adam *lazy)
 {
     if (lazy)
-        d->op->release(d, lazy->last, lazy->n_lines * sizeof(float));
+        d->op->release(d, lazy->last);
     free(lazy);
 }
 

@@ -114,9 +114,8 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
     return SPIN_OK;
 }
 
-static void release(struct spin_device *d, void SPIN_DEV *block, size_t bytes)
+static void release(struct spin_device *d, void SPIN_DEV *block)
 {
-    (void)bytes;
     if (block)
         gpu_free(gpu_of(d), block);
 }
@@ -290,12 +289,11 @@ static const struct spin_device_ops ops = {
     .host_release = host_release,
     .host_view = host_view,
     .copy_rows = cuda_copy_rows,
-    .add = cuda_add,
 #ifdef SPIN_NCCL
     .link_ready = cuda_link_ready,
     .link_name = cuda_link_name,
     .link = cuda_link,
-    .exchange = cuda_exchange,
+    .sum = cuda_sum,
 #endif
     .memory_available = memory_available,
     .clock = clock_of,

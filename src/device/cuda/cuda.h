@@ -118,11 +118,10 @@ CUDA_VERB(grid_back);
 CUDA_VERB(mlp); /* mlp.cu */
 CUDA_VERB(mlp_back);
 CUDA_VERB(copy_rows); /* rows.cu */
-CUDA_VERB(add);
 CUDA_VERB(link_ready); /* nccl.cu */
 CUDA_VERB(link_name);
 CUDA_VERB(link);
-CUDA_VERB(exchange);
+CUDA_VERB(sum);
 CUDA_VERB(tracks); /* rows.cu */
 CUDA_VERB(tracks_back);
 CUDA_VERB(residual);

@@ -17,9 +17,10 @@ struct cuda_lazy_adam {
     struct spin_param_group table;
     size_t before; /* floats before the first line */
     int64_t steps;
-    double *sum;    /* [steps + 1][2] host: the two sums of spin_adam_skip */
-    float *skipped; /* [steps + 1][2] host: skipped_step and skipped_eps, by the step of a line's last update */
-    float *card;    /* [2][steps + 1][2] the same, then .9^t and .999^t by the steps missed */
+    double *sum; /* [steps + 1][2] host: the two sums of spin_adam_skip */
+    float *
+        skipped; /* [steps + 1][2] host: skipped_step and skipped_eps, by the step of a line's last update */
+    float *card; /* [2][steps + 1][2] the same, then .9^t and .999^t by the steps missed */
 };
 
 /* What kernels need of it; p, m, v from the first line on. */
@@ -33,15 +34,9 @@ struct lines {
 static struct lines lines_of(const struct cuda_lazy_adam *own)
 {
     const struct spin_param_group *t = &own->table;
-    struct lines lines = {t->p + own->before,
-                          t->g + own->before,
-                          t->m + own->before,
-                          t->v + own->before,
-                          own->open.last,
-                          own->open.n_lines,
-                          own->before,
-                          own->card,
-                          own->card + 2 * (own->steps + 1),
+    struct lines lines = {t->p + own->before, t->g + own->before, t->m + own->before,
+                          t->v + own->before, own->open.last,     own->open.n_lines,
+                          own->before,        own->card,          own->card + 2 * (own->steps + 1),
                           own->open.done};
 
     return lines;
@@ -75,7 +70,7 @@ spin_status cuda_lazy_adam_enable(struct spin_device *d, const struct spin_grid 
     }
     if (d->op->reserve(d, own->open.n_lines * sizeof(float), &last) != SPIN_OK ||
         d->op->reserve(d, 4 * n * sizeof(float), &card) != SPIN_OK) {
-        d->op->release(d, last, own->open.n_lines * sizeof(float));
+        d->op->release(d, last);
         free(own);
         return SPIN_E_MEMORY;
     }
@@ -92,8 +87,8 @@ void cuda_lazy_adam_close(struct spin_device *d, struct spin_lazy_adam *lazy)
 
     if (!own)
         return;
-    d->op->release(d, own->open.last, own->open.n_lines * sizeof(float));
-    d->op->release(d, own->card, 4 * (size_t)(own->steps + 1) * sizeof(float));
+    d->op->release(d, own->open.last);
+    d->op->release(d, own->card);
     free(own);
 }
 

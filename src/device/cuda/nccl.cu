@@ -1,9 +1,8 @@
-/* Messages between the cards of ranks by NCCL, compiled where nccl.h is found (NCCL= in the Makefile). libnccl is opened
- * when it is first asked for: the machine that runs may lack it. Only sends and receives go by NCCL; sums are taken by
- * kernels of ours in the order that they have without it, so the bits are the same.
+/* Sums over the cards of ranks by NCCL, compiled where nccl.h is found (NCCL= in the Makefile). libnccl is opened
+ * when it is first asked for: the machine that runs may lack it.
  *
- * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and point-to-point
- * communication. Calls of one group run together; those of two ranks with each other match in order. */
+ * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and collective
+ * communication. Calls of one group run together; those of the ranks match in order. */
 #include <dlfcn.h>
 #include <nccl.h>
 #include <stdio.h>
@@ -25,8 +24,7 @@ static_assert(sizeof(ncclUniqueId) <= sizeof(struct spin_link_name),
     X(ncclGetErrorString)                                                                          \
     X(ncclGroupStart)                                                                              \
     X(ncclGroupEnd)                                                                                \
-    X(ncclSend)                                                                                    \
-    X(ncclRecv)
+    X(ncclAllReduce)
 
 #define FIELD(name) decltype(&::name) name;
 static struct {
@@ -114,27 +112,20 @@ void cuda_unlink(struct spin_device *d)
     cuda_of(d)->link = NULL;
 }
 
-static spin_status post_one(struct spin_device *d, const struct spin_device_message *m)
+static spin_status post(struct spin_device *d, const struct spin_device_sum *sum, size_t n)
 {
     cudaStream_t stream = (cudaStream_t)gpu_of(d)->stream;
-
-    if (m->receive)
-        NCCL(ncclRecv, m->at, m->bytes, ncclUint8, m->peer, comm_of(d), stream);
-    else
-        NCCL(ncclSend, m->at, m->bytes, ncclUint8, m->peer, comm_of(d), stream);
-    return SPIN_OK;
-}
-
-static spin_status post(struct spin_device *d, const struct spin_device_message *message, size_t n)
-{
-    spin_status status = SPIN_OK;
-    ncclResult_t end;
+    ncclResult_t result = ncclSuccess, end;
 
     NCCL(ncclGroupStart);
-    for (size_t i = 0; i < n && status == SPIN_OK; i++)
-        status = post_one(d, &message[i]);
+    for (size_t i = 0; i < n && result == ncclSuccess; i++)
+        result = nccl.ncclAllReduce(sum[i].at, sum[i].at, sum[i].n,
+                                    sum[i].counts ? ncclUint32 : ncclFloat32, ncclSum, comm_of(d),
+                                    stream);
     end = nccl.ncclGroupEnd();
-    return status != SPIN_OK || end == ncclSuccess ? status : failed("ncclGroupEnd", end);
+    if (result != ncclSuccess)
+        return failed("ncclAllReduce", result);
+    return end == ncclSuccess ? SPIN_OK : failed("ncclGroupEnd", end);
 }
 
 static void take_a_nap(void)
@@ -153,11 +144,11 @@ static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
         SPIN_TRY(listen());
         take_a_nap();
     }
-    return failed("an exchange", result);
+    return failed("a sum", result);
 }
 
-/* Another rank may have failed, and then what it was to send never comes: so the host does not wait in CUDA. */
-static spin_status wait_for_messages(struct spin_device *d, spin_status (*listen)(void))
+/* Another rank may have failed, and then its part never comes: so the host does not wait in CUDA. */
+static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(void))
 {
     enum { EAGER = 2000 };
     ncclResult_t state = ncclSuccess;
@@ -174,15 +165,15 @@ static spin_status wait_for_messages(struct spin_device *d, spin_status (*listen
     return d->op->wait(d);
 }
 
-spin_status cuda_exchange(struct spin_device *d, const struct spin_device_message *message,
-                          size_t n, spin_status (*listen)(void))
+spin_status cuda_sum(struct spin_device *d, const struct spin_device_sum *sum, size_t n,
+                     spin_status (*listen)(void))
 {
     spin_status status;
 
     SPIN_TRY(d->op->wait(d)); /* a card that failed before says so itself */
-    status = post(d, message, n);
+    status = post(d, sum, n);
     if (status == SPIN_OK)
-        status = wait_for_messages(d, listen);
+        status = wait_for_others(d, listen);
     if (status != SPIN_OK)
         cuda_unlink(d);
     return status;

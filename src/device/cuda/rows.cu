@@ -172,18 +172,3 @@ void cuda_copy_rows(struct spin_device *d, size_t n, size_t width, const float *
     GPU_EACH(gpu_of(d), n * width, copy_rows_kernel, n, width, from, from_stride, to, to_stride);
     cuda_end(d, SPIN_OP_CLEAR);
 }
-
-static __global__ void add_kernel(size_t n, const float *from, float *to)
-{
-    size_t i = GPU_INDEX();
-
-    if (i < n)
-        to[i] += from[i];
-}
-
-void cuda_add(struct spin_device *d, size_t n, const float *from, float *to)
-{
-    cuda_begin(d, SPIN_OP_CLEAR);
-    GPU_EACH(gpu_of(d), n, add_kernel, n, from, to);
-    cuda_end(d, SPIN_OP_CLEAR);
-}
