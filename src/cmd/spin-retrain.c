@@ -325,7 +325,7 @@ static int check(const struct spin_args_words *words)
         return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.output && !options.dry_run)
         return spin_args_misuse(&command, "say where to write with --output");
-    if (options.views_per_frame > options.batch)
+    if (options.batch > 0 && options.views_per_frame > options.batch)
         return spin_args_misuse(&command, "--views-per-frame %d is more than --batch %d",
                                 options.views_per_frame, options.batch);
     return SPIN_EXIT_OK;

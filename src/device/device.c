@@ -139,6 +139,46 @@ void spin_device_close(struct spin_device *d)
         memset(d, 0, sizeof *d);
 }
 
+/* ---- A device that only counts ---------------------------------------------------------------- */
+
+static spin_status count_reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **out)
+{
+    struct spin_counting_device *c = d->state;
+
+    c->bytes += bytes;
+    *out = (void SPIN_DEV *)c; /* not NULL */
+    return SPIN_OK;
+}
+
+static void count_release(struct spin_device *d, void SPIN_DEV *block) { (void)d, (void)block; }
+
+static void count_zero(struct spin_device *d, void SPIN_DEV *block, size_t bytes)
+{
+    (void)d, (void)block, (void)bytes;
+}
+
+static void count_upload(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes)
+{
+    (void)d, (void)to, (void)host, (void)bytes;
+}
+
+void spin_device_count(struct spin_counting_device *c, const struct spin_device *as)
+{
+    *c = (struct spin_counting_device){
+        .device = *as,
+        .op = {.name = as->op->name,
+               .reserve = count_reserve,
+               .release = count_release,
+               .zero = count_zero,
+               .upload = count_upload,
+               .lazy_adam_enable = as->op->lazy_adam_enable,
+               .lazy_adam_close = as->op->lazy_adam_close},
+    };
+    c->device.op = &c->op;
+    c->device.state = c;
+    c->device.is_host = true; /* nothing is to be linked */
+}
+
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)
 {
     struct spin_camera_f32 cam;

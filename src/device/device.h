@@ -487,4 +487,14 @@ struct spin_device {
 spin_status spin_device_open(const char *name, int n_threads, struct spin_device *out);
 void spin_device_close(struct spin_device *d);
 
+/* A device that only counts: what is reserved on it has no memory, and no verb may be called, but zero(), upload() and
+ * release() do nothing. So what a plan needs is what opening it reserves. */
+struct spin_counting_device {
+    struct spin_device device;
+    struct spin_device_ops op;
+    size_t bytes; /* reserved so far */
+};
+/* With frames and views at once, and what there is of lazy Adam, as the other. It needs no closing. */
+void spin_device_count(struct spin_counting_device *c, const struct spin_device *as);
+
 #endif

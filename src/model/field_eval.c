@@ -6,7 +6,7 @@
 
 #include "base/err.h"
 
-/* The arrays, once: floats (or rows) per splat. Walked to count, to reserve and to release. Without a
+/* The arrays, once: floats (or rows) per splat. Walked to reserve and to release. Without a
  * network there is no encoder input and no encoding. */
 struct piece {
     void SPIN_DEV **at;
@@ -32,21 +32,6 @@ static void list_pieces(struct spin_field_eval *w, const struct spin_field *fiel
     };
 
     memcpy(piece, all, sizeof all);
-}
-
-size_t spin_field_eval_bytes(const struct spin_field *field, size_t capacity, bool training)
-{
-    struct spin_field_eval w;
-    struct piece piece[N_PIECES];
-    size_t floats = 0;
-
-    list_pieces(&w, field, piece);
-    for (int i = 0; i < N_PIECES; i++)
-        if (training || !piece[i].training)
-            floats += piece[i].floats;
-    if (training && field)
-        floats += (size_t)field->grid.n_levels * 4; /* the grid's scratch for d_x_u */
-    return capacity * floats * sizeof(float);
 }
 
 spin_status spin_field_eval_open(struct spin_field_eval *w, struct spin_device *device,

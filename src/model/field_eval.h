@@ -24,7 +24,6 @@ struct spin_field_eval {
     struct spin_lazy_adam *lazy; /* of the table, or NULL */
     bool still; /* positions are not trained: d_means gets nothing from the encoder */
 };
-size_t spin_field_eval_bytes(const struct spin_field *field, size_t capacity, bool training);
 spin_status spin_field_eval_open(struct spin_field_eval *eval, struct spin_device *device,
                                  const struct spin_field *field, size_t capacity, bool training);
 void spin_field_eval_close(struct spin_field_eval *eval, const struct spin_field *field);

@@ -50,16 +50,13 @@ static spin_status check_pairs(const struct spin_raster *r)
         (double)free_bytes / 1e9);
 }
 
-size_t spin_raster_bytes(size_t n, size_t pixels, bool training)
+size_t spin_raster_grows(size_t n, size_t pixels, bool training)
 {
-    size_t splat = sizeof(struct spin_splat2d) + 6 * 4 * 2; /* and about six pairs, twice */
-    size_t pixel = 5 * 4;
+    size_t splat = 6 * 4 * 2; /* about six pairs, twice */
 
-    if (training) {
-        splat += sizeof(struct spin_splat2d_grad) + 6 * pair_gradient;
-        pixel += 7 * 4 + 15 * 4; /* gradient, photograph, weights, and the loss's bands */
-    }
-    return n * splat + pixels * pixel;
+    return training
+               ? n * (splat + 6 * pair_gradient) + pixels * 16 * 4 /* the loss's bands, weights */
+               : n * splat;
 }
 
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,

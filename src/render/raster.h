@@ -24,8 +24,8 @@ struct spin_raster {
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,
                              size_t pixels, size_t tiles, int views, bool training);
 void spin_raster_close(struct spin_raster *r);
-/* Bytes for one view at a time. */
-size_t spin_raster_bytes(size_t n, size_t pixels, bool training);
+/* Bytes that drawing a view of n splats takes besides, about: lists of intersections, and what the device needs itself. */
+size_t spin_raster_grows(size_t n, size_t pixels, bool training);
 
 /* An empty batch of views for this raster; and one view more, of n splats of a frame of the batch, or NULL
  * when the batch is full. */

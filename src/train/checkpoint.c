@@ -157,8 +157,31 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
                      name, first + i, (long long)t->iteration);
 }
 
+/* Ranks step all parameters alike. */
+static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
+{
+    uint64_t *all = NULL;
+    spin_status status;
+
+    if (spin_n_ranks() == 1)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc((size_t)spin_n_ranks(), sizeof *all, (void **)&all));
+    all[spin_rank()] = hash;
+    status = spin_ranks_gather(all, sizeof *all);
+    for (int r = 1; status == SPIN_OK && r < spin_n_ranks(); r++)
+        if (all[r] != all[0])
+            status =
+                spin_fail(SPIN_E_DEVICE,
+                          "after iteration %lld rank %d has other parameters than rank 0: this "
+                          "MPI or NCCL does not give all ranks the same sums",
+                          (long long)t->iteration, r);
+    free(all);
+    return status;
+}
+
 spin_status spin_check_parameters(struct spin_trainer *t)
 {
+    uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a, by values */
     struct spin_device *d = t->device;
     size_t n_pieces = 0;
     struct piece *piece = NULL;
@@ -177,8 +200,11 @@ spin_status spin_check_parameters(struct spin_trainer *t)
 
             SPIN_TRY_OUT(d->op->download(d, block, piece[i].at + first, n * sizeof(float)));
             SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, n));
+            for (size_t k = 0; k < n; k++)
+                hash = (hash ^ ((const uint32_t *)block)[k]) * 0x100000001b3u;
         }
     }
+    status = compare_ranks(t, hash);
 out:
     free(piece);
     free(block);
@@ -369,7 +395,8 @@ static void sizes_to_json(const struct spin_trainer *t, spin_json *j)
     spin_json_set_integer(j, "varying_tracks", (int64_t)t->n_varying);
 }
 
-static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t, const char *header)
+static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t,
+                               const char *header)
 {
     struct spin_zip_writer w;
     spin_status status;

@@ -21,12 +21,6 @@ size_t spin_lazy_pad(const struct spin_field *field)
     return (SPIN_LINE - begin_of(field) % SPIN_LINE) % SPIN_LINE;
 }
 
-size_t spin_lazy_bytes(const struct spin_field *field, int64_t steps)
-{
-    return spin_lazy_lines(field) * sizeof(float) +
-           (size_t)(steps + 1) * (4 * sizeof(float) + 2 * sizeof(double));
-}
-
 /* A splat needs 16 rows of a level, which lie in about 9 lines: neighbours along x share one. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
 {

@@ -8,7 +8,6 @@
 size_t spin_lazy_pad(const struct spin_field *field);
 /* Lines of a table, or of some levels of it. */
 size_t spin_lazy_lines(const struct spin_field *field);
-size_t spin_lazy_bytes(const struct spin_field *field, int64_t steps);
 /* True when `splats` of a step need less than half of the lines of a hashed level, by chance; else
  * stepping all of them costs no more. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps);

@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "io/ranks.h"
+
 enum type { BOOL, INT, ENUM, UINT64, FLOAT, DOUBLE };
 enum preset { QUICK, BEST, OF_PAPER, OF_SHORT, PRESETS }; /* in the order of SPIN_PRESETS */
 
@@ -192,13 +194,34 @@ enum {
     DENSIFICATIONS = 20
 };
 
+/* A step of `share` images in the place of as many steps: the mean of their gradients has less noise. */
+static void scale_rates(struct spin_retrain_options *o, int share)
+{
+    double *rate[] = {&o->lr_table,    &o->lr_head_factor,  &o->lr_position, &o->lr_exposure,
+                      &o->lr_residual, &o->lr_displacement, &o->lr_track};
+
+    for (size_t i = 0; i < sizeof rate / sizeof *rate; i++)
+        *rate[i] *= sqrt(share);
+}
+
+/* Images of a step, when none are given: one for each rank. */
+static int batch_of(const struct spin_retrain_options *o)
+{
+    return o->batch > 0 ? o->batch : spin_n_ranks();
+}
+
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
 {
+    int share = o->batch > 0 ? 1 : spin_n_ranks(); /* of the images that a recipe draws in all */
+
+    o->batch = batch_of(o);
+    scale_rates(o, share);
     if (o->iterations < 0)
         o->iterations = (int)fmin(
-            -o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames), 1e9);
+            ceil(-o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames) / share),
+            1e9);
     if (o->track_iterations < 0)
-        o->track_iterations = MOST_TRACK_ITERATIONS;
+        o->track_iterations = (MOST_TRACK_ITERATIONS + share - 1) / share;
     if (o->track_iterations > o->iterations)
         o->track_iterations = o->iterations;
     if (o->densify_every < 0)
@@ -242,9 +265,9 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
           o->normalise_radius > 0))
         return spin_fail(SPIN_E_USAGE, "normalise_centre and normalise_radius are not finite, or "
                                        "the radius is not above 0");
-    if (o->views_per_frame > o->batch)
+    if (o->views_per_frame > batch_of(o))
         return spin_fail(SPIN_E_USAGE, "views_per_frame %d is more than batch %d",
-                         o->views_per_frame, o->batch);
+                         o->views_per_frame, batch_of(o));
     return SPIN_OK;
 }
 

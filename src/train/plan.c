@@ -12,6 +12,7 @@
 #include "base/pool.h"
 #include "base/text.h"
 #include "io/ranks.h"
+#include "render/image_store.h"
 #include "train/lazy_adam.h"
 #include "train/options.h"
 #include "train/point_sample.h"
@@ -273,62 +274,86 @@ size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 
     for (size_t i = 0; i < plan->n_train; i++)
         n_views += plan->train[i].frame == plan->train[0].frame;
-    return spin_refine_bytes(2 * plan->clip.n_max, plan->max_pixels,
+    return spin_refine_bytes(plan->device, 2 * plan->clip.n_max, plan->max_pixels, plan->max_tiles,
                              spin_plan_frame_sh_degree(plan)) +
            n_views * spin_plan_image_bytes(plan);
 }
 
-/* As if nothing were shared, and as many tracks as splats: what tracks save is not known before the points were looked
- * at. */
-static size_t trainer_bytes(const struct spin_plan *plan)
-{
-    bool residual = spin_plan_has_residual(plan);
-    size_t most = plan->clip.n_max, all = 0;
-    const struct spin_frame_size frame = {most, most, most, residual ? most : 0};
-    const struct spin_trainer_size size = {.n_frames = 1,
-                                           .frame = &frame,
-                                           .tracked = plan->o->tracks,
-                                           .n_tracks = plan->o->tracks ? most : 0,
-                                           .network = plan->o->method == SPIN_METHOD_NETWORK,
-                                           .max_items = plan->o->batch,
-                                           .max_pixels = plan->max_pixels};
-
-    for (int f = 0; f < plan->clip.n_frames; f++)
-        all += plan->counts[f];
-    return spin_trainer_bytes(plan->device, &plan->field, &size) +
-           (all - most) *
-               (spin_train_frame_bytes(residual) + (plan->o->tracks ? 3 * sizeof(uint32_t) : 0));
-}
-
-/* What a card's verbs need for themselves (src/device/cuda): activations of a chunk of splats, places and keys for
- * sorting. */
-static size_t scratch_bytes(const struct spin_plan *plan)
-{
-    size_t frames =
-        (size_t)(plan->o->batch < plan->device->frames_at_once ? plan->o->batch
-                                                               : plan->device->frames_at_once);
-    size_t n = frames * plan->clip.n_max, chunk = n < (1 << 15) ? n : 1 << 15;
-    size_t floats = chunk * (size_t)(6 * plan->field.heads.hidden + plan->field.heads.n_in);
-
-    if (plan->device->is_host)
-        return 0;
-    return floats * sizeof(float) + 16 * n + 160 * plan->clip.n_max + 24 * plan->max_pixels;
-}
-
-/* Memory of the network's training. */
-static void network_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
+/* All that a training opens. As if nothing were shared, and as many tracks as splats: what tracks save is not known before
+ * the points were looked at. */
+static spin_status open_training(const struct spin_plan *plan, struct spin_device *device)
 {
     const struct spin_retrain_options *o = plan->o;
-    size_t image = 3 * plan->max_pixels * sizeof(float);
+    size_t n_frames = (size_t)plan->clip.n_frames, most = plan->clip.n_max;
+    struct spin_frame_size *frame = NULL;
+    struct spin_trainer_size size = {.n_frames = plan->clip.n_frames,
+                                     .tracked = o->tracks,
+                                     .n_tracks = o->tracks ? most : 0,
+                                     .network = o->method == SPIN_METHOD_NETWORK,
+                                     .max_items = o->batch,
+                                     .max_pixels = plan->max_pixels,
+                                     .max_tiles = plan->max_tiles};
+    struct spin_trainer t = {0};
+    struct spin_image_store images = {0};
+    struct spin_field_eval evaluation = {0};
+    spin_status status;
 
-    *of_device = trainer_bytes(plan) +
-                 spin_field_eval_bytes(&plan->field, plan->clip.n_max, false) + /* evaluation */
-                 (size_t)o->batch * image + scratch_bytes(plan) +
-                 (spin_plan_is_lazy(plan) ? spin_lazy_bytes(&plan->field, o->iterations) : 0) +
-                 (plan->device->deterministic && !plan->device->is_host
-                      ? plan->field.n_table * sizeof(uint64_t) /* fixed-point sums */
-                      : 0);
+    SPIN_TRY(spin_alloc(n_frames, sizeof *frame, (void **)&frame));
+    for (size_t f = 0; f < n_frames; f++) {
+        size_t n = plan->counts[f];
+
+        frame[f] = (struct spin_frame_size){n, n, n, spin_plan_has_residual(plan) ? n : 0};
+    }
+    size.frame = frame;
+    SPIN_TRY_OUT(spin_trainer_open(&t, device, &plan->field, &size));
+    if (t.network && spin_plan_is_lazy(plan))
+        SPIN_TRY_OUT(spin_trainer_enable_lazy_adam(&t));
+    SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, most, false));
+    status = spin_image_store_open(&images, device, (size_t)o->batch, plan->max_pixels,
+                                   SPIN_IMAGE_RGB8, spin_plan_is_weighted(plan));
+out:
+    spin_image_store_close(&images);
+    spin_field_eval_close(&evaluation, t.network);
+    spin_trainer_close(&t);
+    free(frame);
+    return status;
+}
+
+/* What a device's verbs need for themselves (src/device/cuda): branches of the gradient over levels; on a card activations
+ * of a chunk of splats, places and keys for sorting, fixed-point sums. */
+static size_t scratch_bytes(const struct spin_plan *plan)
+{
+    const struct spin_device *d = plan->device;
+    size_t frames =
+        (size_t)(plan->o->batch < d->frames_at_once ? plan->o->batch : d->frames_at_once);
+    size_t n = frames * plan->clip.n_max, chunk = n < (1 << 15) ? n : 1 << 15;
+    bool network = plan->o->method == SPIN_METHOD_NETWORK;
+    size_t bytes = network ? n * (size_t)plan->field.grid.n_levels * 4 * sizeof(float) : 0;
+
+    if (d->is_host)
+        return bytes;
+    bytes += 16 * n + 160 * plan->clip.n_max + 24 * plan->max_pixels;
+    if (network)
+        bytes +=
+            chunk * (size_t)(6 * plan->field.heads.hidden + plan->field.heads.n_in) * sizeof(float);
+    return bytes + (network && d->deterministic ? plan->field.n_table * sizeof(uint64_t) : 0);
+}
+
+/* Memory of the clip's training. */
+static void training_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
+{
+    const struct spin_device *d = plan->device;
+    size_t image = 3 * plan->max_pixels * sizeof(float);
+    int views = d->views_at_once < plan->o->batch ? d->views_at_once : plan->o->batch;
+    struct spin_counting_device c;
+
+    spin_device_count(&c, d);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
+    *of_device = SIZE_MAX / 4; /* more than there is */
+    if (open_training(plan, &c.device) != SPIN_OK)
+        return;
+    *of_device = c.bytes + scratch_bytes(plan) +
+                 (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
 /* Decoded images are kept by the host while there is room beside what is `needed` there, in at most a third
@@ -371,7 +396,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     struct spin_retrain_report *report = plan->report;
     size_t of_device, of_host, available, refining = spin_plan_refine_bytes(plan);
 
-    network_bytes(plan, &of_device, &of_host);
+    training_bytes(plan, &of_device, &of_host);
     if (plan->o->refine > 0 &&
         (plan->o->method == SPIN_METHOD_FRAMES || of_device + of_host < refining)) {
         of_device = refining;
@@ -379,8 +404,7 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
     report->ranks = spin_n_ranks();
     if (plan->o->method != SPIN_METHOD_FRAMES)
-        report->bytes_sent =
-            (spin_n_ranks() > 1 ? spin_n_ranks() : 0) * step_bytes(plan);
+        report->bytes_sent = (spin_n_ranks() > 1 ? spin_n_ranks() : 0) * step_bytes(plan);
     of_host += program_bytes + (plan->device->is_host ? of_device : 0);
     report->bytes_available = spin_memory_available() + held;
     of_host += plan_pixels(plan, report->bytes_available, of_host, held);

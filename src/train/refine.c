@@ -159,62 +159,31 @@ static int sh_degree_at(const struct refine *r, int iteration)
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
-/* Arrays of this file, each with this many bytes for a point. */
-enum { N_ARRAYS = 6 };
-static void list_arrays(struct refine *r, void SPIN_DEV **list[N_ARRAYS], size_t bytes[N_ARRAYS])
-{
-    void SPIN_DEV **all[N_ARRAYS] = {
-        (void SPIN_DEV **)&r->d_pos,    (void SPIN_DEV **)&r->d_residual,
-        (void SPIN_DEV **)&r->gradient, (void SPIN_DEV **)&r->seen,
-        (void SPIN_DEV **)&r->raw_m,    (void SPIN_DEV **)&r->raw_v};
-    const size_t raw = r->cloud->sh ? SPIN_ATTR * sizeof(float) : 0;
-    const size_t each[N_ARRAYS] = {3 * sizeof(float),
-                                   SPIN_RESIDUAL * sizeof(float),
-                                   sizeof(float),
-                                   sizeof(uint32_t),
-                                   raw,
-                                   raw};
-
-    memcpy(list, all, sizeof all);
-    memcpy(bytes, each, sizeof each);
-}
-
-size_t spin_refine_bytes(size_t n, size_t pixels, int sh_degree)
-{
-    size_t device = spin_train_frame_bytes(true) + (SPIN_REFINE_WIDTH + 2) * sizeof(float);
-    size_t host = sizeof(struct spin_refine_point) + SPIN_RESIDUAL * sizeof(float);
-
-    if (sh_degree > 0) {
-        device += 2 * SPIN_ATTR * sizeof(float);
-        host += (3 * SPIN_REFINE_SH + SPIN_ATTR) * sizeof(float);
-    }
-    return n * (device + host) + spin_field_eval_bytes(NULL, n, true) +
-           spin_raster_bytes(n, pixels, true);
-}
-
 static void release(struct refine *r)
 {
     struct spin_device *d = r->device;
-    void SPIN_DEV **list[N_ARRAYS];
-    size_t bytes[N_ARRAYS];
+    void SPIN_DEV *all[] = {r->d_pos, r->d_residual, r->gradient, r->seen, r->raw_m, r->raw_v};
 
-    list_arrays(r, list, bytes);
-    for (int i = 0; i < N_ARRAYS; i++) {
-        d->op->release(d, *list[i]);
-        *list[i] = NULL;
-    }
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        d->op->release(d, all[i]);
+    r->d_pos = r->d_residual = r->gradient = r->raw_m = r->raw_v = NULL;
+    r->seen = NULL;
     spin_field_eval_close(&r->field_eval, NULL);
     spin_raster_close(&r->raster);
     spin_train_frame_close(&r->frame, d);
+}
+
+static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+{
+    return d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
 
 /* Room for n points everywhere; contents are lost. The step counter goes on: 3DGS has one for all points. */
 static spin_status reserve(struct refine *r, size_t n)
 {
     struct spin_device *d = r->device;
-    size_t capacity = n + n / 4, bytes[N_ARRAYS];
+    size_t capacity = n + n / 4;
     int64_t steps = r->frame.steps;
-    void SPIN_DEV **list[N_ARRAYS];
 
     if (n > r->frame.capacity.n) {
         release(r);
@@ -223,12 +192,36 @@ static spin_status reserve(struct refine *r, size_t n)
         r->frame.steps = steps;
         SPIN_TRY(spin_field_eval_open(&r->field_eval, d, NULL, capacity, true));
         SPIN_TRY(spin_raster_open(&r->raster, d, capacity, r->max_pixels, r->max_tiles, 1, true));
-        list_arrays(r, list, bytes);
-        for (int i = 0; i < N_ARRAYS; i++)
-            SPIN_TRY(d->op->reserve(d, capacity * bytes[i], list[i]));
+        SPIN_TRY(reserve_floats(d, capacity * 3, &r->d_pos));
+        SPIN_TRY(reserve_floats(d, capacity * SPIN_RESIDUAL, &r->d_residual));
+        SPIN_TRY(reserve_floats(d, capacity, &r->gradient));
+        SPIN_TRY(reserve_floats(d, capacity, (float SPIN_DEV **)&r->seen));
+        if (r->cloud->sh)
+            SPIN_TRY(reserve_floats(d, capacity * SPIN_ATTR, &r->raw_m));
+        if (r->cloud->sh)
+            SPIN_TRY(reserve_floats(d, capacity * SPIN_ATTR, &r->raw_v));
     }
     r->frame.size = (struct spin_frame_size){n, n, n, n};
     return SPIN_OK;
+}
+
+size_t spin_refine_bytes(const struct spin_device *device, size_t n, size_t pixels, size_t tiles,
+                         int sh_degree)
+{
+    struct spin_counting_device c;
+    float sh;
+    struct spin_refine_cloud cloud = {.sh = sh_degree > 0 ? &sh : NULL};
+    struct refine r = {
+        .device = &c.device, .cloud = &cloud, .max_pixels = pixels, .max_tiles = tiles};
+    size_t host = sizeof(struct spin_refine_point) + SPIN_RESIDUAL * sizeof(float);
+
+    spin_device_count(&c, device);
+    if (reserve(&r, n) != SPIN_OK)
+        return SIZE_MAX;
+    release(&r);
+    if (sh_degree > 0)
+        host += (3 * SPIN_REFINE_SH + SPIN_ATTR) * sizeof(float);
+    return c.bytes + n * host + spin_raster_grows(n, pixels, true);
 }
 
 /* ---- Between cloud and device: before, after, and where the number of points changes ---------- */

@@ -68,7 +68,8 @@ spin_status spin_refine_frame(struct spin_device *device, const struct spin_refi
                               const struct spin_refine_view *views, int n_views, const int *order,
                               struct spin_refine_cloud *cloud, struct spin_refine_stats *stats);
 
-/* Bytes that a frame of n points and pictures of `pixels` takes, host and device together. */
-size_t spin_refine_bytes(size_t n, size_t pixels, int sh_degree);
+/* Bytes that a frame of n points and pictures of these pixels and tiles takes, host and device together. */
+size_t spin_refine_bytes(const struct spin_device *device, size_t n, size_t pixels, size_t tiles,
+                         int sh_degree);
 
 #endif

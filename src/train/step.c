@@ -37,8 +37,8 @@ static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
     return SPIN_OK;
 }
 
-static void add_item(struct spin_trainer *t, const struct batch *b, int item, int frame,
-                     size_t n, struct spin_view_batch *views)
+static void add_item(struct spin_trainer *t, const struct batch *b, int item, int frame, size_t n,
+                     struct spin_view_batch *views)
 {
     struct spin_view_of_batch *view = spin_raster_add_view(
         &t->raster, views, frame, n, b->items[item].camera, t->field.antialias);
@@ -169,8 +169,7 @@ static size_t move_own(struct spin_trainer *t, const struct spin_frame_of_batch 
 static bool seen_before(const struct batch *b, int i, int rank)
 {
     for (int j = 0; j < i; j++)
-        if (b->items[j].frame == b->items[i].frame &&
-            (rank < 0 || spin_step_rank(j, b->n) == rank))
+        if (b->items[j].frame == b->items[i].frame && (rank < 0 || spin_step_rank(j, b->n) == rank))
             return true;
     return false;
 }

@@ -8,58 +8,39 @@
 #include "base/mem.h"
 #include "model/residual.h"
 
-enum { N_ARRAYS = 6 };
-
-/* Positions with their moments, then residual values with theirs. */
-static void list_arrays(struct spin_train_frame *f, float SPIN_DEV **list[N_ARRAYS],
-                        size_t bytes[N_ARRAYS])
+/* NULL where there are none. */
+static spin_status reserve(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
-    float SPIN_DEV **all[N_ARRAYS] = {&f->pos,      &f->m,          &f->v,
-                                      &f->residual, &f->residual_m, &f->residual_v};
-
-    memcpy(list, all, sizeof all);
-    for (int i = 0; i < N_ARRAYS; i++)
-        bytes[i] = i < 3 ? f->capacity.n_pos * 3 * sizeof(float)
-                         : f->capacity.n_residual * SPIN_RESIDUAL * sizeof(float);
+    return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
 }
 
-spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
+spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device *d,
                                   struct spin_frame_size size, bool tracked)
 {
-    float SPIN_DEV **list[N_ARRAYS];
-    size_t bytes[N_ARRAYS];
+    float SPIN_DEV **pos[3] = {&f->pos, &f->m, &f->v};
+    float SPIN_DEV **residual[3] = {&f->residual, &f->residual_m, &f->residual_v};
 
-    memset(frame, 0, sizeof *frame);
-    frame->size = frame->capacity = size;
-    list_arrays(frame, list, bytes);
-    for (int i = 0; i < N_ARRAYS; i++)
-        if (bytes[i] > 0)
-            SPIN_TRY(d->op->reserve(d, bytes[i], (void SPIN_DEV **)list[i]));
+    memset(f, 0, sizeof *f);
+    f->size = f->capacity = size;
+    for (int i = 0; i < 3; i++) {
+        SPIN_TRY(reserve(d, size.n_pos * 3, pos[i]));
+        SPIN_TRY(reserve(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
+    }
     if (!tracked)
         return SPIN_OK;
-    SPIN_TRY(d->op->reserve(d, size.n * sizeof *frame->track, (void SPIN_DEV **)&frame->track));
-    SPIN_TRY(
-        d->op->reserve(d, size.n * sizeof *frame->gradient, (void SPIN_DEV **)&frame->gradient));
-    return d->op->reserve(d, size.n * sizeof *frame->seen, (void SPIN_DEV **)&frame->seen);
+    SPIN_TRY(reserve(d, size.n, (float SPIN_DEV **)&f->track));
+    SPIN_TRY(reserve(d, size.n, &f->gradient));
+    return reserve(d, size.n, (float SPIN_DEV **)&f->seen);
 }
 
-void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d)
+void spin_train_frame_close(struct spin_train_frame *f, struct spin_device *d)
 {
-    float SPIN_DEV **list[N_ARRAYS];
-    size_t bytes[N_ARRAYS];
+    void SPIN_DEV *all[] = {f->pos,        f->m,     f->v,        f->residual, f->residual_m,
+                            f->residual_v, f->track, f->gradient, f->seen};
 
-    list_arrays(frame, list, bytes);
-    for (int i = 0; i < N_ARRAYS; i++)
-        d->op->release(d, *list[i]);
-    d->op->release(d, frame->track);
-    d->op->release(d, frame->gradient);
-    d->op->release(d, frame->seen);
-    memset(frame, 0, sizeof *frame);
-}
-
-size_t spin_train_frame_bytes(bool residual)
-{
-    return 3 * (residual ? 3 + SPIN_RESIDUAL : 3) * sizeof(float);
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        d->op->release(d, all[i]);
+    memset(f, 0, sizeof *f);
 }
 
 static float SPIN_DEV *positions(const struct spin_train_frame *f, enum spin_train_array which)

@@ -30,8 +30,6 @@ struct spin_train_frame {
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
                                   struct spin_frame_size size, bool tracked);
 void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d);
-/* Bytes that open reserves for a splat that has everything of its own. */
-size_t spin_train_frame_bytes(bool residual);
 
 /* Host memory with a row for every splat, `stride` floats apart. at NULL: not wanted. */
 struct spin_rows {

@@ -38,28 +38,9 @@ static bool has_residual(const struct spin_trainer_size *size)
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
 /* Gradients of the own values of a batch's frames, at most. */
-static size_t own_floats(int max_items, size_t n, bool residual)
+static size_t own_floats(const struct spin_trainer *t)
 {
-    return (size_t)max_items * n * (residual ? 3 + SPIN_RESIDUAL : 3);
-}
-
-size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_field *field,
-                          const struct spin_trainer_size *size)
-{
-    size_t views = smaller(device->views_at_once, size->max_items), one = most_splats(size);
-    size_t n = one * smaller(device->frames_at_once, size->max_items);
-    size_t floats = 4 * SPIN_TRACK * size->n_tracks;
-
-    for (int f = 0; f < size->n_frames; f++)
-        floats += 3 * (3 * size->frame[f].n_pos + SPIN_RESIDUAL * size->frame[f].n_residual) +
-                  (size->tracked ? 3 * size->frame[f].n : 0);
-    floats += (has_residual(size) ? SPIN_TRACK : 3) * n * (size->tracked ? 2 : 1);
-    if (size->network)
-        floats += 4 * (field->n_table + field->n_heads);
-    if (spin_n_ranks() > 1)
-        floats += own_floats(size->max_items, one, has_residual(size));
-    return floats * sizeof(float) + spin_field_eval_bytes(size->network ? field : NULL, n, true) +
-           views * spin_raster_bytes(one, size->max_pixels, true);
+    return (size_t)t->max_items * t->n_max * (t->residuals ? 3 + SPIN_RESIDUAL : 3);
 }
 
 int spin_trainer_frames_at_once(const struct spin_trainer *t)
@@ -116,7 +97,7 @@ static spin_status open_buffers(struct spin_trainer *t)
         SPIN_TRY(reserve(d, n * SPIN_RESIDUAL, &t->residual));
     }
     if (spin_n_ranks() > 1)
-        SPIN_TRY(reserve(d, own_floats(t->max_items, t->n_max, t->residuals), &t->own_grad));
+        SPIN_TRY(reserve(d, own_floats(t), &t->own_grad));
     SPIN_TRY(spin_field_eval_open(&t->field_eval, d, t->network, n, true));
     return spin_raster_open(&t->raster, d, t->n_max, t->max_pixels, t->max_tiles,
                             (int)smaller(d->views_at_once, t->max_items), true);
@@ -144,8 +125,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->frame = block;
     t->n_frames = size->n_frames;
     SPIN_TRY_OUT(open_values(t, size->max_items));
-    SPIN_TRY_OUT(spin_param_open(&t->table, device, t->network ? field->n_table : 0,
-                                 spin_lazy_pad(field)));
+    SPIN_TRY_OUT(
+        spin_param_open(&t->table, device, t->network ? field->n_table : 0, spin_lazy_pad(field)));
     SPIN_TRY_OUT(spin_param_open(&t->heads, device, t->network ? field->n_heads : 0, 0));
     SPIN_TRY_OUT(spin_param_open(&t->tracks, device, SPIN_TRACK * t->n_tracks, 0));
     SPIN_TRY_OUT(spin_exposures_open(&t->exposures, device, size->n_cameras, size->n_lenses,
@@ -214,8 +195,8 @@ spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t)
 {
     struct spin_param_group table = spin_param_group(&t->table, 0, t->table.n, 0, 0);
 
-    SPIN_TRY(t->device->op->lazy_adam_enable(t->device, &t->field.grid, &table,
-                                             t->rates.iterations, &t->lazy));
+    SPIN_TRY(t->device->op->lazy_adam_enable(t->device, &t->field.grid, &table, t->rates.iterations,
+                                             &t->lazy));
     t->field_eval.lazy = t->lazy;
     return SPIN_OK;
 }

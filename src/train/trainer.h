@@ -37,8 +37,8 @@ struct spin_trainer {
     struct spin_field field;
     const struct spin_field *network; /* the same, or NULL: there is none */
     struct spin_param table, heads;   /* empty without a network */
-    struct spin_param tracks; /* [SPIN_TRACK n_tracks] in groups (device.h) */
-    bool tracked;             /* as in spin_trainer_size */
+    struct spin_param tracks;         /* [SPIN_TRACK n_tracks] in groups (device.h) */
+    bool tracked;                     /* as in spin_trainer_size */
     size_t n_tracks;
     size_t n_moving,
         n_varying; /* the first of them: their splats have positions, residual values, of their own */
@@ -46,7 +46,7 @@ struct spin_trainer {
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
-    bool residuals;                 /* splats have values besides the network's */
+    bool residuals; /* splats have values besides the network's */
     size_t n_max, max_pixels, max_tiles;
     struct spin_train_rates rates;
     struct spin_lazy_adam *lazy; /* of the table, as that pays; else NULL */
@@ -64,7 +64,8 @@ struct spin_trainer {
     double *host_values;              /* the same */
     int *drawn;                       /* [max_items] the item of each row of values */
     struct spin_rank_sum rank_sum;
-    float SPIN_DEV *own_grad; /* with several ranks: gradients of the own values of a batch's frames; zeros between steps */
+    float SPIN_DEV *
+        own_grad; /* with several ranks: gradients of the own values of a batch's frames; zeros between steps */
     int max_items, n_drawn;
     bool seen; /* some view of the step shows a splat */
 };
@@ -78,9 +79,6 @@ spin_status spin_trainer_resize(struct spin_trainer *t);
 /* Update only the lines of the table that a step needs. Before the first step; rates are set. */
 spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t);
 void spin_trainer_close(struct spin_trainer *t);
-/* Bytes that open will reserve on this device, and about as much as its scratch comes to. */
-size_t spin_trainer_bytes(const struct spin_device *device, const struct spin_field *field,
-                          const struct spin_trainer_size *size);
 /* Frames that go through the device together, at most. */
 int spin_trainer_frames_at_once(const struct spin_trainer *t);
 

@@ -172,7 +172,8 @@ static const struct spin_retrain_options *quick(void)
     q.method = SPIN_METHOD_TRACKS;
     q.tracks = q.antialias = true;
     q.iterations = -1;
-    q.batch = q.views_per_frame = 1;
+    q.batch = -1;
+    q.views_per_frame = 1;
     q.lr_position = 5e-4;
     q.lr_tracked = 0.3;
     q.densify_every = -1;

@@ -762,7 +762,8 @@ static void refuses(struct fixture *f)
        "SH that is not finite: %s", spin_last_error());
     f->start.sh_degree = 0;
     spin_refine_cloud_free(&c);
-    ok(spin_refine_bytes(10, 100, 1) > spin_refine_bytes(10, 100, 0), "SH takes memory");
+    ok(spin_refine_bytes(d, 10, 100, 1, 1) > spin_refine_bytes(d, 10, 100, 1, 0),
+       "SH takes memory");
     o = plain_options(&log);
     wrong[7] = f->views;
     ok(run(f, &o, wrong, 1, &log, &c, NULL) == SPIN_E_USAGE, "refuses a view that is not there");
