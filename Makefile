@@ -147,7 +147,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo test test-bins test-tools test-builds test-card test-ranks check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins test-tools test-builds test-card test-ranks check lint mutants test-viewers valgrind tsan fuzz fuzz-replay bench install uninstall dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -176,6 +176,12 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@sh tests/demo.sh $(B)/bin
 
 # What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
+quick: ## the unit tests, a minute: after every change; SETUP=0 installs nothing
+	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
+	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
+	@$(MAKE) --no-print-directory -j$(JOBS) all $(filter-out $(B)/tests/cmd/% $(B)/tests/emu/%,$(TEST_BIN))
+	@JOBS=$(JOBS) sh tests/run.sh $(B) $@
+
 test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selects; SETUP=0 installs nothing
 	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
 	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }

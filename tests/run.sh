@@ -5,8 +5,9 @@
 # Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts) and BUILD_DIR/tests/fuzz/fuzz-*
 # on the saved finds in fixtures/hostile/<name>/. With WORDS only those whose source path contains one of
 # them, or whose source has one in its line of keys ("K: golden threads"); without WORDS all but those with the keys
-# test-card and test-ranks, long trainings that are run by these names. A crash, a non-zero exit, more than ten minutes
-# and a test without an end are failures.
+# test-card and test-ranks, long trainings that are run by these names; with quick the programs but those of tests/cmd
+# and tests/emu. Those with the key long begin first. A crash, a non-zero exit, more than ten minutes and a test without
+# an end are failures.
 #
 # SPIN_RUN runs the programs of another machine (qemu-aarch64).
 # SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
@@ -102,6 +103,12 @@ matches() {
         echo "$1" >>"$left_out"
         return 1
     fi
+    if [ "$WORDS" = quick ]; then
+        case $1 in
+        tests/cli/* | tests/cmd/* | tests/emu/* | tests/fuzz/*) return 1 ;;
+        *) return 0 ;;
+        esac
+    fi
     for word in $WORDS; do
         case $1 in
         *"$word"*) return 0 ;;
@@ -115,8 +122,8 @@ for source in tests/*/t-*.c tests/cli/t*.sh tests/fuzz/fuzz-*.c; do
     case $source in
     *.sh) [ -f "$source" ] ;;
     *) [ -x "$B/${source%.c}" ] ;;
-    esac && matches "$source" && echo "$source"
-done >"$listed"
+    esac && matches "$source" && { has_key "$source" long && echo "0 $source" || echo "1 $source"; }
+done | sort -s -n -k 1,1 | cut -d ' ' -f 2 >"$listed"
 xargs -r -P "${JOBS:-1}" -n 1 sh "$0" --one "$B" <"$listed" | tee "$told"
 
 sed 's/$/: left out, see make test-card and make test-ranks/' "$left_out"

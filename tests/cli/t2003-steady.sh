@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: retrain steady memory
+# K: long retrain steady memory
 # A step of spin-retrain in steady state allocates nothing and calls nothing of the system; the seconds of
 # its ops add up; the memory is what --dry-run says.
 . tests/cli/lib.sh

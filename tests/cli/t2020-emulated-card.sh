@@ -1,7 +1,7 @@
 #!/bin/sh
 # Kernels for cards, in the host's emulation: the tests of the device's operations and the golden training in two
 # orders of threads (the slowest in one), and once more with the race detector, as far as that is quick.
-# K: golden cuda emu kernels device
+# K: long golden cuda emu kernels device
 . "$(dirname "$0")/lib.sh"
 
 build=${SPIN_BUILD:-build/release}

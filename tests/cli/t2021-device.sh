@@ -1,6 +1,6 @@
 #!/bin/sh
 # --device: what auto takes and why, and runs on the emulated card: as on the CPU, resumed, without a card, without
-# memory, and with a card that is lost. K: cuda emu device retrain
+# memory, and with a card that is lost. K: long cuda emu device retrain
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained

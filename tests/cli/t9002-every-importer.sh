@@ -1,5 +1,5 @@
 #!/bin/sh
-# K: import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs retrain
+# K: long import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs retrain
 # K: spz splat ksplat sog gltf
 # A run of every importer in the list goes out as PLY; some that are defined at any time and three of splat
 # files are retrained too.

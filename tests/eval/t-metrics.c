@@ -1,6 +1,6 @@
 /* What spin_eval() says, held to what is worked out here: the quality of every view and its means, moving
  * regions, which views, storage, speed, pictures.
- * K: eval measure */
+ * K: long eval measure */
 #include <pthread.h>
 #include <sys/stat.h>
 #include <sys/wait.h>

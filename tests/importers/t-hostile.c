@@ -8,7 +8,7 @@
  *   4  the files of fixtures/hostile, which need not be refused
  *
  * Code inside a checkpoint is refused by the name of what it would have called.
- * K: hostile malformed import */
+ * K: long hostile malformed import */
 #include <fcntl.h>
 #include <fnmatch.h>
 #include <ftw.h>

@@ -1,6 +1,6 @@
 /* Frames refined by spin-retrain are what spin_refine_frame() makes of the frame's splats and its training
  * views with the options that were given: the same bits. So no option is lost or changed on the way.
- * K: refine explicit retrain options */
+ * K: long refine explicit retrain options */
 #include "scene/lens.h"
 #include "spin_run.h"
 #include "eval/dynamic_mask.h"
