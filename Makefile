@@ -141,6 +141,7 @@ endif
 EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults faults-race nccl)
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
+UNIT_BIN := $(filter-out $(B)/tests/cmd/% $(B)/tests/emu/%,$(TEST_BIN))
 # clip.c is a program of its own, which export.sh runs.
 BENCH_C  := $(filter-out tests/bench/clip.c,$(wildcard tests/bench/*.c))
 BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
@@ -176,16 +177,13 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@sh tests/demo.sh $(B)/bin
 
 # What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
-quick: ## the unit tests, a minute: after every change; SETUP=0 installs nothing
-	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
-	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
-	@$(MAKE) --no-print-directory -j$(JOBS) all $(filter-out $(B)/tests/cmd/% $(B)/tests/emu/%,$(TEST_BIN))
-	@JOBS=$(JOBS) sh tests/run.sh $(B) $@
+quick: ## the unit tests, a minute: after every change
+	@$(MAKE) --no-print-directory test K=$@
 
 test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selects; SETUP=0 installs nothing
 	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
 	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
-	@$(MAKE) --no-print-directory -j$(JOBS) all test-bins
+	@$(MAKE) --no-print-directory -j$(JOBS) all $(if $(filter quick,$(K)),$(UNIT_BIN),test-bins)
 	@JOBS=$(JOBS) sh tests/run.sh $(B) "$(K)"
 
 test-bins: $(TEST_BIN) $(EMU) $(BENCH) $(B)/tests/bench/clip test-tools fuzz-bins

@@ -63,29 +63,34 @@ double spin_checkpoint_seconds(const struct spin_checkpoint *c)
     return c->before_s + spin_now_s() - c->start_s;
 }
 
-/* Everything the state holds, in one list: walked to save and to load. */
+/* Everything the state holds, in one list: walked to save and to load. Floats, and from SEEN on numbers. */
 struct piece {
     char name[48];
+    enum {
+        VALUES,
+        STEPS, /* of lazy Adam */
+        GRADIENT,
+        SEEN, /* this and the gradient are parts of sums over ranks: rank 0 has all, the others zeros */
+        TRACK, /* of a frame's splats */
+        PLACE  /* of them in the output */
+    } kind;
     float SPIN_DEV *at;
+    uint32_t *host; /* or there */
     size_t n;
-    bool numbers; /* unsigned, not floats */
-    bool lines;   /* steps, of lazy Adam */
-    bool parted;  /* its sum over ranks counts: rank 0 has all of it, the others zeros */
+    int frame;
 };
 
-/* What a frame with tracks has besides, as numbers: tracks of its splats, and their places in the output. */
-enum { N_NUMBERS = 2 };
-static const char *const number_name[N_NUMBERS] = {"track", "place"};
-
-static void add_of_frame(int f, const char *what, const char *array, float SPIN_DEV *at, size_t n,
-                         struct piece *piece)
+static struct piece of_frame(int f, const char *what, const char *array, float SPIN_DEV *at,
+                             size_t n)
 {
-    snprintf(piece->name, sizeof piece->name, "%s/%05d/%s", what, f, array);
-    piece->at = at;
-    piece->n = n;
+    struct piece piece = {.at = at, .n = n, .frame = f};
+
+    snprintf(piece.name, sizeof piece.name, "%s/%05d/%s", what, f, array);
+    return piece;
 }
 
-static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_t *n)
+static spin_status list_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
+                               struct piece **out, size_t *n)
 {
     enum { N_PARAMS = 4 };
     struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
@@ -95,7 +100,7 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
     struct piece *piece;
     size_t k = 0;
 
-    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 8 * (size_t)t->n_frames, sizeof *piece, &block));
+    SPIN_TRY(spin_alloc(3 * N_PARAMS + 1 + 10 * (size_t)t->n_frames, sizeof *piece, &block));
     piece = block;
     for (int i = 0; i < N_PARAMS; i++) {
         float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
@@ -108,30 +113,32 @@ static spin_status list_pieces(struct spin_trainer *t, struct piece **out, size_
     }
     if (t->lazy)
         piece[k++] = (struct piece){
-            .name = "table/last", .at = t->lazy->last, .n = t->lazy->n_lines, .lines = true};
+            .name = "table/last", .kind = STEPS, .at = t->lazy->last, .n = t->lazy->n_lines};
     for (int f = 0; f < t->n_frames; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
 
         for (int j = 0; j < 3; j++, k++)
-            add_of_frame(f, "frames", part_name[j], at[j], 3 * t->frame[f].size.n_pos, &piece[k]);
+            piece[k] = of_frame(f, "frames", part_name[j], at[j], 3 * t->frame[f].size.n_pos);
     }
     for (int f = 0; f < t->n_frames && t->d_residual; f++) {
         float SPIN_DEV *at[3] = {t->frame[f].residual, t->frame[f].residual_m,
                                  t->frame[f].residual_v};
 
         for (int j = 0; j < 3; j++, k++)
-            add_of_frame(f, "residual", part_name[j], at[j],
-                         SPIN_RESIDUAL * t->frame[f].size.n_residual, &piece[k]);
+            piece[k] = of_frame(f, "residual", part_name[j], at[j],
+                                SPIN_RESIDUAL * t->frame[f].size.n_residual);
     }
     for (int f = 0; f < t->n_frames && t->tracked; f++) {
-        struct spin_train_frame *frame = &t->frame[f];
+        const struct spin_train_frame *frame = &t->frame[f];
+        static const char *const name[] = {"gradient", "seen", "track", "place"};
+        float SPIN_DEV *at[] = {frame->gradient, (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
+                                (float SPIN_DEV *)(void SPIN_DEV *)frame->track, NULL};
 
-        add_of_frame(f, "frames", "gradient", frame->gradient, frame->size.n, &piece[k]);
-        piece[k++].parted = true;
-        add_of_frame(f, "frames", "seen", (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
-                     frame->size.n, &piece[k]);
-        piece[k].numbers = true;
-        piece[k++].parted = true;
+        for (int j = 0; j < 4; j++, k++) {
+            piece[k] = of_frame(f, "frames", name[j], at[j], frame->size.n);
+            piece[k].kind = GRADIENT + j;
+        }
+        piece[k - 1].host = c ? c->permutation[f] : NULL;
     }
     *out = piece;
     *n = k;
@@ -188,7 +195,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(t, &piece, &n_pieces));
+    SPIN_TRY_OUT(list_pieces(NULL, t, &piece, &n_pieces));
     SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t i = 0; i < n_pieces; i++) {
         size_t length = strlen(piece[i].name);
@@ -239,59 +246,31 @@ out:
     return status;
 }
 
-/* The numbers of a frame, on the device or NULL: the place in the output. */
-static uint32_t SPIN_DEV *numbers_of(const struct spin_train_frame *frame, int which)
-{
-    return which == 0 ? frame->track : NULL;
-}
-
-static spin_status save_numbers(const struct spin_checkpoint *c, struct spin_trainer *t,
-                                struct spin_zip_writer *w)
-{
-    void *block = NULL;
-    spin_status status = SPIN_OK;
-
-    for (int f = 0; f < t->n_frames && t->tracked; f++)
-        for (int k = 0; k < N_NUMBERS; k++) {
-            size_t n = t->frame[f].size.n;
-            const uint32_t SPIN_DEV *at = numbers_of(&t->frame[f], k);
-            uint64_t shape[1] = {n};
-            char name[48];
-
-            snprintf(name, sizeof name, "frames/%05d/%s", f, number_name[k]);
-            SPIN_TRY_OUT(spin_grow(n + 1, sizeof(uint32_t), &block));
-            if (at)
-                SPIN_TRY_OUT(t->device->op->download(t->device, block, at, n * sizeof(uint32_t)));
-            SPIN_TRY_OUT(spin_npz_write(w, name, "<u4", 1, shape, at ? block : c->permutation[f]));
-        }
-out:
-    free(block);
-    return status;
-}
-
 /* Tracks that are there, in the order of the frame; places that are a permutation. */
-static spin_status check_numbers(const struct spin_trainer *t, int f, int which,
-                                 const uint32_t *number, const char *name)
+static spin_status check_numbers(const struct spin_trainer *t, const struct piece *piece,
+                                 const uint32_t *number)
 {
-    const struct spin_frame_size *size = &t->frame[f].size;
+    const struct spin_frame_size *size = &t->frame[piece->frame].size;
+    bool track = piece->kind == TRACK;
+    size_t most = track ? t->n_tracks : size->n;
     void *block = NULL;
     uint8_t *taken;
     bool wrong = false;
 
-    SPIN_TRY(spin_alloc((which == 0 ? t->n_tracks : size->n) + 1, 1, &block));
+    SPIN_TRY(spin_alloc(most + 1, 1, &block));
     taken = block;
     for (size_t i = 0; i < size->n && !wrong; i++) {
-        bool none = which == 0 && number[i] == SPIN_NO_TRACK;
+        bool none = track && number[i] == SPIN_NO_TRACK;
 
-        wrong = !none && (number[i] >= (which == 0 ? t->n_tracks : size->n) || taken[number[i]]);
-        wrong |= which == 0 && none != (i < size->n_free);
-        wrong |= which == 0 && (none || number[i] < t->n_moving) != (i < size->n_pos);
-        wrong |= which == 0 && (none || number[i] < t->n_varying) != (i < size->n_residual);
+        wrong = !none && (number[i] >= most || taken[number[i]]);
+        wrong |= track && none != (i < size->n_free);
+        wrong |= track && (none || number[i] < t->n_moving) != (i < size->n_pos);
+        wrong |= track && (none || number[i] < t->n_varying) != (i < size->n_residual);
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
     free(block);
-    return wrong ? spin_fail(SPIN_E_MALFORMED, "array '%s' does not fit the tracks", name)
+    return wrong ? spin_fail(SPIN_E_MALFORMED, "array '%s' does not fit the tracks", piece->name)
                  : SPIN_OK;
 }
 
@@ -305,65 +284,38 @@ static void to_numbers(const struct spin_array *a, size_t first, size_t n, uint3
     }
 }
 
-static spin_status load_numbers(const struct spin_checkpoint *c, struct spin_trainer *t,
-                                struct spin_npz *npz)
+static spin_status save_numbers(struct spin_trainer *t, struct spin_zip_writer *w,
+                                const struct piece *piece)
 {
-    void *block = NULL;
-    spin_status status = SPIN_OK;
-
-    for (int f = 0; f < t->n_frames && t->tracked; f++)
-        for (int k = 0; k < N_NUMBERS; k++) {
-            size_t n = t->frame[f].size.n;
-            int64_t shape[1] = {(int64_t)n};
-            struct spin_array a;
-            uint32_t *number;
-            char name[48];
-
-            snprintf(name, sizeof name, "frames/%05d/%s", f, number_name[k]);
-            SPIN_TRY_OUT(spin_npz_array_of(npz, name, true, 1, shape, &a));
-            SPIN_TRY_OUT(spin_grow(n + 1, sizeof *number, &block));
-            number = block;
-            to_numbers(&a, 0, n, number);
-            SPIN_TRY_OUT(check_numbers(t, f, k, number, name));
-            if (numbers_of(&t->frame[f], k))
-                t->device->op->upload(t->device, numbers_of(&t->frame[f], k), number,
-                                      n * sizeof *number);
-            else
-                memcpy(c->permutation[f], number, n * sizeof *number);
-        }
-out:
-    free(block);
-    return status;
-}
-
-static spin_status save_seen(struct spin_trainer *t, struct spin_zip_writer *w,
-                             const struct piece *piece)
-{
+    struct spin_device *d = t->device;
     uint64_t shape[1] = {piece->n};
     void *block = NULL;
     spin_status status;
 
+    if (piece->host)
+        return spin_npz_write(w, piece->name, "<u4", 1, shape, piece->host);
     SPIN_TRY_OUT(spin_alloc(piece->n + 1, sizeof(uint32_t), &block));
-    SPIN_TRY_OUT(t->device->op->download(t->device, block, piece->at, piece->n * sizeof(uint32_t)));
+    SPIN_TRY_OUT(d->op->download(d, block, piece->at, piece->n * sizeof(uint32_t)));
     status = spin_npz_write(w, piece->name, "<u4", 1, shape, block);
 out:
     free(block);
     return status;
 }
 
-static spin_status save_pieces(struct spin_trainer *t, struct spin_zip_writer *w)
+static spin_status save_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
+                               struct spin_zip_writer *w)
 {
     struct piece *piece = NULL;
     size_t n = 0;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(t, &piece, &n));
+    SPIN_TRY_OUT(list_pieces(c, t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         uint64_t shape[1] = {piece[i].n};
 
-        SPIN_TRY_OUT(piece[i].numbers ? save_seen(t, w, &piece[i])
-                                      : spin_write_device_array(t, w, piece[i].name, 1, shape,
-                                                                piece[i].at, piece[i].n));
+        SPIN_TRY_OUT(piece[i].kind >= SEEN ? save_numbers(t, w, &piece[i])
+                                           : spin_write_device_array(t, w, piece[i].name, 1, shape,
+                                                                     piece[i].at, piece[i].n));
     }
 out:
     free(piece);
@@ -404,8 +356,7 @@ static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
     w.out.sync = true; /* it stands for hours of work */
     SPIN_TRY_OUT(write_text(&w, "state.json", header));
-    SPIN_TRY_OUT(save_pieces(t, &w));
-    SPIN_TRY_OUT(save_numbers(c, t, &w));
+    SPIN_TRY_OUT(save_pieces(c, t, &w));
     return spin_zip_writer_commit(&w);
 out:
     spin_zip_writer_abandon(&w);
@@ -454,30 +405,45 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
     return SPIN_OK;
 }
 
-static spin_status load_pieces(struct spin_trainer *t, struct spin_npz *npz)
+/* To where the piece is; floats and numbers have the same size. */
+static spin_status load_piece(struct spin_trainer *t, const struct piece *piece,
+                              const struct spin_array *a, void *values)
+{
+    size_t n = piece->n;
+
+    if (piece->kind >= SEEN) {
+        to_numbers(a, 0, n, values);
+    } else {
+        spin_array_to_f32(a, 0, n, values);
+        SPIN_TRY(check_values(t, piece->name, 0, values, n));
+    }
+    if (piece->kind == STEPS)
+        SPIN_TRY(check_last(values, n, t->iteration));
+    if (piece->kind >= TRACK)
+        SPIN_TRY(check_numbers(t, piece, values));
+    if (piece->host)
+        memcpy(piece->host, values, n * sizeof *piece->host);
+    else if ((piece->kind != GRADIENT && piece->kind != SEEN) || spin_rank() == 0)
+        t->device->op->upload(t->device, piece->at, values, n * sizeof(float));
+    return SPIN_OK;
+}
+
+static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trainer *t,
+                               struct spin_npz *npz)
 {
     struct piece *piece = NULL;
     size_t n = 0;
     void *block = NULL;
     spin_status status;
 
-    SPIN_TRY_OUT(list_pieces(t, &piece, &n));
+    SPIN_TRY_OUT(list_pieces(c, t, &piece, &n));
     for (size_t i = 0; i < n; i++) {
         struct spin_array a;
         int64_t shape[1] = {(int64_t)piece[i].n};
 
         SPIN_TRY_OUT(spin_npz_array_of(npz, piece[i].name, true, 1, shape, &a));
         SPIN_TRY_OUT(spin_grow(piece[i].n + 1, sizeof(float), &block));
-        if (piece[i].numbers) {
-            to_numbers(&a, 0, piece[i].n, block);
-        } else {
-            spin_array_to_f32(&a, 0, piece[i].n, block);
-            SPIN_TRY_OUT(check_values(t, piece[i].name, 0, block, piece[i].n));
-        }
-        if (piece[i].lines)
-            SPIN_TRY_OUT(check_last(block, piece[i].n, t->iteration));
-        if (!piece[i].parted || spin_rank() == 0)
-            t->device->op->upload(t->device, piece[i].at, block, piece[i].n * sizeof(float));
+        SPIN_TRY_OUT(load_piece(t, &piece[i], &a, block));
     }
 out:
     free(piece);
@@ -603,9 +569,7 @@ spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer 
     if (status == SPIN_OK) {
         status = load_header(c, t, &npz);
         if (status == SPIN_OK)
-            status = load_pieces(t, &npz);
-        if (status == SPIN_OK)
-            status = load_numbers(c, t, &npz);
+            status = load_pieces(c, t, &npz);
         spin_npz_close(&npz);
     }
     if (status != SPIN_OK)
