@@ -11,32 +11,26 @@
  * The moved clouds are exact and are read when all are there. Else the networks are evaluated one
  * frame after the other, which adds up the errors of half precision. Rows of the base come first
  * and keep their order from frame to frame; rows of the added ones follow. */
-#include "spin.h"
-
-#include <ctype.h>
 #include <limits.h>
-#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/option.h"
-#include "importers/lib/finite.h"
-#include "importers/lib/model_folder.h"
-#include "importers/lib/notes.h"
+#include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
 #include "io/json.h"
-#include "io/torch.h"
 #include "math/quat.h"
 
 /* Files of one frame; those that are not there are NULL. */
 struct step {
     int number;
-    char *cloud, *network, *added;
+    const char *cloud, *network, *added;
     size_t n_added;
 };
 
 struct clip {
-    char *folder;
-    struct step *step; /* sorted by number; step 0 is frame 0 when the first cloud is known */
+    struct spin_model base; /* path: the folder; canonical: frame 0 */
+    struct step *step;      /* sorted by number; step 0 is frame 0 when the first cloud is known */
     size_t n_steps, capacity;
     bool evaluate; /* the networks, instead of reading the moved clouds */
     bool packed;
@@ -45,10 +39,10 @@ struct clip {
     int sh_degree;
     size_t *counts;
     int *numbers;
-    int i1, i2, first;       /* iterations from cfg_args.json, or -1 */
-    char *config;            /* of the networks, or NULL */
-    struct spin_splats base; /* frame 0 */
-    float *means, *quats;    /* [n][3], [n][4]: the base at step `at` */
+    int i1, i2, first;    /* iterations from cfg_args.json, or -1 */
+    const char *config;   /* of the networks, or NULL */
+    struct ntc network;   /* while it moves the base */
+    float *means, *quats; /* [n][3], [n][4]: the base at step `at` */
     size_t at;
 };
 
@@ -67,16 +61,13 @@ static int frame_number(const char *name)
 
 static int probe(const struct spin_peek *peek)
 {
-    bool frames = false, networks = false, ours = false;
+    bool frames = false, ours = spin_peek_has(peek, "cfg_args.json");
 
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        const char *name = peek->names[i];
-
-        frames = frames || frame_number(name) > 0;
-        networks = networks || strcmp(name, "NTCs") == 0;
-        ours = ours || strcmp(name, "cfg_args.json") == 0 || strncmp(name, "init_3dgs", 9) == 0;
+        frames = frames || frame_number(peek->names[i]) > 0;
+        ours = ours || strncmp(peek->names[i], "init_3dgs", 9) == 0;
     }
-    if (networks)
+    if (spin_peek_has(peek, "NTCs"))
         return 90;
     return frames ? (ours ? 80 : 30) : 0; /* folders of frames are anybody's */
 }
@@ -98,158 +89,119 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
 }
 
 /* <folder>/point_cloud/iteration_<n>/<file>: that iteration when it is there, else the largest with
- * such a file. *out stays NULL when there is none. */
-static spin_status find_cloud(const char *folder, int iteration, const char *file, char **out)
+ * such a file. NULL when there is none. */
+static spin_status find_cloud(struct clip *clip, const char *folder, int iteration,
+                              const char *file, const char **out)
 {
-    struct model_folder_pick pick = {.file = file};
-    char wanted[16], *clouds = NULL, *name = NULL, *sub = NULL;
-    spin_status status;
+    const char *clouds, *name = NULL;
+    char wanted[16];
 
+    *out = NULL;
     snprintf(wanted, sizeof wanted, "%d", iteration);
-    SPIN_TRY(spin_path_join(folder, "point_cloud", &clouds));
-    pick.folder = clouds;
-    status = SPIN_OK;
-    if (spin_path_is_folder(clouds) && iteration >= 0)
-        status = spin_model_folder_choose(&pick, wanted, &name);
-    if (spin_path_is_folder(clouds) && status == SPIN_OK && !name)
-        status = spin_model_folder_choose(&pick, NULL, &name);
-    if (status == SPIN_OK && name)
-        status = spin_path_join(clouds, name, &sub);
-    if (status == SPIN_OK && sub)
-        status = spin_path_join(sub, file, out);
-    free(sub);
-    free(name);
-    free(clouds);
-    return status;
-}
-
-/* *out = folder/name when that file exists and nothing was found before. */
-static spin_status take_file(const char *folder, const char *name, char **out)
-{
-    char *path = NULL;
-
-    if (*out)
+    SPIN_TRY(spin_model_join(&clip->base, &clouds, folder, "point_cloud"));
+    if (!spin_path_is_folder(clouds))
         return SPIN_OK;
-    SPIN_TRY(spin_path_join(folder, name, &path));
-    if (spin_path_exists(path) && !spin_path_is_folder(path))
-        *out = path;
-    else
-        free(path);
-    return SPIN_OK;
+    if (iteration >= 0)
+        SPIN_TRY(spin_model_choose(&clip->base, wanted, clouds, file, NULL, NULL, &name));
+    if (!name)
+        SPIN_TRY(spin_model_choose(&clip->base, NULL, clouds, file, NULL, NULL, &name));
+    return name ? spin_model_join(&clip->base, out, clouds, "%s/%s", name, file) : SPIN_OK;
 }
 
 static spin_status find_raw(struct clip *clip, const char *folder)
 {
-    char **names = NULL, *sub = NULL;
-    size_t n = 0;
-    spin_status status;
+    char **names;
+    size_t n;
 
-    SPIN_TRY(spin_folder_list(folder, &names, &n));
-    status = SPIN_OK;
-    for (size_t i = 0; i < n && status == SPIN_OK; i++) {
+    SPIN_TRY(spin_model_names(&clip->base, folder, &names, &n));
+    for (size_t i = 0; i < n; i++) {
         struct step *step;
+        const char *sub;
 
         if (frame_number(names[i]) < 0)
             continue;
-        SPIN_TRY_OUT(spin_path_join(folder, names[i], &sub));
-        if (spin_path_is_folder(sub)) {
-            SPIN_TRY_OUT(step_of(clip, frame_number(names[i]), &step));
-            SPIN_TRY_OUT(find_cloud(sub, clip->i1, "point_cloud.ply", &step->cloud));
-            SPIN_TRY_OUT(find_cloud(sub, clip->i2, "added/point_cloud.ply", &step->added));
-            SPIN_TRY_OUT(take_file(sub, "NTC.pth", &step->network));
-        }
-        free(sub);
-        sub = NULL;
+        SPIN_TRY(spin_model_join(&clip->base, &sub, folder, "%s", names[i]));
+        if (!spin_path_is_folder(sub))
+            continue;
+        SPIN_TRY(step_of(clip, frame_number(names[i]), &step));
+        SPIN_TRY(find_cloud(clip, sub, clip->i1, "point_cloud.ply", &step->cloud));
+        SPIN_TRY(find_cloud(clip, sub, clip->i2, "added/point_cloud.ply", &step->added));
+        if (!step->network)
+            SPIN_TRY(spin_model_find(&clip->base, &step->network, sub, "NTC.pth"));
     }
-out:
-    free(sub);
-    spin_folder_list_free(names);
-    return status;
+    return SPIN_OK;
 }
 
 /* Files <prefix><digits><ending> of a folder; index i belongs to frame i + 1. */
 static spin_status find_indexed(struct clip *clip, const char *folder, const char *prefix,
                                 const char *ending)
 {
-    char **names = NULL, *sub = NULL;
     size_t n = 0, n_prefix = strlen(prefix);
-    spin_status status;
+    const char *sub;
+    char **names;
 
-    SPIN_TRY(spin_path_join(clip->folder, folder, &sub));
-    status = SPIN_OK;
+    SPIN_TRY(spin_model_join(&clip->base, &sub, clip->base.path, "%s", folder));
     if (spin_path_is_folder(sub))
-        status = spin_folder_list(sub, &names, &n);
-    for (size_t i = 0; i < n && status == SPIN_OK; i++) {
-        const char *digits = names[i] + n_prefix;
+        SPIN_TRY(spin_model_names(&clip->base, sub, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        const char *digits = names[i] + n_prefix, **slot;
         size_t n_digits;
         struct step *step;
-        char **slot;
 
         if (strncmp(names[i], prefix, n_prefix) != 0)
             continue;
         n_digits = strspn(digits, "0123456789");
         if (n_digits == 0 || n_digits > 8 || strcmp(digits + n_digits, ending) != 0)
             continue;
-        SPIN_TRY_OUT(step_of(clip, atoi(digits) + 1, &step));
-        slot = ending[1] == 'p' && ending[2] == 't' ? &step->network : &step->added;
+        SPIN_TRY(step_of(clip, atoi(digits) + 1, &step));
+        slot = strcmp(ending, ".pth") == 0 ? &step->network : &step->added;
         if (!*slot)
-            SPIN_TRY_OUT(spin_path_join(sub, names[i], slot));
+            SPIN_TRY(spin_model_join(&clip->base, slot, sub, "%s", names[i]));
     }
-out:
-    spin_folder_list_free(names);
-    free(sub);
-    return status;
+    return SPIN_OK;
 }
 
-/* A PLY, or a model's folder. */
-static spin_status find_first(const char *path, int iteration, char **out)
+/* A PLY, or a model's folder. NULL: neither. */
+static spin_status find_first(struct clip *clip, const char *path, const char **out)
 {
-    if (!spin_path_is_folder(path))
-        return spin_path_exists(path) ? spin_strdup(path, out) : SPIN_OK;
-    return find_cloud(path, iteration, "point_cloud.ply", out);
+    *out = NULL;
+    if (spin_path_is_folder(path))
+        return find_cloud(clip, path, clip->first, "point_cloud.ply", out);
+    return spin_path_exists(path) ? spin_model_text(&clip->base, out, "%s", path) : SPIN_OK;
 }
 
 /* Frame 0: where the user says, else beside the frames, else a model's folder among them. */
-static spin_status find_init(struct clip *clip, const char *given)
+static spin_status find_init(struct clip *clip)
 {
     static const char *const places[] = {"init_3dgs.ply", "init_3dgs", "."};
-    char **names = NULL, *path = NULL, *cloud = NULL;
-    size_t n = 0;
+    const char *given = spin_model_option(&clip->base, "init"), *path, *cloud = NULL;
     struct step *step;
-    spin_status status;
+    char **names;
+    size_t n;
 
     if (given) {
-        SPIN_TRY(find_first(given, clip->first, &cloud));
+        SPIN_TRY(find_first(clip, given, &cloud));
         if (!cloud)
             return spin_fail(SPIN_E_NOT_FOUND,
                              "option 'init': '%s' is neither a PLY nor has it "
                              "point_cloud/iteration_*/point_cloud.ply",
                              given);
     }
-    SPIN_TRY_OUT(spin_folder_list(clip->folder, &names, &n));
+    SPIN_TRY(spin_model_names(&clip->base, clip->base.path, &names, &n));
     for (size_t i = 0; i < 3 + n && !cloud; i++) {
         if (i >= 3 && (frame_number(names[i - 3]) >= 0 || names[i - 3][0] == '.'))
             continue;
-        SPIN_TRY_OUT(spin_path_join(clip->folder, i < 3 ? places[i] : names[i - 3], &path));
+        SPIN_TRY(spin_model_join(&clip->base, &path, clip->base.path, "%s",
+                                 i < 3 ? places[i] : names[i - 3]));
         if (i < 1 || spin_path_is_folder(path))
-            SPIN_TRY_OUT(find_first(path, clip->first, &cloud));
-        free(path);
-        path = NULL;
+            SPIN_TRY(find_first(clip, path, &cloud));
     }
-    status = SPIN_OK;
-    if (cloud) {
-        SPIN_TRY_OUT(step_of(clip, 0, &step));
-        if (!step->cloud || given) {
-            free(step->cloud);
-            step->cloud = cloud;
-            cloud = NULL;
-        }
-    }
-out:
-    spin_folder_list_free(names);
-    free(path);
-    free(cloud);
-    return status;
+    if (!cloud)
+        return SPIN_OK;
+    SPIN_TRY(step_of(clip, 0, &step));
+    if (!step->cloud || given)
+        step->cloud = cloud;
+    return SPIN_OK;
 }
 
 static void read_iteration(const spin_json *root, const char *key, int *out)
@@ -263,17 +215,14 @@ static void read_iteration(const spin_json *root, const char *key, int *out)
 /* cfg_args.json says which iterations were saved; it may be missing. */
 static spin_status read_settings(struct clip *clip)
 {
-    char *path = NULL;
     spin_json *root = NULL;
+    const char *path;
     int second = -1;
-    spin_status status = SPIN_OK;
 
     clip->i1 = clip->i2 = clip->first = -1;
-    SPIN_TRY(spin_path_join(clip->folder, "cfg_args.json", &path));
-    if (spin_path_exists(path))
-        status = spin_json_load(path, &root);
-    free(path);
-    SPIN_TRY(status);
+    SPIN_TRY(spin_model_find(&clip->base, &path, clip->base.path, "cfg_args.json"));
+    if (path)
+        SPIN_TRY(spin_json_load(path, &root));
     read_iteration(root, "iterations", &clip->i1);
     read_iteration(root, "iterations_s2", &second);
     read_iteration(root, "first_load_iteration", &clip->first);
@@ -290,32 +239,29 @@ static int by_number(const void *a, const void *b)
     return x->number < y->number ? -1 : x->number > y->number;
 }
 
-static spin_status find_files(struct clip *clip, const struct spin_plugin_values *values)
+static spin_status find_files(struct clip *clip)
 {
-    char *path = NULL;
-    spin_status status;
+    const char *folder = clip->base.path, *raw;
 
     SPIN_TRY(read_settings(clip));
-    clip->packed = spin_model_folder_holds(clip->folder, "NTCs");
+    clip->packed = spin_model_holds(folder, "NTCs");
     if (clip->packed) {
         SPIN_TRY(find_indexed(clip, "NTCs", "NTC_", ".pth"));
-        SPIN_TRY(spin_path_join(clip->folder, "raw", &path));
-        status = spin_path_is_folder(path) ? find_raw(clip, path) : SPIN_OK;
-        free(path);
-        SPIN_TRY(status);
+        SPIN_TRY(spin_model_join(&clip->base, &raw, folder, "raw"));
+        if (spin_path_is_folder(raw))
+            SPIN_TRY(find_raw(clip, raw));
         SPIN_TRY(find_indexed(clip, "additional_3dgs", "additions_", ".ply"));
     } else {
-        SPIN_TRY(find_raw(clip, clip->folder));
+        SPIN_TRY(find_raw(clip, folder));
     }
     if (clip->n_steps == 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds neither frame folders nor 'NTCs'",
-                         clip->folder);
-    SPIN_TRY(find_init(clip, spin_plugin_value(values, "init", NULL)));
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds neither frame folders nor 'NTCs'", folder);
+    SPIN_TRY(find_init(clip));
     qsort(clip->step, clip->n_steps, sizeof *clip->step, by_number);
     for (size_t i = 1; i < clip->n_steps; i++) {
         if (clip->step[i].number != clip->step[i - 1].number + 1)
             return spin_fail(SPIN_E_MALFORMED, "'%s' has frames %d and %d, but not %d between them",
-                             clip->folder, clip->step[i - 1].number, clip->step[i].number,
+                             folder, clip->step[i - 1].number, clip->step[i].number,
                              clip->step[i - 1].number + 1);
     }
     return SPIN_OK;
@@ -324,39 +270,39 @@ static spin_status find_files(struct clip *clip, const struct spin_plugin_values
 /* ---- Choosing the way ------------------------------------------------------------------------ */
 
 /* The configuration of the networks: where the user says, or where the upstream leaves it. */
-static spin_status find_config(struct clip *clip, const struct spin_plugin_values *values)
+static spin_status find_config(struct clip *clip)
 {
     static const char *const places[] = {"NTCs/config.json", "config.json", "cache_conf.json",
                                          "../cache_conf.json"};
-    const char *given = spin_plugin_value(values, "config", NULL);
+    const char *given = spin_model_option(&clip->base, "config");
 
     if (given)
-        return spin_strdup(given, &clip->config);
-    for (size_t i = 0; i < sizeof places / sizeof *places; i++)
-        SPIN_TRY(take_file(clip->folder, places[i], &clip->config));
+        return spin_model_text(&clip->base, &clip->config, "%s", given);
+    for (size_t i = 0; i < sizeof places / sizeof *places && !clip->config; i++)
+        SPIN_TRY(spin_model_find(&clip->base, &clip->config, clip->base.path, "%s", places[i]));
     return SPIN_OK;
 }
 
 /* Also reads the first network, so that one that does not fit is noticed at once. */
-static spin_status prepare_networks(struct clip *clip, const struct spin_plugin_values *values)
+static spin_status prepare_networks(struct clip *clip)
 {
-    struct ntc network;
     spin_status status;
 
-    SPIN_TRY(find_config(clip, values));
+    SPIN_TRY(find_config(clip));
     if (clip->config) {
         SPIN_TRY(spin_ntc_open_config(clip->config, &clip->shape));
     } else {
         spin_ntc_default_shape(&clip->shape);
         SPIN_TRY(spin_ntc_layout(&clip->shape));
     }
-    status = spin_ntc_open(clip->step[1].network, &clip->shape, &network);
-    if (status == SPIN_OK)
-        spin_ntc_free(&network);
-    else if (!clip->config)
-        status = spin_fail_context(status,
-                                   "there is no config.json (give it with --config), and with the "
-                                   "usual configuration");
+    status = spin_ntc_open(clip->step[1].network, &clip->shape, &clip->network);
+    if (status != SPIN_OK)
+        return clip->config
+                   ? status
+                   : spin_fail_context(status, "there is no config.json (give it with --config), "
+                                               "and with the usual configuration");
+    status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
+    spin_ntc_free(&clip->network);
     return status;
 }
 
@@ -370,29 +316,29 @@ static int first_without(const struct clip *clip, bool network)
     return -1;
 }
 
-static spin_status choose_way(struct clip *clip, const struct spin_plugin_values *values)
+static spin_status choose_way(struct clip *clip)
 {
     enum { AUTO, CLOUDS, NETWORKS };
     int way, no_cloud = first_without(clip, false), no_network = first_without(clip, true);
 
-    SPIN_TRY(spin_option_word(values, "way", "auto|clouds|networks", &way));
+    SPIN_TRY(spin_option_word(clip->base.values, "way", "auto|clouds|networks", &way));
     if (clip->step[0].number == 0 && !clip->step[0].cloud)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame 0 has no cloud", clip->folder);
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame 0 has no cloud", clip->base.path);
     clip->evaluate = way == NETWORKS || (way == AUTO && no_cloud >= 0 && no_network < 0);
     if (!clip->evaluate && no_cloud >= 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no moved cloud%s", clip->folder,
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no moved cloud%s", clip->base.path,
                          no_cloud, no_network >= 0 ? ", and not every frame has a network" : "");
     if (!clip->evaluate)
         return SPIN_OK;
     if (no_network >= 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no network", clip->folder,
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s': frame %d has no network", clip->base.path,
                          no_network);
     if (clip->step[0].number != 0)
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s': the networks move the cloud of frame 0, which is not there: say "
                          "where it is with --init",
-                         clip->folder);
-    return clip->n_steps > 1 ? prepare_networks(clip, values) : SPIN_OK;
+                         clip->base.path);
+    return clip->n_steps > 1 ? prepare_networks(clip) : SPIN_OK;
 }
 
 /* ---- Clouds ---------------------------------------------------------------------------------- */
@@ -403,7 +349,7 @@ static spin_status inspect(const char *path, size_t *n, int *sh_degree)
     struct spin_gs_ply cloud;
     struct spin_ply ply;
 
-    SPIN_TRY(spin_model_folder_cloud(path, &ply, &cloud));
+    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
     *n = (size_t)cloud.vertex->count;
     *sh_degree = cloud.sh_degree;
     spin_ply_close(&ply);
@@ -454,7 +400,7 @@ static spin_status read_cloud(const char *path, size_t n, unsigned columns, size
     struct spin_ply ply;
     spin_status status;
 
-    SPIN_TRY(spin_model_folder_cloud(path, &ply, &cloud));
+    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
     if (cloud.vertex->count != n || cloud.sh_degree != out->sh_degree)
         SPIN_TRY_OUT(spin_fail(SPIN_E_IO, "'%s' changed while it was being read", path));
     status = spin_gs_ply_read(&cloud, columns, first, out);
@@ -467,12 +413,15 @@ out:
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static spin_status describe(struct clip *clip, struct spin_sequence_info *sequence)
+static spin_status describe(struct clip *clip)
 {
+    struct spin_sequence_info *sequence = clip->base.sequence;
     size_t n_added = 0;
 
-    SPIN_TRY(spin_alloc(clip->n_steps, sizeof *clip->counts, (void **)&clip->counts));
-    SPIN_TRY(spin_alloc(clip->n_steps, sizeof *clip->numbers, (void **)&clip->numbers));
+    SPIN_TRY(
+        spin_model_alloc(&clip->base, clip->n_steps, sizeof *clip->counts, (void **)&clip->counts));
+    SPIN_TRY(spin_model_alloc(&clip->base, clip->n_steps, sizeof *clip->numbers,
+                              (void **)&clip->numbers));
     for (size_t i = 0; i < clip->n_steps; i++) {
         clip->counts[i] = clip->n + clip->step[i].n_added;
         clip->numbers[i] = clip->step[i].number;
@@ -506,45 +455,28 @@ static spin_status describe(struct clip *clip, struct spin_sequence_info *sequen
     return SPIN_OK;
 }
 
-static spin_status stream_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_sequence_info *sequence)
+static spin_status open_clip(void *self, const char *path)
 {
-    struct clip *clip;
+    struct clip *clip = self;
 
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *clip, self));
-    clip = *self;
     clip->at = SIZE_MAX;
-    SPIN_TRY(spin_strdup(path, &clip->folder));
-    SPIN_TRY(find_files(clip, values));
-    SPIN_TRY(choose_way(clip, values));
+    SPIN_TRY(spin_model_text(&clip->base, &clip->base.path, "%s", path));
+    SPIN_TRY(find_files(clip));
+    SPIN_TRY(choose_way(clip));
     for (size_t i = 0; i < clip->n_steps; i++) {
         SPIN_TRY(inspect_base(clip, i));
         SPIN_TRY(inspect_added(clip, &clip->step[i]));
     }
-    return describe(clip, sequence);
+    return describe(clip);
 }
+
+SPIN_MODEL_OPEN(stream_open, struct clip, open_clip)
 
 static void stream_close(void *self)
 {
-    struct clip *clip = self;
-
-    if (!clip)
-        return;
-    for (size_t i = 0; i < clip->n_steps; i++) {
-        free(clip->step[i].cloud);
-        free(clip->step[i].network);
-        free(clip->step[i].added);
-    }
-    spin_splats_free(&clip->base);
-    free(clip->step);
-    free(clip->folder);
-    free(clip->config);
-    free(clip->counts);
-    free(clip->numbers);
-    free(clip->means);
-    free(clip->quats);
-    free(clip);
+    if (self)
+        free(((struct clip *)self)->step);
+    spin_model_close(self);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -552,18 +484,27 @@ static void stream_close(void *self)
 /* The base at step 0, which the networks start from. */
 static spin_status rewind_base(struct clip *clip)
 {
+    struct spin_splats *first = &clip->base.canonical;
+
     if (!clip->means) {
         unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 
-        SPIN_TRY(spin_splats_reserve(&clip->base, clip->n, columns, clip->sh_degree));
-        SPIN_TRY(read_cloud(clip->step[0].cloud, clip->n, columns, 0, &clip->base));
-        SPIN_TRY(spin_alloc(clip->n, 4 * sizeof(float), (void **)&clip->quats));
-        SPIN_TRY(spin_alloc(clip->n, 3 * sizeof(float), (void **)&clip->means));
+        SPIN_TRY(spin_splats_reserve(first, clip->n, columns, clip->sh_degree));
+        SPIN_TRY(read_cloud(clip->step[0].cloud, clip->n, columns, 0, first));
+        SPIN_TRY(spin_model_alloc(&clip->base, clip->n, 4 * sizeof(float), (void **)&clip->quats));
+        SPIN_TRY(spin_model_alloc(&clip->base, clip->n, 3 * sizeof(float), (void **)&clip->means));
     }
-    memcpy(clip->means, clip->base.means, 3 * clip->n * sizeof(float));
-    memcpy(clip->quats, clip->base.quats, 4 * clip->n * sizeof(float));
+    memcpy(clip->means, first->means, 3 * clip->n * sizeof(float));
+    memcpy(clip->quats, first->quats, 4 * clip->n * sizeof(float));
     clip->at = 0;
     return SPIN_OK;
+}
+
+static void move_block(void *context, size_t first, int n, float *scratch)
+{
+    struct clip *clip = context;
+
+    spin_ntc_apply(&clip->network, n, clip->means + 3 * first, clip->quats + 4 * first, scratch);
 }
 
 /* Moves the base to a step: on from where it is, or from the first again. */
@@ -572,11 +513,11 @@ static spin_status move_base(struct clip *clip, size_t target)
     if (clip->at > target)
         SPIN_TRY(rewind_base(clip));
     while (clip->at < target) {
-        struct ntc network;
+        const char *network = clip->step[clip->at + 1].network;
 
-        SPIN_TRY(spin_ntc_open(clip->step[clip->at + 1].network, &clip->shape, &network));
-        spin_ntc_apply(&network, clip->n, clip->means, clip->quats);
-        spin_ntc_free(&network);
+        SPIN_TRY(spin_ntc_open(network, &clip->shape, &clip->network));
+        spin_mlp_team_run(&clip->base.team, clip->n, move_block, clip);
+        spin_ntc_free(&clip->network);
         clip->at++;
     }
     return SPIN_OK;
@@ -584,18 +525,14 @@ static spin_status move_base(struct clip *clip, size_t target)
 
 static void copy_base(const struct clip *clip, unsigned columns, struct spin_splats *out)
 {
-    size_t n = clip->n, step = 3 * (size_t)((clip->sh_degree + 1) * (clip->sh_degree + 1));
+    for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
+        size_t width;
+        const float *from = spin_model_values(&clip->base.canonical, c, &width);
 
-    if (columns & SPIN_COL_MEANS)
-        memcpy(out->means, clip->means, 3 * n * sizeof(float));
-    if (columns & SPIN_COL_QUATS)
-        memcpy(out->quats, clip->quats, 4 * n * sizeof(float));
-    if (columns & SPIN_COL_LOG_SCALES)
-        memcpy(out->log_scales, clip->base.log_scales, 3 * n * sizeof(float));
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        memcpy(out->logit_opacities, clip->base.logit_opacities, n * sizeof(float));
-    if (columns & SPIN_COL_SH)
-        memcpy(out->sh, clip->base.sh, step * n * sizeof(float));
+        from = c == 0 ? clip->means : c == 1 ? clip->quats : from;
+        if (columns & 1u << c)
+            memcpy(spin_model_values(out, c, &width), from, clip->n * width * sizeof *from);
+    }
 }
 
 static spin_status stream_frame(void *self, int frame, double time, unsigned columns,
@@ -617,7 +554,7 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
     }
     if (step->n_added > 0)
         SPIN_TRY(read_cloud(step->added, step->n_added, columns, clip->n, out));
-    return clip->evaluate ? spin_model_folder_check(clip->folder, time, columns, out) : SPIN_OK;
+    return clip->evaluate ? spin_model_check(clip->base.path, time, columns, out) : SPIN_OK;
 }
 
 static const struct spin_plugin_option options[] = {

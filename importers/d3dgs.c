@@ -3,11 +3,9 @@
  * Positions, colours and rotations are stored per frame, opacities and scales once (forks store
  * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
  * 0..1: they become degree-0 SH unclamped. */
-#include "base/err.h"
+#include <string.h>
+
 #include "importers/lib/d3dgs_run.h"
-#include "base/mem.h"
-#include "importers/lib/finite.h"
-#include <stdlib.h>
 
 static int probe(const struct spin_peek *peek)
 {
@@ -15,7 +13,7 @@ static int probe(const struct spin_peek *peek)
     int found = spin_d3dgs_count_keys(peek);
 
     if (peek->is_folder)
-        return spin_d3dgs_has_file(peek, "params.npz") && !mask ? 60 : 0;
+        return spin_peek_has(peek, "params.npz") && !mask ? 60 : 0;
     if (mask || !spin_zip_looks_like(peek->head, peek->n_head))
         return 0;
     if (peek->tail_names[0] == '\0') /* cut short: open() can say so if the first member is ours */
@@ -27,9 +25,9 @@ static int probe(const struct spin_peek *peek)
     return found >= 3 ? 60 : 0;
 }
 
-/* What the run holds and splats do not. */
-static void note_lost(const struct d3dgs_run *run, struct spin_sequence_info *sequence)
+static spin_status open_run(void *self, const char *path)
 {
+    /* What the run holds and splats do not. */
     static const struct {
         const char *key, *what;
     } lost[] = {
@@ -37,52 +35,26 @@ static void note_lost(const struct d3dgs_run *run, struct spin_sequence_info *se
         {"cam_m", "the per-camera colour corrections (cam_m, cam_c) are not imported"},
         {"seg_colors", "the flags of foreground and background (seg_colors) are not imported"},
     };
-    size_t used = 0;
+    struct d3dgs_run *run = self;
+    struct spin_sequence_info *sequence = run->base.sequence;
 
-    for (size_t i = 0; i < sizeof lost / sizeof *lost; i++) {
-        if (spin_npz_has(&run->npz, lost[i].key))
-            used += (size_t)snprintf(sequence->notes + used, sizeof sequence->notes - used, "%s\n",
-                                     lost[i].what);
-    }
-}
-
-static spin_status open_run(const char *path, struct d3dgs_run *run,
-                            struct spin_sequence_info *sequence)
-{
-    SPIN_TRY(spin_d3dgs_load(path, run));
-    SPIN_TRY(spin_d3dgs_describe(run, sequence));
+    SPIN_TRY(spin_fail_reading(spin_d3dgs_load(path, run), run->base.path));
     snprintf(sequence->variant, sizeof sequence->variant, "Dynamic 3D Gaussians, %llu Gaussians",
              (unsigned long long)run->n);
-    note_lost(run, sequence);
+    for (size_t i = 0; i < sizeof lost / sizeof *lost; i++) {
+        if (spin_npz_has(&run->npz, lost[i].key))
+            spin_note(sequence, "%s", lost[i].what);
+    }
     return SPIN_OK;
 }
 
-static spin_status d3dgs_open(const char *path, const struct spin_plugin_values *values,
-                              void **self, struct spin_sequence_info *sequence)
-{
-    struct d3dgs_run *run;
-    spin_status status;
-
-    (void)values;
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *run, self));
-    run = *self;
-    status = open_run(path, run, sequence);
-    return spin_fail_reading(status, run->path ? run->path : path);
-}
+SPIN_MODEL_OPEN(d3dgs_open, struct d3dgs_run, open_run)
 
 static spin_status d3dgs_frame(void *self, int frame, double time, unsigned columns,
                                struct spin_splats *out)
 {
     (void)time;
     return spin_d3dgs_read(self, frame, columns, out);
-}
-
-static void d3dgs_close(void *self)
-{
-    if (self)
-        spin_d3dgs_release(self);
-    free(self);
 }
 
 const struct spin_importer spin_importer_d3dgs = {
@@ -93,5 +65,5 @@ const struct spin_importer spin_importer_d3dgs = {
     .probe = probe,
     .open = d3dgs_open,
     .frame = d3dgs_frame,
-    .close = d3dgs_close,
+    .close = spin_d3dgs_close,
 };

@@ -3,19 +3,15 @@
  *
  * A descendant of Grid4D. As in the method's render script, the heads for
  * opacity and colour are stored but not used, and static Gaussians stay exactly as they are. */
-#include "spin.h"
+#include "importers/lib/hashgrid_deform.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-#include "importers/lib/hashgrid_deform.h"
-#include "importers/lib/notes.h"
 #include "math/quat.h"
 
 struct model {
-    struct hash_model base; /* extra: not 0 for dynamic Gaussians */
+    struct hash_model base; /* extra: not 0 for dynamic Gaussians; the trunk begins with d4_mlp */
     struct hash_grid grid;
-    struct mlp_linear first;
 };
 
 static int probe(const struct spin_peek *peek)
@@ -25,89 +21,62 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static spin_status load_network(struct spin_torch *torch, struct hash_model *base)
+static spin_status load_network(struct hash_model *base)
 {
     struct model *model = (struct model *)base;
-    struct hash_pair pair;
-    int n_features, widest;
+    int n_features;
 
-    SPIN_TRY(spin_hash_split(torch->root, "xyzt_encoding.embeddings", "xyt_encoding.embeddings",
-                             "Grid4D, use --from grid4d", &pair));
-    SPIN_TRY(spin_hash_load_grid(torch, pair.grid, "xyzt_encoding", 4, &model->grid));
+    SPIN_TRY(spin_hash_load_grid(base, "xyzt_encoding", 4, &model->grid));
     n_features = model->grid.n_levels * model->grid.n_features;
-    SPIN_TRY(spin_mlp_load(torch, pair.network, "", "d4_mlp.0", n_features, -1, &model->first));
-    widest = model->first.n_out > n_features ? model->first.n_out : n_features;
-    widest = widest > 4 ? widest : 4; /* a layer also holds a quaternion */
-    base->layer = (size_t)widest * MLP_BLOCK;
-    base->n_scratch = 2 * base->layer + 8 * MLP_BLOCK;
-    return spin_hash_load_heads(torch, pair.network, model->first.n_out, 3, base);
-}
-
-static spin_status dash_open(const char *path, const struct spin_plugin_values *values, void **self,
-                             struct spin_sequence_info *sequence)
-{
-    static const struct hash_method method = {"DASH", "dynamic", load_network, NULL};
-    struct hash_model *base;
-    size_t n_dynamic = 0;
-    long long iteration;
-
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    base = *self;
-    SPIN_TRY(spin_hash_open(path, values, &method, base, sequence));
-    for (size_t i = 0; i < base->canonical.n; i++)
-        n_dynamic += base->extra[i] != 0;
-    spin_note(sequence, "%zu of %zu Gaussians are dynamic", n_dynamic, base->canonical.n);
-    iteration = spin_model_folder_iteration(base->save);
-    if (iteration >= 0 && iteration <= 2000)
-        spin_note(sequence,
-                  "%s looks like a save of the first training stage, which works "
-                  "otherwise: the result may be wrong",
-                  base->save);
+    base->base.tensors = base->network;
+    SPIN_TRY(spin_model_layer(&base->base, "d4_mlp.0", n_features, -1, MLP_RELU, &base->trunk));
+    SPIN_TRY(spin_hash_load_heads(base, spin_mlp_n_out(&base->trunk), 3));
+    base->layer = spin_mlp_widest(&base->trunk);
+    base->n_scratch = 2 * base->layer + 10 * MLP_BLOCK;
     return SPIN_OK;
 }
 
-static void dash_close(void *self)
+static spin_status open_model(void *self, const char *path)
 {
-    struct model *model = self;
+    static const struct hash_method method = {.name = "DASH",
+                                              .extra = "dynamic",
+                                              .key = "xyzt_encoding.embeddings",
+                                              .other_key = "xyt_encoding.embeddings",
+                                              .other = "Grid4D, use --from grid4d",
+                                              .load = load_network};
+    struct hash_model *m = self;
+    size_t n_dynamic = 0;
+    long long iteration;
 
-    if (!model)
-        return;
-    spin_hash_grid_free(&model->grid);
-    spin_mlp_free(&model->first);
-    spin_hash_model_free(&model->base);
-    free(model);
+    SPIN_TRY(spin_hash_open(m, path, &method));
+    for (size_t i = 0; i < m->base.canonical.n; i++)
+        n_dynamic += m->extra[i] != 0;
+    spin_note(m->base.sequence, "%zu of %zu Gaussians are dynamic", n_dynamic, m->base.canonical.n);
+    iteration = spin_model_iteration(m->save);
+    if (iteration >= 0 && iteration <= 2000)
+        spin_note(m->base.sequence,
+                  "%s looks like a save of the first training stage, which works "
+                  "otherwise: the result may be wrong",
+                  m->save);
+    return SPIN_OK;
 }
+
+SPIN_MODEL_OPEN(dash_open, struct model, open_model)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-static const float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
+static void copy_static(const struct deform_job *job, size_t i)
 {
-    const struct model *model = job->model;
-    float *a = scratch, *b = scratch + model->base.layer;
+    for (int c = 0; c < 3; c++) { /* means, quats and log scales */
+        size_t width;
+        const float *from = spin_model_values(job->from, c, &width);
 
-    for (int p = 0; p < MLP_BLOCK; p++) {
-        const float *mean = model->base.canonical.means + 3 * (first + (size_t)(p < n ? p : n - 1));
-        float x[4];
-
-        spin_hash_coordinates(&model->base, mean, job->time, x);
-        spin_hash_sample(&model->grid, x, b + p);
+        if (job->columns & 1u << c)
+            memcpy(spin_model_values(job->out, c, &width) + width * i, from + width * i,
+                   width * sizeof *from);
     }
-    spin_mlp_linear(&model->first, b, a, true);
-    return spin_hash_layers(&model->base, a, b);
-}
-
-static void copy_static(const struct spin_splats *from, size_t i, unsigned columns,
-                        struct spin_splats *out)
-{
-    if (columns & SPIN_COL_MEANS)
-        memcpy(out->means + 3 * i, from->means + 3 * i, 3 * sizeof *out->means);
-    if (columns & SPIN_COL_LOG_SCALES)
-        memcpy(out->log_scales + 3 * i, from->log_scales + 3 * i, 3 * sizeof *out->log_scales);
-    if (columns & SPIN_COL_QUATS) {
-        memcpy(out->quats + 4 * i, from->quats + 4 * i, 4 * sizeof *out->quats);
-        spin_quat_normalise(out->quats + 4 * i);
-    }
+    if (job->columns & SPIN_COL_QUATS)
+        spin_quat_normalise(job->out->quats + 4 * i);
 }
 
 static void evaluate(void *context, size_t first, int n, float *scratch)
@@ -115,41 +84,37 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     const struct deform_job *job = context;
     const struct model *model = job->model;
     const struct hash_model *base = &model->base;
-    const struct spin_splats *from = &base->canonical;
-    float *d_mean = scratch + 2 * base->layer, *d_quat = scratch;
+    float *a = scratch, *b = a + base->layer, *d_mean = b + base->layer;
+    float *d_scale = d_mean + 3 * MLP_BLOCK, *d_quat = d_scale + 3 * MLP_BLOCK, *h;
     bool any = false, shape = (job->columns & (SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)) != 0;
-    const float *h;
 
     for (int p = 0; p < n; p++)
         any = any || base->extra[first + (size_t)p] != 0;
-    if (any) {
-        float *d_scale = d_mean + 4 * MLP_BLOCK;
+    for (int p = 0; any && p < MLP_BLOCK; p++) {
+        const float *mean = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
+        float x[4];
 
-        h = hidden(job, first, n, scratch);
-        if (job->columns & SPIN_COL_MEANS)
-            spin_mlp_linear(&base->warp, h, d_mean, false);
-        if (shape) {
-            spin_mlp_linear(&base->scaling, h, d_scale, false);
-            d_quat = h == scratch ? scratch + base->layer : scratch;
-            spin_mlp_linear(&base->rotation, h, d_quat, false);
-        }
+        spin_hash_coordinates(base, mean, job->time, x);
+        spin_hash_sample(&model->grid, x, b + p);
+    }
+    if (any) {
+        h = spin_mlp_run(&base->trunk, b, a, b);
+        spin_mlp_run(&base->warp, h, d_mean, NULL);
+        spin_mlp_run(&base->scaling, h, d_scale, NULL);
+        spin_mlp_run(&base->rotation, h, d_quat, NULL);
     }
     for (int p = 0; p < n; p++) {
         size_t i = first + (size_t)p;
 
         if (base->extra[i] == 0) {
-            copy_static(from, i, job->columns, job->out);
+            copy_static(job, i);
             continue;
         }
-        for (int c = 0; (job->columns & SPIN_COL_MEANS) && c < 3; c++)
-            job->out->means[3 * i + (size_t)c] =
-                from->means[3 * i + (size_t)c] + d_mean[c * MLP_BLOCK + p];
+        for (size_t c = 0; (job->columns & SPIN_COL_MEANS) && c < 3; c++)
+            job->out->means[3 * i + c] =
+                job->from->means[3 * i + c] + d_mean[c * MLP_BLOCK + (size_t)p];
         if (shape)
-            spin_deform_shape(from->log_scales + 3 * i, from->quats + 4 * i,
-                              d_mean + 4 * MLP_BLOCK + p, d_quat + p,
-                              job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i
-                                                                 : NULL,
-                              job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
+            spin_deform_shape(job, i, 1, d_scale + p, d_quat + p);
     }
 }
 
@@ -157,7 +122,7 @@ static spin_status dash_frame(void *self, int frame, double time, unsigned colum
                               struct spin_splats *out)
 {
     (void)frame;
-    return spin_hash_frame(self, time, columns, evaluate, out);
+    return spin_deform_frame(self, time, columns, DEFORM_MOVED, evaluate, out);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -177,5 +142,5 @@ const struct spin_importer spin_importer_dash = {
     .probe = probe,
     .open = dash_open,
     .frame = dash_frame,
-    .close = dash_close,
+    .close = spin_model_close,
 };

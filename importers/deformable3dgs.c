@@ -6,18 +6,10 @@
  * it is: what is drawn is not the ellipsoid of its direction. So the covariance is formed as the
  * rasteriser does and taken apart again. And the two halves of a save lie in separate folders: they
  * must be of the same iteration. */
-#include "spin.h"
+#include "importers/lib/deform.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-#include "base/err.h"
-#include "importers/lib/deform.h"
-#include "importers/lib/deform_save.h"
-#include "importers/lib/model_folder.h"
-#include "importers/lib/notes.h"
-
-#define MOVED ((unsigned)SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)
 
 enum {
     MAX_LAYERS = 32,
@@ -28,42 +20,32 @@ enum {
 };
 
 struct model {
-    char *path; /* of deform.pth */
-    struct spin_splats canonical;
-    struct mlp_linear linear[MAX_LAYERS];
-    int n_layers, wide; /* the layer that also takes the input again */
+    struct spin_model base;
+    struct mlp_net linear; /* a layer in it takes the input again */
     int n_in, width;
-    struct mlp_linear time[2]; /* time network, or none */
-    int n_time;                /* inputs of the first layer that depend on time */
-    float *inputs;             /* [n_time] of the frame's time, then scratch */
-    int frequencies;           /* of time */
-    bool screw;                /* 6dof: screw and pivot instead of warp */
-    bool motiongs;             /* by its cfg_args */
-    struct mlp_linear warp, screw_w, screw_v, rotation, scaling;
-    struct mlp_team team;
+    struct mlp_net time; /* time network, or none */
+    int n_time;          /* inputs of the first layer that depend on time */
+    float *inputs;       /* [n_time] of the frame's time, then scratch */
+    int frequencies;     /* of time */
+    bool screw;          /* 6dof: screw and pivot instead of warp */
+    bool motiongs;       /* by its cfg_args */
+    struct mlp_net warp, screw_w, screw_v, rotation, scaling;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 static int probe(const struct spin_peek *peek)
 {
-    bool deform = false, cloud = false;
-
     if (!peek->is_folder) /* the keys of the state dict are near the beginning */
         return strcmp(spin_path_name(peek->path), "deform.pth") == 0 &&
-                       (memmem(peek->head, peek->n_head, "linear.0.weight", 15) ||
-                        memmem(peek->head, peek->n_head, "timenet.0.weight", 16))
+                       (spin_peek_says(peek, "linear.0.weight") ||
+                        spin_peek_says(peek, "timenet.0.weight"))
                    ? 85
                    : 0;
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        deform = deform || strcmp(peek->names[i], "deform") == 0;
-        cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
-    }
-    if (!deform || !cloud)
+    if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud") ||
+        spin_peek_says(peek, "grid_args")) /* Grid4D and DASH */
         return 0;
-    if (memmem(peek->head, peek->n_head, "grid_args", 9)) /* Grid4D and DASH */
-        return 0;
-    return memmem(peek->head, peek->n_head, "is_6dof", 7) ? 90 : 60;
+    return spin_peek_says(peek, "is_6dof") ? 90 : 60;
 }
 
 /* ---- The network ----------------------------------------------------------------------------- */
@@ -113,62 +95,60 @@ static spin_status check_keys(const struct spin_value *root)
 }
 
 /* linear.0 [W, I], then [W, W] but for one [W, I + W]. */
-static spin_status load_layers(struct spin_torch *torch, struct model *m)
+static spin_status load_layers(struct model *m)
 {
-    char name[32];
+    const struct spin_value *root = m->base.tensors;
+    struct mlp_net *net = &m->linear;
 
-    for (int i = 0;; i++) {
-        struct mlp_linear *l = &m->linear[i];
+    for (int i = 0; i == 0 || spin_model_get(&m->base, "linear.%d.weight", i); i++) {
+        const struct mlp_layer *l = &net->layer[i];
+        char name[32];
 
-        snprintf(name, sizeof name, "linear.%d", i);
-        if (i > 0 && !spin_mlp_has(torch->root, "", name))
-            break;
         if (i == MAX_LAYERS)
             return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers 'linear'", MAX_LAYERS);
-        SPIN_TRY(spin_mlp_load(torch, torch->root, "", name, -1, i ? m->width : -1, l));
-        m->n_layers = i + 1;
+        snprintf(name, sizeof name, "linear.%d", i);
+        SPIN_TRY(spin_model_layer(&m->base, name, -1, i ? m->width : -1, MLP_RELU, net));
         if (i == 0) {
             m->n_in = l->n_in;
             m->width = l->n_out;
-        } else if (l->n_in == m->n_in + m->width && m->wide == 0) {
-            m->wide = i;
+        } else if (l->n_in == m->n_in + m->width && net->again == 0) {
+            net->again = i;
         } else if (l->n_in != m->width) {
             return spin_fail(SPIN_E_MALFORMED,
                              "tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s", name,
                              l->n_out, l->n_in, m->width, m->width,
-                             m->wide ? ", as an earlier layer takes the input again" : "");
+                             net->again ? ", as an earlier layer takes the input again" : "");
         }
     }
-    for (size_t i = 0; i < torch->root->n; i++) {
-        const char *key = spin_value_text(torch->root->item[2 * i]);
+    for (size_t i = 0; i < root->n; i++) {
+        const char *key = spin_value_text(root->item[2 * i]);
 
-        if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= m->n_layers)
+        if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= net->n)
             return spin_fail(SPIN_E_MALFORMED, "tensor '%.80s' but no 'linear.%d.weight'", key,
-                             m->n_layers);
+                             net->n);
     }
-    if (m->wide == 0)
+    if (net->again == 0)
         return spin_fail(SPIN_E_MALFORMED,
                          "no layer 'linear' takes the input again: layers are missing");
     return SPIN_OK;
 }
 
 /* How time enters: through a small network, or by its frequencies alone. */
-static spin_status load_time(struct spin_torch *torch, struct model *m)
+static spin_status load_time(struct model *m)
 {
-    int inputs;
+    int inputs = m->n_time = m->n_in - POSITION_INPUTS;
 
-    m->n_time = m->n_in - POSITION_INPUTS;
     if (m->n_time < 1)
         return spin_fail(SPIN_E_MALFORMED,
                          "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a "
                          "position",
                          m->n_in, POSITION_INPUTS);
-    inputs = m->n_time;
-    if (spin_mlp_has(torch->root, "", "timenet.0") || spin_mlp_has(torch->root, "", "timenet.2")) {
-        SPIN_TRY(spin_mlp_load(torch, torch->root, "", "timenet.0", -1, -1, &m->time[0]));
-        SPIN_TRY(spin_mlp_load(torch, torch->root, "", "timenet.2", m->time[0].n_out, m->n_time,
-                               &m->time[1]));
-        inputs = m->time[0].n_in;
+    if (spin_model_get(&m->base, "timenet.0.weight") ||
+        spin_model_get(&m->base, "timenet.2.weight")) {
+        SPIN_TRY(spin_model_layer(&m->base, "timenet.0", -1, -1, MLP_RELU, &m->time));
+        SPIN_TRY(spin_model_layer(&m->base, "timenet.2", spin_mlp_n_out(&m->time), m->n_time,
+                                  MLP_PLAIN, &m->time));
+        inputs = m->time.layer[0].n_in;
     }
     m->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
@@ -179,48 +159,44 @@ static spin_status load_time(struct spin_torch *torch, struct model *m)
     return SPIN_OK;
 }
 
-static spin_status load_network(struct spin_torch *torch, struct model *m)
+static spin_status load_network(struct spin_model *base)
 {
-    const struct spin_value *root = torch->root;
-    bool warp = spin_mlp_has(root, "", "gaussian_warp");
+    struct model *m = (struct model *)base;
+    const struct {
+        const char *key;
+        int n_out;
+        struct mlp_net *net;
+    } heads[] = {{"gaussian_warp", 3, &m->warp},
+                 {"branch_w", 3, &m->screw_w},
+                 {"branch_v", 3, &m->screw_v},
+                 {"gaussian_rotation", 4, &m->rotation},
+                 {"gaussian_scaling", 3, &m->scaling}};
+    bool warp;
 
-    SPIN_TRY(check_keys(root));
-    SPIN_TRY(load_layers(torch, m));
-    SPIN_TRY(load_time(torch, m));
-    m->screw = spin_mlp_has(root, "", "branch_w") || spin_mlp_has(root, "", "branch_v");
+    SPIN_TRY(check_keys(base->torch.root));
+    SPIN_TRY(spin_model_dict(base));
+    SPIN_TRY(load_layers(m));
+    SPIN_TRY(load_time(m));
+    warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
+    m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
         return spin_fail(SPIN_E_MALFORMED, "%s 'gaussian_warp' and 'branch_w'; expected one",
                          warp ? "both tensors" : "neither tensor");
-    if (m->screw) {
-        SPIN_TRY(spin_mlp_load(torch, root, "", "branch_w", m->width, 3, &m->screw_w));
-        SPIN_TRY(spin_mlp_load(torch, root, "", "branch_v", m->width, 3, &m->screw_v));
-    } else {
-        SPIN_TRY(spin_mlp_load(torch, root, "", "gaussian_warp", m->width, 3, &m->warp));
+    for (int i = 0; i < 5; i++) {
+        if (i > 2 || (i > 0) == m->screw)
+            SPIN_TRY(spin_model_layer(base, heads[i].key, m->width, heads[i].n_out, MLP_PLAIN,
+                                      heads[i].net));
     }
-    SPIN_TRY(spin_mlp_load(torch, root, "", "gaussian_rotation", m->width, 4, &m->rotation));
-    return spin_mlp_load(torch, root, "", "gaussian_scaling", m->width, 3, &m->scaling);
-}
-
-static spin_status open_network(struct model *m)
-{
-    struct spin_torch torch;
-    spin_status status;
-
-    memset(&torch, 0, sizeof torch);
-    status = spin_torch_open(m->path, &torch);
-    if (status == SPIN_OK)
-        status = load_network(&torch, m);
-    spin_torch_close(&torch);
-    return spin_fail_reading(status, m->path);
+    return SPIN_OK;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* MotionGS differs by its options, and by its times: those of the data set, which may be seconds. */
-static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m,
-                                 struct spin_sequence_info *sequence)
+static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
 {
     struct cfg_span format = spin_cfg_get(cfg, "scene_format");
+    struct spin_sequence_info *sequence = m->base.sequence;
     bool moved = false;
 
     m->motiongs =
@@ -248,103 +224,62 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m,
 }
 
 /* The tensors say what the network is; a cfg_args that says otherwise is of another run. */
-static spin_status check_cfg(const char *path, const char *cloud, struct model *m,
-                             struct spin_sequence_info *sequence)
+static spin_status check_cfg(const struct deform_save *save, struct model *m)
 {
     const struct {
         const char *key;
         bool is;
-    } said[] = {{"is_blender", m->time[0].n_in > 0}, {"is_6dof", m->screw}};
-    struct cfg_args cfg;
-    spin_status status = spin_model_folder_cfg(path, cloud, &cfg);
+    } said[] = {{"is_blender", m->time.n > 0}, {"is_6dof", m->screw}};
+    const struct cfg_args *cfg = &m->base.settings.cfg;
 
-    for (size_t i = 0; i < 2 && status == SPIN_OK; i++) {
+    SPIN_TRY(spin_model_cfg(&m->base, save->model, save->cloud));
+    for (size_t i = 0; i < 2; i++) {
         bool value = said[i].is;
 
-        status = spin_cfg_read_bool(&cfg, said[i].key, &value);
-        if (status != SPIN_OK || value == said[i].is)
+        SPIN_TRY(spin_cfg_read_bool(cfg, said[i].key, &value));
+        if (value == said[i].is)
             continue;
         spin_warn(
             "'%s' says %s=%s, but the network in '%s' is of the other kind: the network decides",
-            cfg.path, said[i].key, value ? "True" : "False", m->path);
-        spin_note(sequence,
+            cfg->path, said[i].key, value ? "True" : "False", m->base.path);
+        spin_note(m->base.sequence,
                   "cfg_args says %s=%s, but the network is of the other kind: the network decides",
                   said[i].key, value ? "True" : "False");
     }
-    if (status == SPIN_OK)
-        status = read_motiongs(&cfg, m, sequence);
-    spin_cfg_close(&cfg);
-    return status;
+    return read_motiongs(cfg, m);
 }
 
-static void describe(struct model *m, const char *name, struct spin_sequence_info *sequence)
-{
-    snprintf(
-        sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians, %s, %d layers of %d%s%s",
-        m->motiongs ? "MotionGS" : "Deformable 3D Gaussians", m->canonical.n, name, m->n_layers,
-        m->width, m->time[0].n_in ? ", time network" : "", m->screw ? ", 6dof" : "");
-    if (spin_model_folder_iteration(name) >= 0 && spin_model_folder_iteration(name) < WARM_UP)
-        spin_note(sequence, "before iteration %d training does not use the network yet", WARM_UP);
-}
-
-/* Floats of one block: the input with a layer's output behind it, two layers, a head. */
-static size_t scratch_floats(const struct model *m)
-{
-    return ((size_t)m->n_in + 3 * (size_t)m->width + 4) * MLP_BLOCK;
-}
-
-static spin_status open_model(const struct deform_save *save, struct model *m,
-                              struct spin_sequence_info *sequence)
-{
-    SPIN_TRY(spin_strdup(save->network, &m->path));
-    SPIN_TRY(spin_model_folder_read(save->cloud, &m->canonical, NULL, NULL));
-    SPIN_TRY(open_network(m));
-    spin_deform_describe(&m->canonical, MOVED, sequence);
-    SPIN_TRY(check_cfg(save->model, save->cloud, m, sequence));
-    describe(m, save->name, sequence);
-    SPIN_TRY(
-        spin_alloc((size_t)m->n_time +
-                       (size_t)(1 + 2 * m->frequencies + m->time[0].n_out + m->n_time) * MLP_BLOCK,
-                   sizeof *m->inputs, (void **)&m->inputs));
-    return spin_mlp_team_create(scratch_floats(m), &m->team);
-}
-
-static spin_status deformable_open(const char *path, const struct spin_plugin_values *values,
-                                   void **self, struct spin_sequence_info *sequence)
-{
-    struct deform_save save;
-    spin_status status;
-
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    status = spin_deform_save_find(path, spin_plugin_value(values, "iteration", NULL), true, &save);
-    if (status == SPIN_OK)
-        status = open_model(&save, *self, sequence);
-    spin_deform_save_free(&save);
-    return status;
-}
-
-static void deformable_close(void *self)
+static spin_status open_model(void *self, const char *path)
 {
     struct model *m = self;
+    struct spin_model *base = self;
+    struct deform_save save;
+    long long iteration;
 
-    if (!m)
-        return;
-    for (int i = 0; i < MAX_LAYERS; i++)
-        spin_mlp_free(&m->linear[i]);
-    spin_mlp_free(&m->time[0]);
-    spin_mlp_free(&m->time[1]);
-    spin_mlp_free(&m->warp);
-    spin_mlp_free(&m->screw_w);
-    spin_mlp_free(&m->screw_v);
-    spin_mlp_free(&m->rotation);
-    spin_mlp_free(&m->scaling);
-    spin_mlp_team_free(&m->team);
-    spin_splats_free(&m->canonical);
-    free(m->inputs);
-    free(m->path);
-    free(m);
+    SPIN_TRY(spin_deform_find(base, path, true, &save));
+    base->path = save.network;
+    SPIN_TRY(spin_model_read(base, save.cloud, NULL, 0, NULL));
+    SPIN_TRY(spin_model_torch(base, base->path, load_network));
+    spin_deform_describe(base, DEFORM_MOVED);
+    SPIN_TRY(check_cfg(&save, m));
+    snprintf(base->sequence->variant, sizeof base->sequence->variant,
+             "%s, %zu Gaussians, %s, %d layers of %d%s%s",
+             m->motiongs ? "MotionGS" : "Deformable 3D Gaussians", base->canonical.n, save.name,
+             m->linear.n, m->width, m->time.n ? ", time network" : "", m->screw ? ", 6dof" : "");
+    iteration = spin_model_iteration(save.name);
+    if (iteration >= 0 && iteration < WARM_UP)
+        spin_note(base->sequence, "before iteration %d training does not use the network yet",
+                  WARM_UP);
+    SPIN_TRY(spin_model_alloc(base,
+                              (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
+                                  2 * spin_mlp_widest(&m->time),
+                              sizeof *m->inputs, (void **)&m->inputs));
+    /* The input with a layer's output behind it, two layers, two heads. */
+    return spin_mlp_team_create(((size_t)m->n_in + 3 * (size_t)m->width + 7) * MLP_BLOCK,
+                                &base->team);
 }
+
+SPIN_MODEL_OPEN(deformable_open, struct model, open_model)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
@@ -363,34 +298,17 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
 /* The inputs that depend on time; a block of equal points for the network, of which one is kept. */
 static void encode_time(struct model *m, float time)
 {
-    float *in = m->inputs + m->n_time, *middle, *last;
+    float *in = m->inputs + m->n_time, *middle = in + (1 + 2 * m->frequencies) * MLP_BLOCK;
+    const float *last;
 
-    if (m->time[0].n_in == 0) {
+    if (m->time.n == 0) {
         encode(time, m->frequencies, 1, 1, m->inputs);
         return;
     }
-    middle = in + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK;
-    last = middle + (size_t)m->time[0].n_out * MLP_BLOCK;
     encode(time, m->frequencies, 1, MLP_BLOCK, in);
-    spin_mlp_linear(&m->time[0], in, middle, true);
-    spin_mlp_linear(&m->time[1], middle, last, false);
+    last = spin_mlp_run(&m->time, in, middle, middle + spin_mlp_widest(&m->time));
     for (int i = 0; i < m->n_time; i++)
         m->inputs[i] = last[i * MLP_BLOCK];
-}
-
-/* The last hidden layer. `wide` has the input in front, and room for a layer behind it. */
-static const float *hidden_of(const struct model *m, float *wide, float *a, float *b)
-{
-    float *behind = wide + (size_t)m->n_in * MLP_BLOCK;
-    const float *in = wide;
-
-    for (int i = 0; i < m->n_layers; i++) {
-        float *to = i + 1 == m->wide ? behind : in == a ? b : a;
-
-        spin_mlp_linear(&m->linear[i], i == m->wide ? wide : in, to, true);
-        in = to;
-    }
-    return in;
 }
 
 /* The screw motion of a twist: p' = R p + T with R and T of the matrix exponential. The constant is
@@ -422,48 +340,27 @@ static void move_by_screw(const double w_raw[3], const double v_raw[3], const fl
                          (1 - cos(a)) * kv[c] + (a - sin(a)) * kkv[c]);
 }
 
-static void move(const struct deform_job *job, size_t first, int n, const float *hidden,
-                 float *head)
+static void move(const struct deform_job *job, size_t first, int n, float *hidden, float *head)
 {
     const struct model *m = job->model;
+    const float *from = job->from->means + 3 * first;
+    float *out = job->out->means + 3 * first;
     double w[MLP_BLOCK][3];
 
-    spin_mlp_linear(m->screw ? &m->screw_w : &m->warp, hidden, head, false);
-    for (int p = 0; p < n && !m->screw; p++)
+    spin_mlp_run(m->screw ? &m->screw_w : &m->warp, hidden, head, NULL);
+    for (int p = 0; p < n; p++)
         for (int c = 0; c < 3; c++) {
-            size_t at = 3 * (first + (size_t)p) + (size_t)c;
-
-            job->out->means[at] = m->canonical.means[at] + head[c * MLP_BLOCK + p];
+            w[p][c] = head[c * MLP_BLOCK + p];
+            if (!m->screw)
+                out[3 * p + c] = from[3 * p + c] + head[c * MLP_BLOCK + p];
         }
     if (!m->screw)
         return;
-    for (int p = 0; p < n; p++)
-        for (int c = 0; c < 3; c++)
-            w[p][c] = head[c * MLP_BLOCK + p];
-    spin_mlp_linear(&m->screw_v, hidden, head, false);
+    spin_mlp_run(&m->screw_v, hidden, head, NULL);
     for (int p = 0; p < n; p++) {
         double v[3] = {head[p], head[MLP_BLOCK + p], head[2 * MLP_BLOCK + p]};
-        size_t at = 3 * (first + (size_t)p);
 
-        move_by_screw(w[p], v, m->canonical.means + at, job->out->means + at);
-    }
-}
-
-static void shape(const struct deform_job *job, size_t first, int n, const float *hidden,
-                  float *head)
-{
-    const struct model *m = job->model;
-    float d_scale[3 * MLP_BLOCK];
-
-    spin_mlp_linear(&m->scaling, hidden, d_scale, false);
-    spin_mlp_linear(&m->rotation, hidden, head, false);
-    for (int p = 0; p < n; p++) {
-        size_t i = first + (size_t)p;
-
-        spin_deform_shape(m->canonical.log_scales + 3 * i, m->canonical.quats + 4 * i, d_scale + p,
-                          head + p,
-                          job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
-                          job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
+        move_by_screw(w[p], v, from + 3 * p, out + 3 * p);
     }
 }
 
@@ -473,32 +370,32 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     const struct model *m = job->model;
     float *a = scratch + (size_t)(m->n_in + m->width) * MLP_BLOCK;
     float *b = a + (size_t)m->width * MLP_BLOCK, *head = b + (size_t)m->width * MLP_BLOCK;
-    const float *hidden;
+    float *hidden;
 
     for (int p = 0; p < MLP_BLOCK; p++) { /* the last block repeats its last point */
-        const float *xyz = m->canonical.means + 3 * (first + (size_t)(p < n ? p : n - 1));
+        const float *xyz = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
 
         for (int c = 0; c < 3; c++)
             encode(xyz[c], POSITION_FREQUENCIES, 3, MLP_BLOCK, scratch + c * MLP_BLOCK + p);
         for (int i = 0; i < m->n_time; i++)
             scratch[(POSITION_INPUTS + i) * MLP_BLOCK + p] = m->inputs[i];
     }
-    hidden = hidden_of(m, scratch, a, b);
+    hidden = spin_mlp_run(&m->linear, scratch, a, b);
     if (job->columns & SPIN_COL_MEANS)
         move(job, first, n, hidden, head);
-    if (job->columns & (SPIN_COL_LOG_SCALES | SPIN_COL_QUATS))
-        shape(job, first, n, hidden, head);
+    if (job->columns & (SPIN_COL_LOG_SCALES | SPIN_COL_QUATS)) {
+        spin_mlp_run(&m->scaling, hidden, head, NULL);
+        spin_mlp_run(&m->rotation, hidden, head + 3 * MLP_BLOCK, NULL);
+        spin_deform_shape(job, first, n, head, head + 3 * MLP_BLOCK);
+    }
 }
 
 static spin_status deformable_frame(void *self, int frame, double time, unsigned columns,
                                     struct spin_splats *out)
 {
-    struct model *m = self;
-
     (void)frame;
-    encode_time(m, (float)time);
-    return spin_deform_frame(m->path, &m->canonical, time, columns, MOVED, &m->team, evaluate, m,
-                             out);
+    encode_time(self, (float)time);
+    return spin_deform_frame(self, time, columns, DEFORM_MOVED, evaluate, out);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -515,5 +412,5 @@ const struct spin_importer spin_importer_deformable3dgs = {
     .probe = probe,
     .open = deformable_open,
     .frame = deformable_frame,
-    .close = deformable_close,
+    .close = spin_model_close,
 };

@@ -5,30 +5,50 @@
  * length of the clip, which the checkpoint has, while for the PLYs it is that of cfg_args. The method's
  * renderer takes the checkpoint when it is there, and so does this importer. Key frames' distance and
  * shift are in the checkpoint too, but how to go between them is in cfg_args only. */
-#include "spin.h"
-
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/option.h"
 #include "importers/lib/chkpnt.h"
-#include "importers/lib/ex4dgs_part.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/keyframes.h"
-#include "importers/lib/model_folder.h"
-#include "importers/lib/notes.h"
+#include "math/covariance.h"
+#include "math/quat.h"
 
-enum { N_ITEMS = 40, MOST_FRAMES = 1000000 };
+enum { N_ITEMS = 40, MOST_FRAMES = 1000000, MOST_KEYS = 1000000 };
+
+/* What can be drawn is far smaller, and sums of a few such values stay in the range of floats. */
+#define LARGEST 1e18f
+
+enum column {
+    PLACE,    /* [3] of every key frame */
+    ROTATION, /* [4] of every key frame, w x y z of any length */
+    SCALE,    /* [3] logarithms */
+    OPACITY,  /* logit */
+    SH,       /* [(sh_degree+1)^2][3] */
+    DRIFT,    /* static ones: [3] over the whole clip */
+    CENTRE,   /* dynamic ones: [2] times, in key frames */
+    WIDTH,    /* dynamic ones: [2] logarithms, in key frames */
+    N_COLUMNS
+};
+
+/* The Gaussians: the static ones, and the dynamic ones. */
+struct part {
+    bool moving; /* the dynamic ones */
+    size_t n;
+    int n_keys; /* 1 of static ones */
+    int sh_degree;
+    float *column[N_COLUMNS]; /* [n][width_of()]; NULL: these Gaussians have none */
+};
 
 static const char *const kind_names[] = {
     [KEYFRAMES_LINEAR] = "linear", [KEYFRAMES_CUBE] = "cube", [KEYFRAMES_PCHIP] = "pchip"};
 
 struct model {
-    char *path; /* of the checkpoint, or of the folder with the PLYs */
+    struct spin_model base; /* path: of the checkpoint, or of the folder with the PLYs */
     bool is_chkpnt;
-    struct ex4dgs_part still, moving;
+    struct part still, moving;
     int sh_degree;
     size_t n;
     enum keyframes_kind kind;
@@ -44,12 +64,12 @@ struct model {
 /* By properties of its PLYs, an option of cfg_args, or a group of a checkpoint's optimiser. */
 static int probe(const struct spin_peek *peek)
 {
-    bool ply = spin_chkpnt_says(peek, " xyz_disp_0") || spin_chkpnt_says(peek, " motion_xyz_0_0");
+    bool ply = spin_peek_says(peek, " xyz_disp_0") || spin_peek_says(peek, " motion_xyz_0_0");
 
     if (ply && !peek->is_folder)
         return 100;
-    return ply || spin_chkpnt_says(peek, "rot_interp_type=") ||
-                   spin_chkpnt_says(peek, "motion_opacity_center")
+    return ply || spin_peek_says(peek, "rot_interp_type=") ||
+                   spin_peek_says(peek, "motion_opacity_center")
                ? 95
                : 0;
 }
@@ -57,67 +77,52 @@ static int probe(const struct spin_peek *peek)
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
 /* The newest save with either PLY; that the other is missing is said when it is read. */
-static spin_status newest_save(const char *clouds, const char *wanted, char **out)
+static spin_status newest_save(struct spin_model *m, const char *clouds, const char **out)
 {
     static const char *const files[] = {"point_cloud.ply", "dynamic_point_cloud.ply"};
+    const char *wanted = spin_model_option(m, "iteration");
 
+    *out = NULL;
     for (int i = 0; i < 2; i++) {
-        struct model_folder_pick pick = {clouds, files[i], NULL, NULL};
-        char *name = NULL;
+        const char *name;
 
-        SPIN_TRY(spin_model_folder_choose(&pick, wanted, &name));
-        if (name &&
-            (!*out || spin_model_folder_iteration(name) > spin_model_folder_iteration(*out))) {
-            free(*out);
+        SPIN_TRY(spin_model_choose(m, wanted, clouds, files[i], NULL, NULL, &name));
+        if (name && (!*out || spin_model_iteration(name) > spin_model_iteration(*out)))
             *out = name;
-        } else {
-            free(name);
-        }
     }
     return SPIN_OK;
 }
 
-/* The newest save, and of its two forms the checkpoint. */
-static spin_status find_in_model(const char *path, const char *wanted, struct model *m)
+/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of them. In the model's folder it is
+ * the newest save, and of its two forms the checkpoint. */
+static spin_status find_files(const char *path, struct model *m)
 {
-    char *clouds = NULL, *save = NULL, *chkpnt = NULL;
-    bool best;
-    spin_status status;
-
-    SPIN_TRY_OUT(spin_path_join(path, "point_cloud", &clouds));
-    if (spin_path_is_folder(clouds))
-        SPIN_TRY_OUT(newest_save(clouds, wanted, &save));
-    SPIN_TRY_OUT(spin_chkpnt_choose(path, wanted, &chkpnt, &best));
-    m->is_chkpnt =
-        chkpnt && (!save || spin_chkpnt_iteration(chkpnt) >= spin_model_folder_iteration(save));
-    if (m->is_chkpnt)
-        status = spin_path_join(path, chkpnt, &m->path);
-    else if (save)
-        status = spin_path_join(clouds, save, &m->path);
-    else
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "'%s' holds neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
-                           wanted ? wanted : "<N>", wanted ? wanted : "<N>");
-out:
-    free(clouds);
-    free(save);
-    free(chkpnt);
-    return status;
-}
-
-/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of them. */
-static spin_status find_files(const char *path, const char *wanted, struct model *m)
-{
+    struct spin_model *base = &m->base;
+    const char *wanted = spin_model_option(base, "iteration");
     const char *dot = strrchr(spin_path_name(path), '.');
+    const char *clouds, *save = NULL, *chkpnt;
+    bool best;
 
     if (!spin_path_is_folder(path)) {
         m->is_chkpnt = !dot || strcmp(dot, ".ply") != 0;
-        return m->is_chkpnt ? spin_strdup(path, &m->path) : spin_path_folder(path, &m->path);
+        return m->is_chkpnt ? spin_model_text(base, &base->path, "%s", path)
+                            : spin_model_folder(base, &base->path, path);
     }
-    if (spin_model_folder_holds(path, "dynamic_point_cloud.ply") ||
-        spin_model_folder_holds(path, "point_cloud.ply"))
-        return spin_strdup(path, &m->path);
-    return find_in_model(path, wanted, m);
+    if (spin_model_holds(path, "dynamic_point_cloud.ply") ||
+        spin_model_holds(path, "point_cloud.ply"))
+        return spin_model_text(base, &base->path, "%s", path);
+    SPIN_TRY(spin_model_join(base, &clouds, path, "point_cloud"));
+    if (spin_path_is_folder(clouds))
+        SPIN_TRY(newest_save(base, clouds, &save));
+    SPIN_TRY(spin_chkpnt_choose(base, path, wanted, &chkpnt, &best));
+    m->is_chkpnt = chkpnt && (!save || spin_chkpnt_iteration(chkpnt) >= spin_model_iteration(save));
+    if (m->is_chkpnt)
+        return spin_model_join(base, &base->path, path, "%s", chkpnt);
+    if (save)
+        return spin_model_join(base, &base->path, clouds, "%s", save);
+    return spin_fail(SPIN_E_NOT_FOUND,
+                     "'%s' holds neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
+                     wanted ? wanted : "<N>", wanted ? wanted : "<N>");
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
@@ -128,22 +133,21 @@ struct told {
     int kind; /* -1: nothing */
 };
 
-static spin_status read_number(const struct spin_plugin_values *values, const char *option,
-                               double least, const struct cfg_args *cfg, const char *key,
-                               double *out)
+static spin_status read_number(const struct spin_model *m, const char *option, double least,
+                               const char *key, double *out)
 {
-    if (spin_plugin_value(values, option, NULL))
-        return spin_option_number(values, option, least, MOST_FRAMES, out);
-    return spin_cfg_read_number(cfg, key, out);
+    if (spin_model_option(m, option))
+        return spin_option_number(m->values, option, least, MOST_FRAMES, out);
+    return spin_cfg_read_number(&m->settings.cfg, key, out);
 }
 
-static spin_status read_kind(const struct spin_plugin_values *values, const struct cfg_args *cfg,
-                             int *out)
+static spin_status read_kind(const struct spin_model *m, int *out)
 {
+    const struct cfg_args *cfg = &m->settings.cfg;
     struct cfg_span span = spin_cfg_get(cfg, "interp_type");
 
-    if (spin_plugin_value(values, "interp", NULL))
-        return spin_option_word(values, "interp", "linear|cube|pchip", out);
+    if (spin_model_option(m, "interp"))
+        return spin_option_word(m->values, "interp", "linear|cube|pchip", out);
     if (!span.at)
         return SPIN_OK;
     if (span.end - span.at >= 2)
@@ -159,21 +163,21 @@ static spin_status read_kind(const struct spin_plugin_values *values, const stru
                      (int)(span.end - span.at), span.at);
 }
 
-static spin_status read_told(const struct spin_plugin_values *values, const struct cfg_args *cfg,
-                             struct told *told)
+static spin_status read_told(const struct spin_model *m, struct told *told)
 {
+    const struct cfg_args *cfg = &m->settings.cfg;
     struct cfg_span turn = spin_cfg_get(cfg, "rot_interp_type");
 
     *told = (struct told){NAN, NAN, NAN, 3, 0, -1};
     if (turn.at && !spin_cfg_is(turn, "'slerp'"))
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': rot_interp_type is %.*s, expected 'slerp'",
                          cfg->path, (int)(turn.end - turn.at), turn.at);
-    SPIN_TRY(read_number(values, "interval", 1, cfg, "time_interval", &told->interval));
-    SPIN_TRY(read_number(values, "time-pad", 0, cfg, "time_pad", &told->pad));
-    SPIN_TRY(read_number(values, "duration", 1, cfg, "duration", &told->frames));
+    SPIN_TRY(read_number(m, "interval", 1, "time_interval", &told->interval));
+    SPIN_TRY(read_number(m, "time-pad", 0, "time_pad", &told->pad));
+    SPIN_TRY(read_number(m, "duration", 1, "duration", &told->frames));
     SPIN_TRY(spin_cfg_read_number(cfg, "var_pad", &told->var_pad));
     SPIN_TRY(spin_cfg_read_number(cfg, "start_timestamp", &told->first));
-    return read_kind(values, cfg, &told->kind);
+    return read_kind(m, &told->kind);
 }
 
 /* What must be known and is not. A checkpoint lacks the kind of interpolation only. */
@@ -192,15 +196,16 @@ static spin_status check_told(const struct model *m, const struct told *told)
     for (int i = 0; i < 4; i++) {
         if (all[i].missing)
             return spin_fail(SPIN_E_NOT_FOUND, "'%s': no cfg_args beside it says %s: use --%s",
-                             m->path, all[i].key, all[i].option);
+                             m->base.path, all[i].key, all[i].option);
     }
     return SPIN_OK;
 }
 
 /* The checkpoint's numbers count, whatever is told. */
-static void note_differences(const struct model *m, double interval, double shift,
-                             struct spin_sequence_info *sequence)
+static void note_differences(const struct model *m, double interval, double shift)
 {
+    struct spin_sequence_info *sequence = m->base.sequence;
+
     if (!isnan(interval) && interval != m->interval)
         spin_note(
             sequence,
@@ -218,9 +223,9 @@ static void note_differences(const struct model *m, double interval, double shif
                   m->duration, m->frames + m->shift + 1);
 }
 
-static spin_status settle(struct model *m, const struct told *told,
-                          struct spin_sequence_info *sequence)
+static spin_status settle(struct model *m, const struct told *told)
 {
+    struct spin_sequence_info *sequence = m->base.sequence;
     double interval = m->is_chkpnt ? m->interval : told->interval;
     double shift = told->pad + (told->kind == KEYFRAMES_LINEAR ? 0 : interval);
 
@@ -246,30 +251,368 @@ static spin_status settle(struct model *m, const struct told *told,
         return spin_fail(SPIN_E_MALFORMED,
                          "'%s': key frames %g frames apart from frame %g on, %g frames, a duration "
                          "of %g, var_pad %g: these do not fit together",
-                         m->path, m->interval, -m->shift, m->frames, m->duration, told->var_pad);
+                         m->base.path, m->interval, -m->shift, m->frames, m->duration,
+                         told->var_pad);
     if (m->is_chkpnt)
-        note_differences(m, told->interval, shift, sequence);
+        note_differences(m, told->interval, shift);
     if (told->first > 0)
         spin_note(sequence, "start_timestamp=%g: time 0 is that frame of the recording",
                   told->first);
     return SPIN_OK;
 }
 
-static spin_status read_settings(struct model *m, const struct spin_plugin_values *values,
-                                 struct spin_sequence_info *sequence)
+static spin_status read_settings(struct model *m)
 {
-    struct cfg_args cfg = {0};
+    struct spin_model *base = &m->base;
+    const char *folder = base->path;
     struct told told;
-    char *folder = NULL;
+
+    if (m->is_chkpnt)
+        SPIN_TRY(spin_model_folder(base, &folder, base->path));
+    SPIN_TRY(spin_model_cfg(base, folder, m->is_chkpnt ? NULL : base->path));
+    SPIN_TRY(read_told(base, &told));
+    return settle(m, &told);
+}
+
+/* ---- Columns --------------------------------------------------------------------------------- */
+
+/* Numbers of an item of the checkpoint's tuple, 0: none, and of a property of the PLYs. SH are an item for
+ * degree 0 and the next for all others. */
+static const struct {
+    size_t width;
+    bool keyed;
+    int still, moving;
+    const char *tensor, *stem;
+} kinds[N_COLUMNS] = {
+    [PLACE] = {3, true, 1, 23, "xyz", "xyz_"},
+    [ROTATION] = {4, true, 5, 30, "rotation", "rot_"},
+    [SCALE] = {3, false, 4, 26, "scaling", "scale_"},
+    [OPACITY] = {1, false, 6, 27, "opacity", "opacity"},
+    [SH] = {0, false, 2, 24, "features_dc", "f_"},
+    [DRIFT] = {3, false, 18, 0, "xyz_disp", "xyz_disp_"},
+    [CENTRE] = {2, false, 0, 28, "opacity center", "opacity_c_"},
+    [WIDTH] = {2, false, 0, 29, "opacity var", "opacity_v_"},
+};
+
+static int item_of(const struct part *p, int column)
+{
+    return p->moving ? kinds[column].moving : kinds[column].still;
+}
+
+static size_t n_sh(int degree) { return (size_t)((degree + 1) * (degree + 1)); }
+
+/* Floats of a row. */
+static size_t width_of(const struct part *p, int column)
+{
+    if (item_of(p, column) == 0)
+        return 0;
+    if (column == SH)
+        return 3 * n_sh(p->sh_degree);
+    return kinds[column].width * (kinds[column].keyed ? (size_t)p->n_keys : 1);
+}
+
+static spin_status reserve(struct spin_model *m, struct part *p)
+{
+    for (int c = 0; c < N_COLUMNS; c++) {
+        if (width_of(p, c) > 0)
+            SPIN_TRY(
+                spin_model_alloc(m, p->n, width_of(p, c) * sizeof(float), (void **)&p->column[c]));
+    }
+    return SPIN_OK;
+}
+
+/* The degree that has so many SH, or -1. */
+static int degree_of(uint64_t n)
+{
+    for (int d = 0; d <= 3; d++) {
+        if (n == n_sh(d))
+            return d;
+    }
+    return -1;
+}
+
+/* ---- Out of a checkpoint --------------------------------------------------------------------- */
+
+/* "motion xyz (item 23)" */
+static const char *item_name(const struct part *p, const char *tensor, int item, char text[64])
+{
+    snprintf(text, 64, "%s%s (item %d)", p->moving ? "motion " : "", tensor, item);
+    return text;
+}
+
+/* A column but SH: [n][width], [n][keys][width], or [n][2][1] of the two times and widths. */
+static spin_status take_column(struct spin_model *m, const struct spin_value *model, struct part *p,
+                               int column)
+{
+    int64_t n = (int64_t)p->n, width = (int64_t)kinds[column].width;
+    int64_t shape[3] = {n, width, 1};
+    int n_dims = kinds[column].moving && !kinds[column].still ? 3 : 2;
+    int item = item_of(p, column);
+    struct spin_array t;
+    char name[64];
+
+    if (p->moving && kinds[column].keyed) {
+        shape[1] = p->n_keys;
+        shape[2] = width;
+        n_dims = 3;
+    }
+    SPIN_TRY(spin_chkpnt_bind(&m->torch, spin_value_at(model, (size_t)item),
+                              item_name(p, kinds[column].tensor, item, name), n_dims, shape, &t));
+    spin_array_to_f32(&t, 0, t.count, p->column[column]);
+    return SPIN_OK;
+}
+
+/* Those above the degree `active` take no part in training yet, nor in drawing. */
+static spin_status take_sh(struct spin_model *m, const struct spin_value *model, int active,
+                           struct part *p)
+{
+    int item = item_of(p, SH);
+    int64_t one[3] = {(int64_t)p->n, 1, 3}, all[3] = {(int64_t)p->n, -1, 3};
+    struct spin_array dc, rest;
+    size_t width;
+    char name[64];
+
+    SPIN_TRY(spin_chkpnt_bind(&m->torch, spin_value_at(model, (size_t)item),
+                              item_name(p, "features_dc", item, name), 3, one, &dc));
+    SPIN_TRY(spin_chkpnt_bind(&m->torch, spin_value_at(model, (size_t)item + 1),
+                              item_name(p, "features_rest", item + 1, name), 3, all, &rest));
+    p->sh_degree = degree_of(rest.shape[1] + 1);
+    if (p->sh_degree < 0)
+        return spin_fail(SPIN_E_MALFORMED, "%s has %llu rows of SH, expected 0, 3, 8 or 15", name,
+                         (unsigned long long)rest.shape[1]);
+    p->sh_degree = active < p->sh_degree ? active : p->sh_degree;
+    SPIN_TRY(reserve(m, p));
+    width = width_of(p, SH);
+    for (size_t i = 0; i < p->n; i++) {
+        spin_array_to_f32(&dc, 3 * i, 3, p->column[SH] + width * i);
+        if (width > 3)
+            spin_array_to_f32(&rest, 3 * rest.shape[1] * i, width - 3,
+                              p->column[SH] + width * i + 3);
+    }
+    return SPIN_OK;
+}
+
+/* Before the first dynamic Gaussians all their tensors are empty, of no particular shape. */
+static spin_status check_empty(const struct spin_value *model, const struct part *p)
+{
+    for (int c = 0; c < N_COLUMNS; c++) {
+        int item = item_of(p, c);
+
+        if (item > 0 && !spin_chkpnt_is_empty(spin_value_at(model, (size_t)item)))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "item %d (%s%s) is not empty, but item %d (%sxyz) is", item,
+                             p->moving ? "motion " : "", kinds[c].tensor, item_of(p, PLACE),
+                             p->moving ? "motion " : "");
+    }
+    return SPIN_OK;
+}
+
+/* From the tuple of a checkpoint, with SH up to the degree `active`. A part that training has not made yet
+ * is n = 0. */
+static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value *model, int active,
+                                  struct part *p)
+{
+    static const int64_t keyed[3] = {-1, -1, 3}, plain[2] = {-1, 3};
+    int item = item_of(p, PLACE);
+    const struct spin_value *place = spin_value_at(model, (size_t)item);
+    struct spin_array t;
+    char name[64];
+
+    p->n_keys = 1;
+    if (spin_chkpnt_is_empty(place))
+        return check_empty(model, p);
+    SPIN_TRY(spin_chkpnt_bind(&m->torch, place, item_name(p, "xyz", item, name), p->moving ? 3 : 2,
+                              p->moving ? keyed : plain, &t));
+    if (p->moving && t.shape[1] > MOST_KEYS)
+        return spin_fail(SPIN_E_MALFORMED, "%s has %llu key frames", name,
+                         (unsigned long long)t.shape[1]);
+    p->n = (size_t)t.shape[0];
+    p->n_keys = p->moving ? (int)t.shape[1] : 1;
+    SPIN_TRY(take_sh(m, model, active, p));
+    for (int c = 0; c < N_COLUMNS; c++) {
+        if (p->column[c] && c != SH)
+            SPIN_TRY(take_column(m, model, p, c));
+    }
+    return SPIN_OK;
+}
+
+/* ---- Out of the PLYs ------------------------------------------------------------------------- */
+
+/* Of one float of a row of a column: "x", "rot_0", "motion_xyz_12_0". f_rest_* are one channel after the
+ * other. */
+static void name_property(const struct part *p, int column, int at, char text[64])
+{
+    const char *who = p->moving ? "motion_" : "", *stem = kinds[column].stem;
+    int width = (int)kinds[column].width, rest = (int)n_sh(p->sh_degree) - 1;
+
+    if (column == SH && at < 3)
+        snprintf(text, 64, "%sf_dc_%d", who, at);
+    else if (column == SH)
+        snprintf(text, 64, "%sf_rest_%d", who, at % 3 * rest + at / 3 - 1);
+    else if (p->moving && kinds[column].keyed)
+        snprintf(text, 64, "%s%s%d_%d", who, stem, at / width, at % width);
+    else if (column == PLACE)
+        snprintf(text, 64, "%c", "xyz"[at]);
+    else if (column == OPACITY)
+        snprintf(text, 64, "%s%s", who, stem);
+    else
+        snprintf(text, 64, "%s%s%d", who, stem, at);
+}
+
+/* The degree of SH and the number of key frames, which the names tell. */
+static spin_status count_properties(const char *path, const struct spin_ply_element *e,
+                                    struct part *p)
+{
+    int rest = spin_model_count(e, p->moving ? "motion_f_rest_" : "f_rest_");
+    int places = spin_model_count(e, "motion_xyz_");
+    int turns = spin_model_count(e, "motion_rot_");
+
+    p->n_keys = p->moving ? places / 3 : 1;
+    p->sh_degree = rest % 3 == 0 ? degree_of((uint64_t)rest / 3 + 1) : -1;
+    if (p->sh_degree < 0)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s': %d properties %sf_rest_*, expected 0, 9, 24 or 45", path, rest,
+                         p->moving ? "motion_" : "");
+    if (p->moving && (places % 3 != 0 || turns != 4 * p->n_keys))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s': %d properties motion_xyz_* and %d motion_rot_*, expected 3 and 4 "
+                         "for every key frame",
+                         path, places, turns);
+    return SPIN_OK;
+}
+
+/* All columns' properties, in their order. */
+static spin_status find_properties(const struct spin_ply *ply, const struct spin_ply_element *e,
+                                   const struct part *p, struct spin_ply_target *target)
+{
+    for (int c = 0; c < N_COLUMNS; c++) {
+        for (size_t at = 0; at < width_of(p, c); at++) {
+            char name[64];
+
+            name_property(p, c, (int)at, name);
+            target->property = spin_ply_find(e, name);
+            if (target->property < 0)
+                return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
+                                 ply->path, name);
+            target++;
+        }
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_columns(struct spin_model *m, const struct spin_ply *ply,
+                                const struct spin_ply_element *e, struct part *p,
+                                struct spin_ply_target *target)
+{
+    size_t n = 0;
+
+    p->n = (size_t)e->count;
+    SPIN_TRY(reserve(m, p));
+    for (int c = 0; c < N_COLUMNS; c++) {
+        for (size_t at = 0; at < width_of(p, c); at++, n++) {
+            target[n].out = p->column[c] + at;
+            target[n].step = width_of(p, c);
+        }
+    }
+    spin_ply_columns(ply, e, target, n);
+    return SPIN_OK;
+}
+
+static spin_status read_vertices(struct spin_model *m, const struct spin_ply *ply, struct part *p)
+{
+    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    struct spin_ply_target *target;
+    size_t n = 0;
+
+    if (!e)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", ply->path);
+    SPIN_TRY(count_properties(ply->path, e, p));
+    for (int c = 0; c < N_COLUMNS; c++)
+        n += width_of(p, c);
+    SPIN_TRY(spin_model_scratch(m, n, sizeof *target, (void **)&target));
+    SPIN_TRY(find_properties(ply, e, p, target));
+    return read_columns(m, ply, e, p, target);
+}
+
+/* From point_cloud.ply or dynamic_point_cloud.ply of a folder. */
+static spin_status part_of_ply(struct spin_model *m, struct part *p)
+{
+    struct spin_ply ply;
+    const char *path;
     spin_status status;
 
-    SPIN_TRY(m->is_chkpnt ? spin_path_folder(m->path, &folder) : spin_strdup(m->path, &folder));
-    status = spin_model_folder_cfg(folder, m->is_chkpnt ? NULL : m->path, &cfg);
-    free(folder);
-    if (status == SPIN_OK)
-        status = read_told(values, &cfg, &told);
-    spin_cfg_close(&cfg);
-    return status == SPIN_OK ? settle(m, &told, sequence) : status;
+    SPIN_TRY(spin_model_join(m, &path, m->path, "%s",
+                             p->moving ? "dynamic_point_cloud.ply" : "point_cloud.ply"));
+    SPIN_TRY(spin_ply_open(path, &ply));
+    status = read_vertices(m, &ply, p);
+    spin_ply_close(&ply);
+    return status;
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+/* The rasteriser makes a matrix of a static quaternion as it is. Off unit length that is no rotation. */
+static bool settle_shape(float log_scale[3], float quat[4])
+{
+    double scale[3], raw[4], cov6[6], split[3], unit[4];
+
+    if (fabs(spin_quat_norm(quat) - 1) <= 1e-6) {
+        spin_quat_normalise(quat);
+        return true;
+    }
+    for (int c = 0; c < 4; c++)
+        raw[c] = quat[c];
+    for (int c = 0; c < 3; c++)
+        scale[c] = exp(log_scale[c]);
+    spin_covariance_unnormalised(scale, raw, cov6);
+    if (!spin_covariance_split(cov6, split, unit))
+        return false;
+    for (int c = 0; c < 3; c++)
+        log_scale[c] = (float)split[c];
+    for (int c = 0; c < 4; c++)
+        quat[c] = (float)unit[c];
+    return true;
+}
+
+static bool settle_row(const struct part *p, size_t row)
+{
+    const size_t keys = (size_t)p->n_keys;
+
+    for (int c = 0; c < N_COLUMNS; c++) {
+        size_t width = width_of(p, c);
+
+        for (size_t i = 0; i < width; i++) {
+            if (!(fabsf(p->column[c][width * row + i]) < LARGEST))
+                return false;
+        }
+    }
+    for (size_t k = 0; k < keys && p->moving; k++) {
+        if (!(spin_quat_norm(p->column[ROTATION] + 4 * (keys * row + k)) > 0))
+            return false;
+    }
+    return p->moving || settle_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
+}
+
+/* Makes the rotations of static Gaussians unit quaternions, with scales that give the ellipsoids of the
+ * method's rasteriser. Removes rows that cannot be drawn, and returns how many. */
+static size_t clean(struct part *p)
+{
+    size_t n_all = p->n;
+
+    p->n = 0;
+    for (size_t i = 0; i < n_all; i++) {
+        if (!settle_row(p, i))
+            continue;
+        for (int c = 0; c < N_COLUMNS && p->n != i; c++) {
+            size_t width = width_of(p, c);
+
+            if (width > 0)
+                memcpy(p->column[c] + width * p->n, p->column[c] + width * i,
+                       width * sizeof(float));
+        }
+        p->n++;
+    }
+    return n_all - p->n;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -285,64 +628,61 @@ static spin_status take_number(const struct spin_value *model, size_t item, cons
     return SPIN_OK;
 }
 
-static spin_status take_model(struct spin_torch *torch, struct model *m)
+static spin_status take_model(struct spin_model *base)
 {
+    struct model *m = (struct model *)base;
     const struct spin_value *model;
     double active, iteration;
 
-    SPIN_TRY(spin_chkpnt_model(torch->root, N_ITEMS, "Ex4DGS", &model, &iteration));
+    SPIN_TRY(spin_chkpnt_model(base->torch.root, N_ITEMS, "Ex4DGS", &model, &iteration));
     SPIN_TRY(take_number(model, 0, "the active SH degree", &active));
     SPIN_TRY(take_number(model, 19, "duration", &m->duration));
     SPIN_TRY(take_number(model, 20, "interval", &m->interval));
     SPIN_TRY(take_number(model, 21, "time_shift", &m->shift));
     if (active < 0 || active > 3)
         return spin_fail(SPIN_E_MALFORMED, "the active SH degree is %g, expected 0 to 3", active);
-    SPIN_TRY(spin_ex4dgs_part_of_chkpnt(torch, model, (int)active, &m->still));
-    return spin_ex4dgs_part_of_chkpnt(torch, model, (int)active, &m->moving);
+    SPIN_TRY(part_of_chkpnt(base, model, (int)active, &m->still));
+    return part_of_chkpnt(base, model, (int)active, &m->moving);
 }
 
-static spin_status read_chkpnt(struct model *m)
-{
-    struct spin_torch torch;
-    spin_status status;
-
-    SPIN_TRY(spin_torch_open(m->path, &torch));
-    status = take_model(&torch, m);
-    spin_torch_close(&torch);
-    return spin_fail_reading(status, m->path);
-}
-
-static spin_status read_parts(struct model *m, struct spin_sequence_info *sequence)
+static spin_status read_parts(struct model *m)
 {
     size_t n_all, n_dropped;
 
     if (m->is_chkpnt) {
-        SPIN_TRY(read_chkpnt(m));
+        SPIN_TRY(spin_model_torch(&m->base, m->base.path, take_model));
     } else {
-        SPIN_TRY(spin_ex4dgs_part_of_ply(m->path, &m->still));
-        SPIN_TRY(spin_ex4dgs_part_of_ply(m->path, &m->moving));
+        SPIN_TRY(part_of_ply(&m->base, &m->still));
+        SPIN_TRY(part_of_ply(&m->base, &m->moving));
     }
     if (m->still.n > 0 && m->moving.n > 0 && m->still.sh_degree != m->moving.sh_degree)
         return spin_fail(SPIN_E_MALFORMED,
                          "'%s': the SH of static Gaussians have degree %d, of dynamic ones %d",
-                         m->path, m->still.sh_degree, m->moving.sh_degree);
+                         m->base.path, m->still.sh_degree, m->moving.sh_degree);
     m->sh_degree = m->still.n > 0 ? m->still.sh_degree : m->moving.sh_degree;
     n_all = m->still.n + m->moving.n;
-    n_dropped = spin_ex4dgs_part_clean(&m->still) + spin_ex4dgs_part_clean(&m->moving);
+    n_dropped = clean(&m->still) + clean(&m->moving);
     m->n = n_all - n_dropped;
     if (m->n == 0)
         return spin_fail(SPIN_E_MALFORMED, "'%s': none of the %zu Gaussians has finite values",
-                         m->path, n_all);
+                         m->base.path, n_all);
     if (n_dropped > 0)
-        spin_note(sequence,
+        spin_note(m->base.sequence,
                   "%zu of %zu Gaussians are dropped: values that are not finite, or rotations of "
                   "length 0",
                   n_dropped, n_all);
     return SPIN_OK;
 }
 
-static void describe(struct model *m, struct spin_sequence_info *sequence)
+static spin_status open_model(void *self, const char *path)
 {
+    struct model *m = self;
+    struct spin_sequence_info *sequence = m->base.sequence;
+
+    m->moving.moving = true;
+    SPIN_TRY(find_files(path, m));
+    SPIN_TRY(read_parts(m));
+    SPIN_TRY(read_settings(m));
     sequence->n_frames = 1;
     sequence->counts = &m->n;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -355,7 +695,7 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
     sequence->time_last = m->frames - 1;
     snprintf(sequence->variant, sizeof sequence->variant,
              "Ex4DGS, %.24s, %zu static, %zu dynamic Gaussians, %s between keys %g frames apart",
-             m->is_chkpnt ? spin_path_name(m->path) : "two PLYs", m->still.n, m->moving.n,
+             m->is_chkpnt ? spin_path_name(m->base.path) : "two PLYs", m->still.n, m->moving.n,
              kind_names[m->kind], m->interval);
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
@@ -363,38 +703,13 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
                   "the PLYs of %s are read: the motion of static Gaussians is spread over %g "
                   "frames, in the "
                   "checkpoint over a few more",
-                  spin_path_name(m->path), m->duration);
+                  spin_path_name(m->base.path), m->duration);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
                         "antialiased, which is similar");
-}
-
-static spin_status ex4dgs_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_sequence_info *sequence)
-{
-    struct model *m;
-
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *m, self));
-    m = *self;
-    m->moving.moving = true;
-    SPIN_TRY(find_files(path, spin_plugin_value(values, "iteration", NULL), m));
-    SPIN_TRY(read_parts(m, sequence));
-    SPIN_TRY(read_settings(m, values, sequence));
-    describe(m, sequence);
     return SPIN_OK;
 }
 
-static void ex4dgs_close(void *self)
-{
-    struct model *m = self;
-
-    if (!m)
-        return;
-    spin_ex4dgs_part_free(&m->still);
-    spin_ex4dgs_part_free(&m->moving);
-    free(m->path);
-    free(m);
-}
+SPIN_MODEL_OPEN(ex4dgs_open, struct model, open_model)
 
 /* ---- One time -------------------------------------------------------------------------------- */
 
@@ -405,11 +720,11 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
 
     if (!(time >= 0 && time <= m->frames - 1))
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no time %g: its frames count from 0 to %g",
-                         m->path, time, m->frames - 1);
+                         m->base.path, time, m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
         return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s': time %g needs the key frames %g to %g, and there are %d", m->path,
-                         time, key - beside, key + 1 + beside, m->moving.n_keys);
+                         "'%s': time %g needs the key frames %g to %g, and there are %d",
+                         m->base.path, time, key - beside, key + 1 + beside, m->moving.n_keys);
     *out = (struct keyframes){m->kind, (int)key, (at - key * m->interval) / m->interval,
                               at / m->interval};
     return SPIN_OK;
@@ -417,47 +732,46 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
 
 static void put_still(const struct model *m, double time, unsigned columns, struct spin_splats *out)
 {
-    const struct ex4dgs_part *p = &m->still;
+    const struct part *p = &m->still;
 
     for (size_t i = 0; i < 3 * p->n && (columns & SPIN_COL_MEANS); i++)
-        out->means[i] = (float)(p->column[EX4DGS_PLACE][i] +
-                                (double)p->column[EX4DGS_DRIFT][i] * time / m->duration);
+        out->means[i] =
+            (float)(p->column[PLACE][i] + (double)p->column[DRIFT][i] * time / m->duration);
     for (size_t i = 0; i < 4 * p->n && (columns & SPIN_COL_QUATS); i++)
-        out->quats[i] = p->column[EX4DGS_ROTATION][i];
+        out->quats[i] = p->column[ROTATION][i];
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_LOGIT_OPACITIES); i++)
-        out->logit_opacities[i] = p->column[EX4DGS_OPACITY][i];
+        out->logit_opacities[i] = p->column[OPACITY][i];
 }
 
 static void put_moving(const struct model *m, const struct keyframes *at, unsigned columns,
                        struct spin_splats *out)
 {
-    const struct ex4dgs_part *p = &m->moving;
+    const struct part *p = &m->moving;
     size_t keys = (size_t)p->n_keys;
 
     for (size_t i = 0; i < p->n; i++) {
-        const float *places = p->column[EX4DGS_PLACE] + 3 * keys * i;
+        const float *places = p->column[PLACE] + 3 * keys * i;
         size_t row = m->still.n + i;
 
         for (size_t c = 0; c < 3 && (columns & SPIN_COL_MEANS); c++)
             out->means[3 * row + c] = (float)spin_keyframes_value(at, places + c, 3);
         if (columns & SPIN_COL_QUATS)
-            spin_keyframes_turn(at, p->column[EX4DGS_ROTATION] + 4 * keys * i,
-                                out->quats + 4 * row);
+            spin_keyframes_turn(at, p->column[ROTATION] + 4 * keys * i, out->quats + 4 * row);
         if (columns & SPIN_COL_LOGIT_OPACITIES)
-            out->logit_opacities[row] = spin_logit_of(
-                spin_sigmoid_of(p->column[EX4DGS_OPACITY][i]) *
-                spin_keyframes_visibility(at, p->column[EX4DGS_CENTRE] + 2 * i,
-                                          p->column[EX4DGS_WIDTH] + 2 * i, m->least_width));
+            out->logit_opacities[row] =
+                spin_logit_of(spin_sigmoid_of(p->column[OPACITY][i]) *
+                              spin_keyframes_visibility(at, p->column[CENTRE] + 2 * i,
+                                                        p->column[WIDTH] + 2 * i, m->least_width));
     }
 }
 
 /* What no time changes, of both parts one after the other. */
-static void put_fixed(const struct model *m, enum ex4dgs_column column, float *out)
+static void put_fixed(const struct model *m, int column, float *out)
 {
-    const struct ex4dgs_part *const parts[] = {&m->still, &m->moving};
+    const struct part *const parts[] = {&m->still, &m->moving};
 
     for (int i = 0; i < 2; i++) {
-        size_t n = parts[i]->n * spin_ex4dgs_width(parts[i], column);
+        size_t n = parts[i]->n * width_of(parts[i], column);
 
         if (n > 0)
             memcpy(out, parts[i]->column[column], n * sizeof *out);
@@ -479,9 +793,9 @@ static spin_status ex4dgs_frame(void *self, int frame, double time, unsigned col
     put_still(m, time, columns, out);
     put_moving(m, &at, columns, out);
     if (columns & SPIN_COL_LOG_SCALES)
-        put_fixed(m, EX4DGS_SCALE, out->log_scales);
+        put_fixed(m, SCALE, out->log_scales);
     if (columns & SPIN_COL_SH)
-        put_fixed(m, EX4DGS_SH, out->sh);
+        put_fixed(m, SH, out->sh);
     return SPIN_OK;
 }
 
@@ -504,5 +818,5 @@ const struct spin_importer spin_importer_ex4dgs = {
     .probe = probe,
     .open = ex4dgs_open,
     .frame = ex4dgs_frame,
-    .close = ex4dgs_close,
+    .close = spin_model_close,
 };

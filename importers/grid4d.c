@@ -3,13 +3,10 @@
  *
  * Residuals are added after the activations, so that a quaternion is not of unit
  * length when the method's rasteriser takes it for one: see spin_deform_shape(). */
-#include "spin.h"
+#include "importers/lib/hashgrid_deform.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-#include "importers/lib/hashgrid_deform.h"
-#include "importers/lib/notes.h"
 #include "math/quat.h"
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
@@ -28,7 +25,7 @@ static const struct {
 struct model {
     struct hash_model base;
     struct hash_grid grid[N_GRIDS];
-    struct mlp_linear spatial, temporal;
+    struct mlp_net spatial, temporal;
     bool directional;
 };
 
@@ -40,11 +37,11 @@ static int probe(const struct spin_peek *peek)
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* network_args['directional']: the gate is -1..1, not 0..1. */
-static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                          struct hash_model *base, struct spin_sequence_info *sequence)
+static spin_status settle(struct hash_model *base)
 {
     struct model *model = (struct model *)base;
-    const char *given = spin_plugin_value(values, "directional", NULL);
+    const char *given = spin_model_option(&base->base, "directional");
+    const struct cfg_args *cfg = &base->base.settings.cfg;
     struct cfg_span s = spin_cfg_item(spin_cfg_get(cfg, "network_args"), "directional");
 
     model->directional = true;
@@ -56,58 +53,47 @@ static spin_status settle(const struct cfg_args *cfg, const struct spin_plugin_v
             return spin_fail(SPIN_E_MALFORMED, "'%s': directional is neither True nor False",
                              cfg->path);
     } else {
-        spin_note(sequence, "no cfg_args says 'directional': assumed true as the method does");
+        spin_note(base->base.sequence,
+                  "no cfg_args says 'directional': assumed true as the method does");
     }
     return SPIN_OK;
 }
 
-static spin_status load_network(struct spin_torch *torch, struct hash_model *base)
+static spin_status load_network(struct hash_model *base)
 {
     struct model *model = (struct model *)base;
-    struct hash_pair pair;
-    int n_features[N_GRIDS], n_temporal = 0, widest;
+    int n_space = 0, n_temporal = 0;
+    size_t spatial, temporal;
 
-    SPIN_TRY(spin_hash_split(torch->root, "xyt_encoding.embeddings", "xyzt_encoding.embeddings",
-                             "DASH, use --from dash", &pair));
     for (int g = 0; g < N_GRIDS; g++) {
-        SPIN_TRY(spin_hash_load_grid(torch, pair.grid, grids[g].name, 3, &model->grid[g]));
-        n_features[g] = model->grid[g].n_levels * model->grid[g].n_features;
-        n_temporal += g == XYZ ? 0 : n_features[g];
+        SPIN_TRY(spin_hash_load_grid(base, grids[g].name, 3, &model->grid[g]));
+        *(g == XYZ ? &n_space : &n_temporal) += model->grid[g].n_levels * model->grid[g].n_features;
     }
-    SPIN_TRY(spin_mlp_load(torch, pair.network, "", "spatial_mlp.0", n_features[XYZ], -1,
-                           &model->spatial));
-    SPIN_TRY(spin_mlp_load(torch, pair.network, "", "temporal_mlp.0", n_temporal,
-                           model->spatial.n_out, &model->temporal));
-    widest = model->spatial.n_out > n_temporal ? model->spatial.n_out : n_temporal;
-    widest = widest > n_features[XYZ] ? widest : n_features[XYZ];
-    base->layer = (size_t)widest * MLP_BLOCK;
-    base->n_scratch = 3 * base->layer + 16 * MLP_BLOCK;
-    return spin_hash_load_heads(torch, pair.network, model->spatial.n_out, 7, base);
+    base->base.tensors = base->network;
+    SPIN_TRY(
+        spin_model_layer(&base->base, "spatial_mlp.0", n_space, -1, MLP_PLAIN, &model->spatial));
+    SPIN_TRY(spin_model_layer(&base->base, "temporal_mlp.0", n_temporal,
+                              spin_mlp_n_out(&model->spatial), MLP_RELU, &model->temporal));
+    spatial = spin_mlp_widest(&model->spatial);
+    temporal = spin_mlp_widest(&model->temporal);
+    base->layer = spatial > temporal ? spatial : temporal;
+    base->n_scratch = 3 * base->layer + 14 * MLP_BLOCK;
+    return spin_hash_load_heads(base, spin_mlp_n_out(&model->spatial), 7);
 }
 
-static spin_status grid4d_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_sequence_info *sequence)
+static spin_status open_model(void *self, const char *path)
 {
-    static const struct hash_method method = {"Grid4D", NULL, load_network, settle};
+    static const struct hash_method method = {.name = "Grid4D",
+                                              .key = "xyt_encoding.embeddings",
+                                              .other_key = "xyzt_encoding.embeddings",
+                                              .other = "DASH, use --from dash",
+                                              .load = load_network,
+                                              .settle = settle};
 
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    return spin_hash_open(path, values, &method, *self, sequence);
+    return spin_hash_open(self, path, &method);
 }
 
-static void grid4d_close(void *self)
-{
-    struct model *model = self;
-
-    if (!model)
-        return;
-    for (int g = 0; g < N_GRIDS; g++)
-        spin_hash_grid_free(&model->grid[g]);
-    spin_mlp_free(&model->spatial);
-    spin_mlp_free(&model->temporal);
-    spin_hash_model_free(&model->base);
-    free(model);
-}
+SPIN_MODEL_OPEN(grid4d_open, struct model, open_model)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
@@ -118,7 +104,7 @@ static void sample(const struct deform_job *job, size_t first, int n, float *spa
     const struct model *model = job->model;
 
     for (int p = 0; p < MLP_BLOCK; p++) {
-        const float *mean = model->base.canonical.means + 3 * (first + (size_t)(p < n ? p : n - 1));
+        const float *mean = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
         float u[4], *to = moving;
 
         spin_hash_coordinates(&model->base, mean, job->time, u);
@@ -134,35 +120,37 @@ static void sample(const struct deform_job *job, size_t first, int n, float *spa
 }
 
 /* relu(temporal) gated by what is at the point's place; then grid_mlp. Returns where it is. */
-static const float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
+static float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
 {
     const struct model *model = job->model;
     float *a = scratch, *b = a + model->base.layer, *gate = b + model->base.layer;
     int n_hidden = model->base.width * MLP_BLOCK;
 
     sample(job, first, n, a, b);
-    spin_mlp_linear(&model->spatial, a, gate, false);
+    spin_mlp_run(&model->spatial, a, gate, NULL);
     for (int i = 0; i < n_hidden; i++) {
         gate[i] = 1 / (1 + expf(-gate[i]));
         if (model->directional)
             gate[i] = 2 * gate[i] - 1;
     }
-    spin_mlp_linear(&model->temporal, b, a, true);
+    spin_mlp_run(&model->temporal, b, a, NULL);
     for (int i = 0; i < n_hidden; i++)
         a[i] *= gate[i];
-    return spin_hash_layers(&model->base, a, b);
+    return spin_mlp_run(&model->base.trunk, a, b, a);
 }
 
 /* Turned about the world's origin, then moved. */
-static void move(const struct model *model, const float *warp, size_t first, int n, float *means)
+static void move(const struct deform_job *job, const float *warp, size_t first, int n)
 {
+    float *means = job->out->means;
+
     for (int p = 0; p < n; p++) {
         size_t at = 3 * (first + (size_t)p);
         float q[4];
 
         for (int c = 0; c < 4; c++)
             q[c] = warp[c * MLP_BLOCK + p] + (c == 0);
-        spin_quat_rotate(q, model->base.canonical.means + at, means + at);
+        spin_quat_rotate(q, job->from->means + at, means + at);
         for (int c = 0; c < 3; c++)
             means[at + (size_t)c] += warp[(4 + c) * MLP_BLOCK + p];
     }
@@ -172,24 +160,17 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
 {
     const struct deform_job *job = context;
     const struct model *model = job->model;
-    const struct spin_splats *from = &model->base.canonical;
-    float *out = scratch + 3 * model->base.layer, *d_scale = out + 8 * MLP_BLOCK;
-    const float *h = hidden(job, first, n, scratch);
+    float *warp = scratch + 3 * model->base.layer, *d_scale = warp + 7 * MLP_BLOCK;
+    float *d_quat = d_scale + 3 * MLP_BLOCK, *h = hidden(job, first, n, scratch);
 
     if (job->columns & SPIN_COL_MEANS) {
-        spin_mlp_linear(&model->base.warp, h, out, false);
-        move(model, out, first, n, job->out->means);
+        spin_mlp_run(&model->base.warp, h, warp, NULL);
+        move(job, warp, first, n);
     }
-    if (!(job->columns & (SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)))
-        return;
-    spin_mlp_linear(&model->base.rotation, h, out, false);
-    spin_mlp_linear(&model->base.scaling, h, d_scale, false);
-    for (int p = 0; p < n; p++) {
-        size_t i = first + (size_t)p;
-
-        spin_deform_shape(from->log_scales + 3 * i, from->quats + 4 * i, d_scale + p, out + p,
-                          job->columns & SPIN_COL_LOG_SCALES ? job->out->log_scales + 3 * i : NULL,
-                          job->columns & SPIN_COL_QUATS ? job->out->quats + 4 * i : NULL);
+    if (job->columns & (SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)) {
+        spin_mlp_run(&model->base.scaling, h, d_scale, NULL);
+        spin_mlp_run(&model->base.rotation, h, d_quat, NULL);
+        spin_deform_shape(job, first, n, d_scale, d_quat);
     }
 }
 
@@ -197,7 +178,7 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
                                 struct spin_splats *out)
 {
     (void)frame;
-    return spin_hash_frame(self, time, columns, evaluate, out);
+    return spin_deform_frame(self, time, columns, DEFORM_MOVED, evaluate, out);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -219,5 +200,5 @@ const struct spin_importer spin_importer_grid4d = {
     .probe = probe,
     .open = grid4d_open,
     .frame = grid4d_frame,
-    .close = grid4d_close,
+    .close = spin_model_close,
 };

@@ -4,18 +4,14 @@
  * Positions only: opacity, shape and colour of what an anchor spawns depend on the camera, so
  * there is no set of Gaussians per frame. Which offsets are alive depends on it too; all are
  * taken, or with --camera those that are alive for one of the given places. */
-#include "spin.h"
-#include <stdlib.h>
-
-#include "base/err.h"
 #include "importers/lib/camera_places.h"
-#include "importers/lib/finite.h"
-#include "importers/lib/model_folder.h"
 #include "importers/lib/hexplane.h"
-#include "importers/lib/notes.h"
-#include "importers/lib/torchscript.h"
+
+#include <stdlib.h>
+#include <string.h>
+
 #include "io/npy.h"
-#include "math/plane.h"
+#include "io/zip.h"
 
 enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_SEGMENTS = 4096 };
 
@@ -32,8 +28,8 @@ static const struct {
 };
 
 struct model {
-    char *save;
-    size_t n, most; /* anchors; anchors x offsets */
+    struct spin_model base; /* path: of the save */
+    size_t n, most;         /* anchors; anchors x offsets */
     int n_offsets, n_features;
     float *anchor;        /* [n][3] */
     float *offset;        /* [n][n_offsets][3] */
@@ -43,26 +39,23 @@ struct model {
     bool scaled[N_HEADS]; /* by the dynamics */
     float *segment;       /* [n_segments] canonical times */
     int n_segments;
+    double grid_pe;
+    bool still; /* what anchors spawn does not move */
     struct hexplane global, local;
-    struct hex_head head[N_HEADS], move; /* n_in == 0: there is none */
-    struct mlp_linear alive[2];          /* opacity_mlp, with cameras */
+    struct mlp_net head[N_HEADS], move;
+    struct mlp_net alive; /* opacity_mlp, with cameras */
     struct camera_places cameras;
     float *centre; /* [most][3] of the frame that was read last */
     bool *kept;    /* [most] */
-    struct mlp_team team;
 };
 
 static int probe(const struct spin_peek *peek)
 {
-    const char *name = strrchr(peek->path, '/');
-
-    if (peek->is_folder && memmem(peek->head, peek->n_head, "LGD_method=", 11))
+    if (!peek->is_folder)
+        return strcmp(spin_path_name(peek->path), "deformation_GAD.pth") == 0 ? 90 : 0;
+    if (spin_peek_says(peek, "LGD_method="))
         return 90;
-    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], "deformation_GAD.pth") == 0)
-            return 95;
-    }
-    return strcmp(name ? name + 1 : peek->path, "deformation_GAD.pth") == 0 ? 90 : 0;
+    return spin_peek_has(peek, "deformation_GAD.pth") ? 95 : 0;
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
@@ -121,14 +114,16 @@ static float dynamics_factor(const struct dynamics *d, float x)
 }
 
 /* The flags that change positions, and those under which the page does not say how to go on. */
-static spin_status read_settings(const struct cfg_args *cfg, struct model *model)
+static spin_status read_settings(struct model *model)
 {
+    const struct cfg_args *cfg = &model->base.settings.cfg;
     struct dynamics whole = {0}, part = {0};
     bool any = false;
 
     if (!cfg->path)
         return spin_fail(SPIN_E_NOT_FOUND,
-                         "no cfg_args for '%s', without which nothing can be read", model->save);
+                         "no cfg_args for '%s', without which nothing can be read",
+                         model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
@@ -152,16 +147,16 @@ static spin_status read_settings(const struct cfg_args *cfg, struct model *model
 
 /* ---- Anchors --------------------------------------------------------------------------------- */
 
-static spin_status alloc_floats(size_t rows, size_t width, float **out)
+static spin_status alloc_floats(struct model *model, size_t rows, size_t width, float **out)
 {
-    return spin_alloc(rows, width * sizeof **out, (void **)out);
+    return spin_model_alloc(&model->base, rows, width * sizeof **out, (void **)out);
 }
 
 static spin_status count_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                                  struct model *model)
 {
-    int n_offset = spin_model_folder_count(e, "f_offset_"),
-        n_feature = spin_model_folder_count(e, "f_anchor_feat_");
+    int n_offset = spin_model_count(e, "f_offset_"),
+        n_feature = spin_model_count(e, "f_anchor_feat_");
 
     if (n_offset == 0 || n_feature == 0)
         return spin_fail(SPIN_E_MALFORMED,
@@ -187,29 +182,27 @@ static spin_status read_columns(const struct spin_ply *ply, const struct spin_pl
     size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features;
     bool shared = spin_ply_find(e, "dynamics") >= 0;
 
-    SPIN_TRY(alloc_floats(model->n, 3, &model->anchor));
-    SPIN_TRY(alloc_floats(model->n, 3 * k, &model->offset));
-    SPIN_TRY(alloc_floats(model->n, a, &model->feature));
-    SPIN_TRY(alloc_floats(model->n, 6, &model->scaling));
-    SPIN_TRY(alloc_floats(model->n, 2, &model->dynamics));
+    SPIN_TRY(alloc_floats(model, model->n, 3, &model->anchor));
+    SPIN_TRY(alloc_floats(model, model->n, 3 * k, &model->offset));
+    SPIN_TRY(alloc_floats(model, model->n, a, &model->feature));
+    SPIN_TRY(alloc_floats(model, model->n, 6, &model->scaling));
+    SPIN_TRY(alloc_floats(model, model->n, 2, &model->dynamics));
     for (int d = 0; d < 3; d++)
-        SPIN_TRY(spin_model_folder_column(ply, e, axis[d], model->anchor + d, 3));
+        SPIN_TRY(spin_model_column(ply, e, axis[d], model->anchor + d, 3));
     for (size_t i = 0; i < 3 * k; i++) { /* axis-major in the file */
         char name[32];
 
         snprintf(name, sizeof name, "f_offset_%zu", i);
-        SPIN_TRY(
-            spin_model_folder_column(ply, e, name, model->offset + 3 * (i % k) + i / k, 3 * k));
+        SPIN_TRY(spin_model_column(ply, e, name, model->offset + 3 * (i % k) + i / k, 3 * k));
     }
-    SPIN_TRY(
-        spin_model_folder_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
-    SPIN_TRY(spin_model_folder_columns(ply, e, "scale_", 6, model->scaling, 6));
+    SPIN_TRY(spin_model_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
+    SPIN_TRY(spin_model_columns(ply, e, "scale_", 6, model->scaling, 6));
     for (size_t i = 0; i < 6 * model->n; i++)
         model->scaling[i] = expf(model->scaling[i]);
     for (int i = 0; i < 2; i++) {
         const char *name = shared ? "dynamics" : i == 0 ? "dynamics_0" : "dynamics_1";
 
-        SPIN_TRY(spin_model_folder_column(ply, e, name, model->dynamics + i, 2));
+        SPIN_TRY(spin_model_column(ply, e, name, model->dynamics + i, 2));
     }
     return SPIN_OK;
 }
@@ -218,16 +211,14 @@ static spin_status read_anchors(struct model *model)
 {
     const struct spin_ply_element *e;
     struct spin_ply ply;
-    char *path = NULL;
+    const char *path;
     spin_status status;
 
-    SPIN_TRY(spin_path_join(model->save, "point_cloud.ply", &path));
-    status = spin_model_folder_open(path, &ply, &e);
-    free(path);
-    SPIN_TRY(status);
-    SPIN_TRY_OUT(count_columns(&ply, e, model));
-    SPIN_TRY_OUT(read_columns(&ply, e, model));
-out:
+    SPIN_TRY(spin_model_join(&model->base, &path, model->base.path, "point_cloud.ply"));
+    SPIN_TRY(spin_model_vertices(path, &ply, &e));
+    status = count_columns(&ply, e, model);
+    if (status == SPIN_OK)
+        status = read_columns(&ply, e, model);
     spin_ply_close(&ply);
     return status;
 }
@@ -240,7 +231,7 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
         return spin_fail(SPIN_E_MALFORMED, "'%s' is not a list of 1 to %d times", path,
                          MAX_SEGMENTS);
     model->n_segments = (int)a->count;
-    SPIN_TRY(alloc_floats(a->count, 1, &model->segment));
+    SPIN_TRY(alloc_floats(model, a->count, 1, &model->segment));
     spin_array_to_f32(a, 0, a->count, model->segment);
     for (int i = 0; i < model->n_segments; i++) {
         if (!isfinite(model->segment[i]))
@@ -250,33 +241,32 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
 }
 
 /* canonical_times.npy, else as many even steps as cfg_args says. */
-static spin_status read_times(const struct cfg_args *cfg, struct model *model)
+static spin_status read_times(struct model *model)
 {
-    struct spin_map map = {NULL, 0};
-    struct spin_array a;
+    const struct cfg_args *cfg = &model->base.settings.cfg;
     double count = 0;
-    char *path = NULL;
-    spin_status status;
+    const char *path;
 
-    SPIN_TRY(spin_path_join(model->save, "canonical_times.npy", &path));
-    if (spin_path_exists(path)) {
-        status = spin_map_open(path, &map);
-        if (status == SPIN_OK)
-            status = spin_npy_parse(path, map.data, map.size, &a);
+    SPIN_TRY(spin_model_find(&model->base, &path, model->base.path, "canonical_times.npy"));
+    if (path) {
+        struct spin_map map;
+        struct spin_array a;
+        spin_status status;
+
+        SPIN_TRY(spin_map_open(path, &map));
+        status = spin_npy_parse(path, map.data, map.size, &a);
         if (status == SPIN_OK)
             status = use_times(path, &a, model);
         spin_map_close(&map);
-        free(path);
         return status;
     }
-    free(path);
     SPIN_TRY(spin_cfg_read_number(cfg, "TIA_num_segments", &count));
     if (!(count >= 1 && count <= MAX_SEGMENTS))
         return spin_fail(SPIN_E_NOT_FOUND,
                          "'%s' has no canonical_times.npy, and '%s' no usable TIA_num_segments",
-                         model->save, cfg->path);
+                         model->base.path, cfg->path);
     model->n_segments = (int)count;
-    SPIN_TRY(alloc_floats((size_t)model->n_segments, 1, &model->segment));
+    SPIN_TRY(alloc_floats(model, (size_t)model->n_segments, 1, &model->segment));
     for (int i = 0; i < model->n_segments; i++)
         model->segment[i] = (float)i / (float)model->n_segments;
     return SPIN_OK;
@@ -284,7 +274,7 @@ static spin_status read_times(const struct cfg_args *cfg, struct model *model)
 
 /* The nearest one; where that is still to come, a constant step back from it. Differs: the step
  * before would be the previous entry if the entries were even, but training shifts them. */
-static float model_folder_time(const struct model *model, float time)
+static float canonical_time(const struct model *model, float time)
 {
     int nearest = 0;
 
@@ -299,72 +289,122 @@ static float model_folder_time(const struct model *model, float time)
 
 /* ---- Networks -------------------------------------------------------------------------------- */
 
-static spin_status load_global(struct spin_torch *torch, const char *prefix, double grid_pe,
-                               struct model *model)
+static spin_status load_global(struct spin_model *base)
 {
+    struct model *model = (struct model *)base;
     int n_out[N_HEADS] = {3, model->n_features, 3 * model->n_offsets, 6};
 
-    SPIN_TRY(spin_hex_load(torch, torch->root, prefix, grid_pe, &model->global));
+    SPIN_TRY(spin_model_dict(base));
+    if (!spin_hex_find(base))
+        return spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'");
+    SPIN_TRY(spin_hex_load(base, model->grid_pe, &model->global));
     for (int h = 0; h < N_HEADS; h++) {
-        if (spin_hex_has_head(torch->root, prefix, heads[h].tensor))
-            SPIN_TRY(spin_hex_load_head(torch, torch->root, prefix, heads[h].tensor,
-                                        model->global.width, n_out[h], &model->head[h]));
+        if (spin_model_get(base, "%s.1.weight", heads[h].tensor))
+            SPIN_TRY(spin_model_head(base, heads[h].tensor, model->global.width, n_out[h],
+                                     &model->head[h]));
     }
     return SPIN_OK;
 }
 
-static spin_status load_local(struct spin_torch *torch, const char *prefix, double grid_pe,
-                              bool moves, struct model *model)
+static spin_status load_local(struct spin_model *base)
 {
-    SPIN_TRY(spin_hex_load(torch, torch->root, prefix, grid_pe, &model->local));
-    if (moves)
-        return spin_hex_load_head(torch, torch->root, prefix, "pos_deform", model->local.width, 3,
-                                  &model->move);
-    return SPIN_OK;
+    struct model *model = (struct model *)base;
+
+    SPIN_TRY(spin_model_dict(base));
+    if (!spin_hex_find(base))
+        return spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'");
+    SPIN_TRY(spin_hex_load(base, model->grid_pe, &model->local));
+    if (model->still)
+        return SPIN_OK;
+    return spin_model_head(base, "pos_deform", model->local.width, 3, &model->move);
 }
 
-static spin_status open_network(const char *name, const struct cfg_args *cfg, struct model *model)
+static spin_status open_network(struct model *model, const char *name,
+                                spin_status (*load)(struct spin_model *m))
 {
-    struct spin_torch torch;
-    double grid_pe = 0;
-    bool still = false;
-    const char *prefix;
-    char *path = NULL;
-    spin_status status;
+    const char *path;
 
-    SPIN_TRY(spin_cfg_read_number(cfg, "grid_pe", &grid_pe));
-    SPIN_TRY(spin_cfg_read_bool(cfg, "no_dx", &still));
-    SPIN_TRY(spin_path_join(model->save, name, &path));
-    memset(&torch, 0, sizeof torch);
-    SPIN_TRY_OUT(spin_torch_open(path, &torch));
-    if (!torch.root || torch.root->kind != SPIN_VALUE_DICT)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict"));
-    prefix = spin_hex_prefix(torch.root);
-    if (!prefix)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'"));
-    if (strcmp(name, "deformation_GAD.pth") == 0)
-        SPIN_TRY_OUT(load_global(&torch, prefix, grid_pe, model));
-    else
-        SPIN_TRY_OUT(load_local(&torch, prefix, grid_pe, !still, model));
-out:
-    spin_torch_close(&torch);
-    status = spin_fail_reading(status, path);
-    free(path);
-    return status;
+    SPIN_TRY(spin_model_join(&model->base, &path, model->base.path, "%s", name));
+    return spin_model_torch(&model->base, path, load);
 }
 
 /* ---- opacity_mlp.pt -------------------------------------------------------------------------- */
 
-/* Only the sign of what comes out is of interest, so the tanh behind it is left out. */
-static spin_status read_opacity(struct model *model)
+/* Storage number `index`: finite floats, *count of them or, where it is 0, as many as there are. TorchScript
+ * numbers storages as it meets them: weight and bias of the first layer, of the second. */
+static spin_status read_storage(struct model *model, const struct spin_zip *zip, int index,
+                                size_t *count, const float **out)
 {
-    char *path = NULL;
+    const struct spin_zip_member *m = NULL;
+    const unsigned char *data;
+    void *owned = NULL;
+    float *values;
+    char name[24];
     spin_status status;
 
-    SPIN_TRY(spin_path_join(model->save, "opacity_mlp.pt", &path));
-    status = spin_torchscript_load(path, model->n_features, model->n_offsets, model->alive);
-    free(path);
-    return status;
+    snprintf(name, sizeof name, "/data/%d", index);
+    for (size_t i = 0; i < zip->n; i++) {
+        size_t n = strlen(zip->member[i].name), tail = strlen(name);
+
+        if (n > tail && strcmp(zip->member[i].name + n - tail, name) == 0)
+            m = &zip->member[i];
+    }
+    if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "member 'data/%d' is missing or not of the size of its "
+                         "layer",
+                         index);
+    SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
+    *count = (size_t)m->size / 4;
+    status = alloc_floats(model, *count, 1, &values);
+    if (status == SPIN_OK)
+        memcpy(values, data, (size_t)m->size);
+    free(owned);
+    SPIN_TRY(status);
+    *out = values;
+    if (spin_finite_missing(values, *count) > 0)
+        return spin_fail(SPIN_E_MALFORMED, "member 'data/%d' has values that are not finite",
+                         index);
+    return SPIN_OK;
+}
+
+/* Linear(A + 3 or A + 4, A) and Linear(A, offsets) of A features and the view, as torch.jit.trace() saves them: a
+ * zip whose program is not read. Only the sign of what comes out is of interest, so the tanh behind it is left
+ * out. */
+static spin_status read_layers(struct model *model, const struct spin_zip *zip)
+{
+    struct mlp_layer *layer = model->alive.layer;
+    size_t a = (size_t)model->n_features, k = (size_t)model->n_offsets;
+    size_t n_in = 0, n_bias = a, n_out = a * k, n_last = k;
+
+    SPIN_TRY(read_storage(model, zip, 0, &n_in, &layer[0].weight));
+    if (n_in != a * (a + 3) && n_in != a * (a + 4))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "member 'data/0' has %zu values, expected %zu or %zu for %zu features",
+                         n_in, a * (a + 3), a * (a + 4), a);
+    SPIN_TRY(read_storage(model, zip, 1, &n_bias, &layer[0].bias));
+    SPIN_TRY(read_storage(model, zip, 2, &n_out, &layer[1].weight));
+    SPIN_TRY(read_storage(model, zip, 3, &n_last, &layer[1].bias));
+    layer[0].n_in = (int)(n_in / a);
+    layer[0].n_out = layer[1].n_in = (int)a;
+    layer[0].ending = MLP_RELU;
+    layer[1].n_out = (int)k;
+    model->alive.n = 2;
+    return SPIN_OK;
+}
+
+static spin_status read_opacity(struct model *model)
+{
+    struct spin_zip zip = {0};
+    const char *path;
+    spin_status status;
+
+    SPIN_TRY(spin_model_join(&model->base, &path, model->base.path, "opacity_mlp.pt"));
+    status = spin_zip_open(path, &zip);
+    if (status == SPIN_OK)
+        status = read_layers(model, &zip);
+    spin_zip_close(&zip);
+    return spin_fail_reading(status, path);
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -380,8 +420,37 @@ static size_t count_scratch(const struct model *model)
            (a + 4 + a + k) * MLP_BLOCK + 3 * k * MLP_BLOCK + 4 * MLP_BLOCK;
 }
 
-static void describe(struct model *model, struct spin_sequence_info *sequence)
+static spin_status open_model(void *self, const char *path)
 {
+    struct model *model = self;
+    struct spin_model *base = self;
+    struct spin_sequence_info *sequence = base->sequence;
+    const struct cfg_args *cfg = &base->settings.cfg;
+    const char *wanted = spin_model_option(base, "iteration");
+    bool coarse;
+
+    SPIN_TRY(spin_model_save(base, path, "deformation_GAD.pth", &base->path));
+    if (!base->path)
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s",
+                         path, wanted ? wanted : "<N>",
+                         spin_model_search(path, "deformation.pth", &coarse)
+                             ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of "
+                               "MoDec-GS without GLMD, which is not read"
+                             : "");
+    SPIN_TRY(spin_model_cfg(base, path, base->path));
+    SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));
+    SPIN_TRY(read_anchors(model));
+    SPIN_TRY(read_settings(model));
+    SPIN_TRY(read_times(model));
+    SPIN_TRY(spin_cfg_read_number(cfg, "grid_pe", &model->grid_pe));
+    SPIN_TRY(spin_cfg_read_bool(cfg, "no_dx", &model->still));
+    SPIN_TRY(open_network(model, "deformation_GAD.pth", load_global));
+    SPIN_TRY(open_network(model, "deformation_LGD.pth", load_local));
+    if (model->cameras.n > 0)
+        SPIN_TRY(read_opacity(model));
+    SPIN_TRY(alloc_floats(model, model->most, 3, &model->centre));
+    SPIN_TRY(spin_model_alloc(base, model->most, sizeof *model->kept, (void **)&model->kept));
     sequence->n_frames = 1;
     sequence->identity = model->cameras.n == 0;
     sequence->counts = model->cameras.n > 0 ? NULL : &model->most;
@@ -396,78 +465,10 @@ static void describe(struct model *model, struct spin_sequence_info *sequence)
         spin_note(sequence, "all offsets are imported, also those that no camera sees: --camera "
                             "says where cameras are");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
+    return spin_mlp_team_create(count_scratch(model), &base->team);
 }
 
-static spin_status open_model(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                              struct model *model, struct spin_sequence_info *sequence)
-{
-    SPIN_TRY(spin_camera_places_parse(spin_plugin_value(values, "camera", NULL), &model->cameras));
-    SPIN_TRY(read_anchors(model));
-    SPIN_TRY(read_settings(cfg, model));
-    SPIN_TRY(read_times(cfg, model));
-    SPIN_TRY(open_network("deformation_GAD.pth", cfg, model));
-    SPIN_TRY(open_network("deformation_LGD.pth", cfg, model));
-    if (model->cameras.n > 0)
-        SPIN_TRY(read_opacity(model));
-    SPIN_TRY(alloc_floats(model->most, 3, &model->centre));
-    SPIN_TRY(spin_alloc(model->most, sizeof *model->kept, (void **)&model->kept));
-    describe(model, sequence);
-    return spin_mlp_team_create(count_scratch(model), &model->team);
-}
-
-static spin_status modecgs_open(const char *path, const struct spin_plugin_values *values,
-                                void **self, struct spin_sequence_info *sequence)
-{
-    const char *wanted = spin_plugin_value(values, "iteration", NULL);
-    struct cfg_args cfg;
-    struct model *model;
-    bool coarse;
-    spin_status status;
-
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    model = *self;
-    SPIN_TRY(spin_model_folder_save(path, wanted, "deformation_GAD.pth", &model->save));
-    if (!model->save)
-        return spin_fail(SPIN_E_NOT_FOUND,
-                         "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s",
-                         path, wanted ? wanted : "<N>",
-                         spin_model_folder_search(path, "deformation.pth", &coarse)
-                             ? "; what has 'deformation.pth' alone is a run of 4DGaussians, or of "
-                               "MoDec-GS without GLMD, which is not read"
-                             : "");
-    status = spin_model_folder_cfg(path, model->save, &cfg);
-    if (status == SPIN_OK)
-        status = open_model(&cfg, values, model, sequence);
-    spin_cfg_close(&cfg);
-    return status;
-}
-
-static void modecgs_close(void *self)
-{
-    struct model *model = self;
-
-    if (!model)
-        return;
-    spin_hex_free(&model->global);
-    spin_hex_free(&model->local);
-    for (int h = 0; h < N_HEADS; h++)
-        spin_hex_head_free(&model->head[h]);
-    spin_hex_head_free(&model->move);
-    spin_mlp_free(&model->alive[0]);
-    spin_mlp_free(&model->alive[1]);
-    spin_mlp_team_free(&model->team);
-    free(model->anchor);
-    free(model->offset);
-    free(model->feature);
-    free(model->scaling);
-    free(model->dynamics);
-    free(model->segment);
-    free(model->centre);
-    free(model->kept);
-    free(model->save);
-    free(model);
-}
+SPIN_MODEL_OPEN(modecgs_open, struct model, open_model)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
@@ -511,15 +512,15 @@ static void deform_anchors(const struct job *job, size_t first, int n, struct pa
     const float *from[N_HEADS] = {model->anchor, model->feature, model->offset, model->scaling};
     int width[N_HEADS] = {3, model->n_features, 3 * model->n_offsets, 6};
     const float *xyz = model->anchor + 3 * first;
-    const float *h = spin_hex_hidden(&model->global, xyz, n, job->canonical, parts->network);
-    float *spare = spin_hex_spare(&model->global, h, parts->network), mask[MLP_BLOCK];
+    float *spare, mask[MLP_BLOCK];
+    float *h =
+        spin_hex_hidden(&model->global, xyz, n, job->canonical, parts->network, &spare, mask);
 
-    spin_hex_mask(&model->global, xyz, n, h, spare, mask);
     for (int i = 0; i < N_HEADS; i++) {
-        bool any = model->head[i].first.n_in > 0;
+        bool any = model->head[i].n > 0;
 
         if (any)
-            spin_hex_head(&model->head[i], h, spare, parts->deform[i]);
+            spin_mlp_run(&model->head[i], h, spare, parts->deform[i]);
         for (int p = 0; p < n; p++) {
             size_t row = first + (size_t)p;
             float factor = model->scaled[i] ? model->dynamics[2 * row + (i != ANCHOR)] : 1;
@@ -569,8 +570,7 @@ static void find_alive(const struct model *model, size_t first, int n, struct pa
                 v[d * MLP_BLOCK] /= norm;
             v[3 * MLP_BLOCK] = norm; /* taken only where the layer is that wide */
         }
-        spin_mlp_linear(&model->alive[0], parts->in, parts->layer, true);
-        spin_mlp_linear(&model->alive[1], parts->layer, parts->alive, false);
+        spin_mlp_run(&model->alive, parts->in, parts->layer, parts->alive);
         for (int p = 0; p < n; p++)
             for (size_t i = 0; i < k; i++)
                 model->kept[(first + (size_t)p) * k + i] |=
@@ -585,18 +585,18 @@ static void move_centres(const struct job *job, size_t first, int n, struct part
     float *to = job->model->centre + 3 * first * (size_t)model->n_offsets;
     int n_centres = n * model->n_offsets;
 
-    if (model->move.first.n_in == 0) {
+    if (model->move.n == 0) {
         memcpy(to, parts->centre, 3 * (size_t)n_centres * sizeof *to);
         return;
     }
     for (int at = 0; at < n_centres; at += MLP_BLOCK) {
         int left = n_centres - at < MLP_BLOCK ? n_centres - at : MLP_BLOCK;
         const float *xyz = parts->centre + 3 * at;
-        const float *h = spin_hex_hidden(&model->local, xyz, left, job->time, parts->network);
-        float *spare = spin_hex_spare(&model->local, h, parts->network), mask[MLP_BLOCK];
+        float *spare, mask[MLP_BLOCK];
+        float *h =
+            spin_hex_hidden(&model->local, xyz, left, job->time, parts->network, &spare, mask);
 
-        spin_hex_mask(&model->local, xyz, left, h, spare, mask);
-        spin_hex_head(&model->move, h, spare, parts->residual);
+        spin_mlp_run(&model->move, h, spare, parts->residual);
         for (int p = 0; p < left; p++)
             for (int d = 0; d < 3; d++)
                 to[3 * (at + p) + d] =
@@ -623,18 +623,18 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
                                  struct spin_splats *out)
 {
     struct model *model = self;
-    struct job job = {model, (float)time, model_folder_time(model, (float)time)};
+    struct job job = {model, (float)time, canonical_time(model, (float)time)};
     size_t n = 0;
 
     (void)frame;
     if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->save, time);
-    spin_mlp_team_run(&model->team, model->n, evaluate, &job);
+        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", model->base.path, time);
+    spin_mlp_team_run(&model->base.team, model->n, evaluate, &job);
     for (size_t i = 0; i < model->most; i++)
         n += model->kept[i];
     if (n == 0)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': no offset is opaque for --camera at time %g",
-                         model->save, time);
+                         model->base.path, time);
     columns &= SPIN_COL_MEANS;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     n = 0;
@@ -642,7 +642,7 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
         if (model->kept[i])
             memcpy(out->means + 3 * n++, model->centre + 3 * i, 3 * sizeof *out->means);
     }
-    return spin_model_folder_check(model->save, time, columns, out);
+    return spin_model_check(model->base.path, time, columns, out);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -660,5 +660,5 @@ const struct spin_importer spin_importer_modecgs = {
     .probe = probe,
     .open = modecgs_open,
     .frame = modecgs_frame,
-    .close = modecgs_close,
+    .close = spin_model_close,
 };

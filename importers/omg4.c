@@ -4,19 +4,13 @@
  * Shapes lie in codebooks behind Huffman codes. Opacity and colour come from four small networks
  * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
  * networks over those Gaussians that it sees. */
-#include "spin.h"
-
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "importers/lib/huffman.h"
-#include "importers/lib/mlp_eval.h"
-#include "importers/lib/notes.h"
-#include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/xz.h"
 #include "math/contract.h"
+#include "math/ntc.h"
 
 #define UNPACKED_LIMIT ((size_t)1 << 30)
 #define LEAST_WEIGHT 0.05             /* Realtime-4DGS's rule */
@@ -36,22 +30,21 @@ enum { CONT, DC, OPACITY, SH, N_NETS };
 static const struct {
     const char *key;
     int n_out; /* rows of the last matrix; a multiple of 16 */
-    float leak;
-} nets[N_NETS] = {
-    {"MLP_cont", 16, 0}, {"MLP_dc", 16, 0.01f}, {"MLP_opacity", 16, 0.01f}, {"MLP_sh", 144, 0.01f}};
+    enum mlp_ending hidden;
+} nets[N_NETS] = {{"MLP_cont", 16, MLP_RELU},
+                  {"MLP_dc", 16, MLP_LEAKY},
+                  {"MLP_opacity", 16, MLP_LEAKY},
+                  {"MLP_sh", 144, MLP_LEAKY}};
 
 struct model {
-    struct spin_pickle pickle;
-    bool parsed, moving; /* moving: FTGS */
-    char *path;
-    struct run_config settings;
+    struct spin_model base;
+    struct spin_pickle pickle; /* while it is read */
+    bool moving;               /* FTGS */
     struct clip_times times;
     size_t n;
     struct gaussian4d gaussians;
     float *app; /* [n][6] of the rows of the file */
-    struct mlp_linear layer[N_NETS][2];
-    float *zero;          /* the biases: there are none */
-    struct mlp_team team; /* made for the first frame that needs it */
+    struct mlp_net net[N_NETS];
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -72,12 +65,124 @@ static int probe(const struct spin_peek *peek)
             return 0;
         return strcmp(spin_path_name(peek->path), "comp.xz") == 0 ? 95 : 60;
     }
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], "comp.xz") == 0)
-            return 95;
+    for (size_t i = 0; peek->names && peek->names[i]; i++)
         n_xz += is_xz_name(peek->names[i]);
+    return spin_peek_has(peek, "comp.xz") ? 95 : n_xz == 1 ? 50 : 0;
+}
+
+/* ---- Huffman codes --------------------------------------------------------------------------- */
+
+/* As the Python package dahuffman pickles them: the table is the code, as it need not be canonical. */
+struct huffman_node {
+    uint32_t child[2]; /* 0: none */
+    int64_t label;
+};
+
+struct huffman {
+    struct huffman_node *node;
+    size_t n, capacity;
+};
+
+#define MAX_CODE_BITS 63
+
+/* Of nodes; leaves have a label >= 0, or END. */
+enum { INNER = -1, END = -2 };
+
+static spin_status new_node(struct huffman *tree, uint32_t *out)
+{
+    if (tree->n > UINT32_MAX / 2)
+        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is too large");
+    SPIN_TRY(spin_room(tree->n, &tree->capacity, sizeof *tree->node, (void **)&tree->node));
+    *out = (uint32_t)tree->n;
+    tree->node[tree->n++] = (struct huffman_node){{0, 0}, INNER};
+    return SPIN_OK;
+}
+
+static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64_t label)
+{
+    uint32_t at = 0;
+
+    for (int b = bits - 1; b >= 0; b--) {
+        int side = (int)(code >> b & 1);
+        uint32_t next = tree->node[at].child[side];
+
+        if (tree->node[at].label != INNER)
+            return spin_fail(SPIN_E_MALFORMED, "one Huffman code is the beginning of another");
+        if (next == 0) {
+            SPIN_TRY(new_node(tree, &next));
+            tree->node[at].child[side] = next;
+        }
+        at = next;
     }
-    return n_xz == 1 ? 50 : 0;
+    if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
+        return spin_fail(SPIN_E_MALFORMED,
+                         "two Huffman codes are equal, or one is the beginning of the other");
+    tree->node[at].label = label;
+    return SPIN_OK;
+}
+
+/* From the table {label: (bits, code), ..., end mark: (bits, code)}; *tree is zero before. */
+static spin_status huffman_build(const struct spin_value *table, struct huffman *tree)
+{
+    uint32_t root;
+
+    if (!table || table->kind != SPIN_VALUE_DICT || table->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "a Huffman table is not a dict, or empty");
+    SPIN_TRY(new_node(tree, &root));
+    for (size_t i = 0; i < table->n; i++) {
+        const struct spin_value *key = table->item[2 * i], *entry = table->item[2 * i + 1];
+        const struct spin_value *bits = spin_value_at(entry, 0), *code = spin_value_at(entry, 1);
+        double label = END;
+
+        if (key->kind != SPIN_VALUE_OBJECT &&
+            (!spin_value_number(key, &label) || !(label >= 0) || label > 1e9))
+            return spin_fail(SPIN_E_MALFORMED, "a Huffman table has a label that is no number");
+        if (!bits || !code || bits->kind != SPIN_VALUE_INT || code->kind != SPIN_VALUE_INT ||
+            bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
+            code->integer >> bits->integer != 0)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "a Huffman table has a code that is not (bits, value) of at most %d "
+                             "bits",
+                             MAX_CODE_BITS);
+        SPIN_TRY(add_code(tree, (int)bits->integer, (uint64_t)code->integer, (int64_t)label));
+    }
+    return SPIN_OK;
+}
+
+/* n labels below n_labels. The end mark may be missing or cut off: what counts is how many came. */
+static spin_status huffman_read(const struct huffman *tree, const struct spin_value *bytes,
+                                size_t n, uint64_t n_labels, uint32_t *out)
+{
+    uint32_t at = 0;
+    size_t found = 0;
+
+    for (size_t i = 0; i < 8 * bytes->n; i++) {
+        int bit = (unsigned char)bytes->text[i / 8] >> (7 - i % 8) & 1;
+        int64_t label;
+
+        at = tree->node[at].child[bit];
+        if (at == 0) {
+            if (found == n) /* padding behind the last label */
+                return SPIN_OK;
+            return spin_fail(SPIN_E_MALFORMED, "the bits after label %zu are no Huffman code",
+                             found);
+        }
+        label = tree->node[at].label;
+        if (label == INNER)
+            continue;
+        if (label == END)
+            break;
+        if ((uint64_t)label >= n_labels)
+            return spin_fail(SPIN_E_MALFORMED, "label %lld, but the codebook has %llu entries",
+                             (long long)label, (unsigned long long)n_labels);
+        if (found == n)
+            return spin_fail(SPIN_E_MALFORMED, "more than %zu labels", n);
+        out[found++] = (uint32_t)label;
+        at = 0;
+    }
+    if (found != n)
+        return spin_fail(SPIN_E_MALFORMED, "%zu labels, expected %zu", found, n);
+    return SPIN_OK;
 }
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
@@ -91,7 +196,7 @@ static const struct spin_array *as_array(const struct spin_value *v)
     return &v->tensor;
 }
 
-/* [n][width], malloc'd; m->n is set by the first. */
+/* [n][width], while open() runs; m->n is set by the first. */
 static spin_status load(struct model *m, const char *key, size_t width, float **out)
 {
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
@@ -103,7 +208,7 @@ static spin_status load(struct model *m, const char *key, size_t width, float **
     if (t->shape[0] == 0)
         return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
     m->n = (size_t)t->shape[0];
-    SPIN_TRY(spin_alloc(m->n, width * sizeof **out, (void **)out));
+    SPIN_TRY(spin_model_scratch(&m->base, m->n, width * sizeof **out, (void **)out));
     spin_array_to_f32(t, 0, t->count, *out);
     return SPIN_OK;
 }
@@ -132,15 +237,15 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
 
     if (!index || index->kind != SPIN_VALUE_BYTES)
         return spin_fail(SPIN_E_MALFORMED, "an index is not bytes");
-    SPIN_TRY_OUT(spin_huffman_build(table, &tree));
+    SPIN_TRY_OUT(huffman_build(table, &tree));
     SPIN_TRY_OUT(spin_alloc(m->n, sizeof *labels, (void **)&labels));
-    SPIN_TRY_OUT(spin_huffman_read(&tree, index, m->n, book->shape[0], labels));
+    SPIN_TRY_OUT(huffman_read(&tree, index, m->n, book->shape[0], labels));
     SPIN_TRY_OUT(spin_alloc((size_t)book->count, sizeof *values, (void **)&values));
     spin_array_to_f32(book, 0, book->count, values);
     for (size_t i = 0; i < m->n; i++)
         memcpy(out + i * width + at, values + labels[i] * length, length * sizeof *out);
 out:
-    spin_huffman_free(&tree);
+    free(tree.node);
     free(labels);
     free(values);
     return status;
@@ -178,74 +283,37 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
     return SPIN_OK;
 }
 
-/* A quantised column, malloc'd. */
+/* A quantised column, while open() runs. */
 static spin_status load_coded(struct model *m, const char *name, size_t width, float **out)
 {
-    SPIN_TRY(spin_alloc(m->n, width * sizeof **out, (void **)out));
+    SPIN_TRY(spin_model_scratch(&m->base, m->n, width * sizeof **out, (void **)out));
     return read_parts(m, name, width, *out);
 }
 
 /* ---- Networks -------------------------------------------------------------------------------- */
 
-static int n_encoded(const struct model *m) { return 2 * OCTAVES * (m->moving ? 3 : 4); }
-
-/* Two matrices in one row of numbers: [64][in], then [out][64]. */
+/* Two matrices in one row of numbers: [64][in], then [out][64]; no biases, and all of it in half precision. */
 static spin_status load_net(struct model *m, int net)
 {
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, nets[net].key));
-    int n_in = net == CONT ? n_encoded(m) : HEAD_IN;
-    size_t first = (size_t)HIDDEN * (size_t)n_in, count = first + (size_t)HIDDEN * nets[net].n_out;
-    struct mlp_linear *l = m->layer[net];
+    int n_in = net == CONT ? 2 * OCTAVES * (m->moving ? 3 : 4) : HEAD_IN, n_out = nets[net].n_out;
+    size_t first = (size_t)HIDDEN * (size_t)n_in, count = first + (size_t)HIDDEN * (size_t)n_out;
+    float *weight;
 
     if (!t || t->n_dims != 1 || t->count != count)
         return spin_fail(SPIN_E_MALFORMED, "'%s' is missing or no array [%zu]", nets[net].key,
                          count);
-    SPIN_TRY(spin_alloc(first, sizeof(float), (void **)&l[0].weight));
-    SPIN_TRY(spin_alloc(count - first, sizeof(float), (void **)&l[1].weight));
-    spin_array_to_f32(t, 0, first, l[0].weight);
-    spin_array_to_f32(t, first, count - first, l[1].weight);
-    for (size_t i = 0; i < count; i++) {
-        float w = i < first ? l[0].weight[i] : l[1].weight[i - first];
-
-        if (!isfinite(w))
-            return spin_fail(SPIN_E_MALFORMED, "'%s' has a weight that is not finite",
-                             nets[net].key);
-    }
-    l[0].n_in = n_in;
-    l[0].n_out = l[1].n_in = HIDDEN;
-    l[1].n_out = nets[net].n_out;
-    l[0].bias = l[1].bias = m->zero;
+    SPIN_TRY(spin_model_alloc(&m->base, count, sizeof *weight, (void **)&weight));
+    spin_array_to_f32(t, 0, count, weight);
+    if (spin_finite_missing(weight, count) > 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' has a weight that is not finite", nets[net].key);
+    m->net[net] = (struct mlp_net){
+        .n = 2,
+        .half = true,
+        .layer = {{n_in, HIDDEN, nets[net].hidden, weight, NULL},
+                  {HIDDEN, n_out, MLP_PLAIN, weight + first, NULL}},
+    };
     return SPIN_OK;
-}
-
-static spin_status load_nets(struct model *m)
-{
-    SPIN_TRY(spin_alloc(256, sizeof *m->zero, (void **)&m->zero));
-    for (int net = 0; net < N_NETS; net++)
-        SPIN_TRY(load_net(m, net));
-    return SPIN_OK;
-}
-
-/* The original computes in half: 11 bits are kept (Veltkamp's splitting; halves that are subnormal
- * differ by less than their last bit, which is far below what networks notice). */
-static inline float to_half(float x)
-{
-    float c = x * 8193.0f;
-
-    return c - (c - x);
-}
-
-/* out [n_out][MLP_BLOCK]; hidden [HIDDEN][MLP_BLOCK] */
-static void run_net(const struct model *m, int net, const float *in, float *hidden, float *out)
-{
-    float leak = nets[net].leak;
-
-    spin_mlp_linear(&m->layer[net][0], in, hidden, false);
-    for (int i = 0; i < HIDDEN * MLP_BLOCK; i++)
-        hidden[i] = to_half(hidden[i] < 0 ? leak * hidden[i] : hidden[i]);
-    spin_mlp_linear(&m->layer[net][1], hidden, out, false);
-    for (int i = 0; i < nets[net].n_out * MLP_BLOCK; i++)
-        out[i] = to_half(out[i]);
 }
 
 /* sin and cos of 2^k pi x, k = 0..15. Turns are counted in double: the last argument reaches 10^5.
@@ -256,8 +324,8 @@ static void encode(float x, float *out)
         double turns = (double)x * (1 << k);
         double angle = 3.141592653589793 * (turns - 2 * floor(0.5 * turns));
 
-        out[(2 * k) * MLP_BLOCK] = to_half((float)sin(angle));
-        out[(2 * k + 1) * MLP_BLOCK] = to_half((float)cos(angle));
+        out[(2 * k) * MLP_BLOCK] = spin_half((float)sin(angle));
+        out[(2 * k + 1) * MLP_BLOCK] = spin_half((float)cos(angle));
     }
 }
 
@@ -318,7 +386,7 @@ static void fill_input(const struct pass *p, size_t first, int n, int from, cons
         const float *app = p->m->app + N_APP * g->row[g->kept[first + (size_t)b]] + from;
 
         for (int c = 0; c < 3; c++)
-            in[(N_FEATURES + c) * MLP_BLOCK + b] = to_half(app[c]);
+            in[(N_FEATURES + c) * MLP_BLOCK + b] = spin_half(app[c]);
     }
 }
 
@@ -336,11 +404,11 @@ static void run_colours(const struct pass *p, size_t first, int n, float *scratc
     float *in = scratch + INPUT * MLP_BLOCK, *hidden = scratch + HIDE * MLP_BLOCK;
     float *result = scratch + RESULT * MLP_BLOCK;
 
-    run_net(m, DC, in, hidden, result);
+    spin_mlp_run(&m->net[DC], in, hidden, result);
     for (int b = 0; b < n; b++)
         take_rows(result, b, 0, 1, sh[b]);
     fill_input(p, first, n, 3, scratch + FEATURES * MLP_BLOCK, in);
-    run_net(m, SH, in, hidden, result);
+    spin_mlp_run(&m->net[SH], in, hidden, result);
     for (int b = 0; b < n; b++) {
         size_t k = first + (size_t)b, i = m->gaussians.kept[k];
 
@@ -359,10 +427,11 @@ static void run_block(void *context, size_t first, int n, float *scratch)
     float *result = scratch + RESULT * MLP_BLOCK;
 
     encode_block(p, first, n, scratch + ENCODED * MLP_BLOCK);
-    run_net(m, CONT, scratch + ENCODED * MLP_BLOCK, hidden, scratch + FEATURES * MLP_BLOCK);
+    spin_mlp_run(&m->net[CONT], scratch + ENCODED * MLP_BLOCK, hidden,
+                 scratch + FEATURES * MLP_BLOCK);
     fill_input(p, first, n, 0, scratch + FEATURES * MLP_BLOCK, in);
     if (p->columns & SPIN_COL_LOGIT_OPACITIES) {
-        run_net(m, OPACITY, in, hidden, result);
+        spin_mlp_run(&m->net[OPACITY], in, hidden, result);
         for (int b = 0; b < n; b++) {
             size_t k = first + (size_t)b;
 
@@ -381,24 +450,14 @@ struct columns {
     float *xyz, *t, *scale, *rotation, *right, *scale_t, *velocity;
 };
 
-static void columns_free(struct columns *c)
-{
-    free(c->xyz);
-    free(c->t);
-    free(c->scale);
-    free(c->rotation);
-    free(c->right);
-    free(c->scale_t);
-    free(c->velocity);
-}
-
 static spin_status load_columns(struct model *m, struct columns *c)
 {
     SPIN_TRY(load(m, m->moving ? "means" : "xyz", 3, &c->xyz));
     SPIN_TRY(load(m, m->moving ? "times" : "t", 1, &c->t));
     SPIN_TRY(load_coded(m, "scale", 3, &c->scale));
     SPIN_TRY(load_coded(m, "rotation", 4, &c->rotation));
-    SPIN_TRY(load_coded(m, "app", N_APP, &m->app));
+    SPIN_TRY(spin_model_alloc(&m->base, m->n, N_APP * sizeof *m->app, (void **)&m->app));
+    SPIN_TRY(read_parts(m, "app", N_APP, m->app));
     if (m->moving) {
         SPIN_TRY(load_coded(m, "durations", 1, &c->scale_t));
         return load_coded(m, "velocities", 3, &c->velocity);
@@ -438,45 +497,35 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
     spin_gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
 }
 
-static spin_status add_rows(struct model *m, const struct columns *c,
-                            struct spin_sequence_info *sequence)
+static spin_status find_times(struct model *m)
 {
-    SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->n));
-    for (size_t i = 0; i < m->n; i++)
-        add_row(m, c, i);
-    return spin_gaussian4d_check(&m->gaussians, m->n, 0, "values that are not finite", sequence);
-}
-
-static spin_status find_times(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_sequence_info *sequence)
-{
-    const char *asked = spin_plugin_value(values, "time-duration", NULL);
+    struct spin_model *base = &m->base;
+    const char *asked = spin_model_option(base, "time-duration");
 
     if (m->moving) /* fixed in its code, and no formula needs it */
         return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
-    SPIN_TRY(spin_run_config_open(m->path, spin_plugin_value(values, "config", NULL),
-                                  "time_duration", &m->settings));
-    SPIN_TRY(spin_run_config_times(&m->settings, asked, m->gaussians.time, m->gaussians.n, 1,
+    SPIN_TRY(spin_run_config_open(base->path, spin_model_option(base, "config"), "time_duration",
+                                  &base->settings));
+    SPIN_TRY(spin_run_config_times(&base->settings, asked, m->gaussians.time, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
         spin_note(
-            sequence,
+            base->sequence,
             "time_duration is not in the file: assumed %g,%g, as the Gaussians' own times run; "
             "colours and opacities depend on it: --time-duration or --config sets it",
             m->times.first, m->times.last);
     return SPIN_OK;
 }
 
-static spin_status find_file(const char *path, char **out)
+static spin_status find_file(struct spin_model *m, const char *path)
 {
-    char **names = NULL;
+    char **names;
     const char *best = NULL;
-    size_t n = 0, n_xz = 0;
-    spin_status status;
+    size_t n, n_xz = 0;
 
     if (!spin_path_is_folder(path))
-        return spin_strdup(path, out);
-    SPIN_TRY(spin_folder_list(path, &names, &n));
+        return spin_model_text(m, &m->path, "%s", path);
+    SPIN_TRY(spin_model_names(m, path, &names, &n));
     for (size_t i = 0; i < n; i++) {
         bool is_comp = strcmp(names[i], "comp.xz") == 0;
 
@@ -486,12 +535,9 @@ static spin_status find_file(const char *path, char **out)
         n_xz = is_comp ? 1 : n_xz + 1;
     }
     if (n_xz == 1)
-        status = spin_path_join(path, best, out);
-    else
-        status = spin_fail(SPIN_E_NOT_FOUND, "'%s' holds %s", path,
-                           n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
-    spin_folder_list_free(names);
-    return status;
+        return spin_model_join(m, &m->path, path, "%s", best);
+    return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds %s", path,
+                     n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
 }
 
 static spin_status parse(struct model *m)
@@ -500,96 +546,67 @@ static spin_status parse(struct model *m)
     size_t n = 0;
     spin_status status;
 
-    SPIN_TRY(spin_xz_load(m->path, UNPACKED_LIMIT, &bytes, &n));
-    status = spin_pickle_parse(m->path, bytes, n, &m->pickle);
+    SPIN_TRY(spin_xz_load(m->base.path, UNPACKED_LIMIT, &bytes, &n));
+    status = spin_pickle_parse(m->base.path, bytes, n, &m->pickle);
     free(bytes);
-    SPIN_TRY(status);
-    m->parsed = true;
-    m->moving = spin_value_get(m->pickle.root, "means") != NULL;
-    if (!m->moving && !spin_value_get(m->pickle.root, "xyz"))
-        return spin_fail(SPIN_E_MALFORMED, "the pickle is not a dict with 'xyz' or 'means'");
-    return SPIN_OK;
-}
-
-static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_sequence_info *sequence)
-{
-    struct columns c = {0};
-    spin_status status;
-
-    SPIN_TRY(parse(m));
-    SPIN_TRY_OUT(load_columns(m, &c));
-    SPIN_TRY_OUT(load_nets(m));
-    SPIN_TRY_OUT(add_rows(m, &c, sequence));
-    SPIN_TRY_OUT(find_times(m, values, sequence));
-    spin_pickle_free(&m->pickle);
-    m->parsed = false;
-    sequence->n_frames = 1;
-    sequence->continuous = true;
-    sequence->time_first = m->times.first;
-    sequence->time_last = m->times.last;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->sh_degree = 3;
-    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians",
-             m->moving ? "OMG4-FTGS" : "OMG4", m->n);
-out:
-    columns_free(&c);
     return status;
 }
 
-static spin_status omg4_open(const char *path, const struct spin_plugin_values *values, void **self,
-                             struct spin_sequence_info *sequence)
+static spin_status read_pickle(struct model *m)
 {
-    struct model *m;
+    struct columns c = {0};
 
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *m, self));
-    m = *self;
-    SPIN_TRY(find_file(path, &m->path));
-    return spin_fail_reading(open_model(m, values, sequence), m->path);
+    m->moving = spin_value_get(m->pickle.root, "means") != NULL;
+    if (!m->moving && !spin_value_get(m->pickle.root, "xyz"))
+        return spin_fail(SPIN_E_MALFORMED, "the pickle is not a dict with 'xyz' or 'means'");
+    SPIN_TRY(load_columns(m, &c));
+    for (int net = 0; net < N_NETS; net++)
+        SPIN_TRY(load_net(m, net));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->n));
+    for (size_t i = 0; i < m->n; i++)
+        add_row(m, &c, i);
+    SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->n, 0, "values that are not finite",
+                                   m->base.sequence));
+    return find_times(m);
 }
 
-static void omg4_close(void *self)
+static spin_status open_model(void *self, const char *path)
 {
     struct model *m = self;
+    spin_status status;
 
-    if (!m)
-        return;
-    if (m->parsed)
+    SPIN_TRY(find_file(&m->base, path));
+    status = parse(m);
+    if (status == SPIN_OK) {
+        status = read_pickle(m);
         spin_pickle_free(&m->pickle);
-    spin_run_config_close(&m->settings);
-    spin_gaussian4d_free(&m->gaussians);
-    for (int net = 0; net < N_NETS; net++) {
-        free(m->layer[net][0].weight);
-        free(m->layer[net][1].weight);
     }
-    if (m->team.pool)
-        spin_mlp_team_free(&m->team);
-    free(m->zero);
-    free(m->app);
-    free(m->path);
-    free(m);
+    SPIN_TRY(spin_fail_reading(status, m->base.path));
+    m->gaussians.sh_degree = 3;
+    m->gaussians.least_weight = m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT;
+    spin_gaussian4d_describe(&m->gaussians, &m->times, m->base.sequence);
+    snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
+             m->moving ? "OMG4-FTGS" : "OMG4", m->n);
+    return SPIN_OK;
 }
+
+SPIN_MODEL_OPEN(omg4_open, struct model, open_model)
 
 /* ---- One time -------------------------------------------------------------------------------- */
 
 static spin_status omg4_frame(void *self, int frame, double time, unsigned columns,
                               struct spin_splats *out)
 {
+    const unsigned networks = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
     struct model *m = self;
     struct pass pass = {m, time, columns, out};
 
-    if (frame < 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    spin_gaussian4d_select(&m->gaussians, time, m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT, 0);
-    SPIN_TRY(spin_splats_reserve(out, m->gaussians.n_kept, columns, 3));
-    spin_gaussian4d_fill(&m->gaussians, time, columns & ~(unsigned)SPIN_COL_LOGIT_OPACITIES, out);
-    if (!(columns & (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH)))
+    SPIN_TRY(spin_gaussian4d_frame(&m->base, &m->gaussians, frame, time, columns, NULL, out));
+    if (!(columns & networks))
         return SPIN_OK;
-    if (!m->team.scratch)
-        SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->team));
-    spin_mlp_team_run(&m->team, m->gaussians.n_kept, run_block, &pass);
+    if (!m->base.team.scratch) /* for the first frame that needs it */
+        SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
+    spin_mlp_team_run(&m->base.team, m->gaussians.n_kept, run_block, &pass);
     return SPIN_OK;
 }
 
@@ -608,5 +625,5 @@ const struct spin_importer spin_importer_omg4 = {
     .probe = probe,
     .open = omg4_open,
     .frame = omg4_frame,
-    .close = omg4_close,
+    .close = spin_model_close,
 };

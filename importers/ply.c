@@ -13,7 +13,7 @@
 #include "base/mem.h"
 #include "formats/compressed_ply.h"
 #include "formats/gs_ply.h"
-#include "importers/lib/notes.h"
+#include "importers/lib/model.h"
 #include "importers/lib/ply_sequence.h"
 #include "math/quat.h"
 

@@ -3,20 +3,14 @@
  * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales. Colours do
  * not change in time. The renderer culls next to nothing, so that every slow Gaussian is in every
  * frame with an opacity of nearly 0; here those that no 8-bit image could show are left out. */
-#include "spin.h"
-
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
 #include "base/option.h"
 #include "importers/lib/chkpnt.h"
-#include "importers/lib/notes.h"
-#include "importers/lib/run_config.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
-#include "io/torch.h"
 
 /* 3DGS renderers skip what is fainter. */
 #define LEAST_OPACITY (1.0 / 255)
@@ -26,17 +20,10 @@
 #define BELL_WEIGHT 0.05
 
 struct model {
-    struct spin_torch torch;
-    bool torch_open;
-    char *path;
-    struct run_config settings;
-    const struct spin_value *tensors; /* the state dict */
-    char prefix[256];                 /* of the names in it */
+    struct spin_model base;
     struct spin_array dc, rest;
     size_t n, n_rest; /* rows in the file; SH rows behind the first */
-    int degree;
-    double step; /* of training; -1: not told */
-    double least_weight, least_opacity;
+    double step;      /* of training; -1: not told */
     struct clip_times times;
     struct gaussian4d gaussians;
 };
@@ -55,11 +42,6 @@ static long long step_of_name(const char *name)
     return strcmp(end, ".ckpt") == 0 ? n : -1;
 }
 
-static bool in_head(const struct spin_peek *peek, const char *word)
-{
-    return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
-}
-
 static int probe(const struct spin_peek *peek)
 {
     if (peek->is_folder) {
@@ -70,7 +52,7 @@ static int probe(const struct spin_peek *peek)
         }
         return 0;
     }
-    if (in_head(peek, "pipeline") && in_head(peek, "quats1"))
+    if (spin_peek_says(peek, "pipeline") && spin_peek_says(peek, "quats1"))
         return 90;
     return step_of_name(spin_path_name(peek->path)) >= 0 ? 40 : 0;
 }
@@ -85,7 +67,7 @@ static bool ends_with(const char *text, const char *tail)
 }
 
 /* Keys have one of several prefixes; that of quats1 goes for all. */
-static spin_status find_prefix(struct model *m)
+static spin_status find_prefix(struct spin_model *m)
 {
     const struct spin_value *d = m->tensors;
     bool splatfacto = false;
@@ -96,10 +78,8 @@ static spin_status find_prefix(struct model *m)
         if (!key)
             continue;
         splatfacto = splatfacto || ends_with(key, ".means");
-        if (ends_with(key, "quats1") && strlen(key) < sizeof m->prefix) {
-            memcpy(m->prefix, key, strlen(key) - 6);
-            return SPIN_OK;
-        }
+        if (ends_with(key, "quats1") && strlen(key) < 256)
+            return spin_model_text(m, &m->prefix, "%.*s", (int)strlen(key) - 6, key);
     }
     return spin_fail(SPIN_E_UNSUPPORTED,
                      splatfacto ? "'pipeline' holds an ordinary splatfacto model, which has no time"
@@ -110,14 +90,13 @@ static spin_status find_prefix(struct model *m)
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
                         struct spin_array *out)
 {
+    const struct spin_value *v = spin_model_get(&m->base, "%s", key);
     char name[300];
-    const struct spin_value *v;
 
-    snprintf(name, sizeof name, "%s%s", m->prefix, key);
-    v = spin_value_get(m->tensors, name);
+    snprintf(name, sizeof name, "%s%s", m->base.prefix, key);
     if (!v)
         return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
-    return spin_chkpnt_bind(&m->torch, v, name, n_dims, shape, out);
+    return spin_chkpnt_bind(&m->base.torch, v, name, n_dims, shape, out);
 }
 
 static spin_status load(struct model *m, const char *key, int width, float **out)
@@ -126,7 +105,7 @@ static spin_status load(struct model *m, const char *key, int width, float **out
     struct spin_array t;
 
     SPIN_TRY(bind(m, key, 2, shape, &t));
-    SPIN_TRY(spin_alloc(m->n, (size_t)width * sizeof **out, (void **)out));
+    SPIN_TRY(spin_model_scratch(&m->base, m->n, (size_t)width * sizeof **out, (void **)out));
     spin_array_to_f32(&t, 0, t.count, *out);
     return SPIN_OK;
 }
@@ -143,7 +122,7 @@ static spin_status count_rows(struct model *m)
     return SPIN_OK;
 }
 
-static spin_status bind_sh(struct model *m, struct spin_sequence_info *sequence)
+static spin_status bind_sh(struct model *m)
 {
     int64_t three[3] = {(int64_t)m->n, 1, 3}, two[2] = {(int64_t)m->n, 3};
     int64_t rest[3] = {(int64_t)m->n, -1, 3};
@@ -158,22 +137,22 @@ static spin_status bind_sh(struct model *m, struct spin_sequence_info *sequence)
     if (m->n_rest + 1 != (size_t)((degree + 1) * (degree + 1)))
         return spin_fail(SPIN_E_MALFORMED,
                          "'%sfeatures_rest' has %zu rows of SH, expected 0, 3, 8, 15 or 24",
-                         m->prefix, m->n_rest);
+                         m->base.prefix, m->n_rest);
     if (degree == 4)
-        spin_note(sequence, "SH of degree 4 are cut to degree 3");
-    m->degree = degree < 3 ? degree : 3;
+        spin_note(m->base.sequence, "SH of degree 4 are cut to degree 3");
+    m->gaussians.sh_degree = degree < 3 ? degree : 3;
     return SPIN_OK;
 }
 
 static size_t sh_width(const struct model *m)
 {
-    return 3 * (size_t)((m->degree + 1) * (m->degree + 1));
+    return 3 * (size_t)((m->gaussians.sh_degree + 1) * (m->gaussians.sh_degree + 1));
 }
 
 static void read_sh(const struct model *m, size_t row, float *out)
 {
     spin_array_to_f32(&m->dc, 3 * row, 3, out);
-    if (m->degree > 0)
+    if (m->gaussians.sh_degree > 0)
         spin_array_to_f32(&m->rest, 3 * m->n_rest * row, sh_width(m) - 3, out + 3);
 }
 
@@ -203,12 +182,11 @@ static void add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
                               spin_sigmoid_of(c[OPACITIES][i]), &slice, 0);
 }
 
-static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
-                            struct spin_sequence_info *sequence)
+static spin_status add_rows(struct model *m, float *const c[N_COLUMNS])
 {
     size_t n_faint = 0, n_bad_sh = 0;
 
-    SPIN_TRY(spin_gaussian4d_reserve(&m->gaussians, m->n));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->n));
     for (size_t i = 0; i < m->n; i++) {
         float sh[48];
         double sum = 0;
@@ -225,35 +203,31 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS],
     }
     m->gaussians.n_dropped += n_bad_sh;
     return spin_gaussian4d_check(&m->gaussians, m->n, n_faint,
-                                 "values that are not finite, or rotors of length 0", sequence);
+                                 "values that are not finite, or rotors of length 0",
+                                 m->base.sequence);
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
 /* The newest step-*.ckpt of a folder, or of the nerfstudio_models in it. */
-static spin_status find_checkpoint(const char *path, char **out)
+static spin_status find_checkpoint(struct spin_model *m, const char *path)
 {
-    char *folder = NULL, **names = NULL;
-    const char *best = NULL;
-    size_t n = 0;
-    spin_status status;
+    const char *folder, *best = NULL;
+    char **names;
+    size_t n;
 
     if (!spin_path_is_folder(path))
-        return spin_strdup(path, out);
-    SPIN_TRY(spin_path_join(path, "nerfstudio_models", &folder));
+        return spin_model_text(m, &m->path, "%s", path);
+    SPIN_TRY(spin_model_join(m, &folder, path, "nerfstudio_models"));
     if (!spin_path_is_folder(folder))
-        snprintf(folder, strlen(path) + 1, "%s", path);
-    SPIN_TRY_OUT(spin_folder_list(folder, &names, &n));
+        folder = path;
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
     for (size_t i = 0; i < n; i++) {
         if (step_of_name(names[i]) >= 0 && (!best || step_of_name(names[i]) > step_of_name(best)))
             best = names[i];
     }
-    status = best ? spin_path_join(folder, best, out)
-                  : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no step-<N>.ckpt", folder);
-    spin_folder_list_free(names);
-out:
-    free(folder);
-    return status;
+    return best ? spin_model_join(m, &m->path, folder, "%s", best)
+                : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no step-<N>.ckpt", folder);
 }
 
 static bool is_identity(const spin_json *json)
@@ -275,54 +249,45 @@ static bool is_identity(const spin_json *json)
 }
 
 /* dataparser_transforms.json lies one folder above the checkpoint's. */
-static spin_status note_transform(const struct model *m, struct spin_sequence_info *sequence)
+static spin_status note_transform(struct spin_model *m)
 {
-    char *folder = NULL, *above = NULL, *path = NULL;
+    const char *folder, *path;
     spin_json *json = NULL;
-    spin_status status;
 
-    SPIN_TRY_OUT(spin_path_folder(m->path, &folder));
-    SPIN_TRY_OUT(spin_path_join(folder, "..", &above));
-    SPIN_TRY_OUT(spin_path_join(above, "dataparser_transforms.json", &path));
-    if (spin_path_exists(path) && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
-        spin_note(sequence,
+    SPIN_TRY(spin_model_folder(m, &folder, m->path));
+    SPIN_TRY(spin_model_find(m, &path, folder, "../dataparser_transforms.json"));
+    if (path && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
+        spin_note(m->sequence,
                   "dataparser_transforms.json moves and scales the scene: positions are in "
                   "that space, not in the data set's");
-out:
     spin_json_free(json);
-    free(folder);
-    free(above);
-    free(path);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static spin_status read_cull(struct model *m, const struct spin_plugin_values *values)
+static spin_status read_cull(struct model *m)
 {
     enum { OPACITY, WEIGHT, NONE };
     int rule;
 
-    SPIN_TRY(spin_option_word(values, "cull", "opacity|time|none", &rule));
-    m->least_weight = rule == WEIGHT ? BELL_WEIGHT : FAR_WEIGHT;
-    m->least_opacity = rule == OPACITY ? LEAST_OPACITY : 0;
+    SPIN_TRY(spin_option_word(m->base.values, "cull", "opacity|time|none", &rule));
+    m->gaussians.least_weight = rule == WEIGHT ? BELL_WEIGHT : FAR_WEIGHT;
+    m->gaussians.least_opacity = rule == OPACITY ? LEAST_OPACITY : 0;
     return SPIN_OK;
 }
 
-static void describe(struct model *m, struct spin_sequence_info *sequence)
+static void describe(const struct model *m)
 {
+    struct spin_sequence_info *sequence = m->base.sequence;
     char step[48] = "";
 
-    sequence->n_frames = 1;
-    sequence->continuous = true;
-    sequence->time_first = m->times.first;
-    sequence->time_last = m->times.last;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->sh_degree = m->degree;
+    spin_gaussian4d_describe(&m->gaussians, &m->times, sequence);
     if (m->step >= 0)
         snprintf(step, sizeof step, ", step %.0f", m->step);
     snprintf(sequence->variant, sizeof sequence->variant,
-             "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->degree);
+             "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n,
+             m->gaussians.sh_degree);
     if (m->times.guessed)
         spin_note(
             sequence,
@@ -331,83 +296,58 @@ static void describe(struct model *m, struct spin_sequence_info *sequence)
             m->times.first, m->times.last);
 }
 
-static spin_status open_model(struct model *m, const struct spin_plugin_values *values,
-                              struct spin_sequence_info *sequence)
+static spin_status open_checkpoint(struct model *m)
 {
-    const struct spin_value *root;
-    float *c[N_COLUMNS] = {NULL};
-    spin_status status = SPIN_OK;
+    struct spin_model *base = &m->base;
+    float *c[N_COLUMNS];
 
-    SPIN_TRY(read_cull(m, values));
-    SPIN_TRY(spin_torch_open(m->path, &m->torch));
-    m->torch_open = true;
-    root = m->torch.root;
+    SPIN_TRY(read_cull(m));
+    SPIN_TRY(spin_torch_open(base->path, &base->torch));
     m->step = -1;
-    spin_value_number(spin_value_get(root, "step"), &m->step);
-    m->tensors = spin_value_get(root, "pipeline");
-    if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
+    spin_value_number(spin_value_get(base->torch.root, "step"), &m->step);
+    base->tensors = spin_value_get(base->torch.root, "pipeline");
+    if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
         return spin_fail(SPIN_E_MALFORMED, "the checkpoint has no dict 'pipeline', which "
                                            "nerfstudio's have");
-    SPIN_TRY(find_prefix(m));
+    SPIN_TRY(find_prefix(base));
     SPIN_TRY(count_rows(m));
-    SPIN_TRY(bind_sh(m, sequence));
-    for (int k = 0; k < N_COLUMNS && status == SPIN_OK; k++)
-        status = load(m, columns_of[k].key, columns_of[k].width, &c[k]);
-    if (status == SPIN_OK)
-        status = add_rows(m, c, sequence);
+    SPIN_TRY(bind_sh(m));
     for (int k = 0; k < N_COLUMNS; k++)
-        free(c[k]);
-    SPIN_TRY(status);
-    SPIN_TRY(spin_run_config_times(&m->settings, spin_plugin_value(values, "time-range", NULL),
+        SPIN_TRY(load(m, columns_of[k].key, columns_of[k].width, &c[k]));
+    SPIN_TRY(add_rows(m, c));
+    SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-range"),
                                    m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
-    SPIN_TRY(note_transform(m, sequence));
-    describe(m, sequence);
+    SPIN_TRY(note_transform(base));
+    describe(m);
     return SPIN_OK;
 }
 
-static spin_status rotor4dgs_open(const char *path, const struct spin_plugin_values *values,
-                                  void **self, struct spin_sequence_info *sequence)
-{
-    struct model *m;
-
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *m, self));
-    m = *self;
-    SPIN_TRY(find_checkpoint(path, &m->path));
-    return spin_fail_reading(open_model(m, values, sequence), m->path);
-}
-
-static void rotor4dgs_close(void *self)
+static spin_status open_model(void *self, const char *path)
 {
     struct model *m = self;
 
-    if (!m)
-        return;
-    if (m->torch_open)
-        spin_torch_close(&m->torch);
-    spin_run_config_close(&m->settings);
-    spin_gaussian4d_free(&m->gaussians);
-    free(m->path);
-    free(m);
+    SPIN_TRY(find_checkpoint(&m->base, path));
+    return spin_fail_reading(open_checkpoint(m), m->base.path);
 }
 
+SPIN_MODEL_OPEN(rotor4dgs_open, struct model, open_model)
+
 /* ---- One time -------------------------------------------------------------------------------- */
+
+static void colour(const void *model, size_t i, double dt, float *out)
+{
+    const struct model *m = model;
+
+    (void)dt;
+    read_sh(m, m->gaussians.row[i], out);
+}
 
 static spin_status rotor4dgs_frame(void *self, int frame, double time, unsigned columns,
                                    struct spin_splats *out)
 {
     struct model *m = self;
-    struct gaussian4d *g = &m->gaussians;
 
-    if (frame < 0)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    spin_gaussian4d_select(g, time, m->least_weight, m->least_opacity);
-    SPIN_TRY(spin_splats_reserve(out, g->n_kept, columns, m->degree));
-    spin_gaussian4d_fill(g, time, columns, out);
-    for (size_t k = 0; k < g->n_kept && (columns & SPIN_COL_SH); k++)
-        read_sh(m, g->row[g->kept[k]], out->sh + sh_width(m) * k);
-    return SPIN_OK;
+    return spin_gaussian4d_frame(&m->base, &m->gaussians, frame, time, columns, colour, out);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -427,5 +367,5 @@ const struct spin_importer spin_importer_rotor4dgs = {
     .probe = probe,
     .open = rotor4dgs_open,
     .frame = rotor4dgs_frame,
-    .close = rotor4dgs_close,
+    .close = spin_model_close,
 };

@@ -4,16 +4,15 @@
  * The bell is exp(-x^2), without a half, and its width is stored as a logarithm. Colours of the lite model
  * are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends nine features, and a
  * network makes the colour of a pixel from these and from the ray. Imported is the colour of a pixel that
- * one Gaussian covers alone, seen from the cameras: lib/pixel_decoder.h. */
-#include "spin.h"
+ * one Gaussian covers alone, as SH of degree 1 fitted to the colours for given cameras. */
 #include <stdlib.h>
 #include <string.h>
 
+#include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
-#include "importers/lib/model_folder.h"
-#include "importers/lib/notes.h"
-#include "importers/lib/pixel_decoder.h"
+#include "importers/lib/model.h"
 #include "math/quat.h"
+#include "math/sh.h"
 
 /* Places in a row of a Gaussian's values. */
 enum {
@@ -44,32 +43,31 @@ static const struct group {
 };
 enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 35 };
 
-/* How the network of the full model ends, by the option rgbfunction of the method. */
-static const struct {
-    const char *name;
-    enum pixel_ending ending;
-} endings[] = {
-    {"sandwich", PIXEL_SIGMOID}, {"sandwichnoact", PIXEL_CLAMP}, {"sandwichnoactss", PIXEL_AS_IS}};
-enum { N_ENDINGS = sizeof endings / sizeof *endings };
+/* The network of the full model makes the colour of a pixel:
+ *
+ *     ending(base + W2 relu(W1 [view, time, origin of the ray, direction of the ray]))
+ *
+ * base, view and time, three numbers each, are blended from the Gaussians over black; the ray is in world
+ * coordinates, its direction of unit length. The option rgbfunction of the method says the ending. */
+enum { PIXEL_INPUTS = 12, PIXEL_HIDDEN = 6 };
+enum ending { SIGMOID, CLAMP, AS_IS, N_ENDINGS };
+static const char *const endings[N_ENDINGS] = {"sandwich", "sandwichnoact", "sandwichnoactss"};
 
 struct model {
-    char *cloud, *decoder; /* paths; decoder NULL: there is none */
+    struct spin_model base;
+    const char *decoder; /* path, NULL: there is none */
     size_t n, n_dropped;
     bool full;
-    size_t width;                 /* of a row */
-    float *rows;                  /* [n][width] */
-    struct pixel_decoder colours; /* full; without its network there are base colours only */
-    double duration;              /* frames that the run was trained on; 0: not known */
+    size_t width;          /* of a row */
+    float *rows;           /* [n][width] */
+    enum ending ending;    /* full */
+    struct mlp_net colour; /* full; without this network there are base colours only */
+    struct camera_places cameras;
+    double duration; /* frames that the run was trained on; 0: not known */
     bool warned_time;
-    struct mlp_team team;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
-
-static bool in_head(const struct spin_peek *peek, const char *word)
-{
-    return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
-}
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -80,18 +78,16 @@ static bool ends_with(const char *text, const char *end)
 
 static int probe(const struct spin_peek *peek)
 {
-    bool cloud = false;
-
     /* A cloud, or the folder of one save: any PLY is a cloud to another importer, which says 90. */
-    if (in_head(peek, "property float trbf_center") && in_head(peek, "property float motion_8") &&
-        in_head(peek, "property float omega_3"))
+    if (spin_peek_says(peek, "property float trbf_center") &&
+        spin_peek_says(peek, "property float motion_8") &&
+        spin_peek_says(peek, "property float omega_3"))
         return 100;
-    if (!peek->is_folder && in_head(peek, "mlp1.weight") && in_head(peek, "mlp2.weight") &&
-        ends_with(peek->path, ".pt"))
+    if (!peek->is_folder && spin_peek_says(peek, "mlp1.weight") &&
+        spin_peek_says(peek, "mlp2.weight") && ends_with(peek->path, ".pt"))
         return 80;
-    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++)
-        cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
-    return cloud && in_head(peek, "trbfslinit=") ? 90 : 0; /* an option of the method */
+    /* An option of the method. */
+    return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "trbfslinit=") ? 90 : 0;
 }
 
 /* ---- The cloud ------------------------------------------------------------------------------- */
@@ -100,11 +96,11 @@ static int probe(const struct spin_peek *peek)
 static spin_status check_colours(const struct spin_ply *ply, const struct spin_ply_element *e,
                                  struct model *m)
 {
-    int n_dc = spin_model_folder_count(e, "f_dc_"), n_t = spin_model_folder_count(e, "f_t_");
+    int n_dc = spin_model_count(e, "f_dc_"), n_t = spin_model_count(e, "f_t_");
 
     m->full = n_t > 0;
     m->width = m->full ? FULL_WIDTH : LITE_WIDTH;
-    if (spin_model_folder_count(e, "f_rest_") > 0)
+    if (spin_model_count(e, "f_rest_") > 0)
         return spin_fail(
             SPIN_E_UNSUPPORTED,
             "'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, which is "
@@ -124,7 +120,7 @@ static size_t bind_group(const struct spin_ply *ply, const struct spin_ply_eleme
                          const struct group *g, struct model *m, struct spin_ply_target *target,
                          spin_status *status)
 {
-    int n = g->n[m->full], found = n > 0 ? spin_model_folder_count(e, g->name) : 0;
+    int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
 
     *status = SPIN_OK;
     if (n < 0)
@@ -183,7 +179,7 @@ static void drop_rows(struct model *m)
 
 /* Forks add columns, whose meaning is not known. */
 static void note_others(const struct spin_ply *ply, const struct spin_ply_element *e,
-                        const struct model *m, struct spin_sequence_info *sequence)
+                        const struct model *m)
 {
     static const char *const normals[] = {"nx", "ny", "nz"};
     const char *first = NULL;
@@ -204,7 +200,7 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     }
     if (n == 0)
         return;
-    spin_note(sequence,
+    spin_note(m->base.sequence,
               "%zu properties that SpacetimeGaussians has not, the first is '%s': a fork of it "
               "may mean something else",
               n, first);
@@ -212,7 +208,7 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
               first);
 }
 
-static spin_status read_cloud(struct model *m, struct spin_sequence_info *sequence)
+static spin_status read_cloud(struct model *m)
 {
     const struct spin_ply_element *e;
     struct spin_ply_target target[FULL_WIDTH];
@@ -220,10 +216,10 @@ static spin_status read_cloud(struct model *m, struct spin_sequence_info *sequen
     struct spin_ply ply;
     spin_status status;
 
-    SPIN_TRY(spin_model_folder_open(m->cloud, &ply, &e));
+    SPIN_TRY(spin_model_vertices(m->base.path, &ply, &e));
     SPIN_TRY_OUT(check_colours(&ply, e, m));
     m->n = (size_t)e->count;
-    SPIN_TRY_OUT(spin_alloc(m->n, m->width * sizeof *m->rows, (void **)&m->rows));
+    SPIN_TRY_OUT(spin_model_alloc(&m->base, m->n, m->width * sizeof *m->rows, (void **)&m->rows));
     for (int g = 0; g < N_GROUPS; g++) {
         n_targets += bind_group(&ply, e, &groups[g], m, target + n_targets, &status);
         SPIN_TRY_OUT(status);
@@ -232,8 +228,8 @@ static spin_status read_cloud(struct model *m, struct spin_sequence_info *sequen
     drop_rows(m);
     if (m->n == 0)
         SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "'%s': none of %zu Gaussians has finite values",
-                               m->cloud, m->n_dropped));
-    note_others(&ply, e, m, sequence);
+                               m->base.path, m->n_dropped));
+    note_others(&ply, e, m);
 out:
     spin_ply_close(&ply);
     return status;
@@ -256,10 +252,10 @@ static long first_frame(struct cfg_span path)
     return place > 1 && at - path.at > 7 && memcmp(at - 7, "colmap_", 7) == 0 ? number : -1;
 }
 
-static spin_status read_duration(const struct cfg_args *cfg,
-                                 const struct spin_plugin_values *values, struct model *m)
+static spin_status read_duration(struct model *m)
 {
-    const char *given = spin_plugin_value(values, "duration", NULL);
+    const struct cfg_args *cfg = &m->base.settings.cfg;
+    const char *given = spin_model_option(&m->base, "duration");
     double n = 0;
 
     SPIN_TRY(spin_cfg_read_number(cfg, "duration", &n));
@@ -274,19 +270,18 @@ static spin_status read_duration(const struct cfg_args *cfg,
                      cfg->path, n);
 }
 
-static spin_status read_ending(const struct cfg_args *cfg, const struct spin_plugin_values *values,
-                               struct model *m)
+static spin_status read_ending(struct model *m)
 {
-    const char *given = spin_plugin_value(values, "rgb-function", NULL);
+    const struct cfg_args *cfg = &m->base.settings.cfg;
+    const char *given = spin_model_option(&m->base, "rgb-function");
     struct cfg_span s = spin_cfg_get(cfg, "rgbfunction");
 
     if (given)
         s = (struct cfg_span){given, given + strlen(given)};
     else if (s.at && s.end - s.at > 2) /* its quotes */
         s = (struct cfg_span){s.at + 1, s.end - 1};
-    for (int i = 0; i < N_ENDINGS; i++) {
-        m->colours.ending = endings[i].ending;
-        if (spin_cfg_is(s, endings[i].name))
+    for (m->ending = 0; m->ending < N_ENDINGS; m->ending++) {
+        if (spin_cfg_is(s, endings[m->ending]))
             return SPIN_OK;
     }
     if (given)
@@ -297,72 +292,92 @@ static spin_status read_ending(const struct cfg_args *cfg, const struct spin_plu
         SPIN_E_UNSUPPORTED,
         "'%s': a full model, and %s%s how its colours end: say --rgb-function sandwich "
         "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
-        m->cloud, cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
+        m->base.path, cfg->path ? "no 'rgbfunction' that is known says in " : "no cfg_args says",
         cfg->path ? cfg->path : "");
 }
 
 /* ---- Colours of the full model --------------------------------------------------------------- */
 
-static spin_status find_cameras(const char *path, const char *save,
-                                const struct spin_plugin_values *values, struct model *m)
+/* A 1x1 convolution without bias. */
+static spin_status load_layer(struct model *m, const char *key, int n_out, int n_in,
+                              enum mlp_ending ending)
 {
-    const char *given = spin_plugin_value(values, "camera", NULL);
-    char *file = NULL;
-    spin_status status;
+    const int64_t shape[4] = {n_out, n_in, 1, 1};
+    float *weight;
+
+    SPIN_TRY(spin_model_floats(&m->base, key, 4, shape, NULL, &weight));
+    m->colour.layer[m->colour.n++] = (struct mlp_layer){n_in, n_out, ending, weight, NULL};
+    return SPIN_OK;
+}
+
+static spin_status load_decoder(struct spin_model *base)
+{
+    struct model *m = (struct model *)base;
+
+    SPIN_TRY(spin_model_dict(base));
+    SPIN_TRY(load_layer(m, "mlp1.weight", PIXEL_HIDDEN, PIXEL_INPUTS, MLP_RELU));
+    SPIN_TRY(load_layer(m, "mlp2.weight", 3, PIXEL_HIDDEN, MLP_PLAIN));
+    if (base->tensors->n != 2)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "%zu tensors, expected mlp1.weight and mlp2.weight alone",
+                         base->tensors->n);
+    return SPIN_OK;
+}
+
+static spin_status find_cameras(const char *path, const char *save, struct model *m)
+{
+    const char *given = spin_model_option(&m->base, "camera"), *file;
 
     if (given)
-        return spin_camera_places_parse(given, &m->colours.cameras);
-    SPIN_TRY(spin_model_folder_beside(path, save, "cameras.json", &file));
-    status = file ? spin_camera_places_load(file, &m->colours.cameras) : SPIN_OK;
-    free(file);
-    return status;
+        return spin_camera_places_parse(given, &m->cameras);
+    SPIN_TRY(spin_model_beside(&m->base, path, save, "cameras.json", &file));
+    return file ? spin_camera_places_load(file, &m->cameras) : SPIN_OK;
 }
 
 /* What the full model's colours become: of the network, or without it the base colours. */
-static spin_status settle_colours(const char *path, const char *save, const struct cfg_args *cfg,
-                                  const struct spin_plugin_values *values, struct model *m,
-                                  struct spin_sequence_info *sequence)
+static spin_status settle_colours(const char *path, const char *save, struct model *m)
 {
-    const char *colour = spin_plugin_value(values, "colour", "auto");
+    const char *colour = spin_plugin_value(m->base.values, "colour", "auto");
     bool base = strcmp(colour, "base") == 0, views = strcmp(colour, "views") == 0;
-    const char *lack = "was asked for";
+    const char *lack = "was asked for", *cloud = m->base.path;
 
     if (!base && !views && strcmp(colour, "auto") != 0)
         return spin_fail(SPIN_E_USAGE, "--colour '%s': expected auto, views or base", colour);
     if (!m->full)
-        return views ? spin_fail(SPIN_E_USAGE, "--colour views: '%s' is of a lite model", m->cloud)
+        return views ? spin_fail(SPIN_E_USAGE, "--colour views: '%s' is of a lite model", cloud)
                      : SPIN_OK;
-    SPIN_TRY(read_ending(cfg, values, m));
+    SPIN_TRY(read_ending(m));
     if (!base) {
-        SPIN_TRY(find_cameras(path, save, values, m));
+        SPIN_TRY(find_cameras(path, save, m));
         lack = !m->decoder ? "there is no point_cloud.pt beside the cloud"
                            : "there is no cameras.json: --camera says where they stand";
-        base = !m->decoder || m->colours.cameras.n == 0;
+        base = !m->decoder || m->cameras.n == 0;
         if (base && views)
-            return spin_fail(SPIN_E_NOT_FOUND, "--colour views: '%s': %s", m->cloud, lack);
+            return spin_fail(SPIN_E_NOT_FOUND, "--colour views: '%s': %s", cloud, lack);
         if (base)
-            spin_warn("'%s': base colours only, as %s", m->cloud, lack);
+            spin_warn("'%s': base colours only, as %s", cloud, lack);
     }
     if (base)
-        spin_note(sequence,
+        spin_note(m->base.sequence,
                   "full model: its network colours pixels, by what is blended and by the ray; "
                   "imported are the base colours, which it adds to (%s)",
                   lack);
     else
-        spin_note(sequence,
+        spin_note(m->base.sequence,
                   "full model: its network colours pixels, by what is blended and by the ray; "
                   "imported is the colour of a pixel that one Gaussian covers alone, seen from %d "
                   "cameras, as SH of degree 1",
-                  m->colours.cameras.n);
-    return base ? SPIN_OK : spin_pixel_decoder_load(m->decoder, &m->colours);
+                  m->cameras.n);
+    return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* The cloud and the network beside it. `path` is what holds a save, or one of the two files. */
-static spin_status find_files(const char *path, const char *wanted, struct model *m, char **save)
+static spin_status find_files(const char *path, struct model *m, const char **save)
 {
-    size_t n = strlen(path);
+    const char *wanted = spin_model_option(&m->base, "iteration");
+    int n = (int)strlen(path);
 
     if (!spin_path_is_folder(path)) {
         bool network = ends_with(path, ".pt");
@@ -371,39 +386,35 @@ static spin_status find_files(const char *path, const char *wanted, struct model
             return spin_fail(SPIN_E_USAGE, "'%s' is neither the model's folder nor a PLY of it",
                              path);
         n -= network ? 3 : 4;
-        SPIN_TRY(spin_alloc(n + 5, 1, (void **)&m->cloud));
-        SPIN_TRY(spin_alloc(n + 4, 1, (void **)&m->decoder));
-        snprintf(m->cloud, n + 5, "%.*s.ply", (int)n, path);
-        snprintf(m->decoder, n + 4, "%.*s.pt", (int)n, path);
-        SPIN_TRY(spin_path_folder(path, save));
+        SPIN_TRY(spin_model_text(&m->base, &m->base.path, "%.*s.ply", n, path));
+        SPIN_TRY(spin_model_text(&m->base, &m->decoder, "%.*s.pt", n, path));
+        SPIN_TRY(spin_model_folder(&m->base, save, path));
     } else {
-        SPIN_TRY(spin_model_folder_save(path, wanted, "point_cloud.ply", save));
+        SPIN_TRY(spin_model_save(&m->base, path, "point_cloud.ply", save));
         if (!*save)
             return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_%s with point_cloud.ply",
                              path, wanted ? wanted : "<N>");
-        SPIN_TRY(spin_path_join(*save, "point_cloud.ply", &m->cloud));
-        SPIN_TRY(spin_path_join(*save, "point_cloud.pt", &m->decoder));
+        SPIN_TRY(spin_model_join(&m->base, &m->base.path, *save, "point_cloud.ply"));
+        SPIN_TRY(spin_model_join(&m->base, &m->decoder, *save, "point_cloud.pt"));
     }
-    if (!spin_path_exists(m->decoder)) {
-        free(m->decoder);
+    if (!spin_path_exists(m->decoder))
         m->decoder = NULL;
-    }
     return SPIN_OK;
 }
 
-static void describe(struct model *m, const struct cfg_args *cfg,
-                     struct spin_sequence_info *sequence)
+static void describe(const struct model *m)
 {
+    const struct cfg_args *cfg = &m->base.settings.cfg;
+    struct spin_sequence_info *sequence = m->base.sequence;
     long first = first_frame(spin_cfg_get(cfg, "source_path"));
-    struct cfg_span loader = spin_cfg_get(cfg, "loader");
     char from[64] = "";
 
     sequence->n_frames = 1;
     sequence->identity = true;
     sequence->counts = &m->n;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns = SPIN_COL_LOG_SCALES | (m->colours.hidden.n_in > 0 ? 0 : SPIN_COL_SH);
-    sequence->sh_degree = m->colours.hidden.n_in > 0 ? 1 : 0;
+    sequence->static_columns = SPIN_COL_LOG_SCALES | (m->colour.n > 0 ? 0 : SPIN_COL_SH);
+    sequence->sh_degree = m->colour.n > 0 ? 1 : 0;
     sequence->continuous = true;
     sequence->half_open = m->duration == 0;
     sequence->time_last = m->duration > 0 ? (m->duration - 1) / m->duration : 1;
@@ -424,56 +435,31 @@ static void describe(struct model *m, const struct cfg_args *cfg,
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
-        spin_warn("'%s': %zu of %zu Gaussians dropped: values that are not finite", m->cloud,
+        spin_warn("'%s': %zu of %zu Gaussians dropped: values that are not finite", m->base.path,
                   m->n_dropped, m->n + m->n_dropped);
     }
-    if (spin_cfg_is(loader, "'immersivess'"))
+    if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
         spin_note(sequence,
                   "trained on fisheye images, which its renderer warps after drawing: these "
                   "Gaussians are those of the pinhole image before that");
 }
 
-static spin_status open_model(const char *path, const struct spin_plugin_values *values,
-                              struct model *m, struct spin_sequence_info *sequence)
-{
-    struct cfg_args cfg = {0};
-    char *save = NULL;
-    spin_status status;
-
-    SPIN_TRY_OUT(find_files(path, spin_plugin_value(values, "iteration", NULL), m, &save));
-    SPIN_TRY_OUT(spin_model_folder_cfg(path, save, &cfg));
-    SPIN_TRY_OUT(read_duration(&cfg, values, m));
-    SPIN_TRY_OUT(read_cloud(m, sequence));
-    SPIN_TRY_OUT(settle_colours(path, save, &cfg, values, m, sequence));
-    describe(m, &cfg, sequence);
-    status = spin_mlp_team_create(PIXEL_SCRATCH, &m->team);
-out:
-    spin_cfg_close(&cfg);
-    free(save);
-    return status;
-}
-
-static spin_status spacetimegs_open(const char *path, const struct spin_plugin_values *values,
-                                    void **self, struct spin_sequence_info *sequence)
-{
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof(struct model), self));
-    return open_model(path, values, *self, sequence);
-}
-
-static void spacetimegs_close(void *self)
+static spin_status open_model(void *self, const char *path)
 {
     struct model *m = self;
+    const char *save;
 
-    if (!m)
-        return;
-    free(m->cloud);
-    free(m->decoder);
-    free(m->rows);
-    spin_pixel_decoder_free(&m->colours);
-    spin_mlp_team_free(&m->team);
-    free(m);
+    SPIN_TRY(find_files(path, m, &save));
+    SPIN_TRY(spin_model_cfg(&m->base, path, save));
+    SPIN_TRY(read_duration(m));
+    SPIN_TRY(read_cloud(m));
+    SPIN_TRY(settle_colours(path, save, m));
+    describe(m);
+    return spin_mlp_team_create((size_t)(PIXEL_INPUTS + PIXEL_HIDDEN + 3) * MLP_BLOCK,
+                                &m->base.team);
 }
+
+SPIN_MODEL_OPEN(spacetimegs_open, struct model, open_model)
 
 /* ---- One time -------------------------------------------------------------------------------- */
 
@@ -493,23 +479,135 @@ static void place_at(const float *row, double d, double out[3])
     }
 }
 
+static double end_colour(const struct model *m, double x)
+{
+    if (m->ending == SIGMOID)
+        return spin_sigmoid_of(x);
+    return m->ending == CLAMP ? fmin(fmax(x, 0), 1) : x;
+}
+
+/* The SH coefficient of degree 0 for a colour 0..1. */
+static float dc_of(double colour) { return (float)((colour - 0.5) / SPIN_SH_C0); }
+
+/* Of one point over the cameras: means of ray directions d, of colours c, and of their products. */
+struct means {
+    double d[3], c[3], dd[3][3], dc[3][3];
+};
+
+/* a x = b for three columns at once; a is symmetric and positive definite. b becomes x. */
+static void solve3(double a[3][3], double b[3][3])
+{
+    for (int k = 0; k < 3; k++) {
+        for (int i = k + 1; i < 3; i++) {
+            double f = a[i][k] / a[k][k];
+
+            for (int j = 0; j < 3; j++) {
+                a[i][j] -= f * a[k][j];
+                b[i][j] -= f * b[k][j];
+            }
+        }
+    }
+    for (int k = 2; k >= 0; k--) {
+        for (int j = 0; j < 3; j++) {
+            for (int i = k + 1; i < 3; i++)
+                b[k][j] -= a[k][i] * b[i][j];
+            b[k][j] /= a[k][k];
+        }
+    }
+}
+
+/* SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two things besides the
+ * cameras' colours. Without its slope, which is how some viewers show it, the colour is to be the mean one:
+ * (slope mean d)^2 counts as much as the cameras do. And slopes are small along which rays differ by less
+ * than about `least` (radians), as they would be noise there. */
+static void fit(const struct means *m, float sh[12])
+{
+    const double least = 1e-2;
+    double a[3][3], slope[3][3];
+
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            a[i][j] = m->dd[i][j]; /* less d d^T, which the first of the two adds again */
+            slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
+        }
+        a[i][i] += least * least;
+    }
+    solve3(a, slope);
+    for (int c = 0; c < 3; c++) {
+        double x = slope[0][c], y = slope[1][c], z = slope[2][c];
+
+        sh[c] = dc_of(m->c[c] - x * m->d[0] - y * m->d[1] - z * m->d[2]);
+        sh[3 + c] = (float)(-y / SPIN_SH_C1);
+        sh[6 + c] = (float)(z / SPIN_SH_C1);
+        sh[9 + c] = (float)(-x / SPIN_SH_C1);
+    }
+}
+
+/* Inputs 6 to 11 of a point: the ray from a camera, its origin and its direction. */
+static void set_ray(const float camera[3], const double place[3], float *in)
+{
+    double d[3], norm;
+
+    for (int c = 0; c < 3; c++)
+        d[c] = place[c] - camera[c];
+    norm = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    for (int c = 0; c < 3; c++) {
+        in[(6 + c) * MLP_BLOCK] = camera[c];
+        in[(9 + c) * MLP_BLOCK] = (float)(norm > 0 ? d[c] / norm : 0);
+    }
+}
+
+/* One camera of n: what a Gaussian adds to a pixel there, by its base colour and by the inputs and outputs of the
+ * network. */
+static void add_camera(const struct model *m, const float base[3], const float *in,
+                       const float *rgb, struct means *means)
+{
+    double weight = 1.0 / m->cameras.n, ray[3], colour[3];
+
+    for (int i = 0; i < 3; i++) {
+        ray[i] = in[(9 + i) * MLP_BLOCK];
+        colour[i] = end_colour(m, base[i] + (double)rgb[i * MLP_BLOCK]);
+    }
+    for (int i = 0; i < 3; i++) {
+        means->d[i] += weight * ray[i];
+        means->c[i] += weight * colour[i];
+        for (int j = 0; j < 3; j++) {
+            means->dd[i][j] += weight * ray[i] * ray[j];
+            means->dc[i][j] += weight * ray[i] * colour[j];
+        }
+    }
+}
+
+/* The SH of n Gaussians, for at least one camera. */
 static void decode(const struct job *job, size_t first, int n, float *scratch)
 {
     const struct model *m = job->model;
-    struct pixel_splat splat[MLP_BLOCK];
+    float *in = scratch, *hidden = in + PIXEL_INPUTS * MLP_BLOCK;
+    float *rgb = hidden + PIXEL_HIDDEN * MLP_BLOCK;
+    struct means means[MLP_BLOCK] = {0};
+    const float *row[MLP_BLOCK];
+    double place[MLP_BLOCK][3];
 
     for (int p = 0; p < MLP_BLOCK; p++) { /* the last one stands for those beyond it */
-        const float *row = m->rows + m->width * (first + (size_t)(p < n ? p : n - 1));
-        double d = job->time - row[TIME];
+        double d;
 
-        place_at(row, d, splat[p].place);
+        row[p] = m->rows + m->width * (first + (size_t)(p < n ? p : n - 1));
+        d = job->time - row[p][TIME];
+        place_at(row[p], d, place[p]);
         for (int i = 0; i < 3; i++) {
-            splat[p].base[i] = row[COLOUR + i];
-            splat[p].view[i] = row[COLOUR + 3 + i];
-            splat[p].time[i] = (float)(d * row[FEATURE + i]);
+            in[i * MLP_BLOCK + p] = row[p][COLOUR + 3 + i];
+            in[(3 + i) * MLP_BLOCK + p] = (float)(d * row[p][FEATURE + i]);
         }
     }
-    spin_pixel_decoder_sh(&m->colours, splat, n, scratch, job->out->sh + 12 * first);
+    for (int camera = 0; camera < m->cameras.n; camera++) {
+        for (int p = 0; p < MLP_BLOCK; p++)
+            set_ray(m->cameras.place[camera], place[p], in + p);
+        spin_mlp_run(&m->colour, in, hidden, rgb);
+        for (int p = 0; p < n; p++)
+            add_camera(m, row[p] + COLOUR, in + p, rgb + p, &means[p]);
+    }
+    for (int p = 0; p < n; p++)
+        fit(&means[p], job->out->sh + 12 * (first + (size_t)p));
 }
 
 /* exp(-(d / width)^2); 1 at its top however narrow it is. */
@@ -541,10 +639,10 @@ static void evaluate_row(const struct job *job, size_t i)
         memcpy(out->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
     if (job->columns & SPIN_COL_LOGIT_OPACITIES)
         out->logit_opacities[i] = spin_logit_of(spin_sigmoid_of(row[LOGIT]) * weight_at(row, d));
-    if (job->columns & SPIN_COL_SH && m->colours.hidden.n_in == 0)
+    if (job->columns & SPIN_COL_SH && m->colour.n == 0)
         for (size_t c = 0; c < 3; c++)
-            out->sh[3 * i + c] = m->full ? spin_pixel_base_dc(&m->colours, row[COLOUR + c])
-                                         : spin_pixel_dc(row[COLOUR + c]);
+            out->sh[3 * i + c] =
+                m->full ? dc_of(end_colour(m, row[COLOUR + c])) : dc_of(row[COLOUR + c]);
 }
 
 static void evaluate(void *context, size_t first, int n, float *scratch)
@@ -553,7 +651,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
 
     for (int p = 0; p < n; p++)
         evaluate_row(job, first + (size_t)p);
-    if (job->columns & SPIN_COL_SH && job->model->colours.hidden.n_in > 0)
+    if (job->columns & SPIN_COL_SH && job->model->colour.n > 0)
         decode(job, first, n, scratch);
 }
 
@@ -565,14 +663,15 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
 
     (void)frame;
     if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->cloud, time);
+        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->base.path, time);
     if ((time < 0 || time > 1) && !m->warned_time) {
         m->warned_time = true;
-        spin_warn("'%s': time %g is outside of 0 to 1, for which it was trained", m->cloud, time);
+        spin_warn("'%s': time %g is outside of 0 to 1, for which it was trained", m->base.path,
+                  time);
     }
-    SPIN_TRY(spin_splats_reserve(out, m->n, job.columns, m->colours.hidden.n_in > 0 ? 1 : 0));
-    spin_mlp_team_run(&m->team, m->n, evaluate, &job);
-    return spin_model_folder_check(m->cloud, time, job.columns, out);
+    SPIN_TRY(spin_splats_reserve(out, m->n, job.columns, m->colour.n > 0 ? 1 : 0));
+    spin_mlp_team_run(&m->base.team, m->n, evaluate, &job);
+    return spin_model_check(m->base.path, time, job.columns, out);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -596,5 +695,5 @@ const struct spin_importer spin_importer_spacetimegs = {
     .probe = probe,
     .open = spacetimegs_open,
     .frame = spacetimegs_frame,
-    .close = spacetimegs_close,
+    .close = spin_model_close,
 };

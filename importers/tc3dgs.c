@@ -4,13 +4,11 @@
  * The published code reads the mask in several ways. Training renders with a
  * hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask hides is
  * left out, not shrunk: a scale of 0 has no logarithm. */
-#include "base/err.h"
+#include <math.h>
+#include <string.h>
+
 #include "base/option.h"
 #include "importers/lib/d3dgs_run.h"
-#include "base/mem.h"
-#include "importers/lib/finite.h"
-#include <math.h>
-#include <stdlib.h>
 
 enum mode { FRAME, AVG, ANY, ALL, NONE, N_MODES };
 
@@ -132,73 +130,45 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     return spin_option_number(values, "tc-threshold", 0, 1, &run->threshold);
 }
 
-static spin_status open_run(const char *path, const struct spin_plugin_values *values,
-                            struct run *run, struct spin_sequence_info *sequence)
+static spin_status open_mask(struct run *run)
 {
-    size_t n;
+    struct spin_model *base = &run->base.base;
+    struct spin_sequence_info *sequence = base->sequence;
+    size_t n = (size_t)run->base.n;
 
-    SPIN_TRY(read_options(values, run));
-    SPIN_TRY(spin_d3dgs_load(path, &run->base));
-    n = (size_t)run->base.n;
     if (!spin_npz_has(&run->base.npz, "mask"))
         return spin_fail(SPIN_E_MALFORMED,
                          "no array 'mask', which TC3DGS has: import it with --from d3dgs");
     SPIN_TRY(load_mask(run));
-    SPIN_TRY(spin_d3dgs_describe(&run->base, sequence));
-    SPIN_TRY(spin_alloc(n, sizeof *run->row, (void **)&run->row));
-    SPIN_TRY(spin_alloc(n, sizeof *run->sum, (void **)&run->sum));
-    SPIN_TRY(spin_alloc(n, sizeof *run->off, (void **)&run->off));
-    SPIN_TRY(spin_alloc(n, sizeof *run->keep, (void **)&run->keep));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->row, (void **)&run->row));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->off, (void **)&run->off));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->keep, (void **)&run->keep));
     SPIN_TRY(count(run));
     if (run->mode == FRAME && !run->still_mask) /* rows differ from frame to frame */
         sequence->static_columns = 0;
     sequence->identity = run->mode != FRAME || run->still_mask;
-    snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %llu Gaussians",
-             (unsigned long long)run->base.n);
-    snprintf(sequence->notes, sizeof sequence->notes, "%s (--tc-mask %s, --tc-threshold %g)\n",
-             modes[run->mode].says, modes[run->mode].name, run->threshold);
+    snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %zu Gaussians", n);
+    spin_note(sequence, "%s (--tc-mask %s, --tc-threshold %g)", modes[run->mode].says,
+              modes[run->mode].name, run->threshold);
     return SPIN_OK;
 }
 
-static spin_status tc3dgs_open(const char *path, const struct spin_plugin_values *values,
-                               void **self, struct spin_sequence_info *sequence)
-{
-    struct run *run;
-    spin_status status;
-
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *run, self));
-    run = *self;
-    status = open_run(path, values, run, sequence);
-    return spin_fail_reading(status, run->base.path ? run->base.path : path);
-}
-
-static void tc3dgs_close(void *self)
+static spin_status open_run(void *self, const char *path)
 {
     struct run *run = self;
+    spin_status status;
 
-    if (!run)
-        return;
-    spin_d3dgs_release(&run->base);
-    free(run->row);
-    free(run->sum);
-    free(run->off);
-    free(run->keep);
-    free(run);
+    SPIN_TRY(read_options(run->base.base.values, run));
+    status = spin_d3dgs_load(path, &run->base);
+    if (status == SPIN_OK)
+        status = open_mask(run);
+    return spin_fail_reading(status, run->base.base.path);
 }
+
+SPIN_MODEL_OPEN(tc3dgs_open, struct run, open_run)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
-
-/* Rows of `width` floats: those kept move up. */
-static void compact(const bool *keep, size_t n, size_t width, float *rows)
-{
-    size_t to = 0;
-
-    for (size_t i = 0; i < n; i++) {
-        if (keep[i])
-            memmove(rows + width * to++, rows + width * i, width * sizeof *rows);
-    }
-}
 
 static spin_status tc3dgs_frame(void *self, int frame, double time, unsigned columns,
                                 struct spin_splats *out)
@@ -215,16 +185,15 @@ static spin_status tc3dgs_frame(void *self, int frame, double time, unsigned col
         for (size_t i = 0; i < n; i++)
             run->keep[i] = presence(run->row[i]) > run->threshold;
     }
-    if (columns & SPIN_COL_MEANS)
-        compact(run->keep, n, 3, out->means);
-    if (columns & SPIN_COL_QUATS)
-        compact(run->keep, n, 4, out->quats);
-    if (columns & SPIN_COL_LOG_SCALES)
-        compact(run->keep, n, 3, out->log_scales);
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        compact(run->keep, n, 1, out->logit_opacities);
-    if (columns & SPIN_COL_SH)
-        compact(run->keep, n, 3, out->sh);
+    for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
+        size_t width, to = 0;
+        float *rows = spin_model_values(out, c, &width);
+
+        for (size_t i = 0; columns & 1u << c && i < n; i++) {
+            if (run->keep[i])
+                memmove(rows + width * to++, rows + width * i, width * sizeof *rows);
+        }
+    }
     out->n = run->base.counts[frame];
     return SPIN_OK;
 }
@@ -238,5 +207,5 @@ const struct spin_importer spin_importer_tc3dgs = {
     .probe = probe,
     .open = tc3dgs_open,
     .frame = tc3dgs_frame,
-    .close = tc3dgs_close,
+    .close = spin_d3dgs_close,
 };

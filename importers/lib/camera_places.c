@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "importers/lib/cfg_args.h"
+#include "importers/lib/run_config.h"
 #include "io/json.h"
 
 enum { MOST_DIFFERENT = 1024 }; /* places that cameras.json is searched for */

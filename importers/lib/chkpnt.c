@@ -5,9 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "importers/lib/notes.h"
-#include "io/file.h"
-
 long long spin_chkpnt_iteration(const char *name)
 {
     char *end;
@@ -21,18 +18,18 @@ long long spin_chkpnt_iteration(const char *name)
     return strcmp(end, ".pth") == 0 ? n : -1;
 }
 
-spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **out, bool *best)
+spin_status spin_chkpnt_choose(struct spin_model *m, const char *folder, const char *wanted,
+                               const char **out, bool *best)
 {
-    char **names = NULL;
-    const char *chosen = NULL;
+    char **names;
     long long largest = -1, asked = -1;
-    size_t n = 0;
-    spin_status status = SPIN_OK;
+    size_t n;
 
+    *out = NULL;
     *best = false;
     if (wanted)
         asked = strcmp(wanted, "best") == 0 ? INT64_MAX : strtoll(wanted, NULL, 10);
-    SPIN_TRY(spin_folder_list(folder, &names, &n));
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
     for (size_t i = 0; i < n; i++) {
         long long number = spin_chkpnt_iteration(names[i]);
         bool is_best = number == INT64_MAX;
@@ -40,41 +37,30 @@ spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **ou
         *best = *best || is_best;
         if (number < 0 || (wanted && number != asked))
             continue;
-        if (!chosen || (!is_best && number > largest)) {
-            chosen = names[i];
+        if (!*out || (!is_best && number > largest)) {
+            *out = names[i];
             largest = is_best ? -1 : number;
         }
     }
-    if (chosen) {
-        *best = *best && spin_chkpnt_iteration(chosen) != INT64_MAX;
-        status = spin_strdup(chosen, out);
-    }
-    spin_folder_list_free(names);
-    return status;
+    *best = *out && *best && spin_chkpnt_iteration(*out) != INT64_MAX;
+    return SPIN_OK;
 }
 
-spin_status spin_chkpnt_find(const char *path, char **out, struct spin_sequence_info *sequence)
+spin_status spin_chkpnt_find(struct spin_model *m, const char *path)
 {
-    char *name = NULL;
+    const char *name;
     bool best;
-    spin_status status;
 
     if (!spin_path_is_folder(path))
-        return spin_strdup(path, out);
-    SPIN_TRY(spin_chkpnt_choose(path, NULL, &name, &best));
+        return spin_model_text(m, &m->path, "%s", path);
+    m->path = NULL;
+    SPIN_TRY(spin_chkpnt_choose(m, path, NULL, &name, &best));
     if (!name)
         return SPIN_OK;
     if (best)
-        spin_note(sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
+        spin_note(m->sequence, "'%s' is read; chkpnt_best.pth is there too: name it to import it",
                   name);
-    status = spin_path_join(path, name, out);
-    free(name);
-    return status;
-}
-
-bool spin_chkpnt_says(const struct spin_peek *peek, const char *word)
-{
-    return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
+    return spin_model_join(m, &m->path, path, "%s", name);
 }
 
 const char *spin_chkpnt_kind(const struct spin_value *v)

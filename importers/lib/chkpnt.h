@@ -3,22 +3,19 @@
 #ifndef SPIN_IMPORTERS_LIB_CHKPNT_H
 #define SPIN_IMPORTERS_LIB_CHKPNT_H
 
-#include "io/torch.h"
+#include "importers/lib/model.h"
 
 /* N of chkpnt<N>.pth, INT64_MAX of chkpnt_best.pth, else -1. */
 long long spin_chkpnt_iteration(const char *name);
 
 /* Name of the checkpoint to read in a folder: that of iteration `wanted`, a number or "best"; NULL: of the
- * largest number, or the best where none has a number. *out stays NULL when there is none; allocated.
+ * largest number, or the best where none has a number. NULL when there is none.
  * *best: there is a best one that was not chosen. */
-spin_status spin_chkpnt_choose(const char *folder, const char *wanted, char **out, bool *best);
-/* The checkpoint at `path`: the file itself, or that of a folder, when a note says if there is a best one
- * besides. *out stays NULL when a folder has none; allocated. */
-spin_status spin_chkpnt_find(const char *path, char **out, struct spin_sequence_info *sequence);
-
-/* Whether the start of a checkpoint, of which a probe sees this much, has a word in it: the optimiser's
- * groups are named there. */
-bool spin_chkpnt_says(const struct spin_peek *peek, const char *word);
+spin_status spin_chkpnt_choose(struct spin_model *m, const char *folder, const char *wanted,
+                               const char **out, bool *best);
+/* The checkpoint at `path` as the model's path: the file itself, or that of a folder, when a note says if there is a
+ * best one besides. NULL when a folder has none. */
+spin_status spin_chkpnt_find(struct spin_model *m, const char *path);
 
 /* "a tensor", "an int", ...; "nothing" for NULL. */
 const char *spin_chkpnt_kind(const struct spin_value *v);

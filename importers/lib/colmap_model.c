@@ -9,7 +9,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "importers/lib/model_folder.h"
+#include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
 #include "math/covariance.h"
@@ -474,8 +474,8 @@ static spin_status find_sparse(struct colmap_model *m, const char *folder)
 
     for (int i = 0; i < 2; i++) {
         SPIN_TRY(spin_path_join(folder, places[i], &m->sparse));
-        m->binary = spin_model_folder_holds(m->sparse, "images.bin");
-        if (m->binary || spin_model_folder_holds(m->sparse, "images.txt"))
+        m->binary = spin_model_holds(m->sparse, "images.bin");
+        if (m->binary || spin_model_holds(m->sparse, "images.txt"))
             return SPIN_OK;
         free(m->sparse);
         m->sparse = NULL;
@@ -510,7 +510,7 @@ spin_status spin_colmap_model_read(const char *folder, bool centre, struct colma
         return spin_fail(SPIN_E_MALFORMED, "'%s' has no images", m->sparse);
     if (m->n_images > INT_MAX)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s' has too many images", m->sparse);
-    if (spin_model_folder_holds(m->sparse, m->binary ? "points3D.bin" : "points3D.txt"))
+    if (spin_model_holds(m->sparse, m->binary ? "points3D.bin" : "points3D.txt"))
         SPIN_TRY(read_file(m, &points));
     warn_behind(m);
     qsort(m->image, m->n_images, sizeof *m->image, by_name);

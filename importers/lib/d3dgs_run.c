@@ -2,11 +2,8 @@
 #include "importers/lib/d3dgs_run.h"
 
 #include <limits.h>
-#include <math.h>
-#include <stdlib.h>
+#include <string.h>
 
-#include "base/mem.h"
-#include "importers/lib/finite.h"
 #include "math/quat.h"
 #include "math/sh.h"
 
@@ -16,11 +13,10 @@
 static const struct {
     const char *name;
     uint64_t width;
-    unsigned column;
+    int column; /* as of spin_model_values() */
 } d3dgs_keys[D3DGS_N_KEYS] = {
-    {"means3D", 3, SPIN_COL_MEANS},          {"rgb_colors", 3, SPIN_COL_SH},
-    {"unnorm_rotations", 4, SPIN_COL_QUATS}, {"logit_opacities", 1, SPIN_COL_LOGIT_OPACITIES},
-    {"log_scales", 3, SPIN_COL_LOG_SCALES},
+    {"means3D", 3, 0},         {"rgb_colors", 3, 4}, {"unnorm_rotations", 4, 1},
+    {"logit_opacities", 1, 3}, {"log_scales", 3, 2},
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -32,15 +28,6 @@ bool spin_d3dgs_has_key(const struct spin_peek *peek, const char *key)
 
     for (const char *at = peek->tail_names; (at = strstr(at, line)) != NULL; at += n) {
         if ((at == peek->tail_names || at[-1] == '\n') && (at[n] == '\n' || at[n] == '\0'))
-            return true;
-    }
-    return false;
-}
-
-bool spin_d3dgs_has_file(const struct spin_peek *peek, const char *name)
-{
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], name) == 0)
             return true;
     }
     return false;
@@ -132,20 +119,40 @@ static spin_status d3dgs_check_room(const struct d3dgs_run *run)
     frame = run->n * width * sizeof(float);
     if (unpacked == 0 || unpacked + frame <= available)
         return SPIN_OK;
-    return spin_fail(SPIN_E_MEMORY,
-                     "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, but "
-                     "only %.1f MB of memory are there",
-                     run->path, (double)unpacked / 1e6, (double)frame / 1e6,
-                     (double)available / 1e6);
+    return spin_fail(
+        SPIN_E_MEMORY,
+        "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, but "
+        "only %.1f MB of memory are there",
+        run->base.path, (double)unpacked / 1e6, (double)frame / 1e6, (double)available / 1e6);
+}
+
+static void d3dgs_describe(const struct d3dgs_run *run)
+{
+    struct spin_sequence_info *sequence = run->base.sequence;
+
+    for (uint64_t t = 0; t < run->n_frames; t++)
+        run->counts[t] = (size_t)run->n;
+    sequence->n_frames = (int)run->n_frames;
+    sequence->counts = run->counts;
+    sequence->identity = true;
+    sequence->sh_degree = 0;
+    sequence->time_last = (double)(run->n_frames - 1);
+    for (int k = 0; k < D3DGS_N_KEYS; k++) {
+        sequence->columns |= 1u << d3dgs_keys[k].column;
+        if (run->array[k].n_dims == 2)
+            sequence->static_columns |= 1u << d3dgs_keys[k].column;
+    }
 }
 
 spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run)
 {
+    struct spin_model *base = &run->base;
+
     if (spin_path_is_folder(path))
-        SPIN_TRY(spin_path_join(path, "params.npz", &run->path));
+        SPIN_TRY(spin_model_join(base, &base->path, path, "params.npz"));
     else
-        SPIN_TRY(spin_strdup(path, &run->path));
-    SPIN_TRY(spin_npz_open(run->path, &run->npz));
+        SPIN_TRY(spin_model_text(base, &base->path, "%s", path));
+    SPIN_TRY(spin_npz_open(base->path, &run->npz));
     if (spin_npz_has(&run->npz, "cam_unnorm_rots"))
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "array 'cam_unnorm_rots' says that this is a map of SplaTAM or one of its "
@@ -156,33 +163,17 @@ spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run)
     SPIN_TRY(d3dgs_check_room(run));
     for (int k = 0; k < D3DGS_N_KEYS; k++)
         SPIN_TRY(spin_d3dgs_array(run, d3dgs_keys[k].name, &run->array[k]));
+    SPIN_TRY(
+        spin_model_alloc(base, (size_t)run->n_frames, sizeof *run->counts, (void **)&run->counts));
+    d3dgs_describe(run);
     return SPIN_OK;
 }
 
-spin_status spin_d3dgs_describe(struct d3dgs_run *run, struct spin_sequence_info *sequence)
+void spin_d3dgs_close(void *self)
 {
-
-    SPIN_TRY(spin_alloc((size_t)run->n_frames, sizeof *run->counts, (void **)&run->counts));
-    for (uint64_t t = 0; t < run->n_frames; t++)
-        run->counts[t] = (size_t)run->n;
-    sequence->n_frames = (int)run->n_frames;
-    sequence->counts = run->counts;
-    sequence->identity = true;
-    sequence->sh_degree = 0;
-    sequence->time_last = (double)(run->n_frames - 1);
-    for (int k = 0; k < D3DGS_N_KEYS; k++) {
-        sequence->columns |= d3dgs_keys[k].column;
-        if (run->array[k].n_dims == 2)
-            sequence->static_columns |= d3dgs_keys[k].column;
-    }
-    return SPIN_OK;
-}
-
-void spin_d3dgs_release(struct d3dgs_run *run)
-{
-    spin_npz_close(&run->npz);
-    free(run->path);
-    free(run->counts);
+    if (self)
+        spin_npz_close(&((struct d3dgs_run *)self)->npz);
+    spin_model_close(self);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -203,15 +194,8 @@ static spin_status d3dgs_column(const struct d3dgs_run *run, int key, int frame,
         return spin_fail(SPIN_E_MALFORMED,
                          "cannot read '%s': array '%s' has %llu values in frame %d that are not "
                          "finite",
-                         run->path, d3dgs_keys[key].name, (unsigned long long)bad, frame);
+                         run->base.path, d3dgs_keys[key].name, (unsigned long long)bad, frame);
     return SPIN_OK;
-}
-
-/* The zero quaternion, which the method would turn into no rotation matrix at all, is identity. */
-static void d3dgs_normalise(float *quats, size_t n)
-{
-    for (float *q = quats; q < quats + 4 * n; q += 4)
-        spin_quat_normalise(q);
 }
 
 spin_status spin_d3dgs_read(const struct d3dgs_run *run, int frame, unsigned columns,
@@ -220,23 +204,20 @@ spin_status spin_d3dgs_read(const struct d3dgs_run *run, int frame, unsigned col
     size_t n = (size_t)run->n;
 
     if (frame < 0 || (uint64_t)frame >= run->n_frames)
-        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", run->path, frame);
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", run->base.path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
-    if (columns & SPIN_COL_MEANS)
-        SPIN_TRY(d3dgs_column(run, D3DGS_MEANS, frame, out->means));
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        SPIN_TRY(d3dgs_column(run, D3DGS_OPACITIES, frame, out->logit_opacities));
-    if (columns & SPIN_COL_LOG_SCALES)
-        SPIN_TRY(d3dgs_column(run, D3DGS_SCALES, frame, out->log_scales));
-    if (columns & SPIN_COL_QUATS) {
-        SPIN_TRY(d3dgs_column(run, D3DGS_ROTATIONS, frame, out->quats));
-        d3dgs_normalise(out->quats, n);
+    for (int k = 0; k < D3DGS_N_KEYS; k++) {
+        size_t width;
+
+        if (columns & 1u << d3dgs_keys[k].column)
+            SPIN_TRY(
+                d3dgs_column(run, k, frame, spin_model_values(out, d3dgs_keys[k].column, &width)));
     }
-    if (columns & SPIN_COL_SH) {
-        SPIN_TRY(d3dgs_column(run, D3DGS_COLOURS, frame, out->sh));
-        for (size_t i = 0; i < 3 * n; i++)
-            out->sh[i] = (float)((out->sh[i] - 0.5) / SPIN_SH_C0);
-    }
+    /* The zero quaternion, which the method would turn into no rotation matrix at all, is identity. */
+    for (size_t i = 0; columns & SPIN_COL_QUATS && i < n; i++)
+        spin_quat_normalise(out->quats + 4 * i);
+    for (size_t i = 0; columns & SPIN_COL_SH && i < 3 * n; i++)
+        out->sh[i] = (float)((out->sh[i] - 0.5) / SPIN_SH_C0);
     return SPIN_OK;
 }

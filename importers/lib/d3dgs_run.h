@@ -4,13 +4,14 @@
 #ifndef SPIN_IMPORTERS_LIB_D3DGS_RUN_H
 #define SPIN_IMPORTERS_LIB_D3DGS_RUN_H
 
+#include "importers/lib/model.h"
 #include "io/npy.h"
 
 enum { D3DGS_MEANS, D3DGS_COLOURS, D3DGS_ROTATIONS, D3DGS_OPACITIES, D3DGS_SCALES, D3DGS_N_KEYS };
 
 struct d3dgs_run {
+    struct spin_model base;
     struct spin_npz npz;
-    char *path;
     struct spin_array array[D3DGS_N_KEYS];
     uint64_t n_frames, n;
     size_t *counts; /* [n_frames] */
@@ -18,8 +19,6 @@ struct d3dgs_run {
 
 /* Among the member names of a peek. */
 bool spin_d3dgs_has_key(const struct spin_peek *peek, const char *key);
-
-bool spin_d3dgs_has_file(const struct spin_peek *peek, const char *name);
 
 /* How many of the five arrays are there. */
 int spin_d3dgs_count_keys(const struct spin_peek *peek);
@@ -29,12 +28,11 @@ spin_status spin_d3dgs_fail_shape(const struct spin_array *a, const char *key,
 
 spin_status spin_d3dgs_array(struct d3dgs_run *run, const char *key, struct spin_array *out);
 
+/* Opens params.npz, or that of a folder, and binds the arrays: a track of n_frames frames of n Gaussians. */
 spin_status spin_d3dgs_load(const char *path, struct d3dgs_run *run);
 
-/* A track of n_frames frames of n Gaussians. */
-spin_status spin_d3dgs_describe(struct d3dgs_run *run, struct spin_sequence_info *sequence);
-
-void spin_d3dgs_release(struct d3dgs_run *run);
+/* An importer's close(). */
+void spin_d3dgs_close(void *self);
 
 /* All Gaussians of one frame. */
 spin_status spin_d3dgs_read(const struct d3dgs_run *run, int frame, unsigned columns,

@@ -1,76 +1,129 @@
-/* Frames of deformed clouds. */
+/* Frames and saves of deformed clouds. */
 #include "importers/lib/deform.h"
 
 #include <string.h>
 
-#include "importers/lib/model_folder.h"
 #include "math/covariance.h"
 #include "math/quat.h"
 
-static void copy(float *to, const float *from, size_t n) { memcpy(to, from, n * sizeof *to); }
-
-static void copy_still(const struct spin_splats *from, unsigned columns, struct spin_splats *out)
+spin_status spin_deform_frame(struct spin_model *m, double time, unsigned columns, unsigned moved,
+                              mlp_block_fn fn, struct spin_splats *out)
 {
-    size_t n = from->n, n_sh = 3 * (size_t)((from->sh_degree + 1) * (from->sh_degree + 1));
+    const struct spin_splats *from = &m->canonical;
+    struct deform_job job = {m, from, out, columns, (float)time};
 
-    if (columns & SPIN_COL_MEANS)
-        copy(out->means, from->means, 3 * n);
-    if (columns & SPIN_COL_LOG_SCALES)
-        copy(out->log_scales, from->log_scales, 3 * n);
-    if (columns & SPIN_COL_LOGIT_OPACITIES)
-        copy(out->logit_opacities, from->logit_opacities, n);
-    if (columns & SPIN_COL_SH)
-        copy(out->sh, from->sh, n_sh * n);
-    if (columns & SPIN_COL_QUATS) {
-        copy(out->quats, from->quats, 4 * n);
-        for (size_t i = 0; i < n; i++)
-            spin_quat_normalise(out->quats + 4 * i);
+    if (!isfinite(time))
+        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->path, time);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    SPIN_TRY(spin_splats_reserve(out, from->n, columns, from->sh_degree));
+    for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
+        size_t width;
+        const float *values = spin_model_values(from, c, &width);
+
+        if (columns & ~moved & 1u << c)
+            memcpy(spin_model_values(out, c, &width), values, from->n * width * sizeof *values);
+    }
+    for (size_t i = 0; columns & ~moved & SPIN_COL_QUATS && i < from->n; i++)
+        spin_quat_normalise(out->quats + 4 * i);
+    if (columns & moved)
+        spin_mlp_team_run(&m->team, from->n, fn, &job);
+    return spin_model_check(m->path, time, columns, out);
+}
+
+void spin_deform_describe(const struct spin_model *m, unsigned moved)
+{
+    struct spin_sequence_info *s = m->sequence;
+
+    s->n_frames = 1;
+    s->identity = true;
+    s->counts = &m->canonical.n;
+    s->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    s->static_columns = s->columns & ~moved;
+    s->sh_degree = m->canonical.sh_degree;
+    s->continuous = true;
+    s->time_last = 1;
+}
+
+void spin_deform_shape(const struct deform_job *job, size_t first, int n, const float *d_scale,
+                       const float *d_quat)
+{
+    for (size_t p = 0, row = first; p < (size_t)n; p++, row++) {
+        const float *quat = job->from->quats + 4 * row;
+        double norm = spin_quat_norm(quat), scale[3], q[4], cov6[6];
+        double log_scales[3] = {NAN, NAN, NAN}, unit[4] = {NAN, NAN, NAN, NAN};
+
+        for (size_t i = 0; i < 4; i++)
+            q[i] = (norm > 0 ? quat[i] / norm : 0) + d_quat[i * MLP_BLOCK + p];
+        for (size_t i = 0; i < 3; i++)
+            scale[i] = exp(job->from->log_scales[3 * row + i]) + d_scale[i * MLP_BLOCK + p];
+        spin_covariance_unnormalised(scale, q, cov6);
+        spin_covariance_split(cov6, log_scales, unit);
+        for (size_t i = 0; job->columns & SPIN_COL_LOG_SCALES && i < 3; i++)
+            job->out->log_scales[3 * row + i] = (float)log_scales[i];
+        for (size_t i = 0; job->columns & SPIN_COL_QUATS && i < 4; i++)
+            job->out->quats[4 * row + i] = (float)unit[i];
     }
 }
 
-spin_status spin_deform_frame(const char *path, const struct spin_splats *canonical, double time,
-                              unsigned columns, unsigned moved, struct mlp_team *team,
-                              mlp_block_fn fn, const void *model, struct spin_splats *out)
-{
-    struct deform_job job = {model, out, columns, (float)time};
+/* ---- Saves ----------------------------------------------------------------------------------- */
 
-    if (!isfinite(time))
-        return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", path, time);
-    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    SPIN_TRY(spin_splats_reserve(out, canonical->n, columns, canonical->sh_degree));
-    copy_still(canonical, columns & ~moved, out);
-    if (columns & moved)
-        spin_mlp_team_run(team, canonical->n, fn, &job);
-    return spin_model_folder_check(path, time, columns, out);
+/* Both sides must end with the same save, or the user must say which. */
+static spin_status check_newest(struct spin_model *m, const char *path, const char *clouds,
+                                const char *deforms, const char *found)
+{
+    const char *cloud, *deform;
+
+    SPIN_TRY(spin_model_choose(m, NULL, clouds, "point_cloud.ply", NULL, NULL, &cloud));
+    SPIN_TRY(spin_model_choose(m, NULL, deforms, "deform.pth", NULL, NULL, &deform));
+    if (!cloud)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with point_cloud.ply",
+                         clouds);
+    if (!deform)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no iteration_<N> with deform.pth", deforms);
+    if (strcmp(cloud, deform) == 0)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_MALFORMED,
+                     "'%s': the last cloud is %s but the last network is %s; %s%s", path, cloud,
+                     deform,
+                     found ? "say which with --iteration; both have "
+                           : "the folders are of two runs or half copied",
+                     found ? found : "");
 }
 
-void spin_deform_describe(const struct spin_splats *canonical, unsigned moved,
-                          struct spin_sequence_info *sequence)
+spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
+                             struct deform_save *out)
 {
-    sequence->n_frames = 1;
-    sequence->identity = true;
-    sequence->counts = &canonical->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns = sequence->columns & ~moved;
-    sequence->sh_degree = canonical->sh_degree;
-    sequence->continuous = true;
-    sequence->time_last = 1;
-}
+    const char *wanted = spin_model_option(m, "iteration"), *clouds, *deforms;
 
-void spin_deform_shape(const float log_scale[3], const float quat[4], const float *d_scale,
-                       const float *d_quat, float *out_log_scale, float *out_quat)
-{
-    double norm = spin_quat_norm(quat), scale[3], q[4], cov6[6];
-    double log_scales[3] = {NAN, NAN, NAN}, unit[4] = {NAN, NAN, NAN, NAN};
+    out->model = path;
+    if (!spin_path_is_folder(path)) {
+        const char *whole, *folder;
 
-    for (int i = 0; i < 4; i++)
-        q[i] = (norm > 0 ? quat[i] / norm : 0) + d_quat[i * MLP_BLOCK];
-    for (int i = 0; i < 3; i++)
-        scale[i] = exp(log_scale[i]) + d_scale[i * MLP_BLOCK];
-    spin_covariance_unnormalised(scale, q, cov6);
-    spin_covariance_split(cov6, log_scales, unit);
-    for (int i = 0; out_log_scale && i < 3; i++)
-        out_log_scale[i] = (float)log_scales[i];
-    for (int i = 0; out_quat && i < 4; i++)
-        out_quat[i] = (float)unit[i];
+        SPIN_TRY(spin_model_absolute(m, &whole, path));
+        SPIN_TRY(spin_model_folder(m, &folder, whole));
+        SPIN_TRY(spin_model_folder(m, &deforms, folder));
+        SPIN_TRY(spin_model_folder(m, &out->model, deforms));
+        if (strcmp(spin_path_name(whole), "deform.pth") != 0 ||
+            strncmp(spin_path_name(folder), "iteration_", 10) != 0)
+            return spin_fail(SPIN_E_USAGE,
+                             "'%s' is neither the model's folder nor its "
+                             "deform/iteration_<N>/deform.pth",
+                             path);
+        wanted = spin_path_name(folder) + 10;
+    }
+    SPIN_TRY(spin_model_join(m, &clouds, out->model, "point_cloud"));
+    SPIN_TRY(spin_model_join(m, &deforms, out->model, "deform"));
+    if (!spin_path_is_folder(clouds) || !spin_path_is_folder(deforms))
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no folder '%s'", out->model,
+                         spin_path_is_folder(clouds) ? "deform" : "point_cloud");
+    SPIN_TRY(
+        spin_model_choose(m, wanted, clouds, "point_cloud.ply", deforms, "deform.pth", &out->name));
+    if (!wanted && together)
+        SPIN_TRY(check_newest(m, out->model, clouds, deforms, out->name));
+    if (!out->name)
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "'%s' has no iteration_%s with both a cloud and a network", out->model,
+                         wanted ? wanted : "<N>");
+    SPIN_TRY(spin_model_join(m, &out->cloud, clouds, "%s/point_cloud.ply", out->name));
+    return spin_model_join(m, &out->network, deforms, "%s/deform.pth", out->name);
 }

@@ -7,7 +7,7 @@
 
 #include "base/mem.h"
 #include "io/file.h"
-#include "importers/lib/notes.h"
+#include "importers/lib/model.h"
 
 bool spin_file_has_suffix(const char *name, const char *suffix)
 {

@@ -1,35 +1,19 @@
 /* 4-D Gaussians sliced at a time. */
 #include "importers/lib/gaussian4d.h"
-#include "importers/lib/notes.h"
+
 #include "math/quat.h"
 
-#include <stdlib.h>
-
-void spin_gaussian4d_free(struct gaussian4d *s)
+spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *s, size_t n)
 {
-    free(s->mean);
-    free(s->time);
-    free(s->velocity);
-    free(s->variance);
-    free(s->log_scales);
-    free(s->quats);
-    free(s->opacity);
-    free(s->row);
-    free(s->kept);
-    *s = (struct gaussian4d){0};
-}
-
-spin_status spin_gaussian4d_reserve(struct gaussian4d *s, size_t n)
-{
-    SPIN_TRY(spin_alloc(n, 3 * sizeof *s->mean, (void **)&s->mean));
-    SPIN_TRY(spin_alloc(n, sizeof *s->time, (void **)&s->time));
-    SPIN_TRY(spin_alloc(n, 3 * sizeof *s->velocity, (void **)&s->velocity));
-    SPIN_TRY(spin_alloc(n, sizeof *s->variance, (void **)&s->variance));
-    SPIN_TRY(spin_alloc(n, 3 * sizeof *s->log_scales, (void **)&s->log_scales));
-    SPIN_TRY(spin_alloc(n, 4 * sizeof *s->quats, (void **)&s->quats));
-    SPIN_TRY(spin_alloc(n, sizeof *s->opacity, (void **)&s->opacity));
-    SPIN_TRY(spin_alloc(n, sizeof *s->row, (void **)&s->row));
-    return spin_alloc(n, sizeof *s->kept, (void **)&s->kept);
+    SPIN_TRY(spin_model_alloc(m, n, 3 * sizeof *s->mean, (void **)&s->mean));
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *s->time, (void **)&s->time));
+    SPIN_TRY(spin_model_alloc(m, n, 3 * sizeof *s->velocity, (void **)&s->velocity));
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *s->variance, (void **)&s->variance));
+    SPIN_TRY(spin_model_alloc(m, n, 3 * sizeof *s->log_scales, (void **)&s->log_scales));
+    SPIN_TRY(spin_model_alloc(m, n, 4 * sizeof *s->quats, (void **)&s->quats));
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *s->opacity, (void **)&s->opacity));
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *s->row, (void **)&s->row));
+    return spin_model_alloc(m, n, sizeof *s->kept, (void **)&s->kept);
 }
 
 /* Far below the largest float: places move, and others square them. */
@@ -108,14 +92,13 @@ double spin_gaussian4d_weight(const struct gaussian4d *s, size_t i, double time)
     return spin_time_weight(time - s->time[i], s->variance[i]);
 }
 
-void spin_gaussian4d_select(struct gaussian4d *s, double time, double least_weight,
-                            double least_opacity)
+void spin_gaussian4d_select(struct gaussian4d *s, double time)
 {
     s->n_kept = 0;
     for (size_t i = 0; i < s->n; i++) {
         double weight = spin_gaussian4d_weight(s, i, time);
 
-        if (weight > least_weight && weight * s->opacity[i] >= least_opacity)
+        if (weight > s->least_weight && weight * s->opacity[i] >= s->least_opacity)
             s->kept[s->n_kept++] = i;
     }
 }
@@ -144,4 +127,32 @@ void spin_gaussian4d_fill(const struct gaussian4d *s, double time, unsigned colu
             out->logit_opacities[k] =
                 spin_logit_of(spin_gaussian4d_weight(s, i, time) * s->opacity[i]);
     }
+}
+
+void spin_gaussian4d_describe(const struct gaussian4d *s, const struct clip_times *times,
+                              struct spin_sequence_info *sequence)
+{
+    sequence->n_frames = 1;
+    sequence->continuous = true;
+    sequence->time_first = times->first;
+    sequence->time_last = times->last;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = s->sh_degree;
+}
+
+spin_status spin_gaussian4d_frame(const struct spin_model *m, struct gaussian4d *s, int frame,
+                                  double time, unsigned columns, gaussian4d_sh_fn sh,
+                                  struct spin_splats *out)
+{
+    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+
+    if (frame < 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    spin_gaussian4d_select(s, time);
+    SPIN_TRY(spin_splats_reserve(out, s->n_kept, columns, s->sh_degree));
+    spin_gaussian4d_fill(s, time, columns, out);
+    for (size_t k = 0; sh && k < s->n_kept && (columns & SPIN_COL_SH); k++)
+        sh(m, s->kept[k], time - s->time[s->kept[k]], out->sh + width * k);
+    return SPIN_OK;
 }

@@ -3,7 +3,7 @@
 #ifndef SPIN_IMPORTERS_LIB_GAUSSIAN4D_H
 #define SPIN_IMPORTERS_LIB_GAUSSIAN4D_H
 
-#include "base/mem.h"
+#include "importers/lib/model.h"
 #include "math/covariance.h"
 
 struct gaussian4d {
@@ -19,12 +19,13 @@ struct gaussian4d {
     size_t *row;       /* [n] of the file */
     size_t *kept;      /* [n] scratch: those that the last time asked for sees */
     size_t n_kept;
+    /* What frames show: a weight above the one, and at least the other opacity. */
+    double least_weight, least_opacity;
+    int sh_degree;
 };
 
-void spin_gaussian4d_free(struct gaussian4d *s);
-
-/* Room for n rows; spin_gaussian4d_free() also after a failure. */
-spin_status spin_gaussian4d_reserve(struct gaussian4d *s, size_t n);
+/* Room for n rows, as long as the model lives. */
+spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *s, size_t n);
 
 /* One Gaussian of known shape. A row that would write anything that is not finite is counted and
  * dropped. */
@@ -50,9 +51,8 @@ double spin_sigmoid_of(double logit);
 
 double spin_gaussian4d_weight(const struct gaussian4d *s, size_t i, double time);
 
-/* Those seen at `time`: weight above least_weight, and opacity at least least_opacity. */
-void spin_gaussian4d_select(struct gaussian4d *s, double time, double least_weight,
-                            double least_opacity);
+/* Chooses those seen at `time`. */
+void spin_gaussian4d_select(struct gaussian4d *s, double time);
 
 /* The logit, of an opacity held off 0 and 1 where it has none. */
 float spin_logit_of(double opacity);
@@ -60,5 +60,15 @@ float spin_logit_of(double opacity);
 /* Everything but colours of those selected; `out` has room for them. */
 void spin_gaussian4d_fill(const struct gaussian4d *s, double time, unsigned columns,
                           struct spin_splats *out);
+
+/* Any time in the clip, of SH that do not say otherwise. */
+void spin_gaussian4d_describe(const struct gaussian4d *s, const struct clip_times *times,
+                              struct spin_sequence_info *sequence);
+
+/* A frame: `sh` gives the colours of Gaussian i, dt after its own time; NULL: the caller does. */
+typedef void (*gaussian4d_sh_fn)(const void *model, size_t i, double dt, float *out);
+spin_status spin_gaussian4d_frame(const struct spin_model *m, struct gaussian4d *s, int frame,
+                                  double time, unsigned columns, gaussian4d_sh_fn sh,
+                                  struct spin_splats *out);
 
 #endif

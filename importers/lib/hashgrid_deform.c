@@ -1,68 +1,30 @@
 /* Hash grids, heads and folders that Grid4D and DASH share. */
 #include "importers/lib/hashgrid_deform.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/err.h"
-#include "importers/lib/deform_save.h"
-#include "importers/lib/notes.h"
 #include "math/grid.h"
-
-#define MOVED ((unsigned)SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)
-
-void spin_hash_grid_free(struct hash_grid *grid)
-{
-    free(grid->table);
-    memset(grid, 0, sizeof *grid);
-}
-
-void spin_hash_model_free(struct hash_model *m)
-{
-    for (int i = 0; i < HASH_MAX_DEPTH; i++)
-        spin_mlp_free(&m->grid_mlp[i]);
-    spin_mlp_free(&m->warp);
-    spin_mlp_free(&m->rotation);
-    spin_mlp_free(&m->scaling);
-    spin_mlp_team_free(&m->team);
-    spin_splats_free(&m->canonical);
-    free(m->extra);
-    free(m->save);
-    free(m->path);
-}
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-static bool hash_says(const struct spin_peek *peek, const char *word)
-{
-    return peek->n_head > 0 && memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
-}
-
 int spin_hash_probe(const struct spin_peek *peek, const char *key, const char *option)
 {
-    bool deform = false, cloud = false;
-
     if (!peek->is_folder)
-        return hash_says(peek, key) ? 90 : 0;
-    for (size_t i = 0; peek->names && peek->names[i]; i++) {
-        deform = deform || strcmp(peek->names[i], "deform") == 0;
-        cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
-    }
-    if (!deform || !cloud)
+        return spin_peek_says(peek, key) ? 90 : 0;
+    if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud"))
         return 0;
-    if (hash_says(peek, option))
+    if (spin_peek_says(peek, option))
         return 90;
-    return !hash_says(peek, "Namespace(") ? 55 : hash_says(peek, "grid_args") ? 40 : 0;
+    return !spin_peek_says(peek, "Namespace(") ? 55 : spin_peek_says(peek, "grid_args") ? 40 : 0;
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-static spin_status read_settings(const struct cfg_args *cfg,
-                                 const struct spin_plugin_values *values, struct hash_model *m,
-                                 struct spin_sequence_info *sequence)
+static spin_status read_settings(struct hash_model *m)
 {
-    const char *bound = spin_plugin_value(values, "bound", NULL);
-    const char *scale = spin_plugin_value(values, "scale-xyz", NULL);
+    const char *bound = spin_model_option(&m->base, "bound");
+    const char *scale = spin_model_option(&m->base, "scale-xyz");
+    const struct cfg_args *cfg = &m->base.settings.cfg;
     struct cfg_span grid_args = spin_cfg_get(cfg, "grid_args"), s;
 
     if (bound) {
@@ -79,7 +41,7 @@ static spin_status read_settings(const struct cfg_args *cfg,
             return spin_fail(SPIN_E_MALFORMED, "'%s': bound is not a number", cfg->path);
     } else {
         m->bound = 1.6;
-        spin_note(sequence, "cfg_args names no bound: assumed 1.6 as the method does");
+        spin_note(m->base.sequence, "cfg_args names no bound: assumed 1.6 as the method does");
     }
     if (!(m->bound > 0) || !isfinite(m->bound))
         return spin_fail(bound ? SPIN_E_USAGE : SPIN_E_MALFORMED,
@@ -101,63 +63,12 @@ static spin_status read_settings(const struct cfg_args *cfg,
     return SPIN_OK;
 }
 
-/* ---- Opening --------------------------------------------------------------------------------- */
-
-static spin_status open_save(const struct deform_save *save,
-                             const struct spin_plugin_values *values,
-                             const struct hash_method *method, struct hash_model *m,
-                             struct spin_sequence_info *sequence)
-{
-    struct spin_torch torch;
-    struct cfg_args cfg;
-    spin_status status;
-
-    memset(&torch, 0, sizeof torch);
-    SPIN_TRY(spin_strdup(save->network, &m->path));
-    SPIN_TRY(spin_strdup(save->name, &m->save));
-    status = spin_model_folder_cfg(save->model, NULL, &cfg);
-    if (status == SPIN_OK)
-        status = spin_fail_reading(spin_torch_open(save->network, &torch), save->network);
-    if (status == SPIN_OK)
-        status = spin_fail_reading(method->load(&torch, m), save->network);
-    if (status == SPIN_OK)
-        status = read_settings(&cfg, values, m, sequence);
-    if (status == SPIN_OK && method->settle)
-        status = method->settle(&cfg, values, m, sequence);
-    spin_torch_close(&torch);
-    spin_cfg_close(&cfg);
-    SPIN_TRY(status);
-    SPIN_TRY(spin_model_folder_read(save->cloud, &m->canonical, method->extra,
-                                    method->extra ? &m->extra : NULL));
-    spin_deform_describe(&m->canonical, MOVED, sequence);
-    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu Gaussians, bound %g, width %d",
-             method->name, m->canonical.n, m->bound, m->width);
-    spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
-                        "most data sets, at i/n in some");
-    return spin_mlp_team_create(m->n_scratch, &m->team);
-}
-
-spin_status spin_hash_open(const char *path, const struct spin_plugin_values *values,
-                           const struct hash_method *method, struct hash_model *m,
-                           struct spin_sequence_info *sequence)
-{
-    struct deform_save save;
-    spin_status status =
-        spin_deform_save_find(path, spin_plugin_value(values, "iteration", NULL), false, &save);
-
-    if (status == SPIN_OK)
-        status = open_save(&save, values, method, m, sequence);
-    spin_deform_save_free(&save);
-    return status;
-}
-
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static spin_status hash_load_offsets(struct spin_torch *torch, const struct spin_value *dict,
-                                     const char *name, uint64_t n_rows,
-                                     int64_t offset[HASH_MAX_LEVELS + 1], int *n_levels)
+static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t n_rows,
+                                int64_t offset[HASH_MAX_LEVELS + 1], int *n_levels)
 {
-    const struct spin_value *v = spin_mlp_get(dict, name, ".offsets");
+    const struct spin_value *v = spin_model_get(&m->base, "%s.offsets", name);
     static const int64_t shape[1] = {-1};
     struct spin_array t;
     char what[80];
@@ -165,7 +76,7 @@ static spin_status hash_load_offsets(struct spin_torch *torch, const struct spin
     snprintf(what, sizeof what, "%s.offsets", name);
     if (!v)
         return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", what);
-    SPIN_TRY(spin_torch_tensor_of(torch, v, what, 1, shape, &t));
+    SPIN_TRY(spin_torch_tensor_of(&m->base.torch, v, what, 1, shape, &t));
     if (t.count < 2 || t.count > HASH_MAX_LEVELS + 1 || (t.kind != 'i' && t.kind != 'u'))
         return spin_fail(SPIN_E_MALFORMED,
                          "tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
@@ -185,36 +96,29 @@ static spin_status hash_load_offsets(struct spin_torch *torch, const struct spin
     return SPIN_OK;
 }
 
-static spin_status hash_load_axis(struct spin_torch *torch, const struct spin_value *dict,
-                                  const char *name, const char *key, int n_dims, float out[4])
+spin_status spin_hash_load_grid(struct hash_model *m, const char *name, int n_dims,
+                                struct hash_grid *grid)
 {
-    int64_t shape[1] = {n_dims};
-    float *values = NULL;
-
-    SPIN_TRY(spin_mlp_floats(torch, dict, name, key, 1, shape, NULL, &values));
-    memcpy(out, values, (size_t)n_dims * sizeof *out);
-    free(values);
-    return SPIN_OK;
-}
-
-spin_status spin_hash_load_grid(struct spin_torch *torch, const struct spin_value *dict,
-                                const char *name, int n_dims, struct hash_grid *grid)
-{
-    static const int64_t shape[2] = {-1, -1};
+    static const int64_t any[2] = {-1, -1};
+    const int64_t axes[1] = {n_dims};
     int64_t offset[HASH_MAX_LEVELS + 1];
-    float growth[4], base[4];
+    float *growth, *base, *table;
     struct spin_array info;
+    char key[80];
 
-    SPIN_TRY(spin_mlp_floats(torch, dict, name, ".embeddings", 2, shape, &info, &grid->table));
+    snprintf(key, sizeof key, "%s.embeddings", name);
+    SPIN_TRY(spin_model_floats(&m->base, key, 2, any, &info, &table));
     if (info.shape[1] != 1 && info.shape[1] != 2 && info.shape[1] != 4 && info.shape[1] != 8)
         return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s.embeddings' has %llu features a row, expected 1, 2, 4 or 8",
-                         name, (unsigned long long)info.shape[1]);
+                         "tensor '%s' has %llu features a row, expected 1, 2, 4 or 8", key,
+                         (unsigned long long)info.shape[1]);
     grid->n_dims = n_dims;
     grid->n_features = (int)info.shape[1];
-    SPIN_TRY(hash_load_offsets(torch, dict, name, info.shape[0], offset, &grid->n_levels));
-    SPIN_TRY(hash_load_axis(torch, dict, name, ".per_level_scale", n_dims, growth));
-    SPIN_TRY(hash_load_axis(torch, dict, name, ".base_resolution", n_dims, base));
+    SPIN_TRY(load_offsets(m, name, info.shape[0], offset, &grid->n_levels));
+    snprintf(key, sizeof key, "%s.per_level_scale", name);
+    SPIN_TRY(spin_model_floats(&m->base, key, 1, axes, NULL, &growth));
+    snprintf(key, sizeof key, "%s.base_resolution", name);
+    SPIN_TRY(spin_model_floats(&m->base, key, 1, axes, NULL, &base));
     for (int l = 0; l < grid->n_levels; l++) {
         struct hash_level *level = &grid->level[l];
 
@@ -225,50 +129,81 @@ spin_status spin_hash_load_grid(struct spin_torch *torch, const struct spin_valu
                              name, l);
         level->rows = (uint32_t)(offset[l + 1] - offset[l]);
         level->hashed = spin_grid_is_hashed(level->res, level->rows);
-        level->table = grid->table + (size_t)offset[l] * (size_t)grid->n_features;
+        level->table = table + (size_t)offset[l] * (size_t)grid->n_features;
     }
     return SPIN_OK;
 }
 
-spin_status spin_hash_load_heads(struct spin_torch *torch, const struct spin_value *dict, int width,
-                                 int n_warp, struct hash_model *m)
+spin_status spin_hash_load_heads(struct hash_model *m, int width, int n_warp)
 {
     m->width = width;
-    for (m->depth = 0; m->depth < HASH_MAX_DEPTH; m->depth++) {
-        char key[40];
-
-        snprintf(key, sizeof key, "grid_mlp.%d", 2 * m->depth);
-        if (!spin_mlp_has(dict, "", key))
-            break;
-        SPIN_TRY(spin_mlp_load(torch, dict, "", key, width, width, &m->grid_mlp[m->depth]));
-    }
-    SPIN_TRY(spin_mlp_load(torch, dict, "", "gaussian_warp", width, n_warp, &m->warp));
-    SPIN_TRY(spin_mlp_load(torch, dict, "", "gaussian_rotation", width, 4, &m->rotation));
-    return spin_mlp_load(torch, dict, "", "gaussian_scaling", width, 3, &m->scaling);
+    SPIN_TRY(spin_model_trunk(&m->base, "grid_mlp", 0, width, &m->trunk));
+    SPIN_TRY(spin_model_layer(&m->base, "gaussian_warp", width, n_warp, MLP_PLAIN, &m->warp));
+    SPIN_TRY(spin_model_layer(&m->base, "gaussian_rotation", width, 4, MLP_PLAIN, &m->rotation));
+    return spin_model_layer(&m->base, "gaussian_scaling", width, 3, MLP_PLAIN, &m->scaling);
 }
 
-spin_status spin_hash_split(const struct spin_value *root, const char *key, const char *other_key,
-                            const char *other, struct hash_pair *out)
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+/* The pair (grid, network) that was saved, and that it is this method's. */
+static spin_status split(struct hash_model *m)
 {
-    out->grid = spin_value_at(root, 0);
-    out->network = spin_value_at(root, 1);
+    const struct spin_value *root = m->base.torch.root;
+    const struct hash_method *method = m->method;
+
+    m->grid = spin_value_at(root, 0);
+    m->network = spin_value_at(root, 1);
     if (root && root->kind == SPIN_VALUE_DICT)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "what was saved is one state dict, not a pair of a grid and a network: it "
                          "looks like Deformable-3D-Gaussians");
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
-        out->grid->kind != SPIN_VALUE_DICT || out->network->kind != SPIN_VALUE_DICT)
+        m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
         return spin_fail(SPIN_E_MALFORMED,
                          "what was saved is not a pair of two state dicts, grid and network");
-    if (spin_value_get(out->grid, other_key))
-        return spin_fail(SPIN_E_UNSUPPORTED, "tensor '%s' says that this is a run of %s", other_key,
-                         other);
-    if (spin_value_get(out->network, key))
+    if (spin_value_get(m->grid, method->other_key))
+        return spin_fail(SPIN_E_UNSUPPORTED, "tensor '%s' says that this is a run of %s",
+                         method->other_key, method->other);
+    if (spin_value_get(m->network, method->key))
         return spin_fail(SPIN_E_MALFORMED,
                          "the pair is swapped: the network comes before the grid");
-    if (!spin_value_get(out->grid, key))
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", key);
+    if (!spin_value_get(m->grid, method->key))
+        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", method->key);
+    m->base.tensors = m->grid;
     return SPIN_OK;
+}
+
+static spin_status load(struct spin_model *base)
+{
+    struct hash_model *m = (struct hash_model *)base;
+
+    SPIN_TRY(split(m));
+    return m->method->load(m);
+}
+
+spin_status spin_hash_open(struct hash_model *m, const char *path, const struct hash_method *method)
+{
+    struct spin_model *base = &m->base;
+    struct deform_save save;
+
+    m->method = method;
+    SPIN_TRY(spin_deform_find(base, path, false, &save));
+    base->path = save.network;
+    m->save = save.name;
+    SPIN_TRY(spin_model_cfg(base, save.model, NULL));
+    SPIN_TRY(spin_model_torch(base, save.network, load));
+    SPIN_TRY(read_settings(m));
+    if (method->settle)
+        SPIN_TRY(method->settle(m));
+    SPIN_TRY(spin_model_read(base, save.cloud, method->extra, 0, &m->extra));
+    spin_deform_describe(base, DEFORM_MOVED);
+    snprintf(base->sequence->variant, sizeof base->sequence->variant,
+             "%s, %zu Gaussians, bound %g, width %d", method->name, base->canonical.n, m->bound,
+             m->width);
+    spin_note(base->sequence,
+              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
+              "most data sets, at i/n in some");
+    return spin_mlp_team_create(m->n_scratch, &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
@@ -340,22 +275,4 @@ void spin_hash_coordinates(const struct hash_model *m, const float p[3], float t
     for (int d = 0; d < 3; d++)
         out[d] = (p[d] * (float)m->scale_xyz[d] + bound) / (2 * bound);
     out[3] = ((time * 2 * bound - bound) * 0.9f + bound) / (2 * bound);
-}
-
-const float *spin_hash_layers(const struct hash_model *m, float *a, float *b)
-{
-    for (int i = 0; i < m->depth; i++) {
-        float *t = a;
-
-        spin_mlp_linear(&m->grid_mlp[i], a, b, true);
-        a = b;
-        b = t;
-    }
-    return a;
-}
-
-spin_status spin_hash_frame(struct hash_model *m, double time, unsigned columns, mlp_block_fn fn,
-                            struct spin_splats *out)
-{
-    return spin_deform_frame(m->path, &m->canonical, time, columns, MOVED, &m->team, fn, m, out);
 }

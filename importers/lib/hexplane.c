@@ -9,64 +9,47 @@
 /* Which axes a plane spans, 3 being time: its columns, its rows. */
 static const int hex_axes[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
-void spin_hex_head_free(struct hex_head *head)
-{
-    spin_mlp_free(&head->first);
-    spin_mlp_free(&head->last);
-}
-
-void spin_hex_free(struct hexplane *hex)
-{
-    for (int l = 0; l < HEX_MAX_SCALES; l++)
-        for (int p = 0; p < 6; p++)
-            free(hex->plane[l][p]);
-    for (int i = 0; i < HEX_MAX_DEPTH; i++)
-        spin_mlp_free(&hex->feature[i]);
-    spin_mlp_free(&hex->still[0]);
-    spin_mlp_free(&hex->still[1]);
-    free(hex->voxels);
-    memset(hex, 0, sizeof *hex);
-}
-
 /* ---- Loading --------------------------------------------------------------------------------- */
 
-const char *spin_hex_prefix(const struct spin_value *dict)
+bool spin_hex_find(struct spin_model *m)
 {
-    static const char *const known[] = {"", "module.", "_deformation.", "_deformation.module."};
+    static const char *const known[] = {"deformation_net.", "module.deformation_net.",
+                                        "_deformation.deformation_net.",
+                                        "_deformation.module.deformation_net."};
 
     for (size_t i = 0; i < sizeof known / sizeof *known; i++) {
-        if (spin_mlp_get(dict, known[i], "deformation_net.grid.grids.0.0"))
-            return known[i];
+        m->prefix = known[i];
+        if (spin_model_get(m, "grid.grids.0.0"))
+            return true;
     }
-    return NULL;
+    return false;
 }
 
 /* [channels][n] to [n][channels]. */
-static spin_status hex_channel_last(size_t channels, size_t n, float **values)
+static spin_status channel_last(size_t channels, size_t n, float *values)
 {
-    float *out = NULL;
+    float *copy = NULL;
 
-    SPIN_TRY(spin_alloc(channels * n, sizeof *out, (void **)&out));
+    SPIN_TRY(spin_alloc(channels * n, sizeof *copy, (void **)&copy));
+    memcpy(copy, values, channels * n * sizeof *copy);
     for (size_t c = 0; c < channels; c++)
         for (size_t i = 0; i < n; i++)
-            out[i * channels + c] = (*values)[c * n + i];
-    free(*values);
-    *values = out;
+            values[i * channels + c] = copy[c * n + i];
+    free(copy);
     return SPIN_OK;
 }
 
-static spin_status hex_load_plane(struct spin_torch *torch, const struct spin_value *dict,
-                                  const char *prefix, int scale, int p, struct hexplane *hex)
+static spin_status load_plane(struct spin_model *m, int scale, int p, struct hexplane *hex)
 {
     int64_t shape[4] = {1, hex->channels > 0 ? hex->channels : -1, -1, -1};
     struct spin_array info;
     char key[80];
 
-    snprintf(key, sizeof key, "deformation_net.grid.grids.%d.%d", scale, p);
-    SPIN_TRY(spin_mlp_floats(torch, dict, prefix, key, 4, shape, &info, &hex->plane[scale][p]));
+    snprintf(key, sizeof key, "grid.grids.%d.%d", scale, p);
+    SPIN_TRY(spin_model_floats(m, key, 4, shape, &info, &hex->plane[scale][p]));
     if (info.shape[1] == 0 || info.shape[1] > HEX_MAX_CHANNELS)
         return spin_fail(SPIN_E_MALFORMED, "tensor '%s%s' has %llu channels, expected 1 to %d",
-                         prefix, key, (unsigned long long)info.shape[1], HEX_MAX_CHANNELS);
+                         m->prefix, key, (unsigned long long)info.shape[1], HEX_MAX_CHANNELS);
     hex->channels = (int)info.shape[1];
     for (int i = 0; i < 2; i++) {
         uint64_t n = info.shape[3 - i];
@@ -74,164 +57,94 @@ static spin_status hex_load_plane(struct spin_torch *torch, const struct spin_va
 
         if (n == 0 || n > HEX_MAX_SIZE || (*size && (uint64_t)*size != n))
             return spin_fail(
-                SPIN_E_MALFORMED, "tensor '%s%s' has %llu samples along %c, expected %s%d", prefix,
-                key, (unsigned long long)n, "xyzt"[hex_axes[p][i]],
+                SPIN_E_MALFORMED, "tensor '%s%s' has %llu samples along %c, expected %s%d",
+                m->prefix, key, (unsigned long long)n, "xyzt"[hex_axes[p][i]],
                 *size ? "as the planes before it " : "1 to ", *size ? *size : HEX_MAX_SIZE);
         *size = (int)n;
     }
-    return hex_channel_last((size_t)hex->channels, (size_t)(info.shape[2] * info.shape[3]),
-                            &hex->plane[scale][p]);
+    return channel_last((size_t)hex->channels, (size_t)(info.shape[2] * info.shape[3]),
+                        hex->plane[scale][p]);
 }
 
-static spin_status hex_load_planes(struct spin_torch *torch, const struct spin_value *dict,
-                                   const char *prefix, struct hexplane *hex)
+static spin_status load_planes(struct spin_model *m, struct hexplane *hex)
 {
     for (;; hex->n_scales++) {
-        char key[80];
         int n = 0;
 
-        for (int p = 0; p < 6; p++) {
-            snprintf(key, sizeof key, "deformation_net.grid.grids.%d.%d", hex->n_scales, p);
-            n += spin_mlp_get(dict, prefix, key) != NULL;
-        }
+        for (int p = 0; p < 6; p++)
+            n += spin_model_get(m, "grid.grids.%d.%d", hex->n_scales, p) != NULL;
         if (n == 0)
             return SPIN_OK;
         if (hex->n_scales == HEX_MAX_SCALES)
             return spin_fail(SPIN_E_UNSUPPORTED, "more than %d scales of planes", HEX_MAX_SCALES);
         if (n != 6)
-            return spin_fail(SPIN_E_MALFORMED,
-                             "'%sdeformation_net.grid.grids.%d' has %d planes, expected 6", prefix,
-                             hex->n_scales, n);
+            return spin_fail(SPIN_E_MALFORMED, "'%sgrid.grids.%d' has %d planes, expected 6",
+                             m->prefix, hex->n_scales, n);
         for (int p = 0; p < 6; p++)
-            SPIN_TRY(hex_load_plane(torch, dict, prefix, hex->n_scales, p, hex));
+            SPIN_TRY(load_plane(m, hex->n_scales, p, hex));
     }
 }
 
-static spin_status hex_load_box(struct spin_torch *torch, const struct spin_value *dict,
-                                const char *prefix, struct hexplane *hex)
+/* Two opposite corners of the box that `key` is or ends with. */
+static spin_status check_box(const struct spin_model *m, const char *key, const float *low,
+                             const float *high)
 {
-    int64_t shape[2] = {2, 3};
-    float *box = NULL;
-
-    SPIN_TRY(
-        spin_mlp_floats(torch, dict, prefix, "deformation_net.grid.aabb", 2, shape, NULL, &box));
-    memcpy(hex->corner, box, sizeof hex->corner);
-    free(box);
     for (int d = 0; d < 3; d++) {
-        if (hex->corner[0][d] == hex->corner[1][d])
-            return spin_fail(SPIN_E_MALFORMED,
-                             "tensor '%sdeformation_net.grid.aabb' is a box without extent along "
-                             "%c",
-                             prefix, "xyz"[d]);
+        if (low[d] == high[d])
+            return spin_fail(SPIN_E_MALFORMED, "tensor '%s%s' is a box without extent along %c",
+                             m->prefix, key, "xyz"[d]);
     }
     return SPIN_OK;
 }
 
 /* The input is F = channels x scales wide, or 3 F when it is encoded: grid_pe > 1. */
-static spin_status hex_load_feature(struct spin_torch *torch, const struct spin_value *dict,
-                                    const char *prefix, double grid_pe, struct hexplane *hex)
+static spin_status load_feature(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
-    int n_features = hex->channels * hex->n_scales, width = -1;
+    int n_features = hex->channels * hex->n_scales;
+    const struct mlp_layer *first = &hex->feature.layer[0];
 
-    for (hex->depth = 0; hex->depth < HEX_MAX_DEPTH; hex->depth++) {
-        char key[80];
-
-        snprintf(key, sizeof key, "deformation_net.feature_out.%d", 2 * hex->depth);
-        if (hex->depth > 0 && !spin_mlp_has(dict, prefix, key))
-            break;
-        SPIN_TRY(spin_mlp_load(torch, dict, prefix, key, width, width, &hex->feature[hex->depth]));
-        width = hex->feature[0].n_out;
-    }
-    hex->width = width;
-    if (hex->feature[0].n_in == n_features)
+    SPIN_TRY(spin_model_layer(m, "feature_out.0", -1, -1, MLP_RELU, &hex->feature));
+    SPIN_TRY(spin_model_trunk(m, "feature_out", 2, first->n_out, &hex->feature));
+    hex->width = first->n_out;
+    if (first->n_in == n_features)
         return SPIN_OK;
-    if (hex->feature[0].n_in != 3 * n_features)
+    if (first->n_in != 3 * n_features)
         return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%sdeformation_net.feature_out.0.weight' takes %d features, but "
-                         "the planes give %d",
-                         prefix, hex->feature[0].n_in, n_features);
+                         "tensor '%sfeature_out.0.weight' takes %d features, but the planes give "
+                         "%d",
+                         m->prefix, first->n_in, n_features);
     if (!(grid_pe > 1))
         return spin_fail(SPIN_E_UNSUPPORTED,
-                         "tensor '%sdeformation_net.feature_out.0.weight' takes encoded features, "
+                         "tensor '%sfeature_out.0.weight' takes encoded features, "
                          "and no cfg_args says how: give grid_pe with --grid-pe",
-                         prefix);
+                         m->prefix);
     hex->grid_pe = grid_pe;
     return SPIN_OK;
 }
 
-bool spin_hex_has_head(const struct spin_value *dict, const char *prefix, const char *name)
+spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
-    char key[100];
+    static const int64_t box[2] = {2, 3}, three[1] = {3};
+    static const int64_t voxels[5] = {1, 1, HEX_VOXELS, HEX_VOXELS, HEX_VOXELS};
+    static const char *const low = "empty_voxel.xyz_min", *const high = "empty_voxel.xyz_max";
 
-    snprintf(key, sizeof key, "deformation_net.%s.1", name);
-    return spin_mlp_has(dict, prefix, key);
-}
-
-spin_status spin_hex_load_head(struct spin_torch *torch, const struct spin_value *dict,
-                               const char *prefix, const char *name, int width, int n_out,
-                               struct hex_head *out)
-{
-    char key[100];
-
-    snprintf(key, sizeof key, "deformation_net.%s.1", name);
-    SPIN_TRY(spin_mlp_load(torch, dict, prefix, key, width, width, &out->first));
-    snprintf(key, sizeof key, "deformation_net.%s.3", name);
-    return spin_mlp_load(torch, dict, prefix, key, width, n_out, &out->last);
-}
-
-static spin_status hex_load_voxels(struct spin_torch *torch, const struct spin_value *dict,
-                                   const char *prefix, struct hexplane *hex)
-{
-    static const int64_t shape[5] = {1, 1, HEX_VOXELS, HEX_VOXELS, HEX_VOXELS}, three[1] = {3};
-    static const char *const key[2] = {"deformation_net.empty_voxel.xyz_min",
-                                       "deformation_net.empty_voxel.xyz_max"};
-
-    SPIN_TRY(spin_mlp_floats(torch, dict, prefix, "deformation_net.empty_voxel.grid", 5, shape,
-                             NULL, &hex->voxels));
-    for (int i = 0; i < 2; i++) {
-        float *corner = NULL;
-
-        SPIN_TRY(spin_mlp_floats(torch, dict, prefix, key[i], 1, three, NULL, &corner));
-        memcpy(i == 0 ? hex->voxel_min : hex->voxel_max, corner, 3 * sizeof *corner);
-        free(corner);
-    }
-    for (int d = 0; d < 3; d++) {
-        if (hex->voxel_min[d] == hex->voxel_max[d])
-            return spin_fail(SPIN_E_MALFORMED, "tensor '%s%s' is a box without extent along %c",
-                             prefix, key[1], "xyz"[d]);
-    }
-    return SPIN_OK;
-}
-
-spin_status spin_hex_load(struct spin_torch *torch, const struct spin_value *dict,
-                          const char *prefix, double grid_pe, struct hexplane *hex)
-{
-    struct hex_head still = {0};
-
-    SPIN_TRY(hex_load_planes(torch, dict, prefix, hex));
-    SPIN_TRY(hex_load_box(torch, dict, prefix, hex));
-    SPIN_TRY(hex_load_feature(torch, dict, prefix, grid_pe, hex));
-    if (spin_hex_has_head(dict, prefix, "static_mlp")) {
-        spin_status status =
-            spin_hex_load_head(torch, dict, prefix, "static_mlp", hex->width, 1, &still);
-
-        hex->still[0] = still.first;
-        hex->still[1] = still.last;
-        return status;
-    }
-    if (spin_mlp_get(dict, prefix, "deformation_net.empty_voxel.grid"))
-        return hex_load_voxels(torch, dict, prefix, hex);
-    return SPIN_OK;
+    SPIN_TRY(load_planes(m, hex));
+    SPIN_TRY(spin_model_floats(m, "grid.aabb", 2, box, NULL, &hex->corner));
+    SPIN_TRY(check_box(m, "grid.aabb", hex->corner, hex->corner + 3));
+    SPIN_TRY(load_feature(m, grid_pe, hex));
+    if (spin_model_get(m, "static_mlp.1.weight"))
+        return spin_model_head(m, "static_mlp", hex->width, 1, &hex->still);
+    if (!spin_model_get(m, "empty_voxel.grid"))
+        return SPIN_OK;
+    SPIN_TRY(spin_model_floats(m, "empty_voxel.grid", 5, voxels, NULL, &hex->voxels));
+    SPIN_TRY(spin_model_floats(m, low, 1, three, NULL, &hex->voxel_min));
+    SPIN_TRY(spin_model_floats(m, high, 1, three, NULL, &hex->voxel_max));
+    return check_box(m, high, hex->voxel_min, hex->voxel_max);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-size_t spin_hex_scratch(const struct hexplane *hex)
-{
-    int n = hex->width > hex->feature[0].n_in ? hex->width : hex->feature[0].n_in;
-
-    return 2 * (size_t)n * MLP_BLOCK;
-}
+size_t spin_hex_scratch(const struct hexplane *hex) { return 2 * spin_mlp_widest(&hex->feature); }
 
 /* The features of one point, into column `p` of a block. Time goes in as it is, not mapped to
  * [-1, 1]: Differs from what the planes' other axes do, as the method does. */
@@ -241,7 +154,7 @@ static void hex_sample(const struct hexplane *hex, const float xyz[3], float tim
     float product[HEX_MAX_CHANNELS], u[4];
 
     for (int d = 0; d < 3; d++)
-        u[d] = (xyz[d] - hex->corner[0][d]) * (2.0f / (hex->corner[1][d] - hex->corner[0][d])) - 1;
+        u[d] = (xyz[d] - hex->corner[d]) * (2.0f / (hex->corner[3 + d] - hex->corner[d])) - 1;
     u[3] = time;
     for (int l = 0; l < hex->n_scales; l++) {
         struct spin_plane_axis axis[4];
@@ -256,50 +169,26 @@ static void hex_sample(const struct hexplane *hex, const float xyz[3], float tim
     }
 }
 
-const float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
-                             float *scratch)
+float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
+                       float *scratch, float **spare, float mask[MLP_BLOCK])
 {
-    float *now = scratch, *next = scratch + spin_hex_scratch(hex) / 2;
+    float *now = scratch, *next = scratch + spin_mlp_widest(&hex->feature), *hidden;
     int n_features = hex->channels * hex->n_scales * MLP_BLOCK;
 
-    for (int p = 0; p < MLP_BLOCK; p++)
+    for (int p = 0; p < MLP_BLOCK; p++) {
         hex_sample(hex, xyz + 3 * (p < n ? p : n - 1), time, p, now);
+        mask[p] = 1;
+    }
     for (int i = 0; hex->grid_pe > 0 && i < n_features; i++) {
         float f = now[i] * (float)hex->grid_pe;
 
         now[n_features + i] = sinf(f);
         now[2 * n_features + i] = cosf(f);
     }
-    for (int i = 0; i < hex->depth; i++) {
-        float *t = now;
-
-        spin_mlp_linear(&hex->feature[i], now, next, true);
-        now = next;
-        next = t;
-    }
-    return now;
-}
-
-float *spin_hex_spare(const struct hexplane *hex, const float *hidden, float *scratch)
-{
-    return hidden == scratch ? scratch + spin_hex_scratch(hex) / 2 : scratch;
-}
-
-void spin_hex_head(const struct hex_head *head, const float *hidden, float *spare, float *out)
-{
-    spin_mlp_linear(&head->first, hidden, spare, true);
-    spin_mlp_linear(&head->last, spare, out, false);
-}
-
-void spin_hex_mask(const struct hexplane *hex, const float *xyz, int n, const float *hidden,
-                   float *spare, float mask[MLP_BLOCK])
-{
-    for (int p = 0; p < MLP_BLOCK; p++)
-        mask[p] = 1;
-    if (hex->still[0].n_in > 0) {
-        spin_mlp_linear(&hex->still[0], hidden, spare, true);
-        spin_mlp_linear(&hex->still[1], spare, mask, false);
-    }
+    hidden = spin_mlp_run(&hex->feature, now, next, now);
+    *spare = hidden == now ? next : now;
+    if (hex->still.n > 0)
+        spin_mlp_run(&hex->still, hidden, *spare, mask);
     for (int p = 0; hex->voxels && p < n; p++) {
         float u[3];
 
@@ -308,4 +197,5 @@ void spin_hex_mask(const struct hexplane *hex, const float *xyz, int n, const fl
                    (HEX_VOXELS - 1);
         mask[p] = spin_voxel_lookup(hex->voxels, HEX_VOXELS, u);
     }
+    return hidden;
 }

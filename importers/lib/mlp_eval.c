@@ -4,12 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/mem.h"
 #include "base/pool.h"
+#include "math/ntc.h"
 
 typedef float mlp_vec __attribute__((vector_size(4 * MLP_LANES), aligned(4), may_alias));
 
 /* `rows` is a constant where it is inlined, so the sums live in registers. */
-MLP_INLINE void mlp_tile(const struct mlp_linear *l, int rows, int row, const float *in, float *out,
+MLP_INLINE void mlp_tile(const struct mlp_layer *l, int rows, int row, const float *in, float *out,
                          bool relu)
 {
     const float *w = l->weight + (size_t)row * (size_t)l->n_in;
@@ -18,7 +20,7 @@ MLP_INLINE void mlp_tile(const struct mlp_linear *l, int rows, int row, const fl
 
     for (int r = 0; r < rows; r++)
         for (int v = 0; v < MLP_TILE_VECS; v++)
-            sum[r][v] = (mlp_vec){0} + l->bias[row + r];
+            sum[r][v] = (mlp_vec){0} + (l->bias ? l->bias[row + r] : 0.0f);
     for (size_t i = 0; i < n_in; i++) {
         mlp_vec x[MLP_TILE_VECS];
 
@@ -38,7 +40,7 @@ MLP_INLINE void mlp_tile(const struct mlp_linear *l, int rows, int row, const fl
     }
 }
 
-MLP_INLINE void mlp_layer(const struct mlp_linear *l, const float *in, float *out, bool relu)
+MLP_INLINE void mlp_layer(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
     for (int p = 0; p < MLP_BLOCK; p += MLP_TILE_VECS * MLP_LANES) {
         int row = 0;
@@ -51,7 +53,7 @@ MLP_INLINE void mlp_layer(const struct mlp_linear *l, const float *in, float *ou
 }
 
 __attribute__((noinline, unused)) static void
-mlp_layer_plain(const struct mlp_linear *l, const float *in, float *out, bool relu)
+mlp_layer_plain(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
     mlp_layer(l, in, out, relu);
 }
@@ -59,14 +61,15 @@ mlp_layer_plain(const struct mlp_linear *l, const float *in, float *out, bool re
 #if defined(__x86_64__) && !defined(__AVX2__)
 
 __attribute__((target("avx2,fma"), noinline, unused)) static void
-mlp_layer_avx2(const struct mlp_linear *l, const float *in, float *out, bool relu)
+mlp_layer_avx2(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
     mlp_layer(l, in, out, relu);
 }
 
 #endif
 
-void spin_mlp_linear(const struct mlp_linear *l, const float *in, float *out, bool relu)
+/* out [n_out][MLP_BLOCK] = W in + b, negative values to 0 when `relu`. in and out differ. */
+static void mlp_linear(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
 #if defined(__x86_64__) && !defined(__AVX2__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
@@ -77,11 +80,36 @@ void spin_mlp_linear(const struct mlp_linear *l, const float *in, float *out, bo
     mlp_layer_plain(l, in, out, relu);
 }
 
-void spin_mlp_free(struct mlp_linear *l)
+int spin_mlp_n_out(const struct mlp_net *net) { return net->layer[net->n - 1].n_out; }
+
+size_t spin_mlp_widest(const struct mlp_net *net)
 {
-    free(l->weight);
-    free(l->bias);
-    memset(l, 0, sizeof *l);
+    int widest = 0;
+
+    for (int i = 0; i < net->n; i++) {
+        widest = net->layer[i].n_in > widest ? net->layer[i].n_in : widest;
+        widest = net->layer[i].n_out > widest ? net->layer[i].n_out : widest;
+    }
+    return (size_t)widest * MLP_BLOCK;
+}
+
+float *spin_mlp_run(const struct mlp_net *net, float *in, float *a, float *b)
+{
+    float *now = in;
+
+    for (int i = 0; i < net->n; i++) {
+        const struct mlp_layer *l = &net->layer[i];
+        bool before = net->again > 0 && i + 1 == net->again;
+        float *to = before ? in + (size_t)net->layer[0].n_in * MLP_BLOCK : now == a ? b : a;
+
+        mlp_linear(l, net->again > 0 && i == net->again ? in : now, to, l->ending == MLP_RELU);
+        for (int k = 0; l->ending == MLP_LEAKY && k < l->n_out * MLP_BLOCK; k++)
+            to[k] = to[k] < 0 ? 0.01f * to[k] : to[k];
+        for (int k = 0; net->half && k < l->n_out * MLP_BLOCK; k++)
+            to[k] = spin_half(to[k]);
+        now = to;
+    }
+    return now;
 }
 
 /* ---- Blocks over threads --------------------------------------------------------------------- */
@@ -124,60 +152,4 @@ void spin_mlp_team_run(struct mlp_team *team, size_t n_points, mlp_block_fn fn, 
     team->context = context;
     team->n_points = n_points;
     spin_pool_run(team->pool, (int)((n_points + a_task - 1) / a_task), mlp_team_task, team);
-}
-
-/* ---- From a state dict ----------------------------------------------------------------------- */
-
-const struct spin_value *spin_mlp_get(const struct spin_value *dict, const char *prefix,
-                                      const char *key)
-{
-    char name[200];
-
-    snprintf(name, sizeof name, "%s%s", prefix, key);
-    return spin_value_get(dict, name);
-}
-
-spin_status spin_mlp_floats(struct spin_torch *torch, const struct spin_value *dict,
-                            const char *prefix, const char *key, int n_dims, const int64_t *shape,
-                            struct spin_array *info, float **out)
-{
-    const struct spin_value *v = spin_mlp_get(dict, prefix, key);
-    struct spin_array unused;
-    char name[200];
-
-    snprintf(name, sizeof name, "%s%s", prefix, key);
-    if (!v)
-        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
-    return spin_torch_floats(torch, v, name, n_dims, shape, info ? info : &unused, out);
-}
-
-bool spin_mlp_has(const struct spin_value *dict, const char *prefix, const char *key)
-{
-    char name[200];
-
-    snprintf(name, sizeof name, "%s.weight", key);
-    return spin_mlp_get(dict, prefix, name) != NULL;
-}
-
-spin_status spin_mlp_load(struct spin_torch *torch, const struct spin_value *dict,
-                          const char *prefix, const char *key, int n_in, int n_out,
-                          struct mlp_linear *out)
-{
-    int64_t shape[2] = {n_out, n_in};
-    struct spin_array info;
-    char name[200];
-
-    snprintf(name, sizeof name, "%s.weight", key);
-    SPIN_TRY(spin_mlp_floats(torch, dict, prefix, name, 2, shape, &info, &out->weight));
-    if (info.shape[0] == 0 || info.shape[1] == 0 || info.shape[0] > MLP_MAX_WIDTH ||
-        info.shape[1] > MLP_MAX_WIDTH)
-        return spin_fail(SPIN_E_MALFORMED,
-                         "tensor '%s%s' has shape [%llu, %llu], expected sizes 1 to %d", prefix,
-                         name, (unsigned long long)info.shape[0], (unsigned long long)info.shape[1],
-                         MLP_MAX_WIDTH);
-    out->n_out = (int)info.shape[0];
-    out->n_in = (int)info.shape[1];
-    shape[0] = out->n_out;
-    snprintf(name, sizeof name, "%s.bias", key);
-    return spin_mlp_floats(torch, dict, prefix, name, 1, shape, NULL, &out->bias);
 }

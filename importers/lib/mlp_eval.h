@@ -6,28 +6,45 @@
 #ifndef SPIN_IMPORTERS_LIB_MLP_EVAL_H
 #define SPIN_IMPORTERS_LIB_MLP_EVAL_H
 
-#include "io/torch.h"
+#include "spin.h"
 
 enum {
     MLP_BLOCK = 32,    /* points */
     MLP_LANES = 8,     /* of a vector */
     MLP_TILE_VECS = 2, /* vectors of points in a tile */
-    MLP_MAX_WIDTH = 8192
+    MLP_MAX_WIDTH = 8192,
+    MLP_MAX_LAYERS = 34
 };
 
 #define MLP_INLINE static inline __attribute__((always_inline, unused))
 
-/* y = W x + b; n_in == 0: there is no such layer. */
-struct mlp_linear {
+/* What follows a layer: nothing; negative values to 0, or to a hundredth of them. */
+enum mlp_ending { MLP_PLAIN, MLP_RELU, MLP_LEAKY };
+
+/* y = W x + b */
+struct mlp_layer {
     int n_in, n_out;
-    float *weight; /* [n_out][n_in] */
-    float *bias;   /* [n_out] */
+    enum mlp_ending ending;
+    const float *weight; /* [n_out][n_in] */
+    const float *bias;   /* [n_out]; NULL: none */
 };
 
-/* out [n_out][MLP_BLOCK] = W in + b, negative values to 0 when `relu`. in and out differ. */
-void spin_mlp_linear(const struct mlp_linear *l, const float *in, float *out, bool relu);
+/* n == 0: there is no such network. */
+struct mlp_net {
+    int n;
+    int again; /* this layer takes the network's input before the layer before it; 0: none */
+    bool half; /* what each layer gives is rounded to half precision */
+    struct mlp_layer layer[MLP_MAX_LAYERS];
+};
 
-void spin_mlp_free(struct mlp_linear *l);
+/* Outputs of the last layer, and floats of a block of the widest layer or input. */
+int spin_mlp_n_out(const struct mlp_net *net);
+size_t spin_mlp_widest(const struct mlp_net *net);
+
+/* All layers over a block. `in` is not changed, and may be a or b, which take turns: the first result that can goes
+ * to a. Returns which of them has the last one; b may be NULL for one layer that is not to go there. With `again`,
+ * `in` is neither and has room for a layer behind it. */
+float *spin_mlp_run(const struct mlp_net *net, float *in, float *a, float *b);
 
 /* Evaluates points first .. first + n - 1, n at most MLP_BLOCK, with `scratch` to itself. */
 typedef void (*mlp_block_fn)(void *context, size_t first, int n, float *scratch);
@@ -47,21 +64,5 @@ spin_status spin_mlp_team_create(size_t n_scratch, struct mlp_team *team);
 
 /* fn for all points, at most 2^31 of them. */
 void spin_mlp_team_run(struct mlp_team *team, size_t n_points, mlp_block_fn fn, void *context);
-
-/* The value of prefix + key. */
-const struct spin_value *spin_mlp_get(const struct spin_value *dict, const char *prefix,
-                                      const char *key);
-
-/* A tensor by name as floats; -1 in `shape` matches anything. */
-spin_status spin_mlp_floats(struct spin_torch *torch, const struct spin_value *dict,
-                            const char *prefix, const char *key, int n_dims, const int64_t *shape,
-                            struct spin_array *info, float **out);
-
-bool spin_mlp_has(const struct spin_value *dict, const char *prefix, const char *key);
-
-/* The layer `key`.weight, `key`.bias; n_in and n_out are -1 where any will do. */
-spin_status spin_mlp_load(struct spin_torch *torch, const struct spin_value *dict,
-                          const char *prefix, const char *key, int n_in, int n_out,
-                          struct mlp_linear *out);
 
 #endif

@@ -7,6 +7,7 @@
 #include "base/err.h"
 #include "io/json.h"
 #include "io/torch.h"
+#include "io/zip.h"
 #include "math/quat.h"
 
 /* ---- Configuration --------------------------------------------------------------------------- */
@@ -154,37 +155,23 @@ out:
 void spin_ntc_free(struct ntc *n)
 {
     free(n->parameters);
-    free(n->matrices);
     memset(n, 0, sizeof *n);
 }
 
-static int ntc_layer_in(const struct ntc_shape *s, int layer)
-{
-    return layer == 0 ? s->n_in : s->width;
-}
-
-static int ntc_layer_out(const struct ntc_shape *s, int layer)
-{
-    return layer == s->n_hidden ? 16 : s->width;
-}
-
-/* The file has a row per output; a row per input lets the inner loop run over outputs. */
-static spin_status ntc_transpose(struct ntc *n)
+/* The matrices, a row per output, one behind the other. */
+static void ntc_layers(struct ntc *n)
 {
     const struct ntc_shape *s = n->shape;
-    size_t total = s->n_levels > 0 ? s->level_at[0] : s->n_parameters, at = 0;
+    const float *matrix = n->parameters;
 
-    SPIN_TRY(spin_alloc(total, sizeof *n->matrices, (void **)&n->matrices));
-    for (int layer = 0; layer <= s->n_hidden; layer++) {
-        size_t n_in = (size_t)ntc_layer_in(s, layer), n_out = (size_t)ntc_layer_out(s, layer);
+    n->net = (struct mlp_net){.n = s->n_hidden + 1, .half = true};
+    for (int i = 0; i <= s->n_hidden; i++) {
+        int n_in = i == 0 ? s->n_in : s->width, n_out = i == s->n_hidden ? 16 : s->width;
 
-        for (size_t o = 0; o < n_out; o++) {
-            for (size_t i = 0; i < n_in; i++)
-                n->matrices[at + i * n_out + o] = n->parameters[at + o * n_in + i];
-        }
-        at += n_in * n_out;
+        n->net.layer[i] =
+            (struct mlp_layer){n_in, n_out, i == s->n_hidden ? MLP_PLAIN : MLP_RELU, matrix, NULL};
+        matrix += n_in * n_out;
     }
-    return SPIN_OK;
 }
 
 static spin_status ntc_read_bounds(struct spin_torch *torch, const char *key, float out[3])
@@ -228,7 +215,8 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
                          n->shape->n_parameters);
     for (size_t i = 0; i < n->shape->n_parameters; i++)
         n->parameters[i] = spin_half(n->parameters[i]);
-    return ntc_transpose(n);
+    ntc_layers(n);
+    return SPIN_OK;
 }
 
 /* The method needs a PyTorch that writes zips; anything else is another program's. */
@@ -270,7 +258,7 @@ void spin_ntc_encode(const struct ntc *n, const float x[3], float *out)
     int used = s->n_levels > 0 ? s->n_levels * s->n_features : NTC_IN;
 
     for (int i = 0; i < NTC_IN && s->n_levels == 0; i++)
-        out[i] = spin_half(x[i]);
+        out[i * MLP_BLOCK] = spin_half(x[i]);
     for (int l = 0; l < s->n_levels; l++) {
         const float *table = n->parameters + s->level_at[l];
         float weight[8], sum[8] = {0};
@@ -282,62 +270,44 @@ void spin_ntc_encode(const struct ntc *n, const float x[3], float *out)
                 sum[f] += weight[c] * table[(size_t)row[c] * (size_t)s->n_features + (size_t)f];
         }
         for (int f = 0; f < s->n_features; f++)
-            out[l * s->n_features + f] = spin_half(sum[f]);
+            out[(l * s->n_features + f) * MLP_BLOCK] = spin_half(sum[f]);
     }
     for (int i = used; i < s->n_in; i++)
-        out[i] = s->n_levels > 0 ? 0.0f : 1.0f;
+        out[i * MLP_BLOCK] = s->n_levels > 0 ? 0.0f : 1.0f;
 }
 
-void spin_ntc_eval(const struct ntc *n, const float x[3], float out[NTC_OUT])
+void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, float *scratch)
 {
-    const struct ntc_shape *s = n->shape;
-    const float *matrix = n->matrices;
-    float in[NTC_MAX_WIDTH], sum[NTC_MAX_WIDTH];
+    size_t widest = spin_mlp_widest(&n->net);
+    float *a = scratch + widest, *b = a + widest, x[MLP_BLOCK][3];
+    bool inside[MLP_BLOCK];
+    const float *out;
 
-    spin_ntc_encode(n, x, in);
-    for (int layer = 0; layer <= s->n_hidden; layer++) {
-        int n_in = ntc_layer_in(s, layer), n_out = ntc_layer_out(s, layer);
+    for (int p = 0; p < MLP_BLOCK; p++) { /* the last one stands for those beyond it */
+        const float *mu = means + 3 * (p < count ? p : count - 1);
 
-        for (int o = 0; o < n_out; o++)
-            sum[o] = 0;
-        for (int i = 0; i < n_in; i++) {
-            for (int o = 0; o < n_out; o++)
-                sum[o] += in[i] * matrix[o];
-            matrix += n_out;
-        }
-        for (int o = 0; o < n_out; o++)
-            in[o] = spin_half(layer < s->n_hidden && sum[o] < 0 ? 0.0f : sum[o]);
-    }
-    memcpy(out, in, NTC_OUT * sizeof *out);
-}
-
-/* Unit length; what has none is no rotation. */
-static void ntc_unit(float q[4])
-{
-    float norm = sqrtf(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-
-    for (int i = 0; i < 4; i++)
-        q[i] = norm > 0 ? q[i] / norm : i == 0;
-}
-
-void spin_ntc_apply(const struct ntc *n, size_t count, float *means, float *quats)
-{
-    for (size_t k = 0; k < count; k++) {
-        float *mu = means + 3 * k, *q = quats + 4 * k, x[3], out[NTC_OUT], product[4];
-        bool inside = true;
-
+        inside[p] = true;
         for (int i = 0; i < 3; i++) {
-            x[i] = (mu[i] - n->low[i]) / (n->high[i] - n->low[i]);
-            inside = inside && x[i] >= 0 && x[i] <= 1;
+            x[p][i] = (mu[i] - n->low[i]) / (n->high[i] - n->low[i]);
+            inside[p] = inside[p] && x[p][i] >= 0 && x[p][i] <= 1;
         }
-        ntc_unit(q);
-        if (!inside)
+        for (int i = 0; i < 3 && !inside[p]; i++)
+            x[p][i] = 0;
+        spin_ntc_encode(n, x[p], scratch + p);
+    }
+    out = spin_mlp_run(&n->net, scratch, a, b);
+    for (int p = 0; p < count; p++) {
+        float *mu = means + 3 * p, *q = quats + 4 * p, r[4], product[4];
+
+        spin_quat_normalise(q);
+        if (!inside[p])
             continue;
-        spin_ntc_eval(n, x, out);
         for (int i = 0; i < 3; i++)
-            mu[i] += out[i];
-        ntc_unit(out + 3);
-        spin_quat_product(q, out + 3, product);
+            mu[i] += out[i * MLP_BLOCK + p];
+        for (int i = 0; i < 4; i++)
+            r[i] = out[(3 + i) * MLP_BLOCK + p];
+        spin_quat_normalise(r);
+        spin_quat_product(q, r, product);
         memcpy(q, product, sizeof product);
     }
 }

@@ -5,7 +5,7 @@
 #ifndef SPIN_IMPORTERS_LIB_NTC_EVAL_H
 #define SPIN_IMPORTERS_LIB_NTC_EVAL_H
 
-#include "io/zip.h"
+#include "importers/lib/mlp_eval.h"
 #include "math/ntc.h"
 
 enum { NTC_MAX_LEVELS = 32, NTC_MAX_WIDTH = 256, NTC_MAX_LAYERS = 16, NTC_IN = 3, NTC_OUT = 8 };
@@ -26,7 +26,7 @@ struct ntc {
     const struct ntc_shape *shape;
     float low[3], high[3]; /* of the box it is defined in */
     float *parameters;     /* as in the file, rounded to half */
-    float *matrices;       /* the matrices column by column: [layer][in][out] */
+    struct mlp_net net;    /* the matrices among them */
 };
 
 /* What the shipped configuration says: 16 levels of 4 features, 2^15 entries. */
@@ -42,14 +42,13 @@ void spin_ntc_free(struct ntc *n);
 /* Freed again on failure. */
 spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struct ntc *n);
 
-/* Features of a point of the unit cube, [n_in]. Padding is 0 after a grid, 1 after bare inputs. */
+/* Features of a point of the unit cube into a column of a block [n_in][MLP_BLOCK], which the net takes. Padding is
+ * 0 after a grid, 1 after bare inputs. */
 void spin_ntc_encode(const struct ntc *n, const float x[3], float *out);
 
-/* The eight outputs at a point of the unit cube. */
-void spin_ntc_eval(const struct ntc *n, const float x[3], float out[NTC_OUT]);
-
-/* One step in time: mu += d, q = unit(q) * unit(r), inside the box only. Spherical harmonics are
- * not turned: the upstream computes that and drops it. */
-void spin_ntc_apply(const struct ntc *n, size_t count, float *means, float *quats);
+/* One step in time of `count` Gaussians, at most MLP_BLOCK: mu += d, q = unit(q) * unit(r), inside the box only.
+ * Spherical harmonics are not turned: the upstream computes that and drops it. scratch: three times
+ * spin_mlp_widest(). */
+void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, float *scratch);
 
 #endif

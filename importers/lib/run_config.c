@@ -1,11 +1,258 @@
 /* Settings of a run from cfg_args, YAML and options. */
 #include "importers/lib/run_config.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/mem.h"
+
+/* ---- cfg_args -------------------------------------------------------------------------------- */
+
+enum { CFG_MAX_DEPTH = 32 };
+
+struct cfg_span spin_cfg_trim(struct cfg_span s)
+{
+    while (s.at < s.end && isspace((unsigned char)s.at[0]))
+        s.at++;
+    while (s.at < s.end && isspace((unsigned char)s.end[-1]))
+        s.end--;
+    return s;
+}
+
+/* Behind the text in quotes that begins at `at`, or NULL when it does not end. */
+static const char *cfg_skip_text(const char *at, const char *end)
+{
+    char quote = *at++;
+
+    for (; at < end; at++) {
+        if (*at == quote)
+            return at + 1;
+        if (*at == '\\')
+            at++;
+    }
+    return NULL;
+}
+
+/* At the comma or bracket that ends the value which begins at `at`; NULL when brackets or quotes do
+ * not match. A ':' or '=' ends it too when `stop` is that character. */
+static const char *cfg_skip(const char *at, const char *end, char stop)
+{
+    char open[CFG_MAX_DEPTH];
+    int depth = 0;
+
+    while (at < end) {
+        char c = *at;
+
+        if (c == '\'' || c == '"') {
+            at = cfg_skip_text(at, end);
+            if (!at)
+                return NULL;
+            continue;
+        }
+        if (depth == 0 && (c == ',' || (stop && c == stop)))
+            return at;
+        if (c == '(' || c == '[' || c == '{') {
+            if (depth == CFG_MAX_DEPTH)
+                return NULL;
+            open[depth++] = c;
+        } else if (c == ')' || c == ']' || c == '}') {
+            if (depth == 0)
+                return at;
+            depth--;
+            if (open[depth] != (c == ')' ? '(' : c == ']' ? '[' : '{'))
+                return NULL;
+        }
+        at++;
+    }
+    return depth == 0 ? at : NULL;
+}
+
+/* The next "name<mark>value" of a list of them, from *at on. False at its end. */
+static bool cfg_next(const char **at, const char *end, char mark, struct cfg_span *name,
+                     struct cfg_span *value)
+{
+    while (*at < end) {
+        const char *stop = cfg_skip(*at, end, mark);
+
+        if (!stop)
+            return false;
+        *name = spin_cfg_trim((struct cfg_span){*at, stop});
+        if (stop < end && *stop == mark) {
+            const char *last = cfg_skip(stop + 1, end, 0);
+
+            if (!last)
+                return false;
+            *value = spin_cfg_trim((struct cfg_span){stop + 1, last});
+            *at = last < end ? last + 1 : end;
+            return true;
+        }
+        *at = stop < end ? stop + 1 : end; /* **{...}: names that are no identifiers */
+    }
+    return false;
+}
+
+bool spin_cfg_is(struct cfg_span s, const char *text)
+{
+    size_t n = strlen(text);
+
+    return s.at && (size_t)(s.end - s.at) == n && memcmp(s.at, text, n) == 0;
+}
+
+struct cfg_span spin_cfg_get(const struct cfg_args *cfg, const char *key)
+{
+    struct cfg_span found = {NULL, NULL}, name, value;
+    const char *at = cfg->all.at;
+
+    while (at && cfg_next(&at, cfg->all.end, '=', &name, &value)) {
+        if (spin_cfg_is(name, key))
+            found = value;
+    }
+    return found;
+}
+
+struct cfg_span spin_cfg_item(struct cfg_span dict, const char *key)
+{
+    struct cfg_span found = {NULL, NULL}, name, value;
+    const char *at = dict.at;
+
+    if (!at || dict.end - at < 2 || *at != '{')
+        return found;
+    at++;
+    while (cfg_next(&at, dict.end - 1, ':', &name, &value)) {
+        if (name.end - name.at < 2 || (*name.at != '\'' && *name.at != '"'))
+            continue;
+        if (spin_cfg_is((struct cfg_span){name.at + 1, name.end - 1}, key))
+            found = value;
+    }
+    return found;
+}
+
+bool spin_cfg_number(struct cfg_span s, double *out)
+{
+    char text[64], *end;
+    double value;
+
+    if (!s.at || s.end == s.at || (size_t)(s.end - s.at) >= sizeof text)
+        return false;
+    memcpy(text, s.at, (size_t)(s.end - s.at));
+    text[s.end - s.at] = '\0';
+    if (strspn(text, "+-.0123456789eE_") != strlen(text))
+        return false;
+    value = strtod(text, &end);
+    if (*end != '\0')
+        return false;
+    *out = value;
+    return true;
+}
+
+bool spin_cfg_numbers(struct cfg_span s, int n, double *out)
+{
+    const char *at = s.at, *end;
+    int found = 0;
+
+    if (spin_cfg_number(s, &out[0])) {
+        for (int i = 1; i < n; i++)
+            out[i] = out[0];
+        return true;
+    }
+    if (!at || s.end - at < 2 || (*at != '[' && *at != '('))
+        return false;
+    end = s.end - 1;
+    for (at++; at < end;) {
+        const char *last = cfg_skip(at, end, 0);
+        struct cfg_span one = {at, last};
+
+        if (!last)
+            return false;
+        one = spin_cfg_trim(one);
+        if (one.at == one.end && last == end) /* (1,) */
+            break;
+        if (found == n || !spin_cfg_number(one, &out[found++]))
+            return false;
+        at = last < end ? last + 1 : end;
+    }
+    return found == n;
+}
+
+bool spin_cfg_bool(struct cfg_span s, bool *out)
+{
+    double number;
+
+    if (spin_cfg_is(s, "True") || spin_cfg_is(s, "true")) {
+        *out = true;
+        return true;
+    }
+    if (spin_cfg_is(s, "False") || spin_cfg_is(s, "false") || spin_cfg_is(s, "None")) {
+        *out = false;
+        return true;
+    }
+    if (!spin_cfg_number(s, &number))
+        return false;
+    *out = number != 0;
+    return true;
+}
+
+spin_status spin_cfg_read_bool(const struct cfg_args *cfg, const char *key, bool *out)
+{
+    struct cfg_span s = spin_cfg_get(cfg, key);
+
+    if (s.at && !spin_cfg_bool(s, out))
+        return spin_fail(SPIN_E_MALFORMED, "'%s': '%s' is '%.*s', expected True or False",
+                         cfg->path, key, (int)(s.end - s.at < 40 ? s.end - s.at : 40), s.at);
+    return SPIN_OK;
+}
+
+spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, double *out)
+{
+    struct cfg_span s = spin_cfg_get(cfg, key);
+
+    if (s.at && !spin_cfg_number(s, out))
+        return spin_fail(SPIN_E_MALFORMED, "'%s': '%s' is '%.*s', expected a number", cfg->path,
+                         key, (int)(s.end - s.at < 40 ? s.end - s.at : 40), s.at);
+    return SPIN_OK;
+}
+
+void spin_cfg_close(struct cfg_args *cfg)
+{
+    spin_map_close(&cfg->map);
+    free(cfg->path);
+    memset(cfg, 0, sizeof *cfg);
+}
+
+spin_status spin_cfg_open(const char *path, struct cfg_args *out)
+{
+    static const char head[] = "Namespace(";
+    struct cfg_span text;
+    const char *last;
+
+    memset(out, 0, sizeof *out);
+    SPIN_TRY(spin_map_open(path, &out->map));
+    SPIN_TRY(spin_strdup(path, &out->path));
+    text = spin_cfg_trim((struct cfg_span){(const char *)out->map.data,
+                                           (const char *)out->map.data + out->map.size});
+    if (out->map.size > CFG_MAX_BYTES || (size_t)(text.end - text.at) < sizeof head - 1 ||
+        memcmp(text.at, head, sizeof head - 1) != 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' does not begin with 'Namespace('", path);
+    out->all = (struct cfg_span){text.at + sizeof head - 1, text.end};
+    for (last = out->all.at; last < text.end && *last != ')';) {
+        const char *next = cfg_skip(last, text.end, 0);
+
+        if (!next || next == text.end) {
+            last = text.end;
+            break;
+        }
+        last = *next == ',' ? next + 1 : next;
+        if (*next != ',' && *next != ')')
+            break;
+    }
+    if (last >= text.end || *last != ')')
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s': brackets or quotes do not match, or the file is cut short", path);
+    out->all.end = last;
+    return SPIN_OK;
+}
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "importers/lib/notes.h"
+#include "importers/lib/model.h"
 
 struct clip {
     const struct spin_splat_format *format;

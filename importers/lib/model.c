@@ -1,0 +1,580 @@
+/* Models of importers: memory, files, clouds, tensors. */
+#include "importers/lib/model.h"
+
+#include <limits.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct spin_model_block {
+    struct spin_model_block *next;
+    void *block;
+};
+
+/* ---- Life ------------------------------------------------------------------------------------ */
+
+spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
+                            struct spin_sequence_info *sequence, size_t bytes,
+                            spin_status (*fn)(void *self, const char *path))
+{
+    struct spin_model *m;
+    spin_status status;
+
+    *sequence = (struct spin_sequence_info){.sh_degree = -1};
+    SPIN_TRY(spin_alloc(1, bytes, self));
+    m = *self;
+    m->values = values;
+    m->sequence = sequence;
+    m->prefix = "";
+    m->path = path;
+    status = fn(m, path);
+    spin_arena_free(&m->scratch);
+    return status;
+}
+
+void spin_model_close(void *self)
+{
+    struct spin_model *m = self;
+
+    if (!m)
+        return;
+    spin_torch_close(&m->torch);
+    spin_run_config_close(&m->settings);
+    spin_splats_free(&m->canonical);
+    spin_mlp_team_free(&m->team);
+    for (struct spin_model_block *b = m->blocks; b; b = b->next)
+        free(b->block);
+    spin_arena_free(&m->arena);
+    free(m);
+}
+
+const char *spin_model_option(const struct spin_model *m, const char *key)
+{
+    return spin_plugin_value(m->values, key, NULL);
+}
+
+spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out)
+{
+    return spin_arena_take(&m->arena, count, size, out);
+}
+
+spin_status spin_model_scratch(struct spin_model *m, size_t count, size_t size, void **out)
+{
+    return spin_arena_take(&m->scratch, count, size, out);
+}
+
+/* `front`, `between` and the text. */
+static spin_status print(struct spin_model *m, const char **out, const char *front,
+                         const char *between, const char *fmt, va_list args)
+{
+    size_t n_front = strlen(front) + strlen(between);
+    va_list again;
+    char *text;
+    int n;
+
+    va_copy(again, args);
+    n = vsnprintf(NULL, 0, fmt, again);
+    va_end(again);
+    SPIN_TRY(spin_model_alloc(m, n_front + (size_t)n + 1, 1, (void **)&text));
+    snprintf(text, n_front + 1, "%s%s", front, between);
+    vsnprintf(text + n_front, (size_t)n + 1, fmt, args);
+    *out = text;
+    return SPIN_OK;
+}
+
+spin_status spin_model_text(struct spin_model *m, const char **out, const char *fmt, ...)
+{
+    va_list args;
+    spin_status status;
+
+    va_start(args, fmt);
+    status = print(m, out, "", "", fmt, args);
+    va_end(args);
+    return status;
+}
+
+static const char *slash_behind(const char *folder)
+{
+    size_t n = strlen(folder);
+
+    return n > 0 && folder[n - 1] != '/' ? "/" : "";
+}
+
+spin_status spin_model_join(struct spin_model *m, const char **out, const char *folder,
+                            const char *fmt, ...)
+{
+    va_list args;
+    spin_status status;
+
+    va_start(args, fmt);
+    status = print(m, out, folder, slash_behind(folder), fmt, args);
+    va_end(args);
+    return status;
+}
+
+spin_status spin_model_find(struct spin_model *m, const char **out, const char *folder,
+                            const char *fmt, ...)
+{
+    va_list args;
+    spin_status status;
+
+    va_start(args, fmt);
+    status = print(m, out, folder, slash_behind(folder), fmt, args);
+    va_end(args);
+    if (status == SPIN_OK && !spin_path_exists(*out))
+        *out = NULL;
+    return status;
+}
+
+/* Takes `block`, which free() is for. */
+static spin_status keep(struct spin_model *m, void *block)
+{
+    struct spin_model_block *b;
+    spin_status status = spin_model_alloc(m, 1, sizeof *b, (void **)&b);
+
+    if (status != SPIN_OK) {
+        free(block);
+        return status;
+    }
+    *b = (struct spin_model_block){m->blocks, block};
+    m->blocks = b;
+    return SPIN_OK;
+}
+
+spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path)
+{
+    char *folder;
+
+    SPIN_TRY(spin_path_folder(path, &folder));
+    *out = folder;
+    return keep(m, folder);
+}
+
+spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path)
+{
+    char *whole;
+
+    SPIN_TRY(spin_path_absolute(path, &whole));
+    *out = whole;
+    return keep(m, whole);
+}
+
+spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n)
+{
+    char **list;
+    spin_status status;
+
+    SPIN_TRY(spin_folder_list(folder, &list, n));
+    status = spin_model_alloc(m, *n + 1, sizeof *list, (void **)names);
+    for (size_t i = 0; i < *n && status == SPIN_OK; i++) {
+        const char *name = NULL;
+
+        status = spin_model_text(m, &name, "%s", list[i]);
+        (*names)[i] = (char *)name;
+    }
+    spin_folder_list_free(list);
+    return status;
+}
+
+void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...)
+{
+    size_t used = strlen(sequence->notes), room = sizeof sequence->notes - used;
+    va_list args;
+    int n;
+
+    va_start(args, fmt);
+    n = vsnprintf(sequence->notes + used, room, fmt, args);
+    va_end(args);
+    if (n < 0 || (size_t)n + 1 >= room)
+        sequence->notes[used] = '\0';
+    else
+        memcpy(sequence->notes + used + n, "\n", 2);
+}
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+bool spin_peek_has(const struct spin_peek *peek, const char *name)
+{
+    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
+        if (strcmp(peek->names[i], name) == 0)
+            return true;
+    }
+    return false;
+}
+
+bool spin_peek_says(const struct spin_peek *peek, const char *word)
+{
+    return peek->n_head > 0 && memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
+}
+
+/* ---- Columns --------------------------------------------------------------------------------- */
+
+float *spin_model_values(const struct spin_splats *s, int column, size_t *width)
+{
+    const size_t n_sh = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+    const size_t widths[SPIN_MODEL_COLUMNS] = {3, 4, 3, 1, 3 * n_sh};
+    float *const values[] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
+
+    *width = widths[column];
+    return values[column];
+}
+
+/* By the bits, whose exponent is all ones; in 32-bit sums, which the compiler turns into vectors. */
+size_t spin_finite_missing(const float *values, size_t n)
+{
+    const uint32_t exponent = 0x7f800000u;
+    size_t bad = 0;
+
+    for (size_t first = 0; first < n; first += 4096) {
+        size_t end = first + 4096 < n ? first + 4096 : n;
+        uint32_t part = 0;
+
+        for (size_t i = first; i < end; i++) {
+            uint32_t bits;
+
+            memcpy(&bits, &values[i], sizeof bits);
+            part += (bits & exponent) == exponent;
+        }
+        bad += part;
+    }
+    return bad;
+}
+
+spin_status spin_model_check(const char *path, double time, unsigned columns,
+                             const struct spin_splats *s)
+{
+    static const char *const names[] = {"positions", "rotations", "scales", "opacities", "colours"};
+
+    for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
+        size_t width, bad = 0;
+        const float *values = spin_model_values(s, c, &width);
+
+        if (columns & 1u << c)
+            bad = spin_finite_missing(values, s->n * width);
+        if (bad > 0)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s': %zu values of the %s at time %g are not finite", path, bad,
+                             names[c], time);
+    }
+    return SPIN_OK;
+}
+
+/* ---- The folder of a run --------------------------------------------------------------------- */
+
+long long spin_model_iteration(const char *name)
+{
+    const char *digits = name + 10;
+
+    if (strncmp(name, "iteration_", 10) != 0 || !*digits || strlen(digits) > 15 ||
+        strspn(digits, "0123456789") != strlen(digits))
+        return -1;
+    return atoll(digits);
+}
+
+bool spin_model_holds(const char *folder, const char *file)
+{
+    char *path = NULL;
+    bool found = spin_path_join(folder, file, &path) == SPIN_OK && spin_path_exists(path);
+
+    free(path);
+    return found;
+}
+
+spin_status spin_model_choose(struct spin_model *m, const char *wanted, const char *folder,
+                              const char *file, const char *folder2, const char *file2,
+                              const char **out)
+{
+    char **names = NULL;
+    size_t n = 0;
+    long long best = -2;
+
+    *out = NULL;
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        long long number = spin_model_iteration(names[i]);
+        const char *found, *found2 = "";
+
+        if (number < 0 && strcmp(names[i], "iteration_best") != 0)
+            continue;
+        if (wanted ? strcmp(names[i] + 10, wanted) != 0 : number <= best)
+            continue;
+        SPIN_TRY(spin_model_find(m, &found, folder, "%s/%s", names[i], file));
+        if (folder2)
+            SPIN_TRY(spin_model_find(m, &found2, folder2, "%s/%s", names[i], file2));
+        if (!found || !found2)
+            continue;
+        best = number;
+        *out = names[i];
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
+                            const char **out)
+{
+    const char *clouds, *name, *file = spin_path_name(path);
+
+    *out = NULL;
+    if (!spin_path_is_folder(path)) {
+        if (strcmp(file, network) != 0 && strcmp(file, "point_cloud.ply") != 0)
+            return spin_fail(SPIN_E_USAGE,
+                             "'%s' is neither the model's folder nor its "
+                             "point_cloud/iteration_<N>",
+                             path);
+        return spin_model_folder(m, out, path);
+    }
+    if (spin_model_holds(path, network))
+        return spin_model_text(m, out, "%s", path);
+    SPIN_TRY(spin_model_join(m, &clouds, path, "point_cloud"));
+    if (!spin_path_is_folder(clouds))
+        clouds = path;
+    SPIN_TRY(spin_model_choose(m, spin_model_option(m, "iteration"), clouds, "point_cloud.ply",
+                               clouds, network, &name));
+    return name ? spin_model_join(m, out, clouds, "%s", name) : SPIN_OK;
+}
+
+bool spin_model_search(const char *path, const char *file, bool *coarse)
+{
+    char *clouds = NULL, **names = NULL;
+    const char *folder = path;
+    bool found = spin_model_holds(path, file);
+    size_t n = 0;
+
+    *coarse = false;
+    if (spin_path_join(path, "point_cloud", &clouds) == SPIN_OK && spin_path_is_folder(clouds))
+        folder = clouds;
+    if (spin_folder_list(folder, &names, &n) != SPIN_OK)
+        n = 0;
+    for (size_t i = 0; i < n; i++) {
+        char *save = NULL;
+
+        *coarse = *coarse || strncmp(names[i], "coarse_iteration_", 17) == 0;
+        if (spin_path_join(folder, names[i], &save) == SPIN_OK)
+            found = found || spin_model_holds(save, file);
+        free(save);
+    }
+    spin_folder_list_free(names);
+    free(clouds);
+    return found;
+}
+
+spin_status spin_model_beside(struct spin_model *m, const char *path, const char *save,
+                              const char *name, const char **out)
+{
+    static const char *const above[] = {"", "../", "../../"};
+
+    SPIN_TRY(spin_model_find(m, out, path, "%s", name));
+    for (int i = 0; i < 3 && save && !*out; i++)
+        SPIN_TRY(spin_model_find(m, out, save, "%s%s", above[i], name));
+    return SPIN_OK;
+}
+
+spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *save)
+{
+    const char *file;
+
+    SPIN_TRY(spin_model_beside(m, path, save, "cfg_args", &file));
+    return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
+}
+
+/* ---- The cloud ------------------------------------------------------------------------------- */
+
+spin_status spin_model_column(const struct spin_ply *ply, const struct spin_ply_element *e,
+                              const char *name, float *out, size_t step)
+{
+    int p = spin_ply_find(e, name);
+    uint64_t bad = 0;
+
+    if (p < 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'", ply->path,
+                         name);
+    spin_ply_column(ply, e, p, out, step);
+    for (uint64_t i = 0; i < e->count; i++)
+        bad += !isfinite(out[i * step]);
+    if (bad > 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': %llu values of '%s' are not finite", ply->path,
+                         (unsigned long long)bad, name);
+    return SPIN_OK;
+}
+
+spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
+                               const char *prefix, int n, float *out, size_t step)
+{
+    for (int i = 0; i < n; i++) {
+        char name[64];
+
+        snprintf(name, sizeof name, "%s%d", prefix, i);
+        SPIN_TRY(spin_model_column(ply, e, name, out + i, step));
+    }
+    return SPIN_OK;
+}
+
+int spin_model_count(const struct spin_ply_element *e, const char *prefix)
+{
+    int n = 0;
+
+    for (size_t i = 0; i < e->n_properties; i++)
+        n += strncmp(e->property[i].name, prefix, strlen(prefix)) == 0;
+    return n;
+}
+
+spin_status spin_model_vertices(const char *path, struct spin_ply *ply,
+                                const struct spin_ply_element **vertex)
+{
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_ply_open(path, ply));
+    *vertex = spin_ply_find_element(ply, "vertex");
+    if (!*vertex)
+        status = spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
+    else if ((*vertex)->count == 0)
+        status = spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path);
+    else if ((*vertex)->count > INT_MAX)
+        status = spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+    if (status != SPIN_OK)
+        spin_ply_close(ply);
+    return status;
+}
+
+spin_status spin_model_cloud(const char *path, struct spin_ply *ply, struct spin_gs_ply *cloud)
+{
+    spin_status status;
+
+    SPIN_TRY(spin_ply_open(path, ply));
+    status = spin_gs_ply_find(ply, cloud);
+    if (status == SPIN_OK && cloud->vertex->count > INT_MAX)
+        status = spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+    if (status == SPIN_OK && cloud->n_rest > (int)spin_n_rest(3))
+        status =
+            spin_fail(SPIN_E_MALFORMED,
+                      "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)",
+                      path, cloud->n_rest);
+    if (status != SPIN_OK)
+        spin_ply_close(ply);
+    return status;
+}
+
+spin_status spin_model_read(struct spin_model *m, const char *path, const char *extra, int n_extra,
+                            float **values)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_splats *out = &m->canonical;
+    size_t width = n_extra > 0 ? (size_t)n_extra : 1;
+    struct spin_gs_ply cloud;
+    struct spin_ply ply;
+    spin_status status;
+
+    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
+    if (cloud.vertex->count == 0)
+        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path));
+    SPIN_TRY_OUT(spin_splats_reserve(out, (size_t)cloud.vertex->count, columns, cloud.sh_degree));
+    SPIN_TRY_OUT(spin_gs_ply_read(&cloud, columns, 0, out));
+    if (!extra)
+        goto out;
+    SPIN_TRY_OUT(spin_model_alloc(m, out->n, width * sizeof **values, (void **)values));
+    status = n_extra > 0 ? spin_model_columns(&ply, cloud.vertex, extra, n_extra, *values, width)
+                         : spin_model_column(&ply, cloud.vertex, extra, *values, 1);
+out:
+    spin_ply_close(&ply);
+    return status;
+}
+
+/* ---- Tensors --------------------------------------------------------------------------------- */
+
+spin_status spin_model_torch(struct spin_model *m, const char *path,
+                             spin_status (*fn)(struct spin_model *m))
+{
+    spin_status status = spin_torch_open(path, &m->torch);
+
+    if (status == SPIN_OK)
+        status = fn(m);
+    spin_torch_close(&m->torch);
+    return spin_fail_reading(status, path);
+}
+
+spin_status spin_model_dict(struct spin_model *m)
+{
+    m->tensors = m->torch.root;
+    if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict");
+    return SPIN_OK;
+}
+
+const struct spin_value *spin_model_get(const struct spin_model *m, const char *fmt, ...)
+{
+    size_t n = strlen(m->prefix);
+    char name[300];
+    va_list args;
+
+    snprintf(name, sizeof name, "%s", m->prefix);
+    n = n < sizeof name ? n : sizeof name - 1;
+    va_start(args, fmt);
+    vsnprintf(name + n, sizeof name - n, fmt, args);
+    va_end(args);
+    return spin_value_get(m->tensors, name);
+}
+
+spin_status spin_model_floats(struct spin_model *m, const char *key, int n_dims,
+                              const int64_t *shape, struct spin_array *info, float **out)
+{
+    const struct spin_value *v = spin_model_get(m, "%s", key);
+    struct spin_array unused;
+    char name[300];
+
+    snprintf(name, sizeof name, "%s%s", m->prefix, key);
+    if (!v)
+        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", name);
+    SPIN_TRY(spin_torch_floats(&m->torch, v, name, n_dims, shape, info ? info : &unused, out));
+    return keep(m, *out);
+}
+
+spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, int n_out,
+                             enum mlp_ending ending, struct mlp_net *net)
+{
+    struct mlp_layer *l = &net->layer[net->n];
+    int64_t shape[2] = {n_out, n_in};
+    struct spin_array info;
+    float *weight, *bias;
+    char name[200];
+
+    if (net->n == MLP_MAX_LAYERS)
+        return spin_fail(SPIN_E_UNSUPPORTED, "more than %d layers", MLP_MAX_LAYERS);
+    snprintf(name, sizeof name, "%s.weight", key);
+    SPIN_TRY(spin_model_floats(m, name, 2, shape, &info, &weight));
+    if (info.shape[0] == 0 || info.shape[1] == 0 || info.shape[0] > MLP_MAX_WIDTH ||
+        info.shape[1] > MLP_MAX_WIDTH)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor '%s%s' has shape [%llu, %llu], expected sizes 1 to %d", m->prefix,
+                         name, (unsigned long long)info.shape[0], (unsigned long long)info.shape[1],
+                         MLP_MAX_WIDTH);
+    *l = (struct mlp_layer){(int)info.shape[1], (int)info.shape[0], ending, weight, NULL};
+    shape[0] = l->n_out;
+    snprintf(name, sizeof name, "%s.bias", key);
+    SPIN_TRY(spin_model_floats(m, name, 1, shape, NULL, &bias));
+    l->bias = bias;
+    net->n++;
+    return SPIN_OK;
+}
+
+spin_status spin_model_trunk(struct spin_model *m, const char *stem, int from, int width,
+                             struct mlp_net *net)
+{
+    for (int i = from; spin_model_get(m, "%s.%d.weight", stem, i); i += 2) {
+        char key[80];
+
+        snprintf(key, sizeof key, "%s.%d", stem, i);
+        SPIN_TRY(spin_model_layer(m, key, width, width, MLP_RELU, net));
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_model_head(struct spin_model *m, const char *name, int width, int n_out,
+                            struct mlp_net *net)
+{
+    char key[100];
+
+    snprintf(key, sizeof key, "%s.1", name);
+    SPIN_TRY(spin_model_layer(m, key, width, width, MLP_RELU, net));
+    snprintf(key, sizeof key, "%s.3", name);
+    return spin_model_layer(m, key, width, n_out, MLP_PLAIN, net);
+}

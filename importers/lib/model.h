@@ -1,0 +1,153 @@
+/* A model of a method from open() to close(): what it holds, how the files of a run are found and read, and how
+ * tensors, layers and columns get out of them. An importer's own struct begins with a struct spin_model. */
+#ifndef SPIN_IMPORTERS_LIB_MODEL_H
+#define SPIN_IMPORTERS_LIB_MODEL_H
+
+#include "base/err.h"
+#include "formats/gs_ply.h"
+#include "importers/lib/mlp_eval.h"
+#include "importers/lib/run_config.h"
+#include "io/torch.h"
+
+/* ---- Life ------------------------------------------------------------------------------------ */
+
+struct spin_model {
+    struct spin_arena arena;          /* paths, weights, tables: what lives as long as the model */
+    struct spin_arena scratch;        /* until open() is over */
+    struct spin_model_block *blocks;  /* private: of malloc(), as long */
+    const char *path;                 /* the file that frame() names */
+    struct spin_torch torch;          /* the checkpoint at hand */
+    const struct spin_value *tensors; /* the dict with its tensors, */
+    const char *prefix;               /* and what their names begin with */
+    struct run_config settings;       /* cfg_args, and the YAML of some methods */
+    struct spin_splats canonical;
+    struct mlp_team team;
+    /* Those of open(), while it runs. */
+    const struct spin_plugin_values *values;
+    struct spin_sequence_info *sequence;
+};
+
+/* Defines `name`, the open() of an importer whose model is a `type`: a new one is given to fn(model, path). */
+#define SPIN_MODEL_OPEN(name, type, fn)                                                            \
+    static spin_status name(const char *path, const struct spin_plugin_values *values,             \
+                            void **self, struct spin_sequence_info *sequence)                      \
+    {                                                                                              \
+        return spin_model_open(path, values, self, sequence, sizeof(type), fn);                    \
+    }
+spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
+                            struct spin_sequence_info *sequence, size_t bytes,
+                            spin_status (*fn)(void *self, const char *path));
+/* An importer's close(): all that the struct above holds, and the model. */
+void spin_model_close(void *self);
+
+/* The value of an option, or NULL. */
+const char *spin_model_option(const struct spin_model *m, const char *key);
+/* Zeroed, as long as the model lives. */
+spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out);
+/* Until open() is over. */
+spin_status spin_model_scratch(struct spin_model *m, size_t count, size_t size, void **out);
+/* Text, and a path: `fmt` below a folder. */
+spin_status spin_model_text(struct spin_model *m, const char **out, const char *fmt, ...)
+    SPIN_PRINTF(3, 4);
+spin_status spin_model_join(struct spin_model *m, const char **out, const char *folder,
+                            const char *fmt, ...) SPIN_PRINTF(4, 5);
+/* The same where there is such a file (or folder), else NULL. */
+spin_status spin_model_find(struct spin_model *m, const char **out, const char *folder,
+                            const char *fmt, ...) SPIN_PRINTF(4, 5);
+/* The folder that a path lies in. */
+spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path);
+spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path);
+/* As spin_folder_list(). */
+spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n);
+
+/* A note, one line, as printf; no newline at the end of fmt. A line that does not fit is dropped. */
+void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+/* Whether a folder has an entry of this name; whether a word stands in the first bytes. */
+bool spin_peek_has(const struct spin_peek *peek, const char *name);
+bool spin_peek_says(const struct spin_peek *peek, const char *word);
+
+/* ---- Columns --------------------------------------------------------------------------------- */
+
+/* Of splats by number, in the order of enum spin_column, from means to SH: values and floats of a row. */
+enum { SPIN_MODEL_COLUMNS = 5 };
+float *spin_model_values(const struct spin_splats *s, int column, size_t *width);
+/* How many of some values are NaN or infinite, at the speed of memory: importers look at every value of every
+ * frame. */
+size_t spin_finite_missing(const float *values, size_t n);
+/* The columns of a frame: arithmetic can leave the range of floats where the file did not. */
+spin_status spin_model_check(const char *path, double time, unsigned columns,
+                             const struct spin_splats *s);
+
+/* ---- The folder of a run --------------------------------------------------------------------- */
+
+/* N of a folder named exactly iteration_<digits>, else -1. */
+long long spin_model_iteration(const char *name);
+bool spin_model_holds(const char *folder, const char *file);
+/* The name of the save to read, "iteration_<N>" of `folder` with `file` in it, and `file2` (not NULL) in that of
+ * folder2: `wanted` is N or "best", NULL the largest N that is whole, and "best" when there is no number. NULL
+ * when there is none. */
+spin_status spin_model_choose(struct spin_model *m, const char *wanted, const char *folder,
+                              const char *file, const char *folder2, const char *file2,
+                              const char **out);
+/* The folder of the save to read, as option `iteration` says, for models whose network `network` lies beside the
+ * cloud: `path` is the model's folder, the point_cloud in it, a save, or one of the two files. NULL when there is
+ * none. */
+spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
+                            const char **out);
+/* Whether `file` is in a save of the model, or in the model itself; *coarse: there are saves of a first stage
+ * only. */
+bool spin_model_search(const char *path, const char *file, bool *coarse);
+/* The file `name` in folder `path`, or else in `save` or up to two folders above it; save may be NULL. NULL when
+ * there is none. */
+spin_status spin_model_beside(struct spin_model *m, const char *path, const char *save,
+                              const char *name, const char **out);
+/* Opens the cfg_args found so into the settings, whose path stays NULL when there is none. */
+spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *save);
+
+/* ---- The cloud ------------------------------------------------------------------------------- */
+
+/* A property of the vertices into out, every `step` floats; finite. */
+spin_status spin_model_column(const struct spin_ply *ply, const struct spin_ply_element *e,
+                              const char *name, float *out, size_t step);
+/* prefix0, prefix1, ... into out[0..n), every `step` floats. */
+spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
+                               const char *prefix, int n, float *out, size_t step);
+/* Properties whose names begin so. */
+int spin_model_count(const struct spin_ply_element *e, const char *prefix);
+/* The vertices of a cloud of any properties; at least one. Closed again on failure. */
+spin_status spin_model_vertices(const char *path, struct spin_ply *ply,
+                                const struct spin_ply_element **vertex);
+/* The Gaussians of a cloud, perhaps none; SH degree at most 3. Closed again on failure. */
+spin_status spin_model_cloud(const char *path, struct spin_ply *ply, struct spin_gs_ply *cloud);
+/* All columns into the canonical splats as they are stored, quaternions not normalised. Besides, where `extra` is
+ * not NULL, properties extra0, extra1, ... [n][n_extra]; n_extra 0: the one of that very name. */
+spin_status spin_model_read(struct spin_model *m, const char *path, const char *extra, int n_extra,
+                            float **values);
+
+/* ---- Tensors --------------------------------------------------------------------------------- */
+
+/* With the checkpoint at `path` open, fn(m); it is closed then. Failures name the path. */
+spin_status spin_model_torch(struct spin_model *m, const char *path,
+                             spin_status (*fn)(struct spin_model *m));
+/* What was saved is a dict: the tensors. */
+spin_status spin_model_dict(struct spin_model *m);
+/* The value prefix + key, and whether there is one: NULL when not. */
+const struct spin_value *spin_model_get(const struct spin_model *m, const char *fmt, ...)
+    SPIN_PRINTF(2, 3);
+/* A tensor by name as floats; -1 in `shape` matches anything. info: or NULL. */
+spin_status spin_model_floats(struct spin_model *m, const char *key, int n_dims,
+                              const int64_t *shape, struct spin_array *info, float **out);
+/* Appends to a network the layer `key`.weight, `key`.bias; n_in and n_out are -1 where any will do. */
+spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, int n_out,
+                             enum mlp_ending ending, struct mlp_net *net);
+/* Layers stem.from, stem.(from + 2), ... as long as there are any, each [width][width] with a ReLU behind it. */
+spin_status spin_model_trunk(struct spin_model *m, const char *stem, int from, int width,
+                             struct mlp_net *net);
+/* Two layers, name.1 with a ReLU and name.3. */
+spin_status spin_model_head(struct spin_model *m, const char *name, int width, int n_out,
+                            struct mlp_net *net);
+
+#endif
