@@ -1,45 +1,118 @@
-/* PLY: one 3DGS cloud, or a folder with one cloud per frame (lib/ply_sequence.h).
+/* PLY: one 3DGS cloud, or a folder with one cloud per frame.
  *
  * Properties are looked up by name, so any writer's order will do. Besides Gaussians three other kinds are
  * known: plain points, with colours or without, which give positions only, and SuperSplat's compressed
  * layout. */
-#include "spin.h"
-
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
-#include "base/mem.h"
 #include "formats/compressed_ply.h"
-#include "formats/gs_ply.h"
-#include "importers/lib/model.h"
-#include "importers/lib/ply_sequence.h"
+#include "importers/lib/file_sequence.h"
 #include "math/quat.h"
 
 enum kind { POINTS, COLOURED, GAUSSIANS, COMPRESSED };
 
 struct clip {
+    struct spin_model base;
     struct spin_file_sequence files;
     int *numbers;   /* [n_frames] */
     size_t *counts; /* [n_frames] */
     enum kind kind;
-    int sh_degree; /* largest of all frames */
-    char **names;  /* vertex properties of the first frame but f_rest_*; NULL-terminated */
+    int sh_degree;      /* largest of all frames */
+    const char **names; /* vertex properties of the first frame but f_rest_*; NULL-terminated */
     size_t n_names;
     bool warned_scale, warned_opacity, warned_extra;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
+/* How sure a folder's names make us that it is a sequence of clouds: a folder of numbered files, a folder of per-frame
+ * folders with the INRIA tree inside, one model's tree. */
+static int probe_folder(const struct spin_peek *peek)
+{
+    int n_folders = 0;
+    bool tree = spin_peek_has(peek, "point_cloud");
+
+    for (size_t i = 0; peek->names && peek->names[i]; i++) {
+        const char *name = peek->names[i];
+
+        n_folders += strncmp(name, "frame", 5) == 0 && !strchr(name, '.');
+        tree = tree || strncmp(name, "iteration_", 10) == 0;
+    }
+    if (spin_peek_has(peek,
+                      "deformation.pth")) /* the canonical cloud of 4DGaussians, not a frame */
+        return 20;
+    if (spin_file_sequence_count(peek, ".ply") > 0)
+        return 70;
+    return n_folders > 0 ? 50 : tree ? 40 : 0;
+}
+
 static int probe(const struct spin_peek *peek)
 {
     if (peek->is_folder)
-        return spin_ply_sequence_probe(peek);
+        return probe_folder(peek);
     return peek->n_head >= 4 && memcmp(peek->head, "ply", 3) == 0 &&
                    (peek->head[3] == '\n' || peek->head[3] == '\r')
                ? 90
                : 0;
+}
+
+/* ---- Finding the files ----------------------------------------------------------------------- */
+
+/* The cloud of a model folder: point_cloud/iteration_<n>/point_cloud.ply or point_cloud.ply; NULL when there is
+ * none. */
+static spin_status find_model(struct spin_model *m, const char *folder, const char **out)
+{
+    const char *clouds, *name = NULL;
+
+    SPIN_TRY(spin_model_join(m, &clouds, folder, "point_cloud"));
+    if (spin_path_is_folder(clouds))
+        SPIN_TRY(spin_model_choose(m, NULL, clouds, "point_cloud.ply", NULL, NULL, &name));
+    if (name)
+        return spin_model_join(m, out, clouds, "%s/point_cloud.ply", name);
+    return spin_model_find(m, out, folder, "point_cloud.ply");
+}
+
+/* At least one frame, in any order: of a folder its files, else its model or save, else the models of the numbered
+ * folders in it. */
+static spin_status find_files(struct spin_model *m, const char *path,
+                              struct spin_file_sequence *seq)
+{
+    const char *cloud, *save;
+    char **names;
+    size_t n;
+
+    if (!spin_path_is_folder(path))
+        return spin_file_sequence_find(m, path, ".ply", seq);
+    SPIN_TRY(spin_file_sequence_list(m, path, ".ply", seq));
+    if (seq->n_frames > 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_model_names(m, path, &names, &n));
+    SPIN_TRY(spin_file_sequence_reserve(m, seq, n + 1));
+    SPIN_TRY(find_model(m, path, &cloud));
+    SPIN_TRY(spin_model_choose(m, NULL, path, "point_cloud.ply", NULL, NULL, &save));
+    if (!cloud && save)
+        SPIN_TRY(spin_model_join(m, &cloud, path, "%s/point_cloud.ply", save));
+    if (cloud)
+        return spin_file_sequence_add(seq, cloud, -1);
+    for (size_t i = 0; i < n; i++) {
+        const char *sub;
+
+        SPIN_TRY(spin_model_join(m, &sub, path, "%s", names[i]));
+        if (spin_path_number(names[i]) < 0 || !spin_path_is_folder(sub))
+            continue;
+        SPIN_TRY(find_model(m, sub, &cloud));
+        if (cloud)
+            SPIN_TRY(spin_file_sequence_add(seq, cloud, spin_path_number(names[i])));
+    }
+    if (seq->n_frames == 0)
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "'%s' holds neither PLY files nor folders with "
+                         "point_cloud/iteration_*/point_cloud.ply",
+                         path);
+    return SPIN_OK;
 }
 
 /* ---- What a file holds ----------------------------------------------------------------------- */
@@ -159,10 +232,12 @@ static bool is_rest(const char *name) { return strncmp(name, "f_rest_", 7) == 0;
 
 static spin_status keep_names(struct clip *clip, const struct spin_ply_element *e)
 {
-    SPIN_TRY(spin_alloc(e->n_properties + 1, sizeof *clip->names, (void **)&clip->names));
+    SPIN_TRY(spin_model_alloc(&clip->base, e->n_properties + 1, sizeof *clip->names,
+                              (void **)&clip->names));
     for (size_t i = 0; i < e->n_properties; i++) {
         if (!is_rest(e->property[i].name))
-            SPIN_TRY(spin_strdup(e->property[i].name, &clip->names[clip->n_names++]));
+            SPIN_TRY(spin_model_text(&clip->base, &clip->names[clip->n_names++], "%s",
+                                     e->property[i].name));
     }
     return SPIN_OK;
 }
@@ -190,8 +265,9 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
     return SPIN_OK;
 }
 
-static spin_status open_frame(struct clip *clip, size_t i, struct spin_sequence_info *sequence)
+static spin_status open_frame(struct clip *clip, size_t i)
 {
+    struct spin_sequence_info *sequence = clip->base.sequence;
     struct spin_ply ply;
     struct content c;
     spin_status status;
@@ -220,14 +296,17 @@ out:
     return status;
 }
 
-static spin_status describe(struct clip *clip, struct spin_sequence_info *sequence)
+static spin_status describe(struct clip *clip)
 {
+    struct spin_sequence_info *sequence = clip->base.sequence;
+    size_t n_frames = clip->files.n_frames;
     static const char *const what[] = {"plain points", "coloured points", "Gaussians",
                                        "SuperSplat's compressed Gaussians"};
     size_t n_all = 0;
 
-    SPIN_TRY(spin_alloc(clip->files.n_frames, sizeof *clip->numbers, (void **)&clip->numbers));
-    SPIN_TRY(spin_alloc(clip->files.n_frames, sizeof *clip->counts, (void **)&clip->counts));
+    SPIN_TRY(
+        spin_model_alloc(&clip->base, n_frames, sizeof *clip->numbers, (void **)&clip->numbers));
+    SPIN_TRY(spin_model_alloc(&clip->base, n_frames, sizeof *clip->counts, (void **)&clip->counts));
     for (size_t i = 0; i < clip->files.n_frames; i++) {
         clip->numbers[i] = clip->files.frame[i].number;
         clip->counts[i] = clip->files.frame[i].n;
@@ -250,39 +329,21 @@ static spin_status describe(struct clip *clip, struct spin_sequence_info *sequen
     return SPIN_OK;
 }
 
-static spin_status ply_open(const char *path, const struct spin_plugin_values *values, void **self,
-                            struct spin_sequence_info *sequence)
-{
-    struct clip *clip;
-
-    (void)values;
-    *sequence = (struct spin_sequence_info){.sh_degree = -1};
-    SPIN_TRY(spin_alloc(1, sizeof *clip, self));
-    clip = *self;
-    clip->sh_degree = -1;
-    SPIN_TRY(spin_ply_sequence_find(path, &clip->files));
-    if (clip->files.n_frames > INT_MAX)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds too many files", path);
-    SPIN_TRY(spin_file_sequence_sort(&clip->files, sequence));
-    for (size_t i = 0; i < clip->files.n_frames; i++)
-        SPIN_TRY(open_frame(clip, i, sequence));
-    return describe(clip, sequence);
-}
-
-static void ply_close(void *self)
+static spin_status open_clip(void *self, const char *path)
 {
     struct clip *clip = self;
 
-    if (!clip)
-        return;
-    spin_file_sequence_free(&clip->files);
-    for (size_t i = 0; i < clip->n_names; i++)
-        free(clip->names[i]);
-    free(clip->names);
-    free(clip->numbers);
-    free(clip->counts);
-    free(clip);
+    clip->sh_degree = -1;
+    SPIN_TRY(find_files(&clip->base, path, &clip->files));
+    if (clip->files.n_frames > INT_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds too many files", path);
+    SPIN_TRY(spin_file_sequence_sort(&clip->files, clip->base.sequence));
+    for (size_t i = 0; i < clip->files.n_frames; i++)
+        SPIN_TRY(open_frame(clip, i));
+    return describe(clip);
 }
+
+SPIN_MODEL_OPEN(ply_open, struct clip, open_clip)
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
@@ -382,5 +443,5 @@ const struct spin_importer spin_importer_ply = {
     .probe = probe,
     .open = ply_open,
     .frame = ply_frame,
-    .close = ply_close,
+    .close = spin_model_close,
 };

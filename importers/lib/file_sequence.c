@@ -5,10 +5,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/mem.h"
-#include "io/file.h"
-#include "importers/lib/model.h"
-
 bool spin_file_has_suffix(const char *name, const char *suffix)
 {
     size_t n = strlen(name), n_suffix = strlen(suffix);
@@ -31,68 +27,50 @@ int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix)
     return n;
 }
 
-spin_status spin_file_sequence_add(struct spin_file_sequence *seq, char *path, long long number)
+spin_status spin_file_sequence_reserve(struct spin_model *m, struct spin_file_sequence *seq,
+                                       size_t n)
 {
-    spin_status status = SPIN_OK;
+    *seq = (struct spin_file_sequence){0};
+    return spin_model_alloc(m, n, sizeof *seq->frame, (void **)&seq->frame);
+}
 
+spin_status spin_file_sequence_add(struct spin_file_sequence *seq, const char *path,
+                                   long long number)
+{
     if (number > INT_MAX)
-        status =
-            spin_fail(SPIN_E_UNSUPPORTED, "'%s': frame number %lld is too large", path, number);
-    if (status == SPIN_OK && seq->n_frames == seq->capacity) {
-        size_t capacity = seq->capacity ? 2 * seq->capacity : 64;
-        void *block = seq->frame;
-
-        status = spin_grow(capacity, sizeof *seq->frame, &block);
-        if (status == SPIN_OK) {
-            seq->frame = block;
-            seq->capacity = capacity;
-        }
-    }
-    if (status != SPIN_OK) {
-        free(path);
-        return status;
-    }
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': frame number %lld is too large", path, number);
     seq->frame[seq->n_frames++] = (struct spin_file_frame){.path = path, .number = (int)number};
     return SPIN_OK;
 }
 
-static spin_status add_all(const char *folder, char **names, const char *suffix,
-                           struct spin_file_sequence *seq)
+spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, const char *suffix,
+                                    struct spin_file_sequence *seq)
 {
-    for (size_t i = 0; names[i]; i++) {
-        char *path = NULL;
+    char **names;
+    size_t n;
+
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
+    SPIN_TRY(spin_file_sequence_reserve(m, seq, n));
+    for (size_t i = 0; i < n; i++) {
+        const char *path;
 
         if (!is_frame_name(names[i], suffix))
             continue;
-        SPIN_TRY(spin_path_join(folder, names[i], &path));
+        SPIN_TRY(spin_model_join(m, &path, folder, "%s", names[i]));
         SPIN_TRY(spin_file_sequence_add(seq, path, spin_path_number(names[i])));
     }
     return SPIN_OK;
 }
 
-spin_status spin_file_sequence_list(const char *folder, const char *suffix,
+spin_status spin_file_sequence_find(struct spin_model *m, const char *path, const char *suffix,
                                     struct spin_file_sequence *seq)
 {
-    char **names = NULL;
-    size_t n = 0;
-    spin_status status;
-
-    SPIN_TRY(spin_folder_list(folder, &names, &n));
-    status = add_all(folder, names, suffix, seq);
-    spin_folder_list_free(names);
-    return status;
-}
-
-spin_status spin_file_sequence_find(const char *path, const char *suffix,
-                                    struct spin_file_sequence *seq)
-{
-    char *copy = NULL;
-
     if (!spin_path_is_folder(path)) {
-        SPIN_TRY(spin_strdup(path, &copy));
-        return spin_file_sequence_add(seq, copy, spin_path_number(path));
+        SPIN_TRY(spin_model_text(m, &path, "%s", path));
+        SPIN_TRY(spin_file_sequence_reserve(m, seq, 1));
+        return spin_file_sequence_add(seq, path, spin_path_number(path));
     }
-    SPIN_TRY(spin_file_sequence_list(path, suffix, seq));
+    SPIN_TRY(spin_file_sequence_list(m, path, suffix, seq));
     if (seq->n_frames == 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no %s files", path, suffix);
     return SPIN_OK;
@@ -142,12 +120,4 @@ spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
         }
     }
     return SPIN_OK;
-}
-
-void spin_file_sequence_free(struct spin_file_sequence *seq)
-{
-    for (size_t i = 0; i < seq->n_frames; i++)
-        free(seq->frame[i].path);
-    free(seq->frame);
-    *seq = (struct spin_file_sequence){0};
 }

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Every plug-in's file (one without a header of its own) defines its struct, the struct is in the list, the list is alphabetical and ends
-# with NULL.
+# Every plug-in's file (one without a header of its own) defines a struct or more, each is in the list, the list is alphabetical and
+# ends with NULL.
 failed=0
 n=0
 complain() {
@@ -11,17 +11,20 @@ complain() {
 for list in importers exporters; do
     kind=${list%s}
     listed=$(sed -n "s/^ *&spin_${kind}_\([a-z0-9_]*\),\$/\1/p" $list/$list.c)
+    defined=$(sed -n "s/^const struct spin_$kind spin_${kind}_\([a-z0-9_]*\) = {\$/\1/p" $list/*.c)
     for file in $list/*.c; do
         name=$(basename "$file" .c)
         [ "$name" = $list ] && continue
         [ -f "$list/$name.h" ] && continue # a helper that the room shares
+        grep -q "^const struct spin_$kind spin_${kind}_[a-z0-9_]* = {" "$file" ||
+            complain "$file defines no spin_${kind}_NAME"
+    done
+    for name in $defined; do
         n=$((n + 1))
-        grep -q "^const struct spin_$kind spin_${kind}_$name = {" "$file" ||
-            complain "$file does not define spin_${kind}_$name"
-        echo "$listed" | grep -qx "$name" || complain "$file is not in $list/$list.c"
+        echo "$listed" | grep -qx "$name" || complain "spin_${kind}_$name is not in $list/$list.c"
     done
     for name in $listed; do
-        [ -f "$list/$name.c" ] || complain "$list/$list.c lists '$name', which has no file"
+        echo "$defined" | grep -qx "$name" || complain "$list/$list.c lists '$name', which no file defines"
     done
     [ "$listed" = "$(echo "$listed" | LC_ALL=C sort)" ] ||
         complain "$list/$list.c is not alphabetical"

@@ -1,0 +1,557 @@
+/* Clips of splat files: a folder with a file for each frame, or one file with one frame or many. Of each format here
+ * is how a file is opened and read; src/formats has the rest.
+ *
+ * SPZ: most files do not say which axes they hold: splat-transform and our exporter write those of the training,
+ * Niantic's library right, up and back when it is told what it is given. --axes decides where the file does not.
+ *
+ * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x right, y down, z
+ * forward: --axes gltf takes the half turn about z back that exporters make. */
+#include <limits.h>
+#include <string.h>
+
+#include "formats/glb_scene.h"
+#include "formats/ksplat.h"
+#include "formats/sog.h"
+#include "formats/splat.h"
+#include "formats/spz.h"
+#include "importers/lib/file_sequence.h"
+#include "io/zip.h"
+
+/* What a file holds. */
+struct opened {
+    size_t n_frames; /* 1 but in a clip */
+    size_t n;        /* splats, of one frame */
+    int sh_degree;   /* that read() gives at most */
+    bool antialias;  /* trained to be drawn antialiased */
+    bool has_axes;   /* the file says which it has: */
+    double axes[4];  /* the turn w x y z from them to the run's */
+    const char *
+        note[4]; /* what is guessed or lost; of all files alike, each is said once. NULL: nothing */
+    const char *folder;             /* of loose files (SOG), or NULL */
+    struct spin_gs_glb_scene scene; /* of a GLB */
+};
+
+struct clip {
+    struct spin_model base; /* canonical: a frame as the file has it */
+    const struct format *format;
+    const double *turn; /* from the axes of files that do not say theirs to the run's; NULL: none */
+    struct spin_file_sequence files;
+    int n_frames, sh_degree;
+    struct spin_frame_info *info; /* [n_frames] */
+    int *numbers;                 /* [n_frames] */
+    double *times;                /* [n_frames] */
+    size_t *counts;               /* [n_frames] */
+
+    /* The file at hand. */
+    size_t file; /* SIZE_MAX: none */
+    struct spin_map map;
+    struct opened opened;
+};
+
+struct format {
+    const char *suffix; /* ".spz" */
+    const char *name;   /* "SPZ", for messages */
+    /* The file in clip->map, into clip->opened. Errors do not name it. */
+    spin_status (*open)(struct clip *clip, const char *path);
+    spin_status (*read)(struct clip *clip, size_t frame, unsigned columns, struct spin_splats *out);
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+/* How sure, by names alone: a file that ends so, or a folder with such files. In the folder of a run, which has
+ * clouds of its own, they were laid beside it. */
+static int probe_names(const struct spin_peek *peek, const char *suffix)
+{
+    bool run = false;
+
+    if (!peek->is_folder)
+        return spin_file_has_suffix(peek->path, suffix) ? 70 : 0;
+    for (size_t i = 0; peek->names && peek->names[i]; i++)
+        run = run || strncmp(peek->names[i], "point_cloud", 11) == 0 ||
+              strncmp(peek->names[i], "iteration_", 10) == 0;
+    return spin_file_sequence_count(peek, suffix) == 0 ? 0 : run ? 20 : 70;
+}
+
+static bool begins(const struct spin_peek *peek, const char *magic)
+{
+    return !peek->is_folder && peek->n_head >= strlen(magic) &&
+           memcmp(peek->head, magic, strlen(magic)) == 0;
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+static void close_file(struct clip *clip)
+{
+    if (clip->file == SIZE_MAX)
+        return;
+    spin_gs_glb_scene_close(&clip->opened.scene);
+    spin_map_close(&clip->map);
+    clip->file = SIZE_MAX;
+}
+
+static spin_status fail_file(const struct clip *clip, size_t file, spin_status status)
+{
+    return spin_fail_context(status, "cannot read '%s'", clip->files.frame[file].path);
+}
+
+/* Files of a clip are read one after the other: the last one stays open. */
+static spin_status open_file(struct clip *clip, size_t file)
+{
+    const char *path = clip->files.frame[file].path;
+    spin_status status;
+
+    if (clip->file == file)
+        return SPIN_OK;
+    close_file(clip);
+    SPIN_TRY(spin_map_open(path, &clip->map));
+    clip->file = file;
+    clip->opened = (struct opened){.n_frames = 1};
+    status = clip->format->open(clip, path);
+    if (status == SPIN_OK)
+        return SPIN_OK;
+    close_file(clip);
+    return fail_file(clip, file, status);
+}
+
+/* Of a frame of the file at hand. */
+static struct spin_frame_info info_of(const struct clip *clip, size_t frame)
+{
+    const struct spin_gs_glb_frame *f = clip->opened.scene.frame;
+
+    if (!f)
+        return (struct spin_frame_info){.number = -1, .n = clip->opened.n};
+    return (struct spin_frame_info){.number = f[frame].number, f[frame].time, f[frame].n};
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status reserve_frames(struct clip *clip, size_t n)
+{
+    if (n > INT_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': too many frames", clip->files.frame[0].path);
+    clip->n_frames = (int)n;
+    SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->info, (void **)&clip->info));
+    SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->numbers, (void **)&clip->numbers));
+    SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->times, (void **)&clip->times));
+    return spin_model_alloc(&clip->base, n, sizeof *clip->counts, (void **)&clip->counts);
+}
+
+/* Numbers and times of the frames of one file: its own where they tell all frames apart. */
+static void describe_clip(const struct clip *clip, struct spin_sequence_info *sequence)
+{
+    bool numbered = true;
+
+    for (int i = 0; i < clip->n_frames; i++) {
+        clip->numbers[i] = clip->info[i].number;
+        clip->times[i] = clip->info[i].time;
+        numbered = numbered && clip->numbers[i] >= 0 &&
+                   (i == 0 || clip->numbers[i] > clip->numbers[i - 1]);
+    }
+    sequence->numbers = numbered ? clip->numbers : NULL;
+    sequence->times = clip->times;
+    sequence->time_first = clip->times[0];
+    sequence->time_last = clip->times[clip->n_frames - 1];
+}
+
+static void describe_files(const struct clip *clip, struct spin_sequence_info *sequence)
+{
+    for (int i = 0; i < clip->n_frames; i++)
+        clip->numbers[i] = clip->files.frame[i].number;
+    if (clip->n_frames == 1 && clip->numbers[0] < 0)
+        clip->numbers[0] = clip->info[0].number;
+    sequence->numbers = clip->numbers[0] >= 0 ? clip->numbers : NULL;
+    sequence->time_last = clip->n_frames - 1;
+}
+
+/* What the first file says and what is only seen in another. */
+static void note_file(struct clip *clip, size_t file)
+{
+    struct spin_sequence_info *sequence = clip->base.sequence;
+    const struct opened *f = &clip->opened;
+
+    if (file > 0 && f->sh_degree != clip->sh_degree && !strstr(sequence->notes, "padded"))
+        spin_note(sequence, "the SH degree differs between frames: padded with zeros");
+    for (size_t i = 0; i < sizeof f->note / sizeof *f->note; i++)
+        if (f->note[i] && !strstr(sequence->notes, f->note[i]))
+            spin_note(sequence, "%s", f->note[i]);
+    if (f->antialias && !sequence->antialias)
+        spin_note(sequence, "trained with an anti-aliasing rasteriser, and drawn so here");
+    sequence->antialias = sequence->antialias || f->antialias;
+    clip->sh_degree = f->sh_degree > clip->sh_degree ? f->sh_degree : clip->sh_degree;
+}
+
+static spin_status look_at_files(struct clip *clip, size_t *n_all)
+{
+    size_t n_files = clip->files.n_frames;
+
+    *n_all = 0;
+    for (size_t i = 0; i < n_files; i++) {
+        SPIN_TRY(open_file(clip, i));
+        if (i == 0)
+            SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
+        if (n_files > 1 && clip->opened.n_frames > 1)
+            return spin_fail(SPIN_E_MALFORMED, "'%s' holds a clip of %zu frames: give it alone",
+                             clip->files.frame[i].path, clip->opened.n_frames);
+        for (size_t f = 0; f < clip->opened.n_frames; f++) {
+            clip->info[i + f] = info_of(clip, f);
+            clip->counts[i + f] = clip->info[i + f].n;
+            *n_all += clip->counts[i + f];
+        }
+        note_file(clip, i);
+    }
+    return SPIN_OK;
+}
+
+static spin_status open_clip(struct clip *clip, const struct format *format, const char *path)
+{
+    struct spin_sequence_info *sequence = clip->base.sequence;
+    size_t n_all;
+
+    clip->format = format;
+    clip->file = SIZE_MAX;
+    SPIN_TRY(spin_file_sequence_find(&clip->base, path, format->suffix, &clip->files));
+    SPIN_TRY(spin_file_sequence_sort(&clip->files, sequence));
+    SPIN_TRY(look_at_files(clip, &n_all));
+    if (n_all == 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 splats", clip->files.frame[0].path);
+    if (clip->files.n_frames == 1 && clip->n_frames > 1)
+        describe_clip(clip, sequence);
+    else
+        describe_files(clip, sequence);
+    sequence->n_frames = clip->n_frames;
+    sequence->counts = clip->counts;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = clip->sh_degree;
+    snprintf(sequence->variant, sizeof sequence->variant, "%s %s%s",
+             clip->files.n_frames == 1 ? "one" : "a sequence of", format->name,
+             clip->files.n_frames > 1 ? " files"
+             : clip->n_frames > 1     ? " file with a clip"
+                                      : " file");
+    return SPIN_OK;
+}
+
+static void close_clip(void *self)
+{
+    struct clip *clip = self;
+
+    if (clip && clip->format)
+        close_file(clip);
+    spin_model_close(self);
+}
+
+/* ---- One frame ------------------------------------------------------------------------------- */
+
+static spin_status clip_frame(void *self, int frame, double time, unsigned columns,
+                              struct spin_splats *out)
+{
+    struct clip *clip = self;
+    struct spin_splats *raw = &clip->base.canonical;
+    struct spin_placement placement = {.q = {1}, .scale = 1};
+    size_t file = clip->files.n_frames > 1 ? (size_t)frame : 0, within = (size_t)frame - file;
+    spin_status status;
+
+    (void)time;
+    if (frame < 0 || frame >= clip->n_frames)
+        return spin_fail(SPIN_E_NOT_FOUND, "there is no frame %d", frame);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    SPIN_TRY(open_file(clip, file));
+    status = within < clip->opened.n_frames ? clip->format->read(clip, within, columns, raw)
+                                            : spin_fail(SPIN_E_IO, "it changed");
+    if (status != SPIN_OK)
+        return fail_file(clip, file, status);
+    if (raw->n != clip->counts[frame] || raw->sh_degree > clip->sh_degree)
+        return spin_fail(SPIN_E_IO, "'%s' changed while it was being read",
+                         clip->files.frame[file].path);
+    SPIN_TRY(spin_splats_reserve(out, raw->n, columns, clip->sh_degree));
+    if (clip->opened.has_axes)
+        memcpy(placement.q, clip->opened.axes, sizeof placement.q);
+    else if (clip->turn)
+        memcpy(placement.q, clip->turn, sizeof placement.q);
+    spin_splats_place(raw, columns, &placement, 0, out);
+    out->antialias = clip->opened.antialias;
+    return SPIN_OK;
+}
+
+/* ---- .splat ---------------------------------------------------------------------------------- */
+
+/* The format has no header, so only its name tells it. */
+static spin_status open_splat(struct clip *clip, const char *path)
+{
+    (void)path;
+    clip->opened.note[0] = "the format holds no colour that depends on the direction";
+    clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
+    if (clip->map.size % SPIN_SPLAT_ROW != 0)
+        return spin_fail(SPIN_E_MALFORMED, "%zu bytes are not rows of %d", clip->map.size,
+                         SPIN_SPLAT_ROW);
+    return SPIN_OK;
+}
+
+static spin_status read_splat(struct clip *clip, size_t frame, unsigned columns,
+                              struct spin_splats *out)
+{
+    (void)frame;
+    return spin_splat_read(clip->map.data, clip->map.size, columns, out);
+}
+
+static int splat_probe(const struct spin_peek *peek) { return probe_names(peek, ".splat"); }
+
+static spin_status open_splat_clip(void *self, const char *path)
+{
+    static const struct format format = {".splat", ".splat", open_splat, read_splat};
+
+    return open_clip(self, &format, path);
+}
+
+SPIN_MODEL_OPEN(splat_open, struct clip, open_splat_clip)
+
+const struct spin_importer spin_importer_splat = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "splat",
+    .summary = ".splat files: one, or a folder with one per frame; no SH",
+    .upstream = "antimatter15/splat",
+    .probe = splat_probe,
+    .open = splat_open,
+    .frame = clip_frame,
+    .close = close_clip,
+};
+
+/* ---- .ksplat --------------------------------------------------------------------------------- */
+
+/* The format has no magic, so only its name tells it. */
+static spin_status open_ksplat(struct clip *clip, const char *path)
+{
+    struct spin_ksplat header;
+
+    (void)path;
+    SPIN_TRY(spin_ksplat_peek(clip->map.data, clip->map.size, &header));
+    clip->opened.sh_degree = header.sh_degree;
+    clip->opened.n = header.n;
+    return SPIN_OK;
+}
+
+static spin_status read_ksplat(struct clip *clip, size_t frame, unsigned columns,
+                               struct spin_splats *out)
+{
+    (void)frame;
+    return spin_ksplat_read(clip->map.data, clip->map.size, columns, out);
+}
+
+static int ksplat_probe(const struct spin_peek *peek) { return probe_names(peek, ".ksplat"); }
+
+static spin_status open_ksplat_clip(void *self, const char *path)
+{
+    static const struct format format = {".ksplat", ".ksplat", open_ksplat, read_ksplat};
+
+    return open_clip(self, &format, path);
+}
+
+SPIN_MODEL_OPEN(ksplat_open, struct clip, open_ksplat_clip)
+
+const struct spin_importer spin_importer_ksplat = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "ksplat",
+    .summary = ".ksplat files, levels 0 to 2: one, or a folder with one per frame",
+    .upstream = "mkkellogg/GaussianSplats3D",
+    .probe = ksplat_probe,
+    .open = ksplat_open,
+    .frame = clip_frame,
+    .close = close_clip,
+};
+
+/* ---- SPZ ------------------------------------------------------------------------------------- */
+
+static const struct spin_plugin_option spz_options[] = {
+    {"axes", "source|rub",
+     "axes of files that do not say theirs; rub: right, up, back, half a turn about x", "source"},
+    {0},
+};
+
+static spin_status open_spz(struct clip *clip, const char *path)
+{
+    struct opened *out = &clip->opened;
+    struct spin_spz_header header;
+
+    (void)path;
+    SPIN_TRY(spin_spz_peek(clip->map.data, clip->map.size, &header));
+    out->n = header.n;
+    out->sh_degree = header.sh_degree < 3 ? header.sh_degree : 3;
+    out->antialias = header.antialias;
+    out->has_axes = header.axes != 0;
+    if (header.sh_degree > 3)
+        out->note[0] = "SH degree 4 is cut to degree 3";
+    if (!out->has_axes)
+        out->note[1] = "the file does not say its axes: see --axes";
+    return out->has_axes ? spin_spz_axes(header.axes, out->axes) : SPIN_OK;
+}
+
+static spin_status read_spz(struct clip *clip, size_t frame, unsigned columns,
+                            struct spin_splats *out)
+{
+    (void)frame;
+    return spin_spz_read(clip->map.data, clip->map.size, columns, out);
+}
+
+/* Folders of the format's files, such a file of versions 2 and 3, and version 4 of any name: a gzip may hold
+ * anything. */
+static int spz_probe(const struct spin_peek *peek)
+{
+    int named = probe_names(peek, ".spz");
+
+    if (peek->is_folder)
+        return named;
+    return begins(peek, "NGSP") || (named && begins(peek, "\x1f\x8b")) ? 90 : 0;
+}
+
+static spin_status open_spz_clip(void *self, const char *path)
+{
+    static const struct format format = {".spz", "SPZ", open_spz, read_spz};
+    static const double half_about_x[4] = {0, 1, 0, 0};
+    struct clip *clip = self;
+    const char *axes = spin_plugin_value(clip->base.values, "axes", "source");
+
+    if (strcmp(axes, "source") != 0 && strcmp(axes, "rub") != 0)
+        return spin_fail(SPIN_E_USAGE, "--axes '%s': expected source or rub", axes);
+    clip->turn = strcmp(axes, "rub") == 0 ? half_about_x : NULL;
+    return open_clip(clip, &format, path);
+}
+
+SPIN_MODEL_OPEN(spz_open, struct clip, open_spz_clip)
+
+const struct spin_importer spin_importer_spz = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "spz",
+    .summary = "SPZ files, versions 2 to 4: one, or a folder with one per frame",
+    .upstream = "nianticlabs/spz 21715c3",
+    .options = spz_options,
+    .probe = spz_probe,
+    .open = spz_open,
+    .frame = clip_frame,
+    .close = close_clip,
+};
+
+/* ---- SOG ------------------------------------------------------------------------------------- */
+
+/* One file, a folder with one per frame, or the loose files of one, by their folder or their meta.json. */
+static spin_status open_sog(struct clip *clip, const char *path)
+{
+    struct opened *out = &clip->opened;
+    struct spin_sog sog;
+
+    if (spin_file_has_suffix(path, ".json"))
+        SPIN_TRY(spin_model_folder(&clip->base, &out->folder, path));
+    SPIN_TRY(spin_sog_peek(clip->map.data, clip->map.size, out->folder, &sog));
+    out->sh_degree = sog.sh_degree;
+    out->antialias = sog.antialias;
+    out->n = sog.n;
+    return SPIN_OK;
+}
+
+static spin_status read_sog(struct clip *clip, size_t frame, unsigned columns,
+                            struct spin_splats *out)
+{
+    (void)frame;
+    return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
+}
+
+/* A zip with pictures and a meta.json, the folder of both, or a meta.json that says where places lie. */
+static int sog_probe(const struct spin_peek *peek)
+{
+    bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");
+
+    if (!peek->is_folder && spin_file_has_suffix(peek->path, ".json")) {
+        meta = spin_peek_says(peek, "\"means\"");
+        picture = spin_peek_says(peek, "\"mins\"");
+    } else if (spin_zip_looks_like(peek->head, peek->n_head)) {
+        meta = strstr(peek->tail_names, "meta.json") != NULL;
+        picture = strstr(peek->tail_names, ".webp") != NULL;
+    }
+    return meta && picture ? 90 : probe_names(peek, ".sog");
+}
+
+static spin_status open_sog_clip(void *self, const char *path)
+{
+    static const struct format format = {".sog", "SOG", open_sog, read_sog};
+    struct clip *clip = self;
+    const char *meta;
+
+    SPIN_TRY(spin_model_find(&clip->base, &meta, path, "meta.json"));
+    return open_clip(clip, &format, meta ? meta : path);
+}
+
+SPIN_MODEL_OPEN(sog_open, struct clip, open_sog_clip)
+
+const struct spin_importer spin_importer_sog = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "sog",
+    .summary = "SOG, versions 1 and 2: one file or meta.json, or a folder with one per frame",
+    .upstream = "playcanvas/splat-transform 0f60b17",
+    .probe = sog_probe,
+    .open = sog_open,
+    .frame = clip_frame,
+    .close = close_clip,
+};
+
+/* ---- GLB ------------------------------------------------------------------------------------- */
+
+static const struct spin_plugin_option gltf_options[] = {
+    {"axes", "gltf|source",
+     "axes of the file; gltf: x left, y up, z forward, half a turn about z from those of a run",
+     "gltf"},
+    {0},
+};
+
+/* A scene, or a clip whose frames an animation switches on and off. */
+static spin_status open_glb(struct clip *clip, const char *path)
+{
+    struct opened *out = &clip->opened;
+
+    (void)path;
+    SPIN_TRY(spin_gs_glb_scene_open(clip->map.data, clip->map.size, &out->scene));
+    out->n_frames = out->scene.n_frames;
+    out->sh_degree = out->scene.sh_degree;
+    if (out->scene.linear)
+        out->note[0] = "colours are of linear light: they are taken as they are";
+    if (out->scene.moves)
+        out->note[1] = "animations that move or fade nodes are left out";
+    if (out->scene.others)
+        out->note[2] = "meshes that are no splats are left out";
+    return SPIN_OK;
+}
+
+static spin_status read_glb(struct clip *clip, size_t frame, unsigned columns,
+                            struct spin_splats *out)
+{
+    return spin_gs_glb_scene_read(&clip->opened.scene, frame, columns, out);
+}
+
+static int gltf_probe(const struct spin_peek *peek)
+{
+    return peek->is_folder ? probe_names(peek, ".glb") : begins(peek, "glTF") ? 90 : 0;
+}
+
+static spin_status open_glb_clip(void *self, const char *path)
+{
+    static const struct format format = {".glb", "GLB", open_glb, read_glb};
+    static const double half_about_z[4] = {0, 0, 0, 1};
+    struct clip *clip = self;
+    const char *axes = spin_plugin_value(clip->base.values, "axes", "gltf");
+
+    if (strcmp(axes, "gltf") != 0 && strcmp(axes, "source") != 0)
+        return spin_fail(SPIN_E_USAGE, "--axes '%s': expected gltf or source", axes);
+    clip->turn = strcmp(axes, "gltf") == 0 ? half_about_z : NULL;
+    return open_clip(clip, &format, path);
+}
+
+SPIN_MODEL_OPEN(gltf_open, struct clip, open_glb_clip)
+
+const struct spin_importer spin_importer_gltf = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "gltf",
+    .summary = "GLB with KHR_gaussian_splatting: a scene, a clip, or a folder with one per frame",
+    .upstream = "KhronosGroup/glTF 77b44be",
+    .options = gltf_options,
+    .probe = gltf_probe,
+    .open = gltf_open,
+    .frame = clip_frame,
+    .close = close_clip,
+};
