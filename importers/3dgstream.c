@@ -18,7 +18,7 @@
 #include "base/option.h"
 #include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
-#include "io/json.h"
+#include "importers/lib/views_check.h"
 #include "math/quat.h"
 
 /* Files of one frame; those that are not there are NULL. */
@@ -48,23 +48,12 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* "frame000012": 12, else -1. */
-static int frame_number(const char *name)
-{
-    long long number = -1;
-
-    if (strncmp(name, "frame", 5) == 0 && name[5] &&
-        strspn(name + 5, "0123456789") == strlen(name + 5))
-        number = spin_path_number(name);
-    return number <= INT_MAX ? (int)number : -1;
-}
-
 static int probe(const struct spin_peek *peek)
 {
     bool frames = false, ours = spin_peek_has(peek, "cfg_args.json");
 
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        frames = frames || frame_number(peek->names[i]) > 0;
+        frames = frames || spin_frame_number(peek->names[i]) > 0;
         ours = ours || strncmp(peek->names[i], "init_3dgs", 9) == 0;
     }
     if (spin_peek_has(peek, "NTCs"))
@@ -118,12 +107,12 @@ static spin_status find_raw(struct clip *clip, const char *folder)
         struct step *step;
         const char *sub;
 
-        if (frame_number(names[i]) < 0)
+        if (spin_frame_number(names[i]) < 0)
             continue;
         SPIN_TRY(spin_model_join(&clip->base, &sub, folder, "%s", names[i]));
         if (!spin_path_is_folder(sub))
             continue;
-        SPIN_TRY(step_of(clip, frame_number(names[i]), &step));
+        SPIN_TRY(step_of(clip, spin_frame_number(names[i]), &step));
         SPIN_TRY(find_cloud(clip, sub, clip->i1, "point_cloud.ply", &step->cloud));
         SPIN_TRY(find_cloud(clip, sub, clip->i2, "added/point_cloud.ply", &step->added));
         if (!step->network)
@@ -189,7 +178,7 @@ static spin_status find_init(struct clip *clip)
     }
     SPIN_TRY(spin_model_names(&clip->base, clip->base.path, &names, &n));
     for (size_t i = 0; i < 3 + n && !cloud; i++) {
-        if (i >= 3 && (frame_number(names[i - 3]) >= 0 || names[i - 3][0] == '.'))
+        if (i >= 3 && (spin_frame_number(names[i - 3]) >= 0 || names[i - 3][0] == '.'))
             continue;
         SPIN_TRY(spin_model_join(&clip->base, &path, clip->base.path, "%s",
                                  i < 3 ? places[i] : names[i - 3]));

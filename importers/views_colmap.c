@@ -4,7 +4,8 @@
  *     frame000001/{sparse/0, images}, frame000002/...       3DGStream: one folder per frame, the
  *                                                           model of the first one counts for all
  *
- * The principal point of the file is kept; the methods' own readers put it in the centre, which
+ * Binary files are little-endian and packed; of text and binary the binary is taken, as the methods do. A pose is w2c in
+ * OpenCV's axes already: R(q) p + t. The principal point of the file is kept; the methods' own readers put it in the centre, which
  * principal=centre does too. Only pinhole cameras can be rendered: a model with distortion that is not
  * zero must be undistorted first.
  *
@@ -12,65 +13,524 @@
  * (4DGaussians, which takes it for a video of one camera), and each eighth image by name is held
  * out (3DGS's --eval). With a folder per frame each image is a camera of every frame, times are
  * 0, 1, 2, ..., and the first camera is held out (3DGStream). */
-#include "spin.h"
-
-#include <ctype.h>
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
 #include "base/option.h"
-#include "importers/lib/colmap_model.h"
+#include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
-#include "io/file.h"
-#include "io/json.h"
+#include "math/covariance.h"
+
+enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
+
+struct lens {
+    int id;
+    struct spin_camera camera; /* without a pose */
+};
+
+struct image {
+    const char *name;
+    double q[4], t[3];
+    int lens_id;
+    size_t place; /* in the file */
+    struct spin_camera camera;
+};
+
+/* A sparse model: pinhole cameras with their poses. */
+struct colmap {
+    struct spin_model base;
+    const char *images; /* folder */
+    bool by_name;       /* time of one model's images */
+    bool centre;        /* principal points are put in the middle */
+    int hold;           /* each hold-th is test; 0: none; -1: what suits the layout */
+    const char *sparse; /* where the files are */
+    bool binary;
+    struct lens *lens;
+    size_t n_lenses;
+    struct image *image; /* sorted by name */
+    size_t n_images, capacity;
+    double (*point)[3]; /* every point_step-th */
+    size_t n_points;
+    uint64_t point_step, n_seen;
+};
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* "frame000012": 12, else -1. */
-static int frame_number(const char *name)
-{
-    int n = 0;
-
-    if (strncmp(name, "frame", 5) != 0)
-        return -1;
-    for (const char *c = name + 5; *c; c++, n++) {
-        if (!isdigit((unsigned char)*c))
-            return -1;
-    }
-    return n > 0 ? spin_views_number(name) : -1;
-}
-
 static int probe(const struct spin_peek *peek)
 {
-    bool frames = false, cameras = false, videos = false;
+    bool frames = false;
 
-    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], "sparse") == 0)
-            return 100;
-        frames = frames || frame_number(peek->names[i]) >= 0;
-        cameras = cameras || strcmp(peek->names[i], "cameras.json") == 0;
-        videos = videos || strcmp(peek->names[i], "videos") == 0;
+    if (spin_peek_has(peek, "sparse"))
+        return 100;
+    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++)
+        frames = frames || spin_frame_number(peek->names[i]) >= 0;
+    return frames || (spin_peek_has(peek, "cameras.json") && spin_peek_has(peek, "videos")) ? 50
+                                                                                            : 0;
+}
+
+/* Where a model's parameters lie: places of fx, fy, cx, cy; those from `distortion` on must be 0.
+ * A lens that is no pinhole whatever its parameters are has distortion -1. */
+static const struct {
+    const char *name;
+    int n, fx, fy, cx, cy, distortion;
+} models[] = {
+    {"SIMPLE_PINHOLE", 3, 0, 0, 1, 2, 3},
+    {"PINHOLE", 4, 0, 1, 2, 3, 4},
+    {"SIMPLE_RADIAL", 4, 0, 0, 1, 2, 3},
+    {"RADIAL", 5, 0, 0, 1, 2, 3},
+    {"OPENCV", 8, 0, 1, 2, 3, 4},
+    {"OPENCV_FISHEYE", 8, 0, 1, 2, 3, -1},
+    {"FULL_OPENCV", 12, 0, 1, 2, 3, 4},
+    {"FOV", 5, 0, 1, 2, 3, -1},
+    {"SIMPLE_RADIAL_FISHEYE", 4, 0, 0, 1, 2, -1},
+    {"RADIAL_FISHEYE", 5, 0, 0, 1, 2, -1},
+    {"THIN_PRISM_FISHEYE", 12, 0, 1, 2, 3, -1},
+    {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 0, 1, 2, 3, -1},
+};
+enum { N_MODELS = sizeof models / sizeof *models };
+
+/* ---- Bytes and words ------------------------------------------------------------------------- */
+
+/* A file, binary or text; of text the line at hand, whose words are cut out. */
+struct source {
+    bool binary;
+    char *at, *end, *word;
+};
+
+static spin_status take(struct source *s, size_t n, const char **out)
+{
+    if ((size_t)(s->end - s->at) < n)
+        return spin_fail(SPIN_E_MALFORMED, "the file is cut short");
+    *out = s->at;
+    s->at += n;
+    return SPIN_OK;
+}
+
+/* A number of n bytes, little endian. */
+static spin_status take_bits(struct source *s, size_t n, uint64_t *out)
+{
+    const char *p = NULL;
+
+    SPIN_TRY(take(s, n, &p));
+    *out = 0;
+    for (size_t i = n; i-- > 0;)
+        *out = *out << 8 | (unsigned char)p[i];
+    return SPIN_OK;
+}
+
+/* A count of records of at least `smallest` bytes each that the rest of the file can hold. */
+static spin_status take_count(struct source *s, size_t smallest, const char *what, uint64_t *out)
+{
+    SPIN_TRY(take_bits(s, 8, out));
+    if (*out > (uint64_t)(s->end - s->at) / smallest)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "its header announces %llu %s, more than the remaining %zu bytes hold",
+                         (unsigned long long)*out, what, (size_t)(s->end - s->at));
+    return SPIN_OK;
+}
+
+/* The next line, or false at the end. */
+static bool next_line(struct source *s)
+{
+    char *stop = memchr(s->at, '\n', (size_t)(s->end - s->at));
+
+    if (s->at >= s->end)
+        return false;
+    s->word = s->at;
+    stop = stop ? stop : s->end;
+    s->at = stop + (stop < s->end);
+    if (stop > s->word && stop[-1] == '\r')
+        stop--;
+    *stop = '\0';
+    return true;
+}
+
+/* A line that is neither a comment nor blank. */
+static bool is_record(const char *line)
+{
+    line += strspn(line, " \t");
+    return *line != '#' && *line != '\0';
+}
+
+/* The next word, cut out of the line; "" at its end. */
+static char *next_word(struct source *s)
+{
+    char *word = s->word + strspn(s->word, " \t");
+
+    s->word = word + strcspn(word, " \t");
+    if (*s->word)
+        *s->word++ = '\0';
+    return word;
+}
+
+static spin_status next_number(struct source *s, const char *what, double *out)
+{
+    const char *word = next_word(s);
+
+    if (!spin_views_is_number(word, out))
+        return spin_fail(SPIN_E_MALFORMED, "%s is '%.40s', expected a number", what, word);
+    return SPIN_OK;
+}
+
+static spin_status take_real(struct source *s, const char *what, double *out)
+{
+    uint64_t bits;
+
+    if (!s->binary)
+        return next_number(s, what, out);
+    SPIN_TRY(take_bits(s, 8, &bits));
+    memcpy(out, &bits, sizeof bits);
+    return SPIN_OK;
+}
+
+static spin_status take_integer(struct source *s, const char *what, int *out)
+{
+    uint64_t bits;
+    double value;
+
+    if (s->binary) {
+        SPIN_TRY(take_bits(s, 4, &bits));
+        *out = (int)(int32_t)bits;
+        return SPIN_OK;
     }
-    return frames || (cameras && videos) ? 50 : 0;
+    SPIN_TRY(next_number(s, what, &value));
+    if (value != floor(value) || fabs(value) > INT_MAX)
+        return spin_fail(SPIN_E_MALFORMED, "%s is %g, expected a whole number", what, value);
+    *out = (int)value;
+    return SPIN_OK;
+}
+
+static spin_status take_size(struct source *s, const char *what, double *out)
+{
+    uint64_t bits;
+
+    if (!s->binary)
+        return next_number(s, what, out);
+    SPIN_TRY(take_bits(s, 8, &bits));
+    *out = (double)bits;
+    return SPIN_OK;
+}
+
+/* ---- Cameras --------------------------------------------------------------------------------- */
+
+static spin_status fill_lens(struct colmap *m, int id, int kind, double width, double height,
+                             const double *p)
+{
+    struct spin_camera *c = &m->lens[m->n_lenses].camera;
+
+    for (size_t i = 0; i < m->n_lenses; i++) {
+        if (m->lens[i].id == id)
+            return spin_fail(SPIN_E_MALFORMED, "there are two cameras with id %d", id);
+    }
+    SPIN_TRY(spin_views_check_size(width, height));
+    if (models[kind].distortion < 0)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "its model %s is not a pinhole camera: undistort the images",
+                         models[kind].name);
+    for (int i = models[kind].distortion; i < models[kind].n; i++) {
+        if (p[i] != 0)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "its model %s has a distortion of %g: undistort the images",
+                             models[kind].name, p[i]);
+    }
+    c->width = (int)width;
+    c->height = (int)height;
+    c->fx = p[models[kind].fx];
+    c->fy = p[models[kind].fy];
+    c->cx = m->centre ? c->width / 2.0 : p[models[kind].cx];
+    c->cy = m->centre ? c->height / 2.0 : p[models[kind].cy];
+    SPIN_TRY(spin_views_check_intrinsics(c));
+    m->lens[m->n_lenses++].id = id;
+    return SPIN_OK;
+}
+
+/* By its number, or by its name. */
+static spin_status take_kind(struct source *s, int *kind)
+{
+    const char *name = NULL;
+
+    if (s->binary) {
+        SPIN_TRY(take_integer(s, "", kind));
+        if (*kind < 0 || *kind >= N_MODELS)
+            return spin_fail(SPIN_E_UNSUPPORTED, "its model is number %d, which is not known",
+                             *kind);
+        return SPIN_OK;
+    }
+    name = next_word(s);
+    for (*kind = 0; *kind < N_MODELS; ++*kind) {
+        if (strcmp(models[*kind].name, name) == 0)
+            return SPIN_OK;
+    }
+    return spin_fail(SPIN_E_UNSUPPORTED, "its model is '%.40s', which is not known", name);
+}
+
+static spin_status read_lens(struct colmap *m, struct source *s, int *id)
+{
+    double p[MAX_PARAMETERS], width, height;
+    int kind;
+
+    SPIN_TRY(spin_grow(m->n_lenses + 1, sizeof *m->lens, (void **)&m->lens));
+    memset(&m->lens[m->n_lenses], 0, sizeof *m->lens);
+    SPIN_TRY(take_integer(s, "the id", id));
+    SPIN_TRY(take_kind(s, &kind));
+    SPIN_TRY(take_size(s, "the width", &width));
+    SPIN_TRY(take_size(s, "the height", &height));
+    for (int i = 0; i < models[kind].n; i++)
+        SPIN_TRY(take_real(s, "a parameter", &p[i]));
+    return fill_lens(m, *id, kind, width, height, p);
+}
+
+/* ---- Images ---------------------------------------------------------------------------------- */
+
+static const struct lens *find_lens(const struct colmap *m, int id)
+{
+    for (size_t i = 0; i < m->n_lenses; i++) {
+        if (m->lens[i].id == id)
+            return &m->lens[i];
+    }
+    return NULL;
+}
+
+/* Rotation matrix of a quaternion w, x, y, z of any length but 0. */
+static spin_status fill_pose(const double q[4], const double t[3], double m[12])
+{
+    double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
+
+    if (!(norm > 1e-12) || !isfinite(norm))
+        return spin_fail(SPIN_E_MALFORMED, "its quaternion %g %g %g %g is no rotation", q[0], q[1],
+                         q[2], q[3]);
+    spin_matrix_of_quat(q, r);
+    for (int i = 0; i < 3; i++) {
+        memcpy(m + 4 * i, r + 3 * i, 3 * sizeof *m);
+        m[4 * i + 3] = t[i];
+    }
+    return spin_views_check_pose(m, "the pose");
+}
+
+/* Its name, as far as it is: the rest of the line, or what a 0 ends, with points of the image behind it. */
+static spin_status take_name(struct source *s, const char **name)
+{
+    const char *end;
+    uint64_t n_points;
+
+    if (!s->binary) {
+        *name = s->word + strspn(s->word, " \t");
+        return SPIN_OK;
+    }
+    end = memchr(s->at, '\0', (size_t)(s->end - s->at));
+    if (!end || end - s->at > MAX_NAME)
+        return spin_fail(SPIN_E_MALFORMED, "its name does not end");
+    SPIN_TRY(take(s, (size_t)(end - s->at) + 1, name));
+    SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
+    s->at += 24 * n_points;
+    return SPIN_OK;
+}
+
+static spin_status read_image(struct colmap *m, struct source *s, int *id)
+{
+    static const char *const what[] = {"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
+    struct image image = {.place = m->n_images};
+    const struct lens *lens;
+    const char *name = NULL;
+
+    SPIN_TRY(take_integer(s, "the id", id));
+    for (int i = 0; i < 7; i++)
+        SPIN_TRY(take_real(s, what[i], i < 4 ? &image.q[i] : &image.t[i - 4]));
+    SPIN_TRY(take_integer(s, "the camera's id", &image.lens_id));
+    SPIN_TRY(take_name(s, &name));
+    lens = find_lens(m, image.lens_id);
+    if (!lens)
+        return spin_fail(SPIN_E_MALFORMED, "there is no camera %d", image.lens_id);
+    if (!spin_views_is_safe_name(name))
+        return spin_fail(SPIN_E_MALFORMED, "its name is '%.80s', expected one below the images",
+                         name);
+    image.camera = lens->camera;
+    SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
+    SPIN_TRY(spin_model_text(&m->base, &image.name, "%s", name));
+    SPIN_TRY(spin_room(m->n_images, &m->capacity, sizeof *m->image, (void **)&m->image));
+    m->image[m->n_images++] = image;
+    return SPIN_OK;
+}
+
+/* ---- Points ---------------------------------------------------------------------------------- */
+
+/* A sample of the points, by which a camera that looks the wrong way is noticed. */
+static spin_status read_point(struct colmap *m, struct source *s, int *id)
+{
+    uint64_t bits, n_track;
+    const char *rest = NULL;
+    double xyz[3];
+
+    if (s->binary) {
+        SPIN_TRY(take_bits(s, 8, &bits));
+        *id = (int)bits;
+    } else {
+        SPIN_TRY(take_integer(s, "the id", id));
+    }
+    for (int i = 0; i < 3; i++)
+        SPIN_TRY(take_real(s, "a coordinate", &xyz[i]));
+    if (s->binary) {
+        SPIN_TRY(take(s, 3 + 8, &rest));
+        SPIN_TRY(take_count(s, 8, "places of a point", &n_track));
+        s->at += 8 * n_track;
+    }
+    if (m->n_seen++ % m->point_step != 0 || m->n_points == MAX_POINTS)
+        return SPIN_OK;
+    if (!m->point)
+        SPIN_TRY(spin_model_alloc(&m->base, MAX_POINTS, sizeof *m->point, (void **)&m->point));
+    memcpy(m->point[m->n_points++], xyz, sizeof *m->point);
+    return SPIN_OK;
+}
+
+/* All points behind a camera: its axes are OpenGL's, or its pose is wrong. */
+static void warn_behind(const struct colmap *m)
+{
+    for (size_t i = 0; i < m->n_images; i++) {
+        const double *w = m->image[i].camera.w2c;
+        bool behind = m->n_points > 0;
+
+        for (size_t k = 0; k < m->n_points && behind; k++) {
+            const double *p = m->point[k];
+
+            behind = w[8] * p[0] + w[9] * p[1] + w[10] * p[2] + w[11] <= 0;
+        }
+        if (behind) {
+            spin_warn("'%s': all points are behind the camera of image '%s'", m->sparse,
+                      m->image[i].name);
+            return;
+        }
+    }
+}
+
+/* ---- The files ------------------------------------------------------------------------------- */
+
+/* The files of a model. */
+static const struct kind {
+    const char *name, *what, *many;
+    size_t smallest; /* bytes of a record */
+    spin_status (*read)(struct colmap *m, struct source *s, int *id);
+    int lines; /* of a record in text; an image's second are its points, and may be empty */
+} camera_file = {"cameras", "camera", "cameras", 24 + 3 * 8, read_lens, 1},
+  image_file = {"images", "image", "images", 4 + 7 * 8 + 4 + 1 + 8, read_image, 2},
+  point_file = {"points3D", "point", "points", 8 + 3 * 8 + 3 + 8 + 8, read_point, 1};
+
+static spin_status read_records(struct colmap *m, const struct kind *kind, struct source *s)
+{
+    uint64_t n = 0;
+
+    if (s->binary)
+        SPIN_TRY(take_count(s, kind->smallest, kind->many, &n));
+    m->point_step = n / MAX_POINTS + 1;
+    for (uint64_t i = 0; s->binary ? i < n : next_line(s); i++) {
+        spin_status status;
+        int id = -1;
+
+        if (!s->binary && !is_record(s->word))
+            continue;
+        status = kind->read(m, s, &id);
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "%s %d", kind->what, id);
+        if (!s->binary && kind->lines == 2)
+            next_line(s);
+    }
+    return SPIN_OK;
+}
+
+/* <name>.bin or <name>.txt of the model. */
+static spin_status read_file(struct colmap *m, const struct kind *kind)
+{
+    struct source s = {.binary = m->binary};
+    struct spin_map map;
+    char *text = NULL; /* which is cut in place */
+    const char *path;
+    spin_status status;
+
+    SPIN_TRY(spin_model_join(&m->base, &path, m->sparse, "%s.%s", kind->name,
+                             m->binary ? "bin" : "txt"));
+    SPIN_TRY(spin_map_open(path, &map));
+    s.at = (char *)map.data;
+    if (!m->binary) {
+        SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+        s.at = memcpy(text, map.data, map.size);
+    }
+    s.end = s.at + map.size;
+    status = read_records(m, kind, &s);
+    if (status != SPIN_OK)
+        status = spin_fail_context(status, "cannot read '%s'", path);
+out:
+    free(text);
+    spin_map_close(&map);
+    return status;
+}
+
+/* sparse/0, or sparse itself. */
+static spin_status find_sparse(struct colmap *m, const char *folder)
+{
+    static const char *const places[] = {"sparse/0", "sparse"};
+
+    for (int i = 0; i < 2; i++) {
+        SPIN_TRY(spin_model_join(&m->base, &m->sparse, folder, "%s", places[i]));
+        m->binary = spin_model_holds(m->sparse, "images.bin");
+        if (m->binary || spin_model_holds(m->sparse, "images.txt"))
+            return SPIN_OK;
+    }
+    return spin_fail(SPIN_E_NOT_FOUND,
+                     "'%s' has neither images.bin nor images.txt in 'sparse/0' or 'sparse'",
+                     folder);
+}
+
+/* By name without its ending, which is what decides who is held out. */
+static int by_name(const void *a, const void *b)
+{
+    const char *x = ((const struct image *)a)->name, *y = ((const struct image *)b)->name;
+    const char *x_end = strrchr(x, '.'), *y_end = strrchr(y, '.');
+    size_t n_x = x_end ? (size_t)(x_end - x) : strlen(x);
+    size_t n_y = y_end ? (size_t)(y_end - y) : strlen(y);
+    int order = memcmp(x, y, n_x < n_y ? n_x : n_y);
+
+    if (order == 0)
+        order = n_x < n_y ? -1 : n_x > n_y;
+    return order ? order : strcmp(x, y);
+}
+
+/* The model in a folder with sparse/0 or sparse in it. Warns when all points are behind a camera. */
+static spin_status read_model(struct colmap *m, const char *folder)
+{
+    SPIN_TRY(find_sparse(m, folder));
+    SPIN_TRY(read_file(m, &camera_file));
+    SPIN_TRY(read_file(m, &image_file));
+    if (m->n_images == 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' has no images", m->sparse);
+    if (m->n_images > INT_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' has too many images", m->sparse);
+    if (spin_model_holds(m->sparse, m->binary ? "points3D.bin" : "points3D.txt"))
+        SPIN_TRY(read_file(m, &point_file));
+    warn_behind(m);
+    qsort(m->image, m->n_images, sizeof *m->image, by_name);
+    for (size_t i = 1; i < m->n_images; i++) {
+        if (strcmp(m->image[i].name, m->image[i - 1].name) == 0)
+            return spin_fail(SPIN_E_MALFORMED, "'%s' has two images called '%s'", m->sparse,
+                             m->image[i].name);
+    }
+    return SPIN_OK;
 }
 
 /* ---- Look-alikes ----------------------------------------------------------------------------- */
 
 /* A clip of 4DAnyone has a folder videos/sparse, which is no model. */
-static spin_status check_not_4danyone(const char *path)
+static spin_status check_not_4danyone(struct colmap *m, const char *path)
 {
-    char *file = NULL;
+    const char *file;
     spin_json *json = NULL;
-    bool found = false;
+    bool found;
 
-    SPIN_TRY(spin_path_join(path, "cameras.json", &file));
-    if (spin_path_exists(file) && spin_json_load(file, &json) == SPIN_OK)
-        found = spin_json_string(spin_json_get(json, "camera_model")) &&
-                spin_json_is_array(spin_json_get(json, "cameras"));
+    SPIN_TRY(spin_model_find(&m->base, &file, path, "cameras.json"));
+    found = file && spin_json_load(file, &json) == SPIN_OK &&
+            spin_json_string(spin_json_get(json, "camera_model")) &&
+            spin_json_is_array(spin_json_get(json, "cameras"));
     spin_json_free(json);
-    free(file);
     return found ? spin_fail(SPIN_E_UNSUPPORTED,
                              "'%s/cameras.json' is of a clip of 4DAnyone, which spin4d does not "
                              "read yet",
@@ -88,37 +548,24 @@ static size_t camera_part(const char *name)
     return end ? (size_t)(end - name) : strlen(name);
 }
 
-/* How many numbered files the folder of this camera has. */
-static spin_status count_frames(const char *images, const char *name, size_t *n_frames)
-{
-    char *folder = NULL, **names = NULL;
-    size_t n = 0;
-    spin_status status = SPIN_OK;
-
-    *n_frames = 0;
-    SPIN_TRY(spin_path_join(images, name, &folder));
-    folder[strlen(folder) - strlen(name) + camera_part(name)] = '\0';
-    if (spin_path_is_folder(folder))
-        status = spin_folder_list(folder, &names, &n);
-    for (size_t i = 0; i < n; i++)
-        *n_frames += names[i][0] != '.' && spin_views_number(names[i]) >= 0;
-    spin_folder_list_free(names);
-    free(folder);
-    return status;
-}
-
 /* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it lies in,
  * or that has its name, holds the frames. */
-static spin_status check_not_freetimegs(const struct colmap_model *m, const char *images)
+static spin_status check_not_freetimegs(struct colmap *m, const char *images)
 {
     for (size_t i = 0; i < m->n_images; i++) {
-        const char *name = m->image[i].name;
-        size_t n = camera_part(name), n_frames;
+        const char *name = m->image[i].name, *folder;
+        size_t n = camera_part(name), n_names = 0, n_frames = 0;
+        char **names = NULL;
 
         if (i > 0 && n == camera_part(m->image[i - 1].name) &&
             strncmp(name, m->image[i - 1].name, n) == 0)
             return SPIN_OK;
-        SPIN_TRY(count_frames(images, name, &n_frames));
+        SPIN_TRY(spin_model_join(&m->base, &folder, images, "%.*s", (int)n, name));
+        if (spin_path_is_folder(folder))
+            SPIN_TRY(spin_folder_list(folder, &names, &n_names));
+        for (size_t k = 0; k < n_names; k++)
+            n_frames += names[k][0] != '.' && spin_views_number(names[k]) >= 0;
+        spin_folder_list_free(names);
         if (n_frames < 2)
             return SPIN_OK;
     }
@@ -131,21 +578,14 @@ static spin_status check_not_freetimegs(const struct colmap_model *m, const char
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-struct options {
-    const char *images; /* folder */
-    bool by_name;       /* time of one model's images */
-    bool centre;        /* principal points in the middle */
-    int hold;           /* each hold-th is test; 0: none; -1: what suits the layout */
-};
-
 /* Numbers in the names are the cameras' when no two are equal; else their places by name. */
-static spin_status camera_ids(const struct colmap_model *m, int **out)
+static spin_status camera_ids(struct colmap *m, int **out)
 {
-    int *sorted = NULL;
+    int *sorted;
     bool usable = true;
 
-    SPIN_TRY(spin_alloc(m->n_images, sizeof **out, (void **)out));
-    SPIN_TRY(spin_alloc(m->n_images, sizeof *sorted, (void **)&sorted));
+    SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof **out, (void **)out));
+    SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof *sorted, (void **)&sorted));
     for (size_t i = 0; i < m->n_images; i++) {
         sorted[i] = (*out)[i] = spin_views_number(m->image[i].name);
         usable = usable && sorted[i] >= 0;
@@ -153,42 +593,36 @@ static spin_status camera_ids(const struct colmap_model *m, int **out)
     usable = usable && spin_views_unique(sorted, m->n_images) == m->n_images;
     for (size_t i = 0; !usable && i < m->n_images; i++)
         (*out)[i] = (int)i;
-    free(sorted);
     return SPIN_OK;
 }
 
 /* One view of each image, found in `folder`; row < 0: each image is a row of its own. */
-static spin_status add_views(const struct colmap_model *m, const struct options *o,
-                             const char *folder, const int *ids, int row, int number,
-                             struct spin_views *out)
+static spin_status add_views(struct colmap *m, const char *folder, const int *ids, int row,
+                             int number, struct spin_views *out)
 {
-    char *images = NULL;
-    spin_status status;
+    const char *images, *path;
 
-    SPIN_TRY(spin_path_join(folder, o->images, &images));
-    status = SPIN_OK;
-    for (size_t i = 0; i < m->n_images && status == SPIN_OK; i++) {
-        const struct colmap_image *image = &m->image[i];
-        size_t place = o->by_name ? i : image->place;
+    SPIN_TRY(spin_model_join(&m->base, &images, folder, "%s", m->images));
+    for (size_t i = 0; i < m->n_images; i++) {
+        const struct image *image = &m->image[i];
+        size_t place = m->by_name ? i : image->place;
         struct spin_view view = {.camera = image->camera, .camera_id = ids[i]};
 
         view.dataset_frame = row < 0 ? (int)place : row;
         view.number = row < 0 ? spin_views_number(image->name) : number;
         view.time = row < 0 ? (double)place / (double)m->n_images : row;
-        view.test = o->hold < 0    ? (row < 0 ? i % 8 == 0 : i == 0)
-                    : o->hold == 0 ? false
-                                   : i % (size_t)o->hold == 0;
-        status = spin_path_join(images, image->name, &view.path);
-        if (status == SPIN_OK)
-            status = spin_views_add(out, &view);
-        free(view.path);
+        view.test = m->hold < 0    ? (row < 0 ? i % 8 == 0 : i == 0)
+                    : m->hold == 0 ? false
+                                   : i % (size_t)m->hold == 0;
+        SPIN_TRY(spin_model_join(&m->base, &path, images, "%s", image->name));
+        view.path = (char *)path;
+        SPIN_TRY(spin_views_add(out, &view));
     }
-    free(images);
-    return status;
+    return SPIN_OK;
 }
 
 /* Make all cameras those of the images that are there; the first n views tell. */
-static spin_status fit_cameras(const struct colmap_model *m, struct spin_views *out, size_t first)
+static spin_status fit_cameras(const struct colmap *m, struct spin_views *out, size_t first)
 {
     for (size_t i = 0; i < m->n_images; i++)
         SPIN_TRY(spin_views_fit_image(&out->view[first + i].camera, out->view[first + i].path));
@@ -199,119 +633,94 @@ static spin_status fit_cameras(const struct colmap_model *m, struct spin_views *
 
 static int by_frame_number(const void *a, const void *b)
 {
-    int x = frame_number(*(char *const *)a), y = frame_number(*(char *const *)b);
+    int x = spin_frame_number(*(char *const *)a), y = spin_frame_number(*(char *const *)b);
 
     return x < y ? -1 : x > y;
 }
 
-/* Folders frame<digits>, sorted by number, to the front of names. */
-static spin_status keep_frames(const char *path, char **names, size_t *n)
+/* Folders frame<digits>, sorted by number; the first has the model. */
+static spin_status read_frames(struct colmap *m, const char *path, struct spin_views *out)
 {
-    size_t kept = 0;
+    const char *folder;
+    char **names;
+    int *ids = NULL;
+    size_t n, kept = 0;
 
-    for (size_t i = 0; i < *n; i++) {
-        if (frame_number(names[i]) >= 0) {
-            char *name = names[i];
-
-            names[i] = names[kept];
-            names[kept++] = name;
-        }
+    SPIN_TRY(spin_model_names(&m->base, path, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        if (spin_frame_number(names[i]) >= 0)
+            names[kept++] = names[i];
     }
     qsort(names, kept, sizeof *names, by_frame_number);
     for (size_t i = 1; i < kept; i++) {
-        if (frame_number(names[i]) == frame_number(names[i - 1]))
+        if (spin_frame_number(names[i]) == spin_frame_number(names[i - 1]))
             return spin_fail(SPIN_E_MALFORMED, "'%s' and '%s' are both frame %d", names[i - 1],
-                             names[i], frame_number(names[i]));
+                             names[i], spin_frame_number(names[i]));
     }
     if (kept == 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has neither 'sparse' nor frame folders", path);
-    *n = kept;
+    for (size_t f = 0; f < kept; f++) {
+        SPIN_TRY(spin_model_join(&m->base, &folder, path, "%s", names[f]));
+        if (f == 0) {
+            SPIN_TRY(read_model(m, folder));
+            SPIN_TRY(camera_ids(m, &ids));
+        }
+        SPIN_TRY(add_views(m, folder, ids, (int)f, spin_frame_number(names[f]), out));
+    }
     return SPIN_OK;
 }
 
-static spin_status read_frames(const char *path, char **names, size_t n, struct colmap_model *m,
-                               const struct options *o, struct spin_views *out)
+static spin_status read_one(struct colmap *m, const char *path, struct spin_views *out)
 {
-    char *folder = NULL;
-    int *ids = NULL;
-    spin_status status;
+    const char *images;
+    int *ids;
 
-    for (size_t f = 0; f < n; f++) {
-        SPIN_TRY_OUT(spin_path_join(path, names[f], &folder));
-        if (f == 0) {
-            SPIN_TRY_OUT(spin_colmap_model_read(folder, o->centre, m));
-            SPIN_TRY_OUT(camera_ids(m, &ids));
-        }
-        SPIN_TRY_OUT(add_views(m, o, folder, ids, (int)f, frame_number(names[f]), out));
-        free(folder);
-        folder = NULL;
-    }
-    status = SPIN_OK;
-out:
-    free(folder);
-    free(ids);
-    return status;
+    SPIN_TRY(read_model(m, path));
+    SPIN_TRY(spin_model_join(&m->base, &images, path, "%s", m->images));
+    SPIN_TRY(check_not_freetimegs(m, images));
+    SPIN_TRY(camera_ids(m, &ids));
+    return add_views(m, path, ids, -1, -1, out);
 }
 
-static spin_status read_one(const char *path, struct colmap_model *m, const struct options *o,
-                            struct spin_views *out)
+static spin_status read_options(struct colmap *m)
 {
-    int *ids = NULL;
-    char *images = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_colmap_model_read(path, o->centre, m));
-    SPIN_TRY(spin_path_join(path, o->images, &images));
-    SPIN_TRY_OUT(check_not_freetimegs(m, images));
-    SPIN_TRY_OUT(camera_ids(m, &ids));
-    status = add_views(m, o, path, ids, -1, -1, out);
-out:
-    free(images);
-    free(ids);
-    return status;
-}
-
-static spin_status read_options(const struct spin_plugin_values *values, struct options *o)
-{
+    const struct spin_plugin_values *values = m->base.values;
     int rule;
 
-    o->images = spin_plugin_value(values, "images", "images");
-    if (!spin_views_is_safe_name(o->images))
+    m->images = spin_plugin_value(values, "images", "images");
+    if (!spin_views_is_safe_name(m->images))
         return spin_fail(SPIN_E_USAGE, "option 'images' is '%s', expected a folder's name",
-                         o->images);
+                         m->images);
     SPIN_TRY(spin_option_word(values, "time", "file|name", &rule));
-    o->by_name = rule == 1;
+    m->by_name = rule == 1;
     SPIN_TRY(spin_option_word(values, "principal", "file|centre", &rule));
-    o->centre = rule == 1;
-    o->hold = -1;
-    return spin_option_count(values, "hold", 0, INT_MAX, &o->hold);
+    m->centre = rule == 1;
+    m->hold = -1;
+    return spin_option_count(values, "hold", 0, INT_MAX, &m->hold);
+}
+
+static spin_status read_set(struct colmap *m, const char *path, struct spin_views *out)
+{
+    size_t first = out->n;
+    const char *sparse;
+
+    SPIN_TRY(read_options(m));
+    SPIN_TRY(check_not_4danyone(m, path));
+    SPIN_TRY(spin_model_join(&m->base, &sparse, path, "sparse"));
+    SPIN_TRY(spin_path_is_folder(sparse) ? read_one(m, path, out) : read_frames(m, path, out));
+    SPIN_TRY(spin_views_check_images(out, first));
+    return fit_cameras(m, out, first);
 }
 
 static spin_status colmap_views(const char *path, const struct spin_plugin_values *values,
                                 struct spin_views *out)
 {
-    struct options o = {0};
-    struct colmap_model m = {0};
-    size_t first = out->n, n = 0;
-    char *sparse = NULL, **names = NULL;
-    spin_status status;
+    struct colmap m = {.base.values = values};
+    spin_status status = read_set(&m, path, out);
 
-    SPIN_TRY(read_options(values, &o));
-    SPIN_TRY(check_not_4danyone(path));
-    SPIN_TRY(spin_path_join(path, "sparse", &sparse));
-    if (spin_path_is_folder(sparse)) {
-        SPIN_TRY_OUT(read_one(path, &m, &o, out));
-    } else {
-        SPIN_TRY_OUT(spin_folder_list(path, &names, &n));
-        SPIN_TRY_OUT(keep_frames(path, names, &n));
-        SPIN_TRY_OUT(read_frames(path, names, n, &m, &o, out));
-    }
-    SPIN_TRY_OUT(spin_views_check_images(out, first));
-    SPIN_TRY_OUT(fit_cameras(&m, out, first));
-out:
-    spin_folder_list_free(names);
-    free(sparse);
-    spin_colmap_model_free(&m);
+    free(m.image);
+    free(m.lens);
+    spin_model_clear(&m.base);
     return status;
 }
 

@@ -32,12 +32,8 @@ spin_status spin_model_open(const char *path, const struct spin_plugin_values *v
     return status;
 }
 
-void spin_model_close(void *self)
+void spin_model_clear(struct spin_model *m)
 {
-    struct spin_model *m = self;
-
-    if (!m)
-        return;
     spin_torch_close(&m->torch);
     spin_run_config_close(&m->settings);
     spin_splats_free(&m->canonical);
@@ -45,7 +41,13 @@ void spin_model_close(void *self)
     for (struct spin_model_block *b = m->blocks; b; b = b->next)
         free(b->block);
     spin_arena_free(&m->arena);
-    free(m);
+}
+
+void spin_model_close(void *self)
+{
+    if (self)
+        spin_model_clear(self);
+    free(self);
 }
 
 const char *spin_model_option(const struct spin_model *m, const char *key)

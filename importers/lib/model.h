@@ -37,8 +37,10 @@ struct spin_model {
 spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
                             struct spin_sequence_info *sequence, size_t bytes,
                             spin_status (*fn)(void *self, const char *path));
-/* An importer's close(): all that the struct above holds, and the model. */
+/* An importer's close(): all that the struct above holds, and the model. Or without the model: readers of data sets
+ * begin with a struct of zeros and values alone, for its memory. */
 void spin_model_close(void *self);
+void spin_model_clear(struct spin_model *m);
 
 /* The value of an option, or NULL. */
 const char *spin_model_option(const struct spin_model *m, const char *key);

@@ -202,6 +202,14 @@ int spin_views_number(const char *path)
     return number <= INT_MAX ? (int)number : -1;
 }
 
+int spin_frame_number(const char *name)
+{
+    bool is = strncmp(name, "frame", 5) == 0 && name[5] &&
+              strspn(name + 5, "0123456789") == strlen(name + 5);
+
+    return is ? spin_views_number(name) : -1;
+}
+
 bool spin_views_is_number(const char *text, double *out)
 {
     char *end;

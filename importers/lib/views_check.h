@@ -37,6 +37,9 @@ spin_status spin_views_check_images(const struct spin_views *views, size_t first
 /* A number in the file's name as a frame number, or -1. */
 int spin_views_number(const char *path);
 
+/* N of a folder called frame<digits>, as 3DGStream has them, else -1. */
+int spin_frame_number(const char *name);
+
 /* A word of an option as a number. */
 bool spin_views_is_number(const char *text, double *out);
 
