@@ -10,19 +10,15 @@
  * name. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back] with the centre, and a column
  * height, width, focal length of the full-size video. World: LLFF's, unchanged, as 4DGaussians and
  * Deformable-3DGS keep it. */
-#include "spin.h"
-
 #include <ctype.h>
 #include <limits.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
-#include "base/log.h"
 #include "base/option.h"
-#include "base/mem.h"
+#include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 #include "io/npy.h"
 #include "io/video.h"
@@ -30,12 +26,12 @@
 enum { COLUMNS = 17 };
 
 struct frame_image {
-    char *path;
+    const char *path;
     int camera, number; /* of the names */
 };
 
 struct set {
-    const char *folder;
+    struct spin_model base; /* path: the folder */
     struct frame_image *image;
     size_t n, capacity;
     int *video; /* camera numbers of the video files, sorted */
@@ -48,15 +44,9 @@ struct set {
     struct spin_camera *intrinsics; /* [n_cameras], of the images' size */
 };
 
-/* ---- Recognising ----------------------------------------------------------------------------- */
-
 static int probe(const struct spin_peek *peek)
 {
-    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], "poses_bounds.npy") == 0)
-            return 80;
-    }
-    return 0;
+    return spin_peek_has(peek, "poses_bounds.npy") ? 80 : 0;
 }
 
 /* ---- Finding the images ---------------------------------------------------------------------- */
@@ -91,7 +81,7 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
 {
     SPIN_TRY(spin_room(set->n, &set->capacity, sizeof *set->image, (void **)&set->image));
     set->image[set->n] = (struct frame_image){.camera = camera, .number = number};
-    SPIN_TRY(spin_path_join(folder, name, &set->image[set->n].path));
+    SPIN_TRY(spin_model_join(&set->base, &set->image[set->n].path, folder, "%s", name));
     set->n++;
     return SPIN_OK;
 }
@@ -101,93 +91,67 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
  * stand in the name. */
 static spin_status add_folder(struct set *set, const char *folder, int camera, int number)
 {
-    char **names = NULL;
-    size_t n = 0;
-    spin_status status;
+    char **names;
+    size_t n;
 
-    SPIN_TRY(spin_folder_list(folder, &names, &n));
-    status = SPIN_OK;
-    for (size_t i = 0; i < n && status == SPIN_OK; i++) {
+    if (!spin_path_is_folder(folder))
+        return SPIN_OK;
+    SPIN_TRY(spin_model_names(&set->base, folder, &names, &n));
+    for (size_t i = 0; i < n; i++) {
         int c = camera >= 0 ? camera : camera_number(names[i]);
         int f = number >= 0 ? number : spin_views_number(names[i]);
 
         if (!is_image(names[i]))
             continue;
         if (f < 0)
-            status = spin_fail(SPIN_E_MALFORMED, "image '%s/%s' has no frame number in its name",
-                               folder, names[i]);
-        else if (c < 0)
-            status = spin_fail(SPIN_E_MALFORMED, "image '%s/%s' is not called cam<number>...",
-                               folder, names[i]);
-        else
-            status = add_image(set, folder, names[i], c, f);
+            return spin_fail(SPIN_E_MALFORMED, "image '%s/%s' has no frame number in its name",
+                             folder, names[i]);
+        if (c < 0)
+            return spin_fail(SPIN_E_MALFORMED, "image '%s/%s' is not called cam<number>...", folder,
+                             names[i]);
+        SPIN_TRY(add_image(set, folder, names[i], c, f));
     }
-    spin_folder_list_free(names);
-    return status;
+    return SPIN_OK;
 }
 
 /* folder/name/images, or folder/name when there is no such thing. */
-static spin_status images_folder(const char *folder, const char *name, char **out)
+static spin_status images_folder(struct set *set, const char *folder, const char *name,
+                                 const char **out)
 {
-    char *sub = NULL, *images = NULL;
-    spin_status status = spin_path_join(folder, name, &sub);
-
-    if (status == SPIN_OK)
-        status = spin_path_join(sub, "images", &images);
-    if (status == SPIN_OK && spin_path_is_folder(images)) {
-        *out = images;
-        images = NULL;
-    } else if (status == SPIN_OK) {
-        *out = sub;
-        sub = NULL;
-    }
-    free(sub);
-    free(images);
-    return status;
+    SPIN_TRY(spin_model_join(&set->base, out, folder, "%s/images", name));
+    return spin_path_is_folder(*out) ? SPIN_OK
+                                     : spin_model_join(&set->base, out, folder, "%s", name);
 }
 
 /* An interrupted extraction leaves empty folders behind. */
 static spin_status add_camera_folder(struct set *set, const char *name)
 {
     size_t before = set->n;
-    char *folder = NULL;
-    spin_status status;
+    const char *folder;
 
-    SPIN_TRY(images_folder(set->folder, name, &folder));
-    status =
-        spin_path_is_folder(folder) ? add_folder(set, folder, camera_number(name), -1) : SPIN_OK;
-    if (status == SPIN_OK && spin_path_is_folder(folder) && set->n == before)
-        status = spin_fail(SPIN_E_NOT_FOUND,
-                           "folder '%s' holds no images; was their extraction interrupted", folder);
-    free(folder);
-    return status;
+    SPIN_TRY(images_folder(set, set->base.path, name, &folder));
+    SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
+    if (spin_path_is_folder(folder) && set->n == before)
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "folder '%s' holds no images; was their extraction interrupted", folder);
+    return SPIN_OK;
 }
 
 static spin_status add_frame_folders(struct set *set, const char *frames)
 {
-    char **names = NULL;
-    size_t n = 0;
-    spin_status status;
+    const char *folder;
+    char **names;
+    size_t n;
 
-    SPIN_TRY(spin_folder_list(frames, &names, &n));
-    status = SPIN_OK;
-    for (size_t i = 0; i < n && status == SPIN_OK; i++) {
-        char *folder = NULL;
-
-        status = images_folder(frames, names[i], &folder);
-        if (status == SPIN_OK && spin_path_is_folder(folder) && spin_views_number(names[i]) >= 0)
-            status = add_folder(set, folder, -1, spin_views_number(names[i]));
-        free(folder);
+    if (!spin_path_is_folder(frames))
+        return SPIN_OK;
+    SPIN_TRY(spin_model_names(&set->base, frames, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        if (spin_views_number(names[i]) < 0)
+            continue;
+        SPIN_TRY(images_folder(set, frames, names[i], &folder));
+        SPIN_TRY(add_folder(set, folder, -1, spin_views_number(names[i])));
     }
-    spin_folder_list_free(names);
-    return status;
-}
-
-static spin_status add_video(struct set *set, int camera)
-{
-
-    SPIN_TRY(spin_grow(set->n_video + 1, sizeof *set->video, (void **)&set->video));
-    set->video[set->n_video++] = camera;
     return SPIN_OK;
 }
 
@@ -203,50 +167,46 @@ static spin_status add_video_frames(struct set *set, char **names)
             "from them",
             set->n_video);
     for (size_t i = 0; names[i]; i++) {
-        char *file = NULL, name[300];
         int width, height, camera = camera_number(names[i]);
+        char name[300];
+        const char *file;
         int64_t n = 0;
 
         if (camera < 0 || !spin_video_is_name(names[i]))
             continue;
-        SPIN_TRY(spin_path_join(set->folder, names[i], &file));
-        status = spin_video_info(file, &width, &height, &n);
-        free(file);
-        SPIN_TRY(status);
+        SPIN_TRY(spin_model_join(&set->base, &file, set->base.path, "%s", names[i]));
+        SPIN_TRY(spin_video_info(file, &width, &height, &n));
         for (int64_t f = 0; f < n; f++) {
             snprintf(name, sizeof name, "%s#%lld", names[i], (long long)f);
-            SPIN_TRY(add_image(set, set->folder, name, camera, (int)f));
+            SPIN_TRY(add_image(set, set->base.path, name, camera, (int)f));
         }
     }
     return SPIN_OK;
 }
 
 /* The first of the three layouts that has images; else the videos. */
-static spin_status find_images(struct set *set, char **names)
+static spin_status find_images(struct set *set)
 {
-    char *folder = NULL;
-    spin_status status = SPIN_OK;
+    const char *folder = set->base.path, *images, *frames;
+    char **names;
+    size_t n;
 
-    for (size_t i = 0; names[i]; i++) {
+    SPIN_TRY(spin_model_names(&set->base, folder, &names, &n));
+    SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *set->video, (void **)&set->video));
+    for (size_t i = 0; i < n; i++) {
         if (camera_number(names[i]) < 0)
             continue;
         if (spin_video_is_name(names[i]))
-            SPIN_TRY(add_video(set, camera_number(names[i])));
+            set->video[set->n_video++] = camera_number(names[i]);
         else
             SPIN_TRY(add_camera_folder(set, names[i]));
     }
-    if (set->n == 0) {
-        SPIN_TRY(spin_path_join(set->folder, "images", &folder));
-        status = spin_path_is_folder(folder) ? add_folder(set, folder, -1, -1) : SPIN_OK;
-        free(folder);
-        SPIN_TRY(status);
-    }
-    if (set->n == 0) {
-        SPIN_TRY(spin_path_join(set->folder, "frames", &folder));
-        status = spin_path_is_folder(folder) ? add_frame_folders(set, folder) : SPIN_OK;
-        free(folder);
-        SPIN_TRY(status);
-    }
+    SPIN_TRY(spin_model_join(&set->base, &images, folder, "images"));
+    SPIN_TRY(spin_model_join(&set->base, &frames, folder, "frames"));
+    if (set->n == 0)
+        SPIN_TRY(add_folder(set, images, -1, -1));
+    if (set->n == 0)
+        SPIN_TRY(add_frame_folders(set, frames));
     if (set->n == 0 && set->n_video > 0)
         SPIN_TRY(add_video_frames(set, names));
     if (set->n == 0)
@@ -260,35 +220,35 @@ static spin_status find_images(struct set *set, char **names)
 
 static spin_status read_poses(struct set *set)
 {
-    struct spin_map map = {0};
     struct spin_array array;
-    char *path = NULL, shape[128];
+    struct spin_map map;
+    const char *path;
+    char shape[128];
     spin_status status;
 
-    SPIN_TRY(spin_path_join(set->folder, "poses_bounds.npy", &path));
-    SPIN_TRY_OUT(spin_map_open(path, &map));
+    SPIN_TRY(spin_model_join(&set->base, &path, set->base.path, "poses_bounds.npy"));
+    SPIN_TRY(spin_map_open(path, &map));
     SPIN_TRY_OUT(spin_npy_parse(path, map.data, map.size, &array));
     if (array.n_dims != 2 || array.shape[1] != COLUMNS || array.shape[0] == 0 ||
         array.shape[0] > 1 << 20 || array.kind != 'f') {
         spin_array_shape_text(array.n_dims, array.shape, shape, sizeof shape);
-        status = spin_fail(SPIN_E_MALFORMED,
-                           "'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
-                           path, shape, COLUMNS);
-        goto out;
+        SPIN_TRY_OUT(spin_fail(
+            SPIN_E_MALFORMED, "'%s' has shape %s, expected [cameras, %d] of floating-point numbers",
+            path, shape, COLUMNS));
     }
     set->n_cameras = (size_t)array.shape[0];
-    SPIN_TRY_OUT(spin_alloc(set->n_cameras, COLUMNS * sizeof *set->pose, (void **)&set->pose));
+    SPIN_TRY_OUT(spin_model_alloc(&set->base, set->n_cameras, COLUMNS * sizeof *set->pose,
+                                  (void **)&set->pose));
     spin_array_to_f64(&array, 0, array.count, set->pose);
 out:
     spin_map_close(&map);
-    free(path);
     return status;
 }
 
 /* Distinct numbers of all images: of cameras, or of frames. */
-static spin_status list_numbers(const struct set *set, bool cameras, int **out, size_t *n)
+static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t *n)
 {
-    SPIN_TRY(spin_alloc(set->n, sizeof **out, (void **)out));
+    SPIN_TRY(spin_model_alloc(&set->base, set->n, sizeof **out, (void **)out));
     for (size_t i = 0; i < set->n; i++)
         (*out)[i] = cameras ? set->image[i].camera : set->image[i].number;
     *n = spin_views_unique(*out, set->n);
@@ -308,11 +268,9 @@ static spin_status match_cameras(struct set *set)
                 return spin_fail(SPIN_E_MALFORMED, "camera %d has images but no video",
                                  set->camera[i]);
         }
-        spin_warn("'%s': %zu of %zu cameras have no images", set->folder, set->n_cameras - n,
+        spin_warn("'%s': %zu of %zu cameras have no images", set->base.path, set->n_cameras - n,
                   set->n_cameras);
-        free(set->camera);
         set->camera = set->video;
-        set->video = NULL;
         return SPIN_OK;
     }
     if (n != set->n_cameras)
@@ -354,7 +312,8 @@ static spin_status read_cameras(struct set *set)
 {
     bool differs = false;
 
-    SPIN_TRY(spin_alloc(set->n_cameras, sizeof *set->intrinsics, (void **)&set->intrinsics));
+    SPIN_TRY(spin_model_alloc(&set->base, set->n_cameras, sizeof *set->intrinsics,
+                              (void **)&set->intrinsics));
     for (size_t c = 0; c < set->n_cameras; c++) {
         spin_status status = read_camera(set->pose + COLUMNS * c, &set->intrinsics[c]);
 
@@ -371,7 +330,7 @@ static spin_status read_cameras(struct set *set)
     if (differs)
         spin_warn("'%s': focal lengths differ between cameras; each has its own here, other "
                   "readers take the first for all",
-                  set->folder);
+                  set->base.path);
     return SPIN_OK;
 }
 
@@ -400,30 +359,29 @@ static spin_status row_time(const struct spin_plugin_values *values, size_t row,
 
 /* Each camera has its frames from the first on, once; at most the last ones may be missing, as the
  * programs that extract frames do not agree on how many there are. */
-static spin_status check_rows(const struct set *set)
+static spin_status check_rows(struct set *set)
 {
-    bool *seen = NULL;
-    spin_status status = SPIN_OK;
+    size_t n = set->n_cameras * set->n_rows;
+    bool *seen;
 
-    SPIN_TRY(spin_alloc(set->n_cameras * set->n_rows, sizeof *seen, (void **)&seen));
-    for (size_t i = 0; i < set->n && status == SPIN_OK; i++) {
+    SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *seen, (void **)&seen));
+    for (size_t i = 0; i < set->n; i++) {
         int c = spin_views_place(set->camera, set->n_cameras, set->image[i].camera);
         int row = spin_views_place(set->number, set->n_rows, set->image[i].number);
         bool *at = &seen[(size_t)c * set->n_rows + (size_t)row];
 
         if (*at)
-            status = spin_fail(SPIN_E_MALFORMED, "there is a second frame %d of camera %d: '%s'",
-                               set->image[i].number, set->image[i].camera, set->image[i].path);
+            return spin_fail(SPIN_E_MALFORMED, "there is a second frame %d of camera %d: '%s'",
+                             set->image[i].number, set->image[i].camera, set->image[i].path);
         *at = true;
     }
-    for (size_t i = 1; i < set->n_cameras * set->n_rows && status == SPIN_OK; i++) {
+    for (size_t i = 1; i < n; i++) {
         if (i % set->n_rows != 0 && seen[i] && !seen[i - 1])
-            status = spin_fail(SPIN_E_NOT_FOUND, "camera %d has frame %d, but frame %d is missing",
-                               set->camera[i / set->n_rows], set->number[i % set->n_rows],
-                               set->number[i % set->n_rows - 1]);
+            return spin_fail(SPIN_E_NOT_FOUND, "camera %d has frame %d, but frame %d is missing",
+                             set->camera[i / set->n_rows], set->number[i % set->n_rows],
+                             set->number[i % set->n_rows - 1]);
     }
-    free(seen);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status add_views(const struct set *set, const struct spin_plugin_values *values,
@@ -444,43 +402,36 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
                                  .number = image->number,
                                  .camera_id = image->camera,
                                  .test = c == test,
-                                 .path = image->path};
+                                 .path = (char *)image->path};
 
         SPIN_TRY(row_time(values, (size_t)view.dataset_frame, set->n_rows, &view.time));
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)
-        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are missing", set->folder,
+        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are missing", set->base.path,
                   set->n, set->n_cameras, set->n_rows);
     return SPIN_OK;
+}
+
+static spin_status read_set(struct set *set, struct spin_views *out)
+{
+    SPIN_TRY(read_poses(set));
+    SPIN_TRY(find_images(set));
+    SPIN_TRY(match_cameras(set));
+    SPIN_TRY(list_numbers(set, false, &set->number, &set->n_rows));
+    SPIN_TRY(check_rows(set));
+    SPIN_TRY(read_cameras(set));
+    return add_views(set, set->base.values, out);
 }
 
 static spin_status dynerf_views(const char *path, const struct spin_plugin_values *values,
                                 struct spin_views *out)
 {
-    struct set set = {.folder = path};
-    char **names = NULL;
-    size_t n = 0;
-    spin_status status;
+    struct set set = {.base = {.path = path, .values = values}};
+    spin_status status = read_set(&set, out);
 
-    SPIN_TRY(spin_folder_list(path, &names, &n));
-    SPIN_TRY_OUT(read_poses(&set));
-    SPIN_TRY_OUT(find_images(&set, names));
-    SPIN_TRY_OUT(match_cameras(&set));
-    SPIN_TRY_OUT(list_numbers(&set, false, &set.number, &set.n_rows));
-    SPIN_TRY_OUT(check_rows(&set));
-    SPIN_TRY_OUT(read_cameras(&set));
-    SPIN_TRY_OUT(add_views(&set, values, out));
-out:
-    spin_folder_list_free(names);
-    for (size_t i = 0; i < set.n; i++)
-        free(set.image[i].path);
     free(set.image);
-    free(set.video);
-    free(set.camera);
-    free(set.number);
-    free(set.pose);
-    free(set.intrinsics);
+    spin_model_clear(&set.base);
     return status;
 }
 

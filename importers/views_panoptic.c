@@ -7,36 +7,27 @@
  *
  * Cameras are OpenCV's already. Row t of the lists is frame t of the data set, whatever number the
  * file names carry. Without test_meta.json every camera trains. */
-#include "spin.h"
-
 #include <ctype.h>
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
+#include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
-#include "io/file.h"
 
 /* One of the two files. */
 struct split {
-    const char *folder;
+    struct spin_model *m;                   /* path: the folder */
     const spin_json *k, *w2c, *fn, *cam_id; /* cam_id may be NULL */
     int width, height;
     size_t n_rows, n_cameras;
     bool test;
 };
 
-/* ---- Recognising ----------------------------------------------------------------------------- */
-
 static int probe(const struct spin_peek *peek)
 {
-    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], "train_meta.json") == 0)
-            return 70;
-    }
-    return 0;
+    return spin_peek_has(peek, "train_meta.json") ? 70 : 0;
 }
 
 /* ---- The lists ------------------------------------------------------------------------------- */
@@ -144,35 +135,11 @@ static spin_status read_camera_id(const struct split *s, size_t row, size_t came
     return SPIN_OK;
 }
 
-/* seg/<fn> with the ending .png, when there is such a file; NULL otherwise. */
-static spin_status find_mask(const struct split *s, const char *fn, char **out)
-{
-    size_t stem = strlen(fn), n;
-    const char *dot = strrchr(spin_path_name(fn), '.');
-    char *name;
-
-    *out = NULL;
-    if (dot)
-        stem = (size_t)(dot - fn);
-    n = strlen("seg/") + stem + sizeof ".png";
-    SPIN_TRY(spin_alloc(n, 1, (void **)&name));
-    snprintf(name, n, "seg/%.*s.png", (int)stem, fn);
-    spin_status status = spin_path_join(s->folder, name, out);
-    free(name);
-    if (status == SPIN_OK && !spin_path_exists(*out)) {
-        free(*out);
-        *out = NULL;
-    }
-    return status;
-}
-
 static spin_status read_view(const struct split *s, size_t row, size_t camera,
                              struct spin_views *out)
 {
     struct spin_view view = {.dataset_frame = (int)row, .time = (double)row, .test = s->test};
-    const char *fn = spin_json_string(at(s->fn, row, camera));
-    char *ims = NULL;
-    spin_status status;
+    const char *fn = spin_json_string(at(s->fn, row, camera)), *dot, *path, *mask;
 
     view.camera.width = s->width;
     view.camera.height = s->height;
@@ -183,15 +150,13 @@ static spin_status read_view(const struct split *s, size_t row, size_t camera,
     SPIN_TRY(read_intrinsics(at(s->k, row, camera), &view.camera));
     SPIN_TRY(read_pose(at(s->w2c, row, camera), &view.camera));
     SPIN_TRY(read_camera_id(s, row, camera, fn, &view.camera_id));
-    SPIN_TRY(spin_path_join(s->folder, "ims", &ims));
-    SPIN_TRY_OUT(spin_path_join(ims, fn, &view.path));
-    SPIN_TRY_OUT(find_mask(s, fn, &view.mask));
-    SPIN_TRY_OUT(spin_views_add(out, &view));
-out:
-    free(view.path);
-    free(view.mask);
-    free(ims);
-    return status;
+    SPIN_TRY(spin_model_join(s->m, &path, s->m->path, "ims/%s", fn));
+    dot = strrchr(spin_path_name(fn), '.');
+    SPIN_TRY(spin_model_find(s->m, &mask, s->m->path, "seg/%.*s.png",
+                             (int)(dot ? dot - fn : (long)strlen(fn)), fn));
+    view.path = (char *)path;
+    view.mask = (char *)mask;
+    return spin_views_add(out, &view);
 }
 
 /* ---- The two files --------------------------------------------------------------------------- */
@@ -217,22 +182,30 @@ static spin_status read_views(void *split, const spin_json *root, struct spin_vi
     return SPIN_OK;
 }
 
-static spin_status panoptic_views(const char *path, const struct spin_plugin_values *values,
-                                  struct spin_views *out)
+static spin_status read_set(struct spin_model *m, struct spin_views *out)
 {
-    struct split train = {.folder = path};
-    struct split test = {.folder = path, .test = true};
+    struct split train = {.m = m};
+    struct split test = {.m = m, .test = true};
     size_t first = out->n;
     bool found;
 
-    (void)values;
-    SPIN_TRY(spin_views_read_json(path, "train_meta.json", read_views, &train, out, NULL));
-    SPIN_TRY(spin_views_read_json(path, "test_meta.json", read_views, &test, out, &found));
+    SPIN_TRY(spin_views_read_json(m->path, "train_meta.json", read_views, &train, out, NULL));
+    SPIN_TRY(spin_views_read_json(m->path, "test_meta.json", read_views, &test, out, &found));
     if (found && test.n_rows != train.n_rows)
         return spin_fail(SPIN_E_MALFORMED,
-                         "'%s': train_meta.json has %zu frames and test_meta.json %zu", path,
+                         "'%s': train_meta.json has %zu frames and test_meta.json %zu", m->path,
                          train.n_rows, test.n_rows);
     return spin_views_check_images(out, first);
+}
+
+static spin_status panoptic_views(const char *path, const struct spin_plugin_values *values,
+                                  struct spin_views *out)
+{
+    struct spin_model m = {.path = path, .values = values};
+    spin_status status = read_set(&m, out);
+
+    spin_model_clear(&m);
+    return status;
 }
 
 const struct spin_importer spin_importer_views_panoptic = {

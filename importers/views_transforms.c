@@ -17,21 +17,16 @@
  * Differs: 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
  * wrong sign unless the camera's right axis is perpendicular to its place; pose=4dgaussians does as
  * it does, for models that were trained on such cameras. */
-#include "spin.h"
-
 #include <ctype.h>
 #include <limits.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "base/log.h"
 #include "base/option.h"
-#include "base/mem.h"
+#include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
-#include "io/file.h"
 
 enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
 
@@ -44,7 +39,7 @@ struct options {
 
 /* One of the files. */
 struct split {
-    const char *folder;
+    struct spin_model *m; /* path: the folder */
     const struct options *options;
     const spin_json *root; /* while the file is read */
     int id;                /* of its camera when images are not called cam<NN> */
@@ -61,14 +56,10 @@ struct split {
 
 static int probe(const struct spin_peek *peek)
 {
-    bool one = false;
-
-    for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++) {
-        if (strcmp(peek->names[i], TRAIN) == 0)
-            return 90;
-        one = one || strcmp(peek->names[i], ALL) == 0;
-    }
-    return one ? 60 : 0; /* tools leave it beside the files of another data set */
+    if (spin_peek_has(peek, TRAIN))
+        return 90;
+    return spin_peek_has(peek, ALL) ? 60
+                                    : 0; /* tools leave it beside the files of another data set */
 }
 
 /* ---- One camera ------------------------------------------------------------------------------ */
@@ -195,20 +186,13 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
 /* The image: as it is called, else with the ending. */
 static spin_status find_image(const struct split *s, const char *name, char **out)
 {
-    char *with_ending = NULL;
-    size_t n = strlen(name) + strlen(s->options->ending) + 1;
-    spin_status status;
+    const char *path;
 
-    SPIN_TRY(spin_path_join(s->folder, name, out));
-    if (spin_path_exists(*out) && !spin_path_is_folder(*out))
-        return SPIN_OK;
-    free(*out);
-    *out = NULL;
-    SPIN_TRY(spin_alloc(n, 1, (void **)&with_ending));
-    snprintf(with_ending, n, "%s%s", name, s->options->ending);
-    status = spin_path_join(s->folder, with_ending, out);
-    free(with_ending);
-    return status;
+    SPIN_TRY(spin_model_join(s->m, &path, s->m->path, "%s", name));
+    if (!spin_path_exists(path) || spin_path_is_folder(path))
+        SPIN_TRY(spin_model_join(s->m, &path, s->m->path, "%s%s", name, s->options->ending));
+    *out = (char *)path;
+    return SPIN_OK;
 }
 
 /* "images/cam07_0001" is camera 7; else all images of the file are one camera. */
@@ -291,39 +275,30 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
         struct spin_view view = {.number = -1};
         spin_status status = fill_view(s, spin_json_at(frames, i), i, &view);
 
-        if (status == SPIN_OK)
-            status = spin_views_add(out, &view);
-        else
-            status = spin_fail_context(status, "frame %zu", i);
-        free(view.path);
-        SPIN_TRY(status);
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "frame %zu", i);
+        SPIN_TRY(spin_views_add(out, &view));
     }
     return SPIN_OK;
 }
 
 /* ---- Rows and times -------------------------------------------------------------------------- */
 
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 /* Times closer than this share of the whole are one frame: files are written with six digits. */
 #define SAME_TIME 1e-6
 
 /* Rows are the distinct times, in order; then times follow the rule. */
-static spin_status set_rows(struct spin_views *views, size_t first, enum time_rule rule)
+static spin_status set_rows(struct spin_model *m, struct spin_views *views, size_t first,
+                            enum time_rule rule)
 {
     size_t n = views->n - first, n_rows = 0;
     struct spin_view *view = views->view + first;
     double *times = NULL, low, high, scale;
 
-    SPIN_TRY(spin_alloc(n, sizeof *times, (void **)&times));
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *times, (void **)&times));
     for (size_t i = 0; i < n; i++)
         times[i] = view[i].time;
-    qsort(times, n, sizeof *times, by_value);
+    qsort(times, n, sizeof *times, spin_compare_times);
     low = times[0];
     high = times[n - 1];
     for (size_t i = 0; i < n; i++) {
@@ -348,7 +323,6 @@ static spin_status set_rows(struct spin_views *views, size_t first, enum time_ru
                                       ? views->n_dataset_frames
                                       : view[i].dataset_frame + 1;
     }
-    free(times);
     return SPIN_OK;
 }
 
@@ -377,13 +351,12 @@ static spin_status hold_out(const struct split *s, struct spin_views *views, siz
             view[i].test = view[i].camera_id == least;
         return SPIN_OK;
     }
-    SPIN_TRY(spin_alloc(n, sizeof *order, (void **)&order));
+    SPIN_TRY(spin_model_alloc(s->m, n, sizeof *order, (void **)&order));
     for (size_t i = 0; i < n; i++)
         order[i] = &view[i];
     qsort(order, n, sizeof *order, by_path);
     for (size_t i = 0; i < n; i++)
         order[i]->test = hold > 0 && i % hold == 0;
-    free(order);
     return SPIN_OK;
 }
 
@@ -404,51 +377,47 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     return spin_option_count(values, "hold", 0, INT_MAX, &out->hold);
 }
 
-static spin_status is_there(const char *folder, const char *name, bool *out)
-{
-    char *path = NULL;
-
-    SPIN_TRY(spin_path_join(folder, name, &path));
-    *out = spin_path_exists(path);
-    free(path);
-    return SPIN_OK;
-}
-
 static spin_status all_views(struct split *s, struct spin_views *out)
 {
     size_t first = out->n;
 
     s->all = true;
-    SPIN_TRY(spin_views_read_json(s->folder, ALL, read_frames, s, out, NULL));
+    SPIN_TRY(spin_views_read_json(s->m->path, ALL, read_frames, s, out, NULL));
     return s->has_lists && s->options->hold < 0 ? SPIN_OK : hold_out(s, out, first);
 }
 
-static spin_status transforms_views(const char *path, const struct spin_plugin_values *values,
-                                    struct spin_views *out)
+static spin_status read_set(struct spin_model *m, struct spin_views *out)
 {
     struct options o;
-    struct split train = {.folder = path, .options = &o};
-    struct split test = {.folder = path, .options = &o, .id = 1, .test = true};
+    struct split train = {.m = m, .options = &o};
+    struct split test = {.m = m, .options = &o, .id = 1, .test = true};
+    bool one = !spin_model_holds(m->path, TRAIN) && spin_model_holds(m->path, ALL), found;
     size_t first = out->n;
-    bool found, one;
 
-    SPIN_TRY(read_options(values, &o));
-    SPIN_TRY(is_there(path, TRAIN, &found));
-    SPIN_TRY(is_there(path, ALL, &one));
-    one = one && !found;
-    if (spin_plugin_value(values, one ? "test-file" : "hold", NULL))
+    SPIN_TRY(read_options(m->values, &o));
+    if (spin_model_option(m, one ? "test-file" : "hold"))
         return spin_fail(SPIN_E_USAGE, "option '%s' is for '%s', and the data set has '%s'",
                          one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
     if (one) {
         SPIN_TRY(all_views(&train, out));
     } else {
-        SPIN_TRY(spin_views_read_json(path, TRAIN, read_frames, &train, out, NULL));
-        SPIN_TRY(spin_views_read_json(path, o.test_file, read_frames, &test, out, &found));
-        if (!found && spin_plugin_value(values, "test-file", NULL))
+        SPIN_TRY(spin_views_read_json(m->path, TRAIN, read_frames, &train, out, NULL));
+        SPIN_TRY(spin_views_read_json(m->path, o.test_file, read_frames, &test, out, &found));
+        if (!found && spin_model_option(m, "test-file"))
             return spin_fail(SPIN_E_NOT_FOUND, "there is no file '%s'", o.test_file);
     }
     SPIN_TRY(spin_views_check_images(out, first));
-    return set_rows(out, first, o.time);
+    return set_rows(m, out, first, o.time);
+}
+
+static spin_status transforms_views(const char *path, const struct spin_plugin_values *values,
+                                    struct spin_views *out)
+{
+    struct spin_model m = {.path = path, .values = values};
+    spin_status status = read_set(&m, out);
+
+    spin_model_clear(&m);
+    return status;
 }
 
 static const struct spin_plugin_option options[] = {
