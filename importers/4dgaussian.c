@@ -146,29 +146,20 @@ static spin_status note_guess(struct model *model)
 }
 
 /* What cfg_args and the options say; options win. */
-static spin_status settle(struct model *model, double *grid_pe)
+static spin_status settle(struct model *model)
 {
-    const struct cfg_args *cfg = &model->base.settings.cfg;
-    const char *deform = spin_model_option(&model->base, "deform");
-    const char *product = spin_model_option(&model->base, "apply-rotation");
-    const char *pe = spin_model_option(&model->base, "grid-pe");
+    const struct spin_model *m = &model->base;
+    const char *deform = spin_model_option(m, "deform");
 
     for (int h = 0; h < N_HEADS; h++) {
         bool off = heads[h].by_default;
 
-        SPIN_TRY(spin_cfg_read_bool(cfg, heads[h].off, &off));
+        SPIN_TRY(spin_cfg_read_bool(&m->settings.cfg, heads[h].off, &off));
         model->used[h] = !off;
     }
-    SPIN_TRY(spin_cfg_read_bool(cfg, "apply_rotation", &model->product));
-    SPIN_TRY(spin_cfg_read_number(cfg, "grid_pe", grid_pe));
-    if (deform)
-        SPIN_TRY(parse_heads(deform, model->used));
-    if (product &&
-        !spin_cfg_bool((struct cfg_span){product, product + strlen(product)}, &model->product))
-        return spin_fail(SPIN_E_USAGE, "--apply-rotation '%s': expected true or false", product);
-    if (pe && !spin_cfg_number((struct cfg_span){pe, pe + strlen(pe)}, grid_pe))
-        return spin_fail(SPIN_E_USAGE, "--grid-pe '%s': expected a number", pe);
-    return SPIN_OK;
+    SPIN_TRY(spin_model_bool(m, "apply-rotation", "apply_rotation", &model->product));
+    SPIN_TRY(spin_model_number(m, "grid-pe", "grid_pe", &model->grid_pe));
+    return deform ? parse_heads(deform, model->used) : SPIN_OK;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -251,7 +242,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_model_join(m, &m->path, save, "deformation.pth"));
     SPIN_TRY(spin_model_join(m, &cloud, save, "point_cloud.ply"));
     SPIN_TRY(spin_model_read(m, cloud, NULL, 0, NULL));
-    SPIN_TRY(settle(model, &model->grid_pe));
+    SPIN_TRY(settle(model));
     SPIN_TRY(spin_model_torch(m, m->path, load_network));
     if (model->used[COLOUR] && m->canonical.sh_degree != 3)
         return spin_fail(SPIN_E_UNSUPPORTED,

@@ -2,15 +2,257 @@
  *
  * Positions, colours and rotations are stored per frame, opacities and scales once (forks store
  * them per frame too: the number of dimensions tells). Colours are plain RGB, not SH, and may leave
- * 0..1: they become degree-0 SH unclamped. */
+ * 0..1: they become degree-0 SH unclamped.
+ *
+ * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting"): the same params.npz with one more array,
+ * mask [T, N, 1], the logit of "this Gaussian is present in this frame". The published code reads the mask in several
+ * ways. Training renders with a hard mask per frame at 0.1, so that is what we do unless told otherwise. What the mask
+ * hides is left out, not shrunk: a scale of 0 has no logarithm. */
+#include <limits.h>
+#include <math.h>
 #include <string.h>
 
-#include "importers/lib/d3dgs_run.h"
+#include "base/option.h"
+#include "importers/lib/model.h"
+#include "io/npy.h"
+#include "math/quat.h"
+#include "math/sh.h"
 
-static int probe(const struct spin_peek *peek)
+enum { MEANS, COLOURS, ROTATIONS, OPACITIES, SCALES, N_KEYS };
+
+/* The arrays; frames are converted one by one, straight from the map. */
+struct run {
+    struct spin_model base;
+    struct spin_npz npz;
+    struct spin_array array[N_KEYS];
+    uint64_t n_frames, n;
+    size_t *counts; /* [n_frames] */
+};
+
+/* Checking a CRC reads every byte, so larger members are only checked for being there. */
+#define CRC_LIMIT (64u << 20)
+
+static const struct {
+    const char *name;
+    uint64_t width;
+    int column; /* as of spin_model_values() */
+} keys[N_KEYS] = {
+    {"means3D", 3, 0},         {"rgb_colors", 3, 4}, {"unnorm_rotations", 4, 1},
+    {"logit_opacities", 1, 3}, {"log_scales", 3, 2},
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+/* Among the member names of a peek. */
+static bool has_key(const struct spin_peek *peek, const char *key)
 {
-    bool mask = spin_d3dgs_has_key(peek, "mask"); /* TC3DGS */
-    int found = spin_d3dgs_count_keys(peek);
+    char line[64];
+    size_t n = (size_t)snprintf(line, sizeof line, "%s.npy", key);
+
+    for (const char *at = peek->tail_names; (at = strstr(at, line)) != NULL; at += n) {
+        if ((at == peek->tail_names || at[-1] == '\n') && (at[n] == '\n' || at[n] == '\0'))
+            return true;
+    }
+    return false;
+}
+
+/* How many of the five arrays are there. */
+static int count_keys(const struct spin_peek *peek)
+{
+    int found = 0;
+
+    for (int k = 0; k < N_KEYS; k++)
+        found += has_key(peek, keys[k].name);
+    return found;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status fail_shape(const struct spin_array *a, const char *key, const char *expected)
+{
+    char shape[128];
+
+    spin_array_shape_text(a->n_dims, a->shape, shape, sizeof shape);
+    return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, shape,
+                     expected);
+}
+
+static spin_status bind(struct run *run, const char *key, struct spin_array *out)
+{
+    char member[64];
+    const struct spin_zip_member *m;
+
+    snprintf(member, sizeof member, "%s.npy", key);
+    m = spin_zip_find(&run->npz.zip, member);
+    SPIN_TRY(spin_npz_array(&run->npz, key, m && m->size < CRC_LIMIT, out));
+    if (out->kind != 'f')
+        return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' does not hold floating-point numbers",
+                         key);
+    return SPIN_OK;
+}
+
+static spin_status check_means(struct run *run)
+{
+    const char *key = keys[MEANS].name;
+    struct spin_array *a = &run->array[MEANS];
+
+    SPIN_TRY(spin_npz_head(&run->npz, key, a));
+    if (a->n_dims != 3 || a->shape[2] != 3)
+        return fail_shape(a, key, "[T, N, 3]");
+    run->n_frames = a->shape[0];
+    run->n = a->shape[1];
+    if (run->n_frames == 0)
+        return spin_fail(SPIN_E_MALFORMED, "array 'means3D' has 0 frames");
+    if (run->n == 0)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "0 Gaussians: training collapsed, check the camera poses");
+    if (run->n_frames > INT_MAX || run->n > UINT32_MAX)
+        return fail_shape(a, key, "fewer than 2^31 frames and 2^32 Gaussians");
+    return SPIN_OK;
+}
+
+/* [T, N, width], or [N, width] for what does not change. */
+static spin_status check_column(struct run *run, int key)
+{
+    struct spin_array *a = &run->array[key];
+    char expected[128];
+
+    SPIN_TRY(spin_npz_head(&run->npz, keys[key].name, a));
+    if (a->n_dims == 3 && a->shape[0] == run->n_frames && a->shape[1] == run->n &&
+        a->shape[2] == keys[key].width)
+        return SPIN_OK;
+    if (a->n_dims == 2 && a->shape[0] == run->n && a->shape[1] == keys[key].width)
+        return SPIN_OK;
+    snprintf(expected, sizeof expected, "[%llu, %llu, %llu] or [%llu, %llu] as 'means3D' has it",
+             (unsigned long long)run->n_frames, (unsigned long long)run->n,
+             (unsigned long long)keys[key].width, (unsigned long long)run->n,
+             (unsigned long long)keys[key].width);
+    return fail_shape(a, keys[key].name, expected);
+}
+
+/* What the arrays unpack to and a frame made of them, held against the memory that is there, before any
+ * is unpacked: deflate yields a thousand times what went in. */
+static spin_status check_room(const struct run *run)
+{
+    uint64_t unpacked = 0, width = 0, frame, available = spin_memory_available();
+
+    for (int k = 0; k < N_KEYS; k++) {
+        unpacked += spin_npz_unpacked(&run->npz, keys[k].name);
+        width += keys[k].width;
+    }
+    frame = run->n * width * sizeof(float);
+    if (unpacked == 0 || unpacked + frame <= available)
+        return SPIN_OK;
+    return spin_fail(
+        SPIN_E_MEMORY,
+        "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, but "
+        "only %.1f MB of memory are there",
+        run->base.path, (double)unpacked / 1e6, (double)frame / 1e6, (double)available / 1e6);
+}
+
+static void describe(const struct run *run)
+{
+    struct spin_sequence_info *sequence = run->base.sequence;
+
+    for (uint64_t t = 0; t < run->n_frames; t++)
+        run->counts[t] = (size_t)run->n;
+    sequence->n_frames = (int)run->n_frames;
+    sequence->counts = run->counts;
+    sequence->identity = true;
+    sequence->sh_degree = 0;
+    sequence->time_last = (double)(run->n_frames - 1);
+    for (int k = 0; k < N_KEYS; k++) {
+        sequence->columns |= 1u << keys[k].column;
+        if (run->array[k].n_dims == 2)
+            sequence->static_columns |= 1u << keys[k].column;
+    }
+}
+
+/* Opens params.npz, or that of a folder, and binds the arrays: a track of n_frames frames of n Gaussians. */
+static spin_status load_run(const char *path, struct run *run)
+{
+    struct spin_model *base = &run->base;
+
+    if (spin_path_is_folder(path))
+        SPIN_TRY(spin_model_join(base, &base->path, path, "params.npz"));
+    else
+        SPIN_TRY(spin_model_text(base, &base->path, "%s", path));
+    SPIN_TRY(spin_npz_open(base->path, &run->npz));
+    if (spin_npz_has(&run->npz, "cam_unnorm_rots"))
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "array 'cam_unnorm_rots' says that this is a map of SplaTAM or one of its "
+                         "descendants, which has no frames");
+    SPIN_TRY(check_means(run));
+    for (int k = MEANS + 1; k < N_KEYS; k++)
+        SPIN_TRY(check_column(run, k));
+    SPIN_TRY(check_room(run));
+    for (int k = 0; k < N_KEYS; k++)
+        SPIN_TRY(bind(run, keys[k].name, &run->array[k]));
+    SPIN_TRY(
+        spin_model_alloc(base, (size_t)run->n_frames, sizeof *run->counts, (void **)&run->counts));
+    describe(run);
+    return SPIN_OK;
+}
+
+static void close_run(void *self)
+{
+    if (self)
+        spin_npz_close(&((struct run *)self)->npz);
+    spin_model_close(self);
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+/* Values of one frame as they are stored; all must be finite. */
+static spin_status read_column(const struct run *run, int key, int frame, float *out)
+{
+    const struct spin_array *a = &run->array[key];
+    uint64_t count = run->n * keys[key].width;
+    uint64_t first = a->n_dims == 3 ? (uint64_t)frame * count : 0;
+    uint64_t bad;
+
+    spin_array_to_f32(a, first, count, out);
+    if (a->n_dims == 3)
+        spin_npz_forget(&run->npz, a, first, count);
+    bad = spin_finite_missing(out, (size_t)count);
+    if (bad > 0)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "cannot read '%s': array '%s' has %llu values in frame %d that are not "
+                         "finite",
+                         run->base.path, keys[key].name, (unsigned long long)bad, frame);
+    return SPIN_OK;
+}
+
+/* All Gaussians of one frame. */
+static spin_status read_run(const struct run *run, int frame, unsigned columns,
+                            struct spin_splats *out)
+{
+    size_t n = (size_t)run->n;
+
+    if (frame < 0 || (uint64_t)frame >= run->n_frames)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", run->base.path, frame);
+    columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
+    for (int k = 0; k < N_KEYS; k++) {
+        size_t width;
+
+        if (columns & 1u << keys[k].column)
+            SPIN_TRY(read_column(run, k, frame, spin_model_values(out, keys[k].column, &width)));
+    }
+    /* The zero quaternion, which the method would turn into no rotation matrix at all, is identity. */
+    for (size_t i = 0; columns & SPIN_COL_QUATS && i < n; i++)
+        spin_quat_normalise(out->quats + 4 * i);
+    for (size_t i = 0; columns & SPIN_COL_SH && i < 3 * n; i++)
+        out->sh[i] = (float)((out->sh[i] - 0.5) / SPIN_SH_C0);
+    return SPIN_OK;
+}
+
+/* ---- Dynamic 3D Gaussians -------------------------------------------------------------------- */
+
+static int d3dgs_probe(const struct spin_peek *peek)
+{
+    bool mask = has_key(peek, "mask"); /* TC3DGS */
+    int found = count_keys(peek);
 
     if (peek->is_folder)
         return spin_peek_has(peek, "params.npz") && !mask ? 60 : 0;
@@ -18,9 +260,9 @@ static int probe(const struct spin_peek *peek)
         return 0;
     if (peek->tail_names[0] == '\0') /* cut short: open() can say so if the first member is ours */
         return memmem(peek->head, peek->n_head, "means3D.npy", 11) ? 30 : 0;
-    if (spin_d3dgs_has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() says so */
+    if (has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() says so */
         return found >= 3 ? 30 : 0;
-    if (spin_d3dgs_has_key(peek, "means3D") && spin_d3dgs_has_key(peek, "unnorm_rotations"))
+    if (has_key(peek, "means3D") && has_key(peek, "unnorm_rotations"))
         return 90;
     return found >= 3 ? 60 : 0;
 }
@@ -35,10 +277,10 @@ static spin_status open_run(void *self, const char *path)
         {"cam_m", "the per-camera colour corrections (cam_m, cam_c) are not imported"},
         {"seg_colors", "the flags of foreground and background (seg_colors) are not imported"},
     };
-    struct d3dgs_run *run = self;
+    struct run *run = self;
     struct spin_sequence_info *sequence = run->base.sequence;
 
-    SPIN_TRY(spin_fail_reading(spin_d3dgs_load(path, run), run->base.path));
+    SPIN_TRY(spin_fail_reading(load_run(path, run), run->base.path));
     snprintf(sequence->variant, sizeof sequence->variant, "Dynamic 3D Gaussians, %llu Gaussians",
              (unsigned long long)run->n);
     for (size_t i = 0; i < sizeof lost / sizeof *lost; i++) {
@@ -48,13 +290,13 @@ static spin_status open_run(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_OPEN(d3dgs_open, struct d3dgs_run, open_run)
+SPIN_MODEL_OPEN(d3dgs_open, struct run, open_run)
 
 static spin_status d3dgs_frame(void *self, int frame, double time, unsigned columns,
                                struct spin_splats *out)
 {
     (void)time;
-    return spin_d3dgs_read(self, frame, columns, out);
+    return read_run(self, frame, columns, out);
 }
 
 const struct spin_importer spin_importer_d3dgs = {
@@ -62,8 +304,210 @@ const struct spin_importer spin_importer_d3dgs = {
     .name = "d3dgs",
     .summary = "Dynamic 3D Gaussians: params.npz, or the folder it lies in",
     .upstream = "JonathonLuiten/Dynamic3DGaussians 7dbbd4d",
-    .probe = probe,
+    .probe = d3dgs_probe,
     .open = d3dgs_open,
     .frame = d3dgs_frame,
-    .close = spin_d3dgs_close,
+    .close = close_run,
+};
+
+/* ---- TC3DGS ---------------------------------------------------------------------------------- */
+
+enum mode { FRAME, AVG, ANY, ALL, NONE, N_MODES };
+
+static const struct {
+    const char *name, *says;
+} modes[N_MODES] = {
+    {"frame", "Gaussians are left out of the frames whose mask hides them"},
+    {"avg", "Gaussians are left out of all frames when their mean mask hides them"},
+    {"any", "Gaussians are left out of all frames when the mask of some frame hides them"},
+    {"all", "Gaussians are left out of all frames when the mask of every frame hides them"},
+    {"none", "the mask is not used: Gaussians that training switched off are visible"},
+};
+
+struct tc_run {
+    struct run base;
+    struct spin_array mask;
+    bool still_mask; /* [N, 1] */
+    enum mode mode;
+    double threshold;
+    float *row;    /* [n] the mask of one frame */
+    double *sum;   /* [n] of the presence over frames */
+    uint32_t *off; /* [n] frames that hide it */
+    bool *keep;    /* [n] of the frame at hand, or of all frames */
+};
+
+static int tc3dgs_probe(const struct spin_peek *peek)
+{
+    if (!has_key(peek, "mask"))
+        return 0;
+    if (peek->is_folder)
+        return has_key(peek, "means3D") ? 80 : 0;
+    return has_key(peek, "means3D") && count_keys(peek) >= 3 ? 90 : 0;
+}
+
+/* ---- The mask -------------------------------------------------------------------------------- */
+
+static spin_status load_mask(struct tc_run *run)
+{
+    struct spin_array *a = &run->mask;
+    uint64_t t = run->base.n_frames, n = run->base.n;
+    char expected[128];
+
+    SPIN_TRY(bind(&run->base, "mask", a));
+    if ((a->n_dims == 3 && a->shape[0] == t && a->shape[1] == n && a->shape[2] == 1) ||
+        (a->n_dims == 2 && a->shape[0] == t && a->shape[1] == n))
+        return SPIN_OK;
+    run->still_mask = true;
+    if (a->n_dims == 2 && a->shape[0] == n && a->shape[1] == 1)
+        return SPIN_OK;
+    snprintf(expected, sizeof expected, "[%llu, %llu, 1] as 'means3D' has it",
+             (unsigned long long)t, (unsigned long long)n);
+    return fail_shape(a, "mask", expected);
+}
+
+static spin_status read_mask(struct tc_run *run, int frame)
+{
+    uint64_t n = run->base.n, bad = 0;
+
+    spin_array_to_f32(&run->mask, run->still_mask ? 0 : (uint64_t)frame * n, n, run->row);
+    for (uint64_t i = 0; i < n; i++)
+        bad += isnan(run->row[i]);
+    if (bad > 0)
+        return spin_fail(SPIN_E_MALFORMED, "array 'mask' has %llu values in frame %d that are NaN",
+                         (unsigned long long)bad, frame);
+    return SPIN_OK;
+}
+
+/* m > threshold, m being the sigmoid of the mask. */
+static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
+
+/* What each frame has, in one pass over the mask; for the modes that look at all frames, who stays. */
+static spin_status count(struct tc_run *run)
+{
+    struct run *base = &run->base;
+    size_t n = (size_t)base->n, n_kept = 0;
+
+    for (uint64_t t = 0; t < base->n_frames && run->mode != NONE; t++) {
+        base->counts[t] = 0;
+        SPIN_TRY(read_mask(run, (int)t));
+        for (size_t i = 0; i < n; i++) {
+            double m = presence(run->row[i]);
+
+            base->counts[t] += m > run->threshold;
+            run->sum[i] += m;
+            run->off[i] += m < run->threshold;
+        }
+    }
+    if (run->mode == FRAME || run->mode == NONE)
+        return SPIN_OK;
+    for (size_t i = 0; i < n; i++) {
+        run->keep[i] = run->mode == AVG   ? !(run->sum[i] / (double)base->n_frames < run->threshold)
+                       : run->mode == ANY ? run->off[i] == 0
+                                          : run->off[i] < base->n_frames;
+        n_kept += run->keep[i];
+    }
+    for (uint64_t t = 0; t < base->n_frames; t++)
+        base->counts[t] = n_kept;
+    return SPIN_OK;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static const struct spin_plugin_option tc3dgs_options[] = {
+    {"tc-mask", "MODE",
+     "what the mask does: frame (hide per frame), avg, any, all (leave out of the whole clip), "
+     "none",
+     "frame"},
+    {"tc-threshold", "P", "presence at or below which a Gaussian is hidden, 0 to 1", "0.1"},
+    {NULL, NULL, NULL, NULL},
+};
+
+static spin_status read_options(const struct spin_plugin_values *values, struct tc_run *run)
+{
+    int mode;
+
+    SPIN_TRY(spin_option_word(values, "tc-mask", "frame|avg|any|all|none", &mode));
+    run->mode = mode;
+    run->threshold = 0.1;
+    return spin_option_number(values, "tc-threshold", 0, 1, &run->threshold);
+}
+
+static spin_status open_mask(struct tc_run *run)
+{
+    struct spin_model *base = &run->base.base;
+    struct spin_sequence_info *sequence = base->sequence;
+    size_t n = (size_t)run->base.n;
+
+    if (!spin_npz_has(&run->base.npz, "mask"))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "no array 'mask', which TC3DGS has: import it with --from d3dgs");
+    SPIN_TRY(load_mask(run));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->row, (void **)&run->row));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->off, (void **)&run->off));
+    SPIN_TRY(spin_model_alloc(base, n, sizeof *run->keep, (void **)&run->keep));
+    SPIN_TRY(count(run));
+    if (run->mode == FRAME && !run->still_mask) /* rows differ from frame to frame */
+        sequence->static_columns = 0;
+    sequence->identity = run->mode != FRAME || run->still_mask;
+    snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %zu Gaussians", n);
+    spin_note(sequence, "%s (--tc-mask %s, --tc-threshold %g)", modes[run->mode].says,
+              modes[run->mode].name, run->threshold);
+    return SPIN_OK;
+}
+
+static spin_status open_tc_run(void *self, const char *path)
+{
+    struct tc_run *run = self;
+    spin_status status;
+
+    SPIN_TRY(read_options(run->base.base.values, run));
+    status = load_run(path, &run->base);
+    if (status == SPIN_OK)
+        status = open_mask(run);
+    return spin_fail_reading(status, run->base.base.path);
+}
+
+SPIN_MODEL_OPEN(tc3dgs_open, struct tc_run, open_tc_run)
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+static spin_status tc3dgs_frame(void *self, int frame, double time, unsigned columns,
+                                struct spin_splats *out)
+{
+    struct tc_run *run = self;
+    size_t n = (size_t)run->base.n;
+
+    (void)time;
+    SPIN_TRY(read_run(&run->base, frame, columns, out));
+    if (run->mode == NONE)
+        return SPIN_OK;
+    if (run->mode == FRAME) {
+        SPIN_TRY(read_mask(run, frame));
+        for (size_t i = 0; i < n; i++)
+            run->keep[i] = presence(run->row[i]) > run->threshold;
+    }
+    for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
+        size_t width, to = 0;
+        float *rows = spin_model_values(out, c, &width);
+
+        for (size_t i = 0; columns & 1u << c && i < n; i++) {
+            if (run->keep[i])
+                memmove(rows + width * to++, rows + width * i, width * sizeof *rows);
+        }
+    }
+    out->n = run->base.counts[frame];
+    return SPIN_OK;
+}
+
+const struct spin_importer spin_importer_tc3dgs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "tc3dgs",
+    .summary = "TC3DGS: the params.npz of Dynamic 3D Gaussians with a mask per frame",
+    .upstream = "saqibjaved1/Dynamic3DGaussians a8082da",
+    .options = tc3dgs_options,
+    .probe = tc3dgs_probe,
+    .open = tc3dgs_open,
+    .frame = tc3dgs_frame,
+    .close = close_run,
 };

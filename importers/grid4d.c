@@ -2,12 +2,348 @@
  * space, three over two axes and time) and a network that turns, moves and reshapes them.
  *
  * Residuals are added after the activations, so that a quaternion is not of unit
- * length when the method's rasteriser takes it for one: see spin_deform_shape(). */
-#include "importers/lib/hashgrid_deform.h"
-
+ * length when the method's rasteriser takes it for one: see spin_deform_shape().
+ *
+ * DASH (Chen et al., 2025): a cloud of canonical Gaussians of which some are dynamic; a 4-D hash
+ * grid and a network move and reshape those.
+ *
+ * A descendant of Grid4D. As in the method's render script, the heads for
+ * opacity and colour are stored but not used, and static Gaussians stay exactly as they are. */
 #include <string.h>
 
+#include "importers/lib/deform.h"
+#include "math/grid.h"
 #include "math/quat.h"
+
+enum { HASH_MAX_LEVELS = 64 };
+
+struct hash_level {
+    float scale[4];
+    uint32_t res[4], rows;
+    int hashed;
+    const float *table; /* [rows][n_features] */
+};
+
+struct hash_grid {
+    int n_dims, n_levels, n_features; /* per level */
+    struct hash_level level[HASH_MAX_LEVELS];
+};
+
+struct hash_model;
+
+/* What is each method's own. */
+struct hash_method {
+    const char *name;              /* "Grid4D" */
+    const char *extra;             /* a property of the cloud besides, or NULL */
+    const char *key;               /* a tensor of the grid of this method only, */
+    const char *other_key, *other; /* and one of another method, with what to do then */
+    /* The networks, also layer and n_scratch; m is the importer's struct hash_model. */
+    spin_status (*load)(struct hash_model *m);
+    /* Settings besides bound and scale_xyz, or NULL. */
+    spin_status (*settle)(struct hash_model *m);
+};
+
+/* What both methods have of a model. */
+struct hash_model {
+    struct spin_model base;
+    const struct hash_method *method;
+    const char *save; /* iteration_<N> */
+    float *extra;     /* [n] one more property of the cloud, or NULL */
+    double bound, scale_xyz[3];
+    const struct spin_value *grid, *network; /* the pair that was saved, while it is read */
+    struct mlp_net trunk;                    /* a layer of the method's before it, or none */
+    int width;
+    struct mlp_net warp, rotation, scaling;
+    size_t layer;     /* floats of the widest layer of a block */
+    size_t n_scratch; /* floats that a block needs */
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+/* `key` is a tensor's name, found in the first bytes of a checkpoint of this method only; `option`
+ * is how the options of its grid begin, in cfg_args. The folders of a model are the same for all
+ * descendants of Deformable-3D-Gaussians. */
+static int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
+{
+    if (!peek->is_folder)
+        return spin_peek_says(peek, key) ? 90 : 0;
+    if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud"))
+        return 0;
+    if (spin_peek_says(peek, option))
+        return 90;
+    return !spin_peek_says(peek, "Namespace(") ? 55 : spin_peek_says(peek, "grid_args") ? 40 : 0;
+}
+
+/* ---- Settings -------------------------------------------------------------------------------- */
+
+static spin_status read_settings(struct hash_model *m)
+{
+    struct cfg_span bound = spin_model_given(&m->base, "bound");
+    const char *scale = spin_model_option(&m->base, "scale-xyz");
+    const struct cfg_args *cfg = &m->base.settings.cfg;
+    struct cfg_span grid_args = spin_cfg_get(cfg, "grid_args"), s;
+
+    if (bound.at) {
+        if (!spin_cfg_number(bound, &m->bound))
+            return spin_fail(SPIN_E_USAGE, "--bound '%s': expected a number", bound.at);
+    } else if (!grid_args.at) {
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "%s%s%s does not say the bound of the scene, without which nothing can be "
+                         "read: give it with --bound",
+                         cfg->path ? "'" : "", cfg->path ? cfg->path : "no cfg_args, so the model",
+                         cfg->path ? "'" : "");
+    } else if ((s = spin_cfg_item(grid_args, "bound")).at) {
+        if (!spin_cfg_number(s, &m->bound))
+            return spin_fail(SPIN_E_MALFORMED, "'%s': bound is not a number", cfg->path);
+    } else {
+        m->bound = 1.6;
+        spin_note(m->base.sequence, "cfg_args names no bound: assumed 1.6 as the method does");
+    }
+    if (!(m->bound > 0) || !isfinite(m->bound))
+        return spin_fail(bound.at ? SPIN_E_USAGE : SPIN_E_MALFORMED,
+                         "%s: bound is %g, expected a number above 0",
+                         bound.at ? "--bound" : cfg->path, m->bound);
+    m->scale_xyz[0] = m->scale_xyz[1] = m->scale_xyz[2] = 1;
+    if (scale) {
+        char list[128];
+
+        snprintf(list, sizeof list, strchr(scale, ',') ? "[%.100s]" : "%.100s", scale);
+        if (!spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, m->scale_xyz))
+            return spin_fail(SPIN_E_USAGE, "--scale-xyz '%s': expected a number or three", scale);
+        return SPIN_OK;
+    }
+    s = spin_cfg_get(cfg, "scale_xyz");
+    if (s.at && !spin_cfg_numbers(s, 3, m->scale_xyz))
+        return spin_fail(SPIN_E_MALFORMED, "'%s': scale_xyz is neither a number nor three of them",
+                         cfg->path);
+    return SPIN_OK;
+}
+
+/* ---- Tensors --------------------------------------------------------------------------------- */
+
+static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t n_rows,
+                                int64_t offset[HASH_MAX_LEVELS + 1], int *n_levels)
+{
+    const struct spin_value *v = spin_model_get(&m->base, "%s.offsets", name);
+    static const int64_t shape[1] = {-1};
+    struct spin_array t;
+    char what[80];
+
+    snprintf(what, sizeof what, "%s.offsets", name);
+    if (!v)
+        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", what);
+    SPIN_TRY(spin_torch_tensor_of(&m->base.torch, v, what, 1, shape, &t));
+    if (t.count < 2 || t.count > HASH_MAX_LEVELS + 1 || (t.kind != 'i' && t.kind != 'u'))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
+                         (unsigned long long)t.count, HASH_MAX_LEVELS + 1);
+    spin_array_to_i64(&t, 0, t.count, offset);
+    *n_levels = (int)t.count - 1;
+    if (offset[0] != 0)
+        return spin_fail(SPIN_E_MALFORMED, "tensor '%s' begins with %lld, expected 0", what,
+                         (long long)offset[0]);
+    for (int l = 0; l < *n_levels; l++) {
+        if (offset[l + 1] <= offset[l] || (uint64_t)offset[l + 1] > n_rows)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "tensor '%s': level %d has rows %lld to %lld of a table of %llu", what,
+                             l, (long long)offset[l], (long long)offset[l + 1],
+                             (unsigned long long)n_rows);
+    }
+    return SPIN_OK;
+}
+
+/* The encoder `name`, of n_dims inputs. */
+static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_dims,
+                                  struct hash_grid *grid)
+{
+    static const int64_t any[2] = {-1, -1};
+    const int64_t axes[1] = {n_dims};
+    int64_t offset[HASH_MAX_LEVELS + 1];
+    float *growth, *base, *table;
+    struct spin_array info;
+    char key[80];
+
+    snprintf(key, sizeof key, "%s.embeddings", name);
+    SPIN_TRY(spin_model_floats(&m->base, key, 2, any, &info, &table));
+    if (info.shape[1] != 1 && info.shape[1] != 2 && info.shape[1] != 4 && info.shape[1] != 8)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "tensor '%s' has %llu features a row, expected 1, 2, 4 or 8", key,
+                         (unsigned long long)info.shape[1]);
+    grid->n_dims = n_dims;
+    grid->n_features = (int)info.shape[1];
+    SPIN_TRY(load_offsets(m, name, info.shape[0], offset, &grid->n_levels));
+    snprintf(key, sizeof key, "%s.per_level_scale", name);
+    SPIN_TRY(spin_model_floats(&m->base, key, 1, axes, NULL, &growth));
+    snprintf(key, sizeof key, "%s.base_resolution", name);
+    SPIN_TRY(spin_model_floats(&m->base, key, 1, axes, NULL, &base));
+    for (int l = 0; l < grid->n_levels; l++) {
+        struct hash_level *level = &grid->level[l];
+
+        if (!spin_grid_stored_level(l, n_dims, growth, base, level->scale, level->res))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "tensors '%s.per_level_scale' and '.base_resolution' make no grid at "
+                             "level %d",
+                             name, l);
+        level->rows = (uint32_t)(offset[l + 1] - offset[l]);
+        level->hashed = spin_grid_is_hashed(level->res, level->rows);
+        level->table = table + (size_t)offset[l] * (size_t)grid->n_features;
+    }
+    return SPIN_OK;
+}
+
+/* The layers behind the encoder, grid_mlp.0, .2, ... of `width` and the heads; later tensors are those of the
+ * network. */
+static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
+{
+    m->width = width;
+    SPIN_TRY(spin_model_trunk(&m->base, "grid_mlp", 0, width, &m->trunk));
+    SPIN_TRY(spin_model_layer(&m->base, "gaussian_warp", width, n_warp, MLP_PLAIN, &m->warp));
+    SPIN_TRY(spin_model_layer(&m->base, "gaussian_rotation", width, 4, MLP_PLAIN, &m->rotation));
+    return spin_model_layer(&m->base, "gaussian_scaling", width, 3, MLP_PLAIN, &m->scaling);
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+/* The pair (grid, network) that was saved, and that it is this method's. */
+static spin_status split(struct hash_model *m)
+{
+    const struct spin_value *root = m->base.torch.root;
+    const struct hash_method *method = m->method;
+
+    m->grid = spin_value_at(root, 0);
+    m->network = spin_value_at(root, 1);
+    if (root && root->kind == SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "what was saved is one state dict, not a pair of a grid and a network: it "
+                         "looks like Deformable-3D-Gaussians");
+    if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
+        m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "what was saved is not a pair of two state dicts, grid and network");
+    if (spin_value_get(m->grid, method->other_key))
+        return spin_fail(SPIN_E_UNSUPPORTED, "tensor '%s' says that this is a run of %s",
+                         method->other_key, method->other);
+    if (spin_value_get(m->network, method->key))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the pair is swapped: the network comes before the grid");
+    if (!spin_value_get(m->grid, method->key))
+        return spin_fail(SPIN_E_MALFORMED, "no tensor '%s'", method->key);
+    m->base.tensors = m->grid;
+    return SPIN_OK;
+}
+
+static spin_status load(struct spin_model *base)
+{
+    struct hash_model *m = (struct hash_model *)base;
+
+    SPIN_TRY(split(m));
+    return m->method->load(m);
+}
+
+/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, of which the tensors say nothing, come
+ * from options or cfg_args. */
+static spin_status hash_open(struct hash_model *m, const char *path,
+                             const struct hash_method *method)
+{
+    struct spin_model *base = &m->base;
+    struct deform_save save;
+
+    m->method = method;
+    SPIN_TRY(spin_deform_find(base, path, false, &save));
+    base->path = save.network;
+    m->save = save.name;
+    SPIN_TRY(spin_model_cfg(base, save.model, NULL));
+    SPIN_TRY(spin_model_torch(base, save.network, load));
+    SPIN_TRY(read_settings(m));
+    if (method->settle)
+        SPIN_TRY(method->settle(m));
+    SPIN_TRY(spin_model_read(base, save.cloud, method->extra, 0, &m->extra));
+    spin_deform_describe(base, DEFORM_MOVED);
+    snprintf(base->sequence->variant, sizeof base->sequence->variant,
+             "%s, %zu Gaussians, bound %g, width %d", method->name, base->canonical.n, m->bound,
+             m->width);
+    spin_note(base->sequence,
+              "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) in "
+              "most data sets, at i/n in some");
+    return spin_mlp_team_create(m->n_scratch, &base->team);
+}
+
+/* ---- Evaluating ------------------------------------------------------------------------------ */
+
+/* One level at x in [0, 1]: features to out[0], out[MLP_BLOCK], ... n_dims and n_features are
+ * constants where it is inlined. Positions have one rounding, as in the kernel. */
+MLP_INLINE void hash_sample_level(const struct hash_level *level, int n_dims, int n_features,
+                                  const float *x, float *out)
+{
+    float weight[4][2], sum[8] = {0};
+    uint32_t cell[4] = {0, 0, 0, 0};
+
+    for (int d = 0; d < n_dims; d++) {
+        float at = x[d] * level->scale[d];
+        float low = floorf(at);
+
+        cell[d] = (uint32_t)low;
+        weight[d][1] = spin_smoothstep(at - low);
+        weight[d][0] = 1.0f - weight[d][1];
+    }
+    for (int k = 0; k < 1 << n_dims; k++) {
+        uint32_t q[4] = {0, 0, 0, 0};
+        const float *row;
+        float w = 1.0f;
+
+        for (int d = 0; d < n_dims; d++) {
+            q[d] = cell[d] + (uint32_t)(k >> d & 1);
+            w *= weight[d][k >> d & 1];
+        }
+        row = level->table +
+              (size_t)spin_grid_row(q, level->res, level->rows, level->hashed) * (size_t)n_features;
+        for (int c = 0; c < n_features; c++)
+            sum[c] += w * row[c];
+    }
+    for (int c = 0; c < n_features; c++)
+        out[c * MLP_BLOCK] = sum[c];
+}
+
+MLP_INLINE void hash_sample_levels(const struct hash_grid *grid, int n_dims, int n_features,
+                                   const float *x, float *out)
+{
+    for (int l = 0; l < grid->n_levels; l++)
+        hash_sample_level(&grid->level[l], n_dims, n_features, x, out + l * n_features * MLP_BLOCK);
+}
+
+/* All levels at x, into one column of a block [levels x features][MLP_BLOCK]. A point with any
+ * coordinate outside [0, 1] has no features. */
+static void hash_sample(const struct hash_grid *grid, const float *x, float *out)
+{
+    for (int d = 0; d < grid->n_dims; d++) {
+        if (!(x[d] >= 0.0f && x[d] <= 1.0f)) {
+            for (int i = 0; i < grid->n_levels * grid->n_features; i++)
+                out[i * MLP_BLOCK] = 0;
+            return;
+        }
+    }
+    if (grid->n_dims == 3 && grid->n_features == 2)
+        hash_sample_levels(grid, 3, 2, x, out);
+    else if (grid->n_dims == 4 && grid->n_features == 2)
+        hash_sample_levels(grid, 4, 2, x, out);
+    else if (grid->n_dims == 3)
+        hash_sample_levels(grid, 3, grid->n_features, x, out);
+    else
+        hash_sample_levels(grid, 4, grid->n_features, x, out);
+}
+
+/* Space and time as the encoders take them: [-bound, bound] to [0, 1], time to 0.05 .. 0.95. In
+ * floats and in this order, as the method. */
+static void hash_coordinates(const struct hash_model *m, const float p[3], float time, float out[4])
+{
+    float bound = (float)m->bound;
+
+    for (int d = 0; d < 3; d++)
+        out[d] = (p[d] * (float)m->scale_xyz[d] + bound) / (2 * bound);
+    out[3] = ((time * 2 * bound - bound) * 0.9f + bound) / (2 * bound);
+}
+
+/* ---- Grid4D ---------------------------------------------------------------------------------- */
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
 
@@ -22,32 +358,30 @@ static const struct {
     {"xzt_encoding", {0, 2, 3}},
 };
 
-struct model {
+struct grid4d_model {
     struct hash_model base;
     struct hash_grid grid[N_GRIDS];
     struct mlp_net spatial, temporal;
     bool directional;
 };
 
-static int probe(const struct spin_peek *peek)
+static int grid4d_probe(const struct spin_peek *peek)
 {
-    return spin_hash_probe(peek, "xyt_encoding.", "'deform_");
+    return hash_probe(peek, "xyt_encoding.", "'deform_");
 }
-
-/* ---- Opening --------------------------------------------------------------------------------- */
 
 /* network_args['directional']: the gate is -1..1, not 0..1. */
 static spin_status settle(struct hash_model *base)
 {
-    struct model *model = (struct model *)base;
-    const char *given = spin_model_option(&base->base, "directional");
+    struct grid4d_model *model = (struct grid4d_model *)base;
+    struct cfg_span given = spin_model_given(&base->base, "directional");
     const struct cfg_args *cfg = &base->base.settings.cfg;
     struct cfg_span s = spin_cfg_item(spin_cfg_get(cfg, "network_args"), "directional");
 
     model->directional = true;
-    if (given) {
-        if (!spin_cfg_bool((struct cfg_span){given, given + strlen(given)}, &model->directional))
-            return spin_fail(SPIN_E_USAGE, "--directional '%s': expected true or false", given);
+    if (given.at) {
+        if (!spin_cfg_bool(given, &model->directional))
+            return spin_fail(SPIN_E_USAGE, "--directional '%s': expected true or false", given.at);
     } else if (s.at) {
         if (!spin_cfg_bool(s, &model->directional))
             return spin_fail(SPIN_E_MALFORMED, "'%s': directional is neither True nor False",
@@ -59,14 +393,14 @@ static spin_status settle(struct hash_model *base)
     return SPIN_OK;
 }
 
-static spin_status load_network(struct hash_model *base)
+static spin_status grid4d_load(struct hash_model *base)
 {
-    struct model *model = (struct model *)base;
+    struct grid4d_model *model = (struct grid4d_model *)base;
     int n_space = 0, n_temporal = 0;
     size_t spatial, temporal;
 
     for (int g = 0; g < N_GRIDS; g++) {
-        SPIN_TRY(spin_hash_load_grid(base, grids[g].name, 3, &model->grid[g]));
+        SPIN_TRY(hash_load_grid(base, grids[g].name, 3, &model->grid[g]));
         *(g == XYZ ? &n_space : &n_temporal) += model->grid[g].n_levels * model->grid[g].n_features;
     }
     base->base.tensors = base->network;
@@ -78,22 +412,22 @@ static spin_status load_network(struct hash_model *base)
     temporal = spin_mlp_widest(&model->temporal);
     base->layer = spatial > temporal ? spatial : temporal;
     base->n_scratch = 3 * base->layer + 14 * MLP_BLOCK;
-    return spin_hash_load_heads(base, spin_mlp_n_out(&model->spatial), 7);
+    return hash_load_heads(base, spin_mlp_n_out(&model->spatial), 7);
 }
 
-static spin_status open_model(void *self, const char *path)
+static spin_status grid4d_open_save(void *self, const char *path)
 {
     static const struct hash_method method = {.name = "Grid4D",
                                               .key = "xyt_encoding.embeddings",
                                               .other_key = "xyzt_encoding.embeddings",
                                               .other = "DASH, use --from dash",
-                                              .load = load_network,
+                                              .load = grid4d_load,
                                               .settle = settle};
 
-    return spin_hash_open(self, path, &method);
+    return hash_open(self, path, &method);
 }
 
-SPIN_MODEL_OPEN(grid4d_open, struct model, open_model)
+SPIN_MODEL_OPEN(grid4d_open, struct grid4d_model, grid4d_open_save)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
@@ -101,18 +435,18 @@ SPIN_MODEL_OPEN(grid4d_open, struct model, open_model)
  * `moving`. */
 static void sample(const struct deform_job *job, size_t first, int n, float *space, float *moving)
 {
-    const struct model *model = job->model;
+    const struct grid4d_model *model = job->model;
 
     for (int p = 0; p < MLP_BLOCK; p++) {
         const float *mean = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
         float u[4], *to = moving;
 
-        spin_hash_coordinates(&model->base, mean, job->time, u);
+        hash_coordinates(&model->base, mean, job->time, u);
         for (int g = 0; g < N_GRIDS; g++) {
             const int *axis = grids[g].axis;
             float x[4] = {u[axis[0]], u[axis[1]], u[axis[2]], 0};
 
-            spin_hash_sample(&model->grid[g], x, (g == XYZ ? space : to) + p);
+            hash_sample(&model->grid[g], x, (g == XYZ ? space : to) + p);
             if (g != XYZ)
                 to += model->grid[g].n_levels * model->grid[g].n_features * MLP_BLOCK;
         }
@@ -122,7 +456,7 @@ static void sample(const struct deform_job *job, size_t first, int n, float *spa
 /* relu(temporal) gated by what is at the point's place; then grid_mlp. Returns where it is. */
 static float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
 {
-    const struct model *model = job->model;
+    const struct grid4d_model *model = job->model;
     float *a = scratch, *b = a + model->base.layer, *gate = b + model->base.layer;
     int n_hidden = model->base.width * MLP_BLOCK;
 
@@ -156,10 +490,10 @@ static void move(const struct deform_job *job, const float *warp, size_t first, 
     }
 }
 
-static void evaluate(void *context, size_t first, int n, float *scratch)
+static void grid4d_evaluate(void *context, size_t first, int n, float *scratch)
 {
     const struct deform_job *job = context;
-    const struct model *model = job->model;
+    const struct grid4d_model *model = job->model;
     float *warp = scratch + 3 * model->base.layer, *d_scale = warp + 7 * MLP_BLOCK;
     float *d_quat = d_scale + 3 * MLP_BLOCK, *h = hidden(job, first, n, scratch);
 
@@ -178,15 +512,16 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
                                 struct spin_splats *out)
 {
     (void)frame;
-    return spin_deform_frame(self, time, columns, DEFORM_MOVED, evaluate, out);
+    return spin_deform_frame(self, time, columns, DEFORM_MOVED, grid4d_evaluate, out);
 }
 
+/* Of Grid4D; DASH has all but the first. */
 static const struct spin_plugin_option options[] = {
+    {"directional", "BOOL", "the option of that name of the run, instead of what cfg_args says",
+     NULL},
     {"iteration", "N", "which save to read, a number or best; the last when not given", NULL},
     {"bound", "X", "half the side of the box of the grids, instead of what cfg_args says", NULL},
     {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of what cfg_args says",
-     NULL},
-    {"directional", "BOOL", "the option of that name of the run, instead of what cfg_args says",
      NULL},
     {NULL, NULL, NULL, NULL},
 };
@@ -197,8 +532,138 @@ const struct spin_importer spin_importer_grid4d = {
     .summary = "Grid4D: the model's folder, with cfg_args, point_cloud and deform",
     .upstream = "JiaweiXu8/Grid4D c9a93fb",
     .options = options,
-    .probe = probe,
+    .probe = grid4d_probe,
     .open = grid4d_open,
     .frame = grid4d_frame,
+    .close = spin_model_close,
+};
+
+/* ---- DASH ------------------------------------------------------------------------------------ */
+
+struct dash_model {
+    struct hash_model base; /* extra: not 0 for dynamic Gaussians; the trunk begins with d4_mlp */
+    struct hash_grid grid;
+};
+
+static int dash_probe(const struct spin_peek *peek)
+{
+    return hash_probe(peek, "xyzt_encoding.", "'D4_");
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status dash_load(struct hash_model *base)
+{
+    struct dash_model *model = (struct dash_model *)base;
+    int n_features;
+
+    SPIN_TRY(hash_load_grid(base, "xyzt_encoding", 4, &model->grid));
+    n_features = model->grid.n_levels * model->grid.n_features;
+    base->base.tensors = base->network;
+    SPIN_TRY(spin_model_layer(&base->base, "d4_mlp.0", n_features, -1, MLP_RELU, &base->trunk));
+    SPIN_TRY(hash_load_heads(base, spin_mlp_n_out(&base->trunk), 3));
+    base->layer = spin_mlp_widest(&base->trunk);
+    base->n_scratch = 2 * base->layer + 10 * MLP_BLOCK;
+    return SPIN_OK;
+}
+
+static spin_status dash_open_save(void *self, const char *path)
+{
+    static const struct hash_method method = {.name = "DASH",
+                                              .extra = "dynamic",
+                                              .key = "xyzt_encoding.embeddings",
+                                              .other_key = "xyt_encoding.embeddings",
+                                              .other = "Grid4D, use --from grid4d",
+                                              .load = dash_load};
+    struct hash_model *m = self;
+    size_t n_dynamic = 0;
+    long long iteration;
+
+    SPIN_TRY(hash_open(m, path, &method));
+    for (size_t i = 0; i < m->base.canonical.n; i++)
+        n_dynamic += m->extra[i] != 0;
+    spin_note(m->base.sequence, "%zu of %zu Gaussians are dynamic", n_dynamic, m->base.canonical.n);
+    iteration = spin_model_iteration(m->save);
+    if (iteration >= 0 && iteration <= 2000)
+        spin_note(m->base.sequence,
+                  "%s looks like a save of the first training stage, which works "
+                  "otherwise: the result may be wrong",
+                  m->save);
+    return SPIN_OK;
+}
+
+SPIN_MODEL_OPEN(dash_open, struct dash_model, dash_open_save)
+
+/* ---- Evaluating ------------------------------------------------------------------------------ */
+
+static void copy_static(const struct deform_job *job, size_t i)
+{
+    for (int c = 0; c < 3; c++) { /* means, quats and log scales */
+        size_t width;
+        const float *from = spin_model_values(job->from, c, &width);
+
+        if (job->columns & 1u << c)
+            memcpy(spin_model_values(job->out, c, &width) + width * i, from + width * i,
+                   width * sizeof *from);
+    }
+    if (job->columns & SPIN_COL_QUATS)
+        spin_quat_normalise(job->out->quats + 4 * i);
+}
+
+static void dash_evaluate(void *context, size_t first, int n, float *scratch)
+{
+    const struct deform_job *job = context;
+    const struct dash_model *model = job->model;
+    const struct hash_model *base = &model->base;
+    float *a = scratch, *b = a + base->layer, *d_mean = b + base->layer;
+    float *d_scale = d_mean + 3 * MLP_BLOCK, *d_quat = d_scale + 3 * MLP_BLOCK, *h;
+    bool any = false, shape = (job->columns & (SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)) != 0;
+
+    for (int p = 0; p < n; p++)
+        any = any || base->extra[first + (size_t)p] != 0;
+    for (int p = 0; any && p < MLP_BLOCK; p++) {
+        const float *mean = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
+        float x[4];
+
+        hash_coordinates(base, mean, job->time, x);
+        hash_sample(&model->grid, x, b + p);
+    }
+    if (any) {
+        h = spin_mlp_run(&base->trunk, b, a, b);
+        spin_mlp_run(&base->warp, h, d_mean, NULL);
+        spin_mlp_run(&base->scaling, h, d_scale, NULL);
+        spin_mlp_run(&base->rotation, h, d_quat, NULL);
+    }
+    for (int p = 0; p < n; p++) {
+        size_t i = first + (size_t)p;
+
+        if (base->extra[i] == 0) {
+            copy_static(job, i);
+            continue;
+        }
+        for (size_t c = 0; (job->columns & SPIN_COL_MEANS) && c < 3; c++)
+            job->out->means[3 * i + c] =
+                job->from->means[3 * i + c] + d_mean[c * MLP_BLOCK + (size_t)p];
+        if (shape)
+            spin_deform_shape(job, i, 1, d_scale + p, d_quat + p);
+    }
+}
+
+static spin_status dash_frame(void *self, int frame, double time, unsigned columns,
+                              struct spin_splats *out)
+{
+    (void)frame;
+    return spin_deform_frame(self, time, columns, DEFORM_MOVED, dash_evaluate, out);
+}
+
+const struct spin_importer spin_importer_dash = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "dash",
+    .summary = "DASH: the model's folder, with cfg_args, point_cloud and deform",
+    .upstream = "chenj02/DASH 0898b2d",
+    .options = options + 1,
+    .probe = dash_probe,
+    .open = dash_open,
+    .frame = dash_frame,
     .close = spin_model_close,
 };

@@ -2,18 +2,455 @@
  *
  * Gaussians are 4-D: at a time each is an ellipsoid of fixed shape on a straight line, with a bell
  * of opacity in time and cosines in its colour. The file tells neither the range of times nor which
- * of two conventions its rotations follow: both may be given; otherwise a note says which was assumed. */
+ * of two conventions its rotations follow: both may be given; otherwise a note says which was assumed.
+ *
+ * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS whose Gaussians of long life become static ones
+ * in training. A checkpoint holds both: those of Realtime-4DGS, and 3-D ones that are there at all times.
+ *
+ * The PLY that a run leaves as well looks like a cloud of 3DGS and is none: it has the dynamic half only,
+ * every Gaussian at its own time. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/option.h"
 #include "importers/lib/chkpnt.h"
-#include "importers/lib/realtime4dgs.h"
+#include "importers/lib/gaussian4d.h"
 
-struct model {
+/* Floats of all SH of a row, in space and in time. */
+#define MAX_SH 144
+
+/* The renderer skips a Gaussian whose weight in time is not above this. */
+#define LEAST_WEIGHT 0.05
+/* Initial times are drawn from the clip and 10% beyond both its ends. */
+#define SPREAD 1.2
+
+enum part {
+    R4_ACTIVE,
+    R4_XYZ, /* from here on to R4_OPACITY: what static Gaussians have too */
+    R4_DC,
+    R4_REST,
+    R4_SCALING,
+    R4_ROTATION,
+    R4_OPACITY,
+    R4_T,
+    R4_SCALING_T,
+    R4_ROTATION_R,
+    R4_ROT_4D,
+    R4_ENV_MAP,
+    R4_ACTIVE_T,
+    R4_OPTIMIZER,
+    R4_N_PARTS
+};
+
+struct rows {
+    /* Where the parts are. */
+    const char *who; /* stands before their names in messages; NULL: nothing */
+    const struct spin_value *part[R4_N_PARTS]; /* NULL: not there */
+    bool swapped;                              /* SH are [N][3][K] */
+    bool masked;                               /* a fork's mask follows */
+    bool moving;                               /* gaussian_dim 4: has t and scaling_t */
+    double iteration;                          /* -1: not told */
+    /* What was read. */
+    size_t n;
+    bool rot_4d;             /* rotated in four dimensions: has rotation_r too */
+    int n_sh;                /* of a row in the file; 0: SH are not read */
+    int degree, degree_t;    /* of SH that are drawn, in space and in time */
+    struct spin_array sh[2]; /* dc, rest; in the checkpoint, with which they die */
+    /* While open() runs: xyz, scaling [n][3]; rotation, rotation_r [n][4] of any length; opacity [n] logits; t,
+     * scaling_t [n] */
+    float *column[R4_N_PARTS];
+};
+
+/* How rows become Gaussians. */
+struct reading {
+    bool older;      /* the rotations of 4-D are those before 2024-09 */
+    bool transposed; /* those of 3-D are turned the other way */
+    double extra;    /* is added to the variance of time where it weighs only */
+};
+
+/* Of time, for what is there at all times: no square of a time comes near it. */
+#define ALL_TIMES 1e300
+
+/* ---- Parts ----------------------------------------------------------------------------------- */
+
+/* Where a part is: its item in the tuples of a 4-D and of a 3-D model (-1: none), its name in a fork's dict, which
+ * is that of the attribute of the class, and in loaded_pth. width: floats of a row; 0: not read so. */
+static const struct {
+    const char *name;
+    int item, item3;
+    const char *attribute, *loaded;
+    int width;
+} all[R4_N_PARTS] = {
+    [R4_ACTIVE] = {"active_sh_degree", 0, 0, "active_sh_degree", NULL, 0},
+    [R4_XYZ] = {"xyz", 1, 1, "_xyz", "xyz", 3},
+    [R4_DC] = {"features_dc", 2, 2, "_features_dc", "features_dc", 0},
+    [R4_REST] = {"features_rest", 3, 3, "_features_rest", "features_rest", 0},
+    [R4_SCALING] = {"scaling", 4, 4, "_scaling", "scaling", 3},
+    [R4_ROTATION] = {"rotation", 5, 5, "_rotation", "rotation", 4},
+    [R4_OPACITY] = {"opacity", 6, 6, "_opacity", "opacity", 1},
+    [R4_T] = {"t", 13, -1, "_t", "t", 1},
+    [R4_SCALING_T] = {"scaling_t", 14, -1, "_scaling_t", "scaling_t", 1},
+    [R4_ROTATION_R] = {"rotation_r", 15, -1, "_rotation_r", "rotation_r", 4},
+    [R4_ROT_4D] = {"rot_4d", 16, -1, "rot_4d", NULL, 0},
+    [R4_ENV_MAP] = {"env_map", 17, -1, "env_map", NULL, 0},
+    [R4_ACTIVE_T] = {"active_sh_degree_t", 18, -1, "active_sh_degree_t", NULL, 0},
+    [R4_OPTIMIZER] = {"optimizer", 11, 10, NULL, NULL, 0},
+};
+
+static bool is_kind(const struct spin_value *v, enum spin_value_kind kind)
+{
+    return v && v->kind == kind;
+}
+
+/* A part is not there, None, or without elements. */
+static bool r4_lacks(const struct rows *r, enum part part)
+{
+    const struct spin_value *v = r->part[part];
+
+    return !v || v->kind == SPIN_VALUE_NONE || spin_chkpnt_is_empty(v);
+}
+
+/* The items of a 4-D model's tuple, from the 1st to the 19th. */
+static void r4_items(const struct spin_value *model, struct rows *r)
+{
+    r->moving = true;
+    for (int p = 0; p < R4_N_PARTS; p++)
+        r->part[p] = spin_value_at(model, (size_t)all[p].item);
+}
+
+static spin_status take_tuple(const struct spin_value *m, struct rows *r)
+{
+    r->masked = m->n == 20 || m->n == 13;
+    if (m->n == 19 || m->n == 20) {
+        r4_items(m, r);
+        return SPIN_OK;
+    }
+    if (m->n != 12 && m->n != 13)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "the model has %zu items and Realtime-4DGS has 19 (or 12): it is one of "
+                         "%s",
+                         m->n, spin_chkpnt_maker(m->n));
+    for (int p = 0; p < R4_N_PARTS; p++)
+        r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
+    return SPIN_OK;
+}
+
+/* A fork's dict. */
+static void take_attributes(const struct spin_value *m, struct rows *r)
+{
+    double dim = 4;
+
+    spin_value_number(spin_value_get(m, "gaussian_dim"), &dim);
+    r->moving = dim == 4;
+    for (int p = 0; p < R4_N_PARTS; p++)
+        r->part[p] = all[p].attribute ? spin_value_get(m, all[p].attribute) : NULL;
+}
+
+/* And the dict that training takes as loaded_pth, whose keys begin with `prefix`: features have their last
+ * two axes swapped, and there are no degrees. */
+static void r4_loaded(const struct spin_value *dict, const char *prefix, struct rows *r)
+{
+    r->swapped = true;
+    for (int p = 0; p < R4_N_PARTS; p++) {
+        char name[64];
+
+        snprintf(name, sizeof name, "%s%s", prefix, all[p].loaded ? all[p].loaded : "");
+        if (all[p].loaded)
+            r->part[p] = spin_value_get(dict, name);
+    }
+}
+
+/* Finds the parts; *r is zero before. Other methods' checkpoints are refused, with their name where it shows. */
+static spin_status r4_parts(const struct spin_value *root, struct rows *r)
+{
+    const struct spin_value *m = spin_value_at(root, 0);
+
+    r->iteration = -1;
+    if (is_kind(root, SPIN_VALUE_DICT) && spin_value_get(root, "xyz") &&
+        spin_value_get(root, "scaling_t")) {
+        if (spin_value_get(root, "static_xyz"))
+            return spin_fail(SPIN_E_UNSUPPORTED, "a dict with static_xyz is one of %s",
+                             spin_chkpnt_maker(28));
+        r4_loaded(root, "", r);
+        r->moving = true;
+        return SPIN_OK;
+    }
+    if (!is_kind(root, SPIN_VALUE_TUPLE) || root->n != 2)
+        return spin_fail(SPIN_E_MALFORMED, "the checkpoint holds %s, expected (model, iteration)",
+                         spin_chkpnt_kind(root));
+    spin_value_number(spin_value_at(root, 1), &r->iteration);
+    if (is_kind(m, SPIN_VALUE_DICT) && spin_value_get(m, "_xyz")) {
+        take_attributes(m, r);
+        return SPIN_OK;
+    }
+    if (!is_kind(m, SPIN_VALUE_TUPLE) || !is_kind(spin_value_at(root, 1), SPIN_VALUE_INT))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "the checkpoint holds %s and %s, expected a tuple and an int",
+                         spin_chkpnt_kind(m), spin_chkpnt_kind(spin_value_at(root, 1)));
+    return take_tuple(m, r);
+}
+
+/* ---- Tensors --------------------------------------------------------------------------------- */
+
+static spin_status bind(struct spin_model *m, const struct rows *r, enum part part, int n_dims,
+                        const int64_t *shape, struct spin_array *out)
+{
+    char name[64];
+
+    snprintf(name, sizeof name, "%s%s", r->who ? r->who : "", all[part].name);
+    return spin_chkpnt_bind(&m->torch, r->part[part], name, n_dims, shape, out);
+}
+
+static void swap_axes(struct spin_array *t)
+{
+    uint64_t size = t->shape[1];
+    int64_t stride = t->stride[1];
+
+    t->shape[1] = t->shape[2];
+    t->stride[1] = t->stride[2];
+    t->shape[2] = size;
+    t->stride[2] = stride;
+}
+
+static spin_status bind_sh(struct spin_model *m, struct rows *r)
+{
+    int64_t n = (int64_t)r->n;
+    int64_t dc[3] = {n, r->swapped ? 3 : 1, r->swapped ? 1 : 3};
+    int64_t rest[3] = {n, r->swapped ? 3 : -1, r->swapped ? -1 : 3};
+
+    SPIN_TRY(bind(m, r, R4_DC, 3, dc, &r->sh[0]));
+    SPIN_TRY(bind(m, r, R4_REST, 3, rest, &r->sh[1]));
+    for (int i = 0; i < 2 && r->swapped; i++)
+        swap_axes(&r->sh[i]);
+    if (r->sh[1].shape[1] > 47)
+        return spin_fail(SPIN_E_MALFORMED, "features_rest has %llu rows of SH, expected at most 47",
+                         (unsigned long long)r->sh[1].shape[1]);
+    r->n_sh = 1 + (int)r->sh[1].shape[1];
+    return SPIN_OK;
+}
+
+/* All SH of a row, [n_sh][3]. */
+static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
+{
+    uint64_t width = 3 * (uint64_t)(r->n_sh - 1);
+
+    spin_array_to_f32(&r->sh[0], 3 * i, 3, out);
+    if (width > 0)
+        spin_array_to_f32(&r->sh[1], width * i, width, out + 3);
+}
+
+/* Those that are drawn, [(degree+1)^2][3], dt after the row's own time in a clip of such a length. */
+static void r4_colours(const struct rows *r, size_t i, double dt, double length, float *out)
+{
+    float sh[MAX_SH];
+
+    r4_sh(r, i, sh);
+    if (r->degree_t > 0)
+        spin_sh_fold(r->degree_t, dt, length, sh, out);
+    else
+        memcpy(out, sh, 3 * (size_t)((r->degree + 1) * (r->degree + 1)) * sizeof *out);
+}
+
+/* ---- Degrees --------------------------------------------------------------------------------- */
+
+/* Degree of the spatial part for a number of SH and whether some for the cosines follow; false for a
+ * number that no setting gives. */
+static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
+{
+    for (int d = 0; d <= 3; d++) {
+        int n = (d + 1) * (d + 1);
+        /* Allocated when neither option is set; those beyond the spatial ones are never used. */
+        static const int unused[] = {1, 6, 16, 33};
+
+        if (n_sh == 16 && told != 2 && d == 2) /* 16 is degree 3, unless cfg_args says otherwise */
+            continue;
+        if (n_sh == n || n_sh == 3 * n || n_sh == unused[d]) {
+            *degree = d;
+            *in_time = n_sh == 3 * n && n_sh != unused[d];
+            return true;
+        }
+    }
+    return false;
+}
+
+static spin_status read_degree(const struct spin_value *v, const char *what, int largest, int *out)
+{
+    double value = -1;
+
+    if (!spin_value_number(v, &value) || value != floor(value) || value < 0 || value > largest)
+        return spin_fail(SPIN_E_MALFORMED, "%s is %s %g, expected 0 to %d", what,
+                         spin_chkpnt_kind(v), value, largest);
+    *out = (int)value;
+    return SPIN_OK;
+}
+
+static spin_status find_degrees(struct rows *r, double told)
+{
+    bool in_time = false;
+    int most = 0;
+
+    if (!sh_to_degree(r->n_sh, told, &most, &in_time))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "features_dc and features_rest have %d rows of SH together, which no "
+                         "degree has",
+                         r->n_sh);
+    if (r->swapped) {
+        r->degree = most;
+        r->degree_t = in_time && r->moving ? 2 : 0;
+    } else {
+        SPIN_TRY(read_degree(r->part[R4_ACTIVE], "the active SH degree", 3, &r->degree));
+        if (r->moving)
+            SPIN_TRY(read_degree(r->part[R4_ACTIVE_T], "the active temporal SH degree", 2,
+                                 &r->degree_t));
+    }
+    r->degree = r->degree < most ? r->degree : most;
+    /* The renderer reaches the cosines only behind the spatial degree 3. */
+    if (!in_time || r->degree < 3)
+        r->degree_t = 0;
+    return SPIN_OK;
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+/* Reads all tensors, SH on demand, with the SH degree that cfg_args tells. No rows at all are no error. */
+static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
+{
+    static const int64_t places[2] = {-1, 3};
+    const struct spin_value *rot_4d = r->part[R4_ROT_4D], *right = r->part[R4_ROTATION_R];
+    bool has_right = right && right->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(right);
+    double told = -1;
+    struct spin_array t;
+
+    SPIN_TRY(bind(m, r, R4_XYZ, 2, places, &t));
+    r->n = (size_t)t.shape[0];
+    if (r->n == 0)
+        return SPIN_OK;
+    r->rot_4d = r->moving && (rot_4d ? rot_4d->integer != 0 : has_right);
+    if (r->rot_4d && !has_right)
+        return spin_fail(SPIN_E_MALFORMED, "rot_4d is true, but the right quaternions are empty");
+    SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "sh_degree", &told));
+    if (with_sh) {
+        SPIN_TRY(bind_sh(m, r));
+        SPIN_TRY(find_degrees(r, told));
+    }
+    for (int p = 0; p < R4_N_PARTS; p++) { /* values need not be finite */
+        int64_t shape[2] = {(int64_t)r->n, all[p].width};
+
+        if (all[p].width == 0 || (p >= R4_T && !r->moving) || (p == R4_ROTATION_R && !r->rot_4d))
+            continue;
+        SPIN_TRY(bind(m, r, p, 2, shape, &t));
+        SPIN_TRY(spin_model_scratch(m, r->n, (size_t)all[p].width * sizeof(float),
+                                    (void **)&r->column[p]));
+        spin_array_to_f32(&t, 0, t.count, r->column[p]);
+    }
+    return SPIN_OK;
+}
+
+/* ---- Gaussians ------------------------------------------------------------------------------- */
+
+/* A row with rot_4d at any time. */
+static void r4_slice(const struct rows *r, size_t i, bool older, spin_slice *out)
+{
+    double left[4], right[4], scale[4], a[16];
+
+    for (size_t k = 0; k < 4; k++) {
+        left[k] = r->column[R4_ROTATION][4 * i + k];
+        right[k] = r->column[R4_ROTATION_R][4 * i + k];
+        scale[k] = exp(k < 3 ? r->column[R4_SCALING][3 * i + k] : r->column[R4_SCALING_T][i]);
+    }
+    spin_rotation4_of_pair(left, right, older, a);
+    spin_slice_of(a, scale, out);
+}
+
+static void add_row(const struct rows *r, size_t i, size_t row, const struct reading *reading,
+                    struct gaussian4d *gaussians)
+{
+    static const double still[3] = {0, 0, 0};
+    double opacity = spin_sigmoid_of(r->column[R4_OPACITY][i]), log_scale[3], quat[4];
+
+    if (r->rot_4d) {
+        spin_slice s;
+
+        r4_slice(r, i, reading->older, &s);
+        spin_gaussian4d_add_slice(gaussians, row, r->column[R4_XYZ] + 3 * i, r->column[R4_T][i],
+                                  opacity, &s, reading->extra);
+        return;
+    }
+    spin_unit_quat(r->column[R4_ROTATION] + 4 * i, quat);
+    for (int k = 0; k < 3; k++) {
+        log_scale[k] = r->column[R4_SCALING][3 * i + (size_t)k];
+        quat[k + 1] = reading->transposed ? -quat[k + 1] : quat[k + 1];
+    }
+    /* Here the exponential is the variance itself. */
+    spin_gaussian4d_add(gaussians, row, r->column[R4_XYZ] + 3 * i,
+                        r->moving ? r->column[R4_T][i] : 0, opacity, still,
+                        r->moving ? exp(r->column[R4_SCALING_T][i]) + reading->extra : ALL_TIMES,
+                        log_scale, quat);
+}
+
+static bool has_finite_sh(const struct rows *r, size_t i)
+{
+    float sh[MAX_SH];
+
+    r4_sh(r, i, sh);
+    for (int k = 0; k < 3 * r->n_sh; k++) {
+        if (!isfinite(sh[k]))
+            return false;
+    }
+    return true;
+}
+
+/* Adds all rows, the first as `row`; what is not finite is counted as dropped. Those that do not move are
+ * there at all times. Returns how many are nearly transparent. */
+static size_t r4_add(const struct rows *r, size_t row, const struct reading *reading,
+                     struct gaussian4d *gaussians)
+{
+    size_t n_faint = 0;
+
+    for (size_t i = 0; i < r->n; i++) {
+        if (r->n_sh > 0 && !has_finite_sh(r, i)) {
+            gaussians->n_dropped++;
+            continue;
+        }
+        n_faint += spin_sigmoid_of(r->column[R4_OPACITY][i]) < SPIN_FAINT;
+        add_row(r, i, row + i, reading, gaussians);
+    }
+    return n_faint;
+}
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+/* ", iteration 30000", or nothing. */
+static const char *r4_iteration(const struct rows *r, char text[48])
+{
+    text[0] = '\0';
+    if (r->iteration >= 0)
+        snprintf(text, 48, ", iteration %.0f", r->iteration);
+    return text;
+}
+
+/* Notes times that were guessed, and an environment map. */
+static void r4_note(const struct rows *r, const struct clip_times *times,
+                    struct spin_sequence_info *sequence)
+{
+    const struct spin_value *env = r->part[R4_ENV_MAP];
+
+    if (times->guessed)
+        spin_note(sequence,
+                  "time_duration is not in the run's folder: assumed %g,%g, as the Gaussians' "
+                  "own times run%s; --time-duration or --config sets it",
+                  times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
+    if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
+        spin_note(sequence,
+                  "the environment map is not imported: windows and far background are missing");
+}
+
+/* ---- Realtime-4DGS --------------------------------------------------------------------------- */
+
+struct realtime_model {
     struct spin_model base;
-    struct realtime4dgs rows;
-    struct realtime4dgs_reading reading;
+    struct rows rows;
+    struct reading reading;
     bool stale;
     double ratio; /* the data set's times over the file's */
     struct clip_times times;
@@ -32,7 +469,7 @@ static bool begins_like_ours(const struct spin_peek *peek)
            memcmp(at + 5, parameter, sizeof parameter - 1) == 0;
 }
 
-static int probe(const struct spin_peek *peek)
+static int realtime_probe(const struct spin_peek *peek)
 {
     bool named = spin_chkpnt_iteration(spin_path_name(peek->path)) >= 0;
 
@@ -52,7 +489,7 @@ static int probe(const struct spin_peek *peek)
 /* ---- Shapes ---------------------------------------------------------------------------------- */
 
 /* Median of the largest standard deviation in space over at most a few thousand Gaussians. */
-static double median_extent(const struct realtime4dgs *rows, bool older)
+static double median_extent(const struct rows *rows, bool older)
 {
     enum { MOST = 4096 };
     static const double unusable = 1e300;
@@ -63,7 +500,7 @@ static double median_extent(const struct realtime4dgs *rows, bool older)
         double value[3], vector[9], largest = 0;
         spin_slice s;
 
-        spin_realtime4dgs_slice(rows, i, older, &s);
+        r4_slice(rows, i, older, &s);
         if (!spin_eigen3(s.cov6, value, vector))
             largest = unusable;
         for (int k = 0; k < 3 && largest < unusable; k++)
@@ -76,18 +513,17 @@ static double median_extent(const struct realtime4dgs *rows, bool older)
 
 /* Under the wrong convention the long time axis of static Gaussians lies in space, so the right one
  * has the smaller ellipsoids. */
-static spin_status choose_convention(struct model *m)
+static spin_status choose_convention(struct realtime_model *m)
 {
-    const char *asked = spin_plugin_value(m->base.values, "convention", "auto");
+    enum { AUTO, TODAY, OLDER };
     struct spin_sequence_info *sequence = m->base.sequence;
     double today = median_extent(&m->rows, false), older = median_extent(&m->rows, true);
     bool hint = older < 0.95 * today;
+    int asked;
 
-    if (strcmp(asked, "auto") != 0 && strcmp(asked, "today") != 0 && strcmp(asked, "older") != 0)
-        return spin_fail(SPIN_E_USAGE, "--convention is '%s', expected auto, today or older",
-                         asked);
-    m->reading.older = strcmp(asked, "auto") == 0 ? hint : strcmp(asked, "older") == 0;
-    if (strcmp(asked, "auto") == 0)
+    SPIN_TRY(spin_option_word(m->base.values, "convention", "auto|today|older", &asked));
+    m->reading.older = asked == AUTO ? hint : asked == OLDER;
+    if (asked == AUTO)
         spin_note(sequence,
                   "the rotation convention is not in the file: assumed the one used %s September "
                   "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); "
@@ -105,7 +541,7 @@ static spin_status choose_convention(struct model *m)
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* Once OMG4's networks exist they draw, and SH and opacities in its checkpoints are leftovers. */
-static bool is_stale(const struct realtime4dgs *r)
+static bool is_stale(const struct rows *r)
 {
     const struct spin_value *groups = spin_value_get(r->part[R4_OPTIMIZER], "param_groups");
 
@@ -119,13 +555,13 @@ static bool is_stale(const struct realtime4dgs *r)
 }
 
 /* Rows of the cosines that are all 0 tell a run whose gradients were lost (issue 50 upstream). */
-static bool cosines_are_zero(const struct model *m)
+static bool cosines_are_zero(const struct realtime_model *m)
 {
-    float sh[REALTIME4DGS_SH];
+    float sh[MAX_SH];
 
     for (size_t k = 0; k < m->gaussians.n; k++) {
-        spin_realtime4dgs_sh(&m->rows, m->gaussians.row[k], sh);
-        for (int i = 48; i < REALTIME4DGS_SH; i++) {
+        r4_sh(&m->rows, m->gaussians.row[k], sh);
+        for (int i = 48; i < MAX_SH; i++) {
             if (sh[i] != 0)
                 return false;
         }
@@ -133,17 +569,17 @@ static bool cosines_are_zero(const struct model *m)
     return true;
 }
 
-static void describe(const struct model *m)
+static void realtime_describe(const struct realtime_model *m)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
-    const struct realtime4dgs *r = &m->rows;
+    const struct rows *r = &m->rows;
     char iteration[48];
 
     if (m->stale)
         spin_note(sequence,
                   "a checkpoint of OMG4, whose colours and opacities live in networks that "
                   "are not in it: geometry only; import comp.xz for the rest");
-    spin_realtime4dgs_note(r, &m->times, sequence);
+    r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
     if (!m->stale && r->degree_t > 0 && cosines_are_zero(m))
@@ -156,15 +592,14 @@ static void describe(const struct model *m)
         sequence->sh_degree = -1;
     }
     snprintf(sequence->variant, sizeof sequence->variant,
-             "Realtime-4DGS%s, %zu Gaussians, %s, SH degree %d%s",
-             spin_realtime4dgs_iteration(r, iteration), r->n,
+             "Realtime-4DGS%s, %zu Gaussians, %s, SH degree %d%s", r4_iteration(r, iteration), r->n,
              !r->moving  ? "static (3D)"
              : r->rot_4d ? "rot_4d"
                          : "no rot_4d",
              r->degree, r->degree_t > 0 ? " with time" : "");
 }
 
-static spin_status read_rows(struct model *m)
+static spin_status realtime_read_rows(struct realtime_model *m)
 {
     const struct run_config *settings = &m->base.settings;
     double extra = 0;
@@ -174,7 +609,7 @@ static spin_status read_rows(struct model *m)
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
     m->stale = is_stale(&m->rows);
-    SPIN_TRY(spin_realtime4dgs_read(&m->base, !m->stale, &m->rows));
+    SPIN_TRY(r4_read(&m->base, !m->stale, &m->rows));
     if (m->rows.n == 0)
         return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
     if (m->rows.rot_4d)
@@ -182,7 +617,7 @@ static spin_status read_rows(struct model *m)
     m->reading.transposed = !m->rows.rot_4d && m->rows.moving &&
                             spin_yaml_bool(settings, "compute_cov3D_python", false);
     SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->rows.n));
-    n_faint = spin_realtime4dgs_add(&m->rows, 0, &m->reading, &m->gaussians);
+    n_faint = r4_add(&m->rows, 0, &m->reading, &m->gaussians);
     m->gaussians.sh_degree = m->rows.degree;
     SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->rows.n, m->stale ? 0 : n_faint,
                                    "values that are not finite", m->base.sequence));
@@ -192,60 +627,60 @@ static spin_status read_rows(struct model *m)
     return SPIN_OK;
 }
 
-static spin_status open_checkpoint(struct model *m)
+static spin_status realtime_open_checkpoint(struct realtime_model *m)
 {
     struct spin_model *base = &m->base;
     int rule;
 
     SPIN_TRY(spin_option_word(base->values, "cull", "time|none", &rule));
-    m->gaussians.least_weight = rule == 1 ? -1 : REALTIME4DGS_LEAST_WEIGHT;
+    m->gaussians.least_weight = rule == 1 ? -1 : LEAST_WEIGHT;
     SPIN_TRY(spin_torch_open(base->path, &base->torch));
-    SPIN_TRY(spin_realtime4dgs_parts(base->torch.root, &m->rows));
+    SPIN_TRY(r4_parts(base->torch.root, &m->rows));
     SPIN_TRY(spin_run_config_open(base->path, spin_model_option(base, "config"), "time_duration",
                                   &base->settings));
-    SPIN_TRY(read_rows(m));
+    SPIN_TRY(realtime_read_rows(m));
     if (m->rows.moving)
         SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
-                                       m->gaussians.time, m->gaussians.n, m->ratio,
-                                       REALTIME4DGS_SPREAD, &m->times));
-    describe(m);
+                                       m->gaussians.time, m->gaussians.n, m->ratio, SPREAD,
+                                       &m->times));
+    realtime_describe(m);
     return SPIN_OK;
 }
 
-static spin_status open_model(void *self, const char *path)
+static spin_status realtime_open_run(void *self, const char *path)
 {
-    struct model *m = self;
+    struct realtime_model *m = self;
 
     SPIN_TRY(spin_chkpnt_find(&m->base, path));
     if (!m->base.path)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth", path);
-    return spin_fail_reading(open_checkpoint(m), m->base.path);
+    return spin_fail_reading(realtime_open_checkpoint(m), m->base.path);
 }
 
-SPIN_MODEL_OPEN(realtime4dgs_open, struct model, open_model)
+SPIN_MODEL_OPEN(realtime4dgs_open, struct realtime_model, realtime_open_run)
 
 /* ---- One time -------------------------------------------------------------------------------- */
 
-static void colour(const void *model, size_t i, double dt, float *out)
+static void realtime_colour(const void *model, size_t i, double dt, float *out)
 {
-    const struct model *m = model;
+    const struct realtime_model *m = model;
 
-    spin_realtime4dgs_colours(&m->rows, m->gaussians.row[i], dt,
-                              (m->times.last - m->times.first) / m->ratio, out);
+    r4_colours(&m->rows, m->gaussians.row[i], dt, (m->times.last - m->times.first) / m->ratio, out);
 }
 
 static spin_status realtime4dgs_frame(void *self, int frame, double time, unsigned columns,
                                       struct spin_splats *out)
 {
-    struct model *m = self;
+    struct realtime_model *m = self;
 
     if (m->stale)
         columns &= SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES;
     return spin_gaussian4d_frame(&m->base, &m->gaussians, frame,
-                                 m->rows.moving ? time / m->ratio : 0, columns, colour, out);
+                                 m->rows.moving ? time / m->ratio : 0, columns, realtime_colour,
+                                 out);
 }
 
-static const struct spin_plugin_option options[] = {
+static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
     {"convention", "WORD", "of rotations: auto, today, or older (before 2024-09)", "auto"},
@@ -259,9 +694,223 @@ const struct spin_importer spin_importer_realtime4dgs = {
     .name = "realtime4dgs",
     .summary = "Realtime-4DGS: chkpnt<N>.pth, or the folder it lies in",
     .upstream = "fudan-zvg/4d-gaussian-splatting 63725f2",
-    .options = options,
-    .probe = probe,
+    .options = realtime_options,
+    .probe = realtime_probe,
     .open = realtime4dgs_open,
     .frame = realtime4dgs_frame,
+    .close = spin_model_close,
+};
+
+/* ---- Hybrid 3D-4DGS -------------------------------------------------------------------------- */
+
+enum { N_ITEMS = 28 };
+
+/* The two halves, in the order of the method's renderer. */
+enum { MOVING, STILL, N_HALVES };
+
+struct hybrid_model {
+    struct spin_model base;
+    struct rows half[N_HALVES];
+    struct gaussian4d gaussians; /* of both halves; rows count on from one to the other */
+    size_t n_moving;             /* of them */
+    double ratio;                /* the data set's times over the file's */
+    struct clip_times times;
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+static int hybrid_probe(const struct spin_peek *peek)
+{
+    /* A group of a checkpoint's optimiser; two options of cfg_args, of which one is the method's own. */
+    if (spin_peek_says(peek, "static_xyz") && spin_peek_says(peek, "scaling_t"))
+        return 95;
+    return peek->is_folder && spin_peek_says(peek, "from3dgs=") &&
+                   spin_peek_says(peek, "start_timestamp=")
+               ? 95
+               : 0;
+}
+
+/* ---- The halves ------------------------------------------------------------------------------ */
+
+static spin_status take_parts(const struct spin_value *root, struct hybrid_model *m)
+{
+    struct rows *moving = &m->half[MOVING], *still = &m->half[STILL];
+    const struct spin_value *model, *rot_4d;
+
+    still->who = "static ";
+    moving->iteration = -1;
+    if (spin_value_get(root, "scaling_t") && spin_value_get(root, "static_xyz")) {
+        r4_loaded(root, "", moving);
+        r4_loaded(root, "static_", still);
+        moving->moving = true;
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_chkpnt_model(root, N_ITEMS, "Hybrid 3D-4DGS", &model, &moving->iteration));
+    r4_items(model, moving);
+    rot_4d = moving->part[R4_ROT_4D];
+    if (!rot_4d || rot_4d->kind != SPIN_VALUE_BOOL)
+        return spin_fail(SPIN_E_MALFORMED, "item 16 (rot_4d) is %s, expected a bool",
+                         spin_chkpnt_kind(rot_4d));
+    still->part[R4_ACTIVE] = moving->part[R4_ACTIVE];
+    for (int p = R4_XYZ; p <= R4_OPACITY; p++)
+        still->part[p] = spin_value_at(model, (size_t)(19 + p - R4_XYZ));
+    return SPIN_OK;
+}
+
+/* A half without Gaussians is None, or empty tensors of any shape; all of them. */
+static spin_status check_nothing(const struct rows *r)
+{
+    const char *who = r->who ? r->who : "";
+
+    for (int p = R4_DC; p <= R4_SCALING_T; p++) {
+        if (!r4_lacks(r, p))
+            return spin_fail(SPIN_E_MALFORMED, "%s%s is not empty, but %sxyz is", who, all[p].name,
+                             who);
+    }
+    return SPIN_OK;
+}
+
+static spin_status hybrid_read_rows(struct hybrid_model *m)
+{
+    const struct rows *moving = &m->half[MOVING], *still = &m->half[STILL];
+
+    for (int h = 0; h < N_HALVES; h++) {
+        if (r4_lacks(&m->half[h], R4_XYZ))
+            SPIN_TRY(check_nothing(&m->half[h]));
+        else
+            SPIN_TRY(r4_read(&m->base, true, &m->half[h]));
+    }
+    if (moving->n == 0 && still->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+    m->gaussians.sh_degree = moving->n > 0 ? moving->degree : still->degree;
+    if (moving->n == 0 || still->n == 0)
+        return SPIN_OK;
+    if (moving->n_sh != still->n_sh)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "dynamic Gaussians have %d rows of SH and static ones %d, expected the "
+                         "same",
+                         moving->n_sh, still->n_sh);
+    if (!moving->rot_4d)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "there are static Gaussians, which are made of 4-D rotations, but rot_4d "
+                         "is false");
+    return SPIN_OK;
+}
+
+static spin_status add_rows(struct hybrid_model *m)
+{
+    static const struct reading reading = {false, false, 0};
+    struct spin_sequence_info *sequence = m->base.sequence;
+    size_t n_moving = m->half[MOVING].n, n_still = m->half[STILL].n, n_faint, n_dropped;
+
+    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, n_moving + n_still));
+    n_faint = r4_add(&m->half[MOVING], 0, &reading, &m->gaussians);
+    m->n_moving = m->gaussians.n;
+    n_dropped = m->gaussians.n_dropped;
+    n_faint += r4_add(&m->half[STILL], n_moving, &reading, &m->gaussians);
+    if (n_dropped > 0)
+        spin_note(sequence, "%zu of %zu dynamic Gaussians are dropped: values that are not finite",
+                  n_dropped, n_moving);
+    if (m->gaussians.n_dropped > n_dropped)
+        spin_note(
+            sequence,
+            "%zu of %zu static Gaussians are dropped: values that are not finite; the method's "
+            "own conversion makes such rotations, and its renderer skips them",
+            m->gaussians.n_dropped - n_dropped, n_still);
+    return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static void hybrid_describe(const struct hybrid_model *m)
+{
+    const struct rows *moving = &m->half[MOVING];
+    struct spin_sequence_info *sequence = m->base.sequence;
+    char iteration[48];
+
+    spin_gaussian4d_describe(&m->gaussians, &m->times, sequence);
+    sequence->continuous = m->n_moving > 0;
+    sequence->counts = m->n_moving > 0 ? NULL : &m->gaussians.n;
+    snprintf(sequence->variant, sizeof sequence->variant,
+             "Hybrid 3D-4DGS%s, %zu dynamic and %zu static Gaussians, SH degree %d%s",
+             r4_iteration(moving, iteration), moving->n, m->half[STILL].n, m->gaussians.sh_degree,
+             moving->degree_t > 0 ? " with time" : "");
+    r4_note(moving, &m->times, sequence);
+}
+
+static spin_status hybrid_open_checkpoint(struct hybrid_model *m)
+{
+    struct spin_model *base = &m->base;
+
+    SPIN_TRY(spin_torch_open(base->path, &base->torch));
+    SPIN_TRY(take_parts(base->torch.root, m));
+    SPIN_TRY(spin_run_config_open(base->path, spin_model_option(base, "config"), "time_duration",
+                                  &base->settings));
+    SPIN_TRY(spin_run_config_ratio(&base->settings, &m->ratio));
+    SPIN_TRY(hybrid_read_rows(m));
+    SPIN_TRY(add_rows(m));
+    if (m->n_moving > 0)
+        SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
+                                       m->gaussians.time, m->n_moving, m->ratio, SPREAD,
+                                       &m->times));
+    hybrid_describe(m);
+    return SPIN_OK;
+}
+
+static spin_status hybrid_open_run(void *self, const char *path)
+{
+    struct hybrid_model *m = self;
+
+    m->gaussians.least_weight = LEAST_WEIGHT;
+    SPIN_TRY(spin_chkpnt_find(&m->base, path));
+    if (!m->base.path)
+        return spin_fail(
+            SPIN_E_NOT_FOUND, "'%s' holds no chkpnt<N>.pth%s", path,
+            spin_model_holds(path, "point_cloud")
+                ? "; its point_cloud.ply cannot replace it: it has the dynamic half only, "
+                  "without times and "
+                  "turned wrong, and cannot stand for it"
+                : "");
+    return spin_fail_reading(hybrid_open_checkpoint(m), m->base.path);
+}
+
+SPIN_MODEL_OPEN(hybrid4dgs_open, struct hybrid_model, hybrid_open_run)
+
+/* ---- One time -------------------------------------------------------------------------------- */
+
+static void hybrid_colour(const void *model, size_t i, double dt, float *out)
+{
+    const struct hybrid_model *m = model;
+    size_t row = m->gaussians.row[i], n_moving = m->half[MOVING].n;
+    bool still = row >= n_moving;
+
+    r4_colours(&m->half[still ? STILL : MOVING], still ? row - n_moving : row, dt,
+               (m->times.last - m->times.first) / m->ratio, out);
+}
+
+static spin_status hybrid4dgs_frame(void *self, int frame, double time, unsigned columns,
+                                    struct spin_splats *out)
+{
+    struct hybrid_model *m = self;
+
+    time = m->n_moving > 0 ? time / m->ratio : 0;
+    return spin_gaussian4d_frame(&m->base, &m->gaussians, frame, time, columns, hybrid_colour, out);
+}
+
+static const struct spin_plugin_option hybrid_options[] = {
+    {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
+    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_hybrid4dgs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "hybrid4dgs",
+    .summary = "Hybrid 3D-4DGS: chkpnt<N>.pth, or the folder it lies in",
+    .upstream = "ohsngjun/3D-4DGS 9528828",
+    .options = hybrid_options,
+    .probe = hybrid_probe,
+    .open = hybrid4dgs_open,
+    .frame = hybrid4dgs_frame,
     .close = spin_model_close,
 };

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/option.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
@@ -255,17 +256,17 @@ static long first_frame(struct cfg_span path)
 static spin_status read_duration(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
-    const char *given = spin_model_option(&m->base, "duration");
+    struct cfg_span given = spin_model_given(&m->base, "duration");
     double n = 0;
 
     SPIN_TRY(spin_cfg_read_number(cfg, "duration", &n));
-    if (given && !spin_cfg_number((struct cfg_span){given, given + strlen(given)}, &n))
+    if (given.at && !spin_cfg_number(given, &n))
         n = -1;
     m->duration = n;
-    if ((n >= 1 && n <= 1e6 && n == floor(n)) || (n == 0 && !given))
+    if ((n >= 1 && n <= 1e6 && n == floor(n)) || (n == 0 && !given.at))
         return SPIN_OK;
-    if (given)
-        return spin_fail(SPIN_E_USAGE, "--duration '%s': expected a number of frames", given);
+    if (given.at)
+        return spin_fail(SPIN_E_USAGE, "--duration '%s': expected a number of frames", given.at);
     return spin_fail(SPIN_E_MALFORMED, "'%s': 'duration' is %g, expected a number of frames",
                      cfg->path, n);
 }
@@ -273,21 +274,21 @@ static spin_status read_duration(struct model *m)
 static spin_status read_ending(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
-    const char *given = spin_model_option(&m->base, "rgb-function");
     struct cfg_span s = spin_cfg_get(cfg, "rgbfunction");
+    int ending;
 
-    if (given)
-        s = (struct cfg_span){given, given + strlen(given)};
-    else if (s.at && s.end - s.at > 2) /* its quotes */
+    if (spin_model_option(&m->base, "rgb-function")) {
+        SPIN_TRY(spin_option_word(m->base.values, "rgb-function",
+                                  "sandwich|sandwichnoact|sandwichnoactss", &ending));
+        m->ending = ending;
+        return SPIN_OK;
+    }
+    if (s.at && s.end - s.at > 2) /* its quotes */
         s = (struct cfg_span){s.at + 1, s.end - 1};
     for (m->ending = 0; m->ending < N_ENDINGS; m->ending++) {
         if (spin_cfg_is(s, endings[m->ending]))
             return SPIN_OK;
     }
-    if (given)
-        return spin_fail(SPIN_E_USAGE,
-                         "--rgb-function '%s': expected sandwich, sandwichnoact or sandwichnoactss",
-                         given);
     return spin_fail(
         SPIN_E_UNSUPPORTED,
         "'%s': a full model, and %s%s how its colours end: say --rgb-function sandwich "
@@ -337,12 +338,14 @@ static spin_status find_cameras(const char *path, const char *save, struct model
 /* What the full model's colours become: of the network, or without it the base colours. */
 static spin_status settle_colours(const char *path, const char *save, struct model *m)
 {
-    const char *colour = spin_plugin_value(m->base.values, "colour", "auto");
-    bool base = strcmp(colour, "base") == 0, views = strcmp(colour, "views") == 0;
+    enum { AUTO, VIEWS, BASE };
+    int rule;
+    bool base, views;
     const char *lack = "was asked for", *cloud = m->base.path;
 
-    if (!base && !views && strcmp(colour, "auto") != 0)
-        return spin_fail(SPIN_E_USAGE, "--colour '%s': expected auto, views or base", colour);
+    SPIN_TRY(spin_option_word(m->base.values, "colour", "auto|views|base", &rule));
+    base = rule == BASE;
+    views = rule == VIEWS;
     if (!m->full)
         return views ? spin_fail(SPIN_E_USAGE, "--colour views: '%s' is of a lite model", cloud)
                      : SPIN_OK;

@@ -9,6 +9,7 @@
 #include <limits.h>
 #include <string.h>
 
+#include "base/option.h"
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -407,11 +408,10 @@ static spin_status open_spz_clip(void *self, const char *path)
     static const struct format format = {".spz", "SPZ", open_spz, read_spz};
     static const double half_about_x[4] = {0, 1, 0, 0};
     struct clip *clip = self;
-    const char *axes = spin_plugin_value(clip->base.values, "axes", "source");
+    int axes;
 
-    if (strcmp(axes, "source") != 0 && strcmp(axes, "rub") != 0)
-        return spin_fail(SPIN_E_USAGE, "--axes '%s': expected source or rub", axes);
-    clip->turn = strcmp(axes, "rub") == 0 ? half_about_x : NULL;
+    SPIN_TRY(spin_option_word(clip->base.values, "axes", "source|rub", &axes));
+    clip->turn = axes == 1 ? half_about_x : NULL;
     return open_clip(clip, &format, path);
 }
 
@@ -534,11 +534,10 @@ static spin_status open_glb_clip(void *self, const char *path)
     static const struct format format = {".glb", "GLB", open_glb, read_glb};
     static const double half_about_z[4] = {0, 0, 0, 1};
     struct clip *clip = self;
-    const char *axes = spin_plugin_value(clip->base.values, "axes", "gltf");
+    int axes;
 
-    if (strcmp(axes, "gltf") != 0 && strcmp(axes, "source") != 0)
-        return spin_fail(SPIN_E_USAGE, "--axes '%s': expected gltf or source", axes);
-    clip->turn = strcmp(axes, "gltf") == 0 ? half_about_z : NULL;
+    SPIN_TRY(spin_option_word(clip->base.values, "axes", "gltf|source", &axes));
+    clip->turn = axes == 0 ? half_about_z : NULL;
     return open_clip(clip, &format, path);
 }
 

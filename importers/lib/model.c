@@ -55,6 +55,37 @@ const char *spin_model_option(const struct spin_model *m, const char *key)
     return spin_plugin_value(m->values, key, NULL);
 }
 
+struct cfg_span spin_model_given(const struct spin_model *m, const char *key)
+{
+    const char *text = spin_model_option(m, key);
+
+    return (struct cfg_span){text, text ? text + strlen(text) : NULL};
+}
+
+spin_status spin_model_bool(const struct spin_model *m, const char *option, const char *key,
+                            bool *out)
+{
+    struct cfg_span given = spin_model_given(m, option);
+
+    if (!given.at)
+        return spin_cfg_read_bool(&m->settings.cfg, key, out);
+    return spin_cfg_bool(given, out)
+               ? SPIN_OK
+               : spin_fail(SPIN_E_USAGE, "--%s '%s': expected true or false", option, given.at);
+}
+
+spin_status spin_model_number(const struct spin_model *m, const char *option, const char *key,
+                              double *out)
+{
+    struct cfg_span given = spin_model_given(m, option);
+
+    if (!given.at)
+        return spin_cfg_read_number(&m->settings.cfg, key, out);
+    return spin_cfg_number(given, out)
+               ? SPIN_OK
+               : spin_fail(SPIN_E_USAGE, "--%s '%s': expected a number", option, given.at);
+}
+
 spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out)
 {
     return spin_arena_take(&m->arena, count, size, out);

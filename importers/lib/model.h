@@ -42,8 +42,14 @@ spin_status spin_model_open(const char *path, const struct spin_plugin_values *v
 void spin_model_close(void *self);
 void spin_model_clear(struct spin_model *m);
 
-/* The value of an option, or NULL. */
+/* The value of an option, or NULL; the same as a value of cfg_args. */
 const char *spin_model_option(const struct spin_model *m, const char *key);
+struct cfg_span spin_model_given(const struct spin_model *m, const char *key);
+/* What the option says, else `key` of cfg_args, else nothing: *out keeps its value. */
+spin_status spin_model_bool(const struct spin_model *m, const char *option, const char *key,
+                            bool *out);
+spin_status spin_model_number(const struct spin_model *m, const char *option, const char *key,
+                              double *out);
 /* Zeroed, as long as the model lives. */
 spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out);
 /* Until open() is over. */

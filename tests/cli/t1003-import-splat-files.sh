@@ -37,7 +37,7 @@ is "$(box)" "$(echo "$plain" | awk -F, '{ print (-$4) "," (-$5) "," $3 "," (-$1)
 for from in spz gltf; do
     run "$bin/spin-import" --from $from --axes xyz "$files/spz3" -o "$work/never.spin"
     fails 2 spin-import "$from: other axes"
-    err_has "axes 'xyz'" "$from: they are named"
+    err_has "option 'axes' is 'xyz'" "$from: they are named"
 done
 nothing_at "$work/never" "nothing was written"
 
