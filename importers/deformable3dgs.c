@@ -50,50 +50,6 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-static bool ends_in_parameter(const char *key, size_t n_stem)
-{
-    return strcmp(key + n_stem, ".weight") == 0 || strcmp(key + n_stem, ".bias") == 0;
-}
-
-static bool is_known(const char *key)
-{
-    static const char *const stems[] = {"timenet.0",       "timenet.2", "gaussian_warp",
-                                        "branch_w",        "branch_v",  "gaussian_rotation",
-                                        "gaussian_scaling"};
-    size_t n = strlen("linear.");
-
-    for (size_t i = 0; i < sizeof stems / sizeof *stems; i++)
-        if (strncmp(key, stems[i], strlen(stems[i])) == 0 &&
-            ends_in_parameter(key, strlen(stems[i])))
-            return true;
-    return strncmp(key, "linear.", n) == 0 && strspn(key + n, "0123456789") > 0 &&
-           ends_in_parameter(key, n + strspn(key + n, "0123456789"));
-}
-
-/* Methods built on this one keep its folders and add heads: those would change the result. */
-static spin_status check_keys(const struct spin_value *root)
-{
-    if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
-        root->item[1]->kind == SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from "
-                         "dash");
-    if (root->kind != SPIN_VALUE_DICT)
-        return spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict");
-    for (size_t i = 0; i < root->n; i++) {
-        const char *key = spin_value_text(root->item[2 * i]);
-
-        if (!key)
-            return spin_fail(SPIN_E_MALFORMED, "a state dict with a key that is not text");
-        if (!is_known(key))
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' does not belong to this method: the run may be of one "
-                             "derived from it",
-                             key);
-    }
-    return SPIN_OK;
-}
-
 /* linear.0 [W, I], then [W, W] but for one [W, I + W]. */
 static spin_status load_layers(struct model *m)
 {
@@ -171,10 +127,20 @@ static spin_status load_network(struct spin_model *base)
                  {"branch_v", 3, &m->screw_v},
                  {"gaussian_rotation", 4, &m->rotation},
                  {"gaussian_scaling", 3, &m->scaling}};
+    static const char *const known[] = {
+        "linear.",   "timenet.0.", "timenet.2.",         "gaussian_warp.",
+        "branch_w.", "branch_v.",  "gaussian_rotation.", "gaussian_scaling.",
+        NULL};
+    const struct spin_value *root = base->torch.root;
     bool warp;
 
-    SPIN_TRY(check_keys(base->torch.root));
+    if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
+        root->item[1]->kind == SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from "
+                         "dash");
     SPIN_TRY(spin_model_dict(base));
+    SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(load_layers(m));
     SPIN_TRY(load_time(m));
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;

@@ -191,30 +191,6 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
                      n, stem, depth);
 }
 
-/* Methods built on this one may add to its network, which would change the result. */
-static spin_status check_keys(const struct spin_model *m)
-{
-    for (size_t i = 0; i < m->tensors->n; i++) {
-        const char *key = spin_value_text(m->tensors->item[2 * i]);
-        bool known = false;
-
-        if (key && strncmp(key, m->prefix, strlen(m->prefix)) == 0) {
-            const char *name = key + strlen(m->prefix);
-
-            known = strcmp(name, "weight") == 0 || strcmp(name, "offsets") == 0 ||
-                    strncmp(name, "feature_out_", 12) == 0;
-            for (int h = 0; h < N_HEADS; h++)
-                known = known || strncmp(name, heads[h].tensor, strlen(heads[h].tensor)) == 0;
-        }
-        if (!known)
-            return spin_fail(SPIN_E_UNSUPPORTED,
-                             "tensor '%.80s' does not belong to this method: the run may be of one "
-                             "derived from it",
-                             key ? key : "");
-    }
-    return SPIN_OK;
-}
-
 /* The columns of the first layer that the embedding goes into. */
 static spin_status split_first(struct model *m, struct stage *s)
 {
@@ -290,6 +266,9 @@ static spin_status load_network(struct spin_model *base)
 {
     /* Early files have a word before every key. */
     static const char *const prefixes[] = {"", "deformation_net.", "module."};
+    static const char *const known[] = {"weight",         "offsets",       "feature_out_",
+                                        "pos_deform",     "scales_deform", "rotations_deform",
+                                        "opacity_deform", "rgb_deform",    NULL};
     static const int64_t shape[2] = {-1, -1};
     struct model *m = (struct model *)base;
     struct spin_array info;
@@ -303,7 +282,7 @@ static spin_status load_network(struct spin_model *base)
     }
     if (!found)
         return spin_fail(SPIN_E_MALFORMED, "no tensor 'feature_out_c.0.weight', which E-D3DGS has");
-    SPIN_TRY(check_keys(base));
+    SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(spin_model_floats(base, "weight", 2, shape, &info, &m->table));
     if (info.shape[0] != (uint64_t)m->settings.max_rows || info.shape[1] < 1 ||
         info.shape[1] > MLP_MAX_WIDTH)

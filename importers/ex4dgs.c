@@ -12,7 +12,7 @@
 #include "base/option.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
-#include "importers/lib/keyframes.h"
+#include "math/keyframes.h"
 #include "math/covariance.h"
 #include "math/quat.h"
 
@@ -481,43 +481,7 @@ static spin_status count_properties(const char *path, const struct spin_ply_elem
     return SPIN_OK;
 }
 
-/* All columns' properties, in their order. */
-static spin_status find_properties(const struct spin_ply *ply, const struct spin_ply_element *e,
-                                   const struct part *p, struct spin_ply_target *target)
-{
-    for (int c = 0; c < N_COLUMNS; c++) {
-        for (size_t at = 0; at < width_of(p, c); at++) {
-            char name[64];
-
-            name_property(p, c, (int)at, name);
-            target->property = spin_ply_find(e, name);
-            if (target->property < 0)
-                return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
-                                 ply->path, name);
-            target++;
-        }
-    }
-    return SPIN_OK;
-}
-
-static spin_status read_columns(struct spin_model *m, const struct spin_ply *ply,
-                                const struct spin_ply_element *e, struct part *p,
-                                struct spin_ply_target *target)
-{
-    size_t n = 0;
-
-    p->n = (size_t)e->count;
-    SPIN_TRY(reserve(m, p));
-    for (int c = 0; c < N_COLUMNS; c++) {
-        for (size_t at = 0; at < width_of(p, c); at++, n++) {
-            target[n].out = p->column[c] + at;
-            target[n].step = width_of(p, c);
-        }
-    }
-    spin_ply_columns(ply, e, target, n);
-    return SPIN_OK;
-}
-
+/* All columns, in one pass over the file. */
 static spin_status read_vertices(struct spin_model *m, const struct spin_ply *ply, struct part *p)
 {
     const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
@@ -530,8 +494,23 @@ static spin_status read_vertices(struct spin_model *m, const struct spin_ply *pl
     for (int c = 0; c < N_COLUMNS; c++)
         n += width_of(p, c);
     SPIN_TRY(spin_model_scratch(m, n, sizeof *target, (void **)&target));
-    SPIN_TRY(find_properties(ply, e, p, target));
-    return read_columns(m, ply, e, p, target);
+    p->n = (size_t)e->count;
+    SPIN_TRY(reserve(m, p));
+    n = 0;
+    for (int c = 0; c < N_COLUMNS; c++) {
+        for (size_t at = 0; at < width_of(p, c); at++, n++) {
+            char name[64];
+
+            name_property(p, c, (int)at, name);
+            target[n] =
+                (struct spin_ply_target){spin_ply_find(e, name), p->column[c] + at, width_of(p, c)};
+            if (target[n].property < 0)
+                return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
+                                 ply->path, name);
+        }
+    }
+    spin_ply_columns(ply, e, target, n);
+    return SPIN_OK;
 }
 
 /* From point_cloud.ply or dynamic_point_cloud.ply of a folder. */
@@ -783,7 +762,7 @@ static spin_status ex4dgs_frame(void *self, int frame, double time, unsigned col
                                 struct spin_splats *out)
 {
     struct model *m = self;
-    struct keyframes at;
+    struct keyframes at = {0};
 
     (void)frame;
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

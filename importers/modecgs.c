@@ -31,13 +31,13 @@ struct model {
     struct spin_model base; /* path: of the save */
     size_t n, most;         /* anchors; anchors x offsets */
     int n_offsets, n_features;
-    float *anchor;        /* [n][3] */
-    float *offset;        /* [n][n_offsets][3] */
-    float *feature;       /* [n][n_features] */
-    float *scaling;       /* [n][6] after exp */
-    float *dynamics;      /* [n][2] of the anchor, of what it spawns */
-    bool scaled[N_HEADS]; /* by the dynamics */
-    float *segment;       /* [n_segments] canonical times */
+    float *anchor;               /* [n][3] */
+    float *offset;               /* [n][n_offsets][3] */
+    float *feature;              /* [n][n_features] */
+    float *scaling;              /* [n][6] after exp */
+    float *dynamics;             /* [n][2] of the anchor, of what it spawns */
+    bool scaled[N_HEADS];        /* by the dynamics */
+    float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
     double grid_pe;
     bool still; /* what anchors spawn does not move */
@@ -231,7 +231,6 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
         return spin_fail(SPIN_E_MALFORMED, "'%s' is not a list of 1 to %d times", path,
                          MAX_SEGMENTS);
     model->n_segments = (int)a->count;
-    SPIN_TRY(alloc_floats(model, a->count, 1, &model->segment));
     spin_array_to_f32(a, 0, a->count, model->segment);
     for (int i = 0; i < model->n_segments; i++) {
         if (!isfinite(model->segment[i]))
@@ -244,15 +243,14 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
 static spin_status read_times(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
+    struct spin_map map;
+    struct spin_array a;
     double count = 0;
     const char *path;
+    spin_status status;
 
     SPIN_TRY(spin_model_find(&model->base, &path, model->base.path, "canonical_times.npy"));
     if (path) {
-        struct spin_map map;
-        struct spin_array a;
-        spin_status status;
-
         SPIN_TRY(spin_map_open(path, &map));
         status = spin_npy_parse(path, map.data, map.size, &a);
         if (status == SPIN_OK)
@@ -266,7 +264,6 @@ static spin_status read_times(struct model *model)
                          "'%s' has no canonical_times.npy, and '%s' no usable TIA_num_segments",
                          model->base.path, cfg->path);
     model->n_segments = (int)count;
-    SPIN_TRY(alloc_floats(model, (size_t)model->n_segments, 1, &model->segment));
     for (int i = 0; i < model->n_segments; i++)
         model->segment[i] = (float)i / (float)model->n_segments;
     return SPIN_OK;
@@ -289,15 +286,20 @@ static float canonical_time(const struct model *model, float time)
 
 /* ---- Networks -------------------------------------------------------------------------------- */
 
+static spin_status load_planes(struct model *model, struct hexplane *hex)
+{
+    SPIN_TRY(spin_model_dict(&model->base));
+    if (!spin_hex_find(&model->base))
+        return spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'");
+    return spin_hex_load(&model->base, model->grid_pe, hex);
+}
+
 static spin_status load_global(struct spin_model *base)
 {
     struct model *model = (struct model *)base;
     int n_out[N_HEADS] = {3, model->n_features, 3 * model->n_offsets, 6};
 
-    SPIN_TRY(spin_model_dict(base));
-    if (!spin_hex_find(base))
-        return spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'");
-    SPIN_TRY(spin_hex_load(base, model->grid_pe, &model->global));
+    SPIN_TRY(load_planes(model, &model->global));
     for (int h = 0; h < N_HEADS; h++) {
         if (spin_model_get(base, "%s.1.weight", heads[h].tensor))
             SPIN_TRY(spin_model_head(base, heads[h].tensor, model->global.width, n_out[h],
@@ -310,13 +312,9 @@ static spin_status load_local(struct spin_model *base)
 {
     struct model *model = (struct model *)base;
 
-    SPIN_TRY(spin_model_dict(base));
-    if (!spin_hex_find(base))
-        return spin_fail(SPIN_E_MALFORMED, "no tensor 'deformation_net.grid.grids.0.0'");
-    SPIN_TRY(spin_hex_load(base, model->grid_pe, &model->local));
-    if (model->still)
-        return SPIN_OK;
-    return spin_model_head(base, "pos_deform", model->local.width, 3, &model->move);
+    SPIN_TRY(load_planes(model, &model->local));
+    return model->still ? SPIN_OK
+                        : spin_model_head(base, "pos_deform", model->local.width, 3, &model->move);
 }
 
 static spin_status open_network(struct model *model, const char *name,
@@ -409,15 +407,31 @@ static spin_status read_opacity(struct model *model)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Floats of scratch for a block of anchors: the networks, the four heads, input and layers of the
- * opacities, and the centres. */
-static size_t count_scratch(const struct model *model)
+/* The parts of a worker's scratch for a block of anchors. */
+enum {
+    NETWORK =
+        N_HEADS, /* both networks, one after the other; before it N_HEADS anchors and what they have, deformed */
+    INPUT, /* of the opacities, with the next two */
+    LAYER,
+    ALIVE,
+    CENTRE,   /* [MLP_BLOCK * n_offsets][3] */
+    RESIDUAL, /* [3][MLP_BLOCK] */
+    N_PARTS
+};
+
+/* Where each begins; returns how many floats they are. */
+static size_t split(const struct model *model, float *scratch, float *part[N_PARTS])
 {
     size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
-    size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features;
+    size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features, at = 0;
+    const size_t width[N_PARTS] = {
+        3, a, 3 * k, 6, (global > local ? global : local) / MLP_BLOCK, a + 4, a, k, 3 * k, 4};
 
-    return (global > local ? global : local) + (3 + a + 3 * k + 6) * MLP_BLOCK +
-           (a + 4 + a + k) * MLP_BLOCK + 3 * k * MLP_BLOCK + 4 * MLP_BLOCK;
+    for (int i = 0; i < N_PARTS; at += width[i++] * MLP_BLOCK) {
+        if (scratch)
+            part[i] = scratch + at;
+    }
+    return at;
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -465,7 +479,7 @@ static spin_status open_model(void *self, const char *path)
         spin_note(sequence, "all offsets are imported, also those that no camera sees: --camera "
                             "says where cameras are");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
-    return spin_mlp_team_create(count_scratch(model), &base->team);
+    return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
 
 SPIN_MODEL_OPEN(modecgs_open, struct model, open_model)
@@ -477,57 +491,28 @@ struct job {
     float time, canonical;
 };
 
-/* The parts of a worker's scratch. */
-struct parts {
-    float *network;            /* both networks, one after the other */
-    float *deform[N_HEADS];    /* [..][MLP_BLOCK] anchors and what they have, deformed */
-    float *in, *layer, *alive; /* of the opacities */
-    float *centre;             /* [MLP_BLOCK * n_offsets][3] */
-    float *residual;           /* [3][MLP_BLOCK] */
-};
-
-static struct parts split(const struct model *model, float *scratch)
-{
-    size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
-    size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features;
-    struct parts p;
-
-    p.network = scratch;
-    p.deform[ANCHOR] = scratch + (global > local ? global : local);
-    p.deform[FEATURE] = p.deform[ANCHOR] + 3 * MLP_BLOCK;
-    p.deform[OFFSETS] = p.deform[FEATURE] + a * MLP_BLOCK;
-    p.deform[SCALING] = p.deform[OFFSETS] + 3 * k * MLP_BLOCK;
-    p.in = p.deform[SCALING] + 6 * MLP_BLOCK;
-    p.layer = p.in + (a + 4) * MLP_BLOCK;
-    p.alive = p.layer + a * MLP_BLOCK;
-    p.centre = p.alive + k * MLP_BLOCK;
-    p.residual = p.centre + 3 * k * MLP_BLOCK;
-    return p;
-}
-
 /* Anchors, features, offsets and scalings at the canonical time. */
-static void deform_anchors(const struct job *job, size_t first, int n, struct parts *parts)
+static void deform_anchors(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;
     const float *from[N_HEADS] = {model->anchor, model->feature, model->offset, model->scaling};
     int width[N_HEADS] = {3, model->n_features, 3 * model->n_offsets, 6};
     const float *xyz = model->anchor + 3 * first;
     float *spare, mask[MLP_BLOCK];
-    float *h =
-        spin_hex_hidden(&model->global, xyz, n, job->canonical, parts->network, &spare, mask);
+    float *h = spin_hex_hidden(&model->global, xyz, n, job->canonical, part[NETWORK], &spare, mask);
 
     for (int i = 0; i < N_HEADS; i++) {
         bool any = model->head[i].n > 0;
 
         if (any)
-            spin_mlp_run(&model->head[i], h, spare, parts->deform[i]);
+            spin_mlp_run(&model->head[i], h, spare, part[i]);
         for (int p = 0; p < n; p++) {
             size_t row = first + (size_t)p;
             float factor = model->scaled[i] ? model->dynamics[2 * row + (i != ANCHOR)] : 1;
 
             for (int c = 0; c < width[i]; c++) {
                 float old = from[i][row * (size_t)width[i] + (size_t)c];
-                float *to = &parts->deform[i][c * MLP_BLOCK + p];
+                float *to = &part[i][c * MLP_BLOCK + p];
 
                 *to = any ? old * mask[p] + *to * factor : old;
             }
@@ -535,34 +520,32 @@ static void deform_anchors(const struct job *job, size_t first, int n, struct pa
     }
 }
 
-static void spawn(const struct model *model, int n, struct parts *parts)
+static void spawn(const struct model *model, int n, float *const *part)
 {
     for (int p = 0; p < n; p++) {
         for (int k = 0; k < model->n_offsets; k++) {
             for (int d = 0; d < 3; d++)
-                parts->centre[3 * (p * model->n_offsets + k) + d] =
-                    parts->deform[ANCHOR][d * MLP_BLOCK + p] +
-                    parts->deform[OFFSETS][(3 * k + d) * MLP_BLOCK + p] *
-                        parts->deform[SCALING][d * MLP_BLOCK + p];
+                part[CENTRE][3 * (p * model->n_offsets + k) + d] =
+                    part[ANCHOR][d * MLP_BLOCK + p] +
+                    part[OFFSETS][(3 * k + d) * MLP_BLOCK + p] * part[SCALING][d * MLP_BLOCK + p];
         }
     }
 }
 
 /* An offset counts when it is opaque for one of the cameras. */
-static void find_alive(const struct model *model, size_t first, int n, struct parts *parts)
+static void find_alive(const struct model *model, size_t first, int n, float *const *part)
 {
     size_t k = (size_t)model->n_offsets;
     int a = model->n_features;
 
-    memcpy(parts->in, parts->deform[FEATURE], (size_t)a * MLP_BLOCK * sizeof(float));
-    memset(parts->in + a * MLP_BLOCK, 0, 4 * MLP_BLOCK * sizeof(float));
+    memcpy(part[INPUT], part[FEATURE], (size_t)a * MLP_BLOCK * sizeof(float));
+    memset(part[INPUT] + a * MLP_BLOCK, 0, 4 * MLP_BLOCK * sizeof(float));
     for (int c = 0; c < model->cameras.n; c++) {
         for (int p = 0; p < n; p++) {
-            float *v = parts->in + a * MLP_BLOCK + p, norm = 0;
+            float *v = part[INPUT] + a * MLP_BLOCK + p, norm = 0;
 
             for (int d = 0; d < 3; d++) {
-                v[d * MLP_BLOCK] =
-                    parts->deform[ANCHOR][d * MLP_BLOCK + p] - model->cameras.place[c][d];
+                v[d * MLP_BLOCK] = part[ANCHOR][d * MLP_BLOCK + p] - model->cameras.place[c][d];
                 norm += v[d * MLP_BLOCK] * v[d * MLP_BLOCK];
             }
             norm = sqrtf(norm);
@@ -570,53 +553,53 @@ static void find_alive(const struct model *model, size_t first, int n, struct pa
                 v[d * MLP_BLOCK] /= norm;
             v[3 * MLP_BLOCK] = norm; /* taken only where the layer is that wide */
         }
-        spin_mlp_run(&model->alive, parts->in, parts->layer, parts->alive);
+        spin_mlp_run(&model->alive, part[INPUT], part[LAYER], part[ALIVE]);
         for (int p = 0; p < n; p++)
             for (size_t i = 0; i < k; i++)
                 model->kept[(first + (size_t)p) * k + i] |=
-                    parts->alive[i * MLP_BLOCK + (size_t)p] > 0;
+                    part[ALIVE][i * MLP_BLOCK + (size_t)p] > 0;
     }
 }
 
 /* The second network, at the frame's own time. */
-static void move_centres(const struct job *job, size_t first, int n, struct parts *parts)
+static void move_centres(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;
     float *to = job->model->centre + 3 * first * (size_t)model->n_offsets;
     int n_centres = n * model->n_offsets;
 
     if (model->move.n == 0) {
-        memcpy(to, parts->centre, 3 * (size_t)n_centres * sizeof *to);
+        memcpy(to, part[CENTRE], 3 * (size_t)n_centres * sizeof *to);
         return;
     }
     for (int at = 0; at < n_centres; at += MLP_BLOCK) {
         int left = n_centres - at < MLP_BLOCK ? n_centres - at : MLP_BLOCK;
-        const float *xyz = parts->centre + 3 * at;
+        const float *xyz = part[CENTRE] + 3 * at;
         float *spare, mask[MLP_BLOCK];
         float *h =
-            spin_hex_hidden(&model->local, xyz, left, job->time, parts->network, &spare, mask);
+            spin_hex_hidden(&model->local, xyz, left, job->time, part[NETWORK], &spare, mask);
 
-        spin_mlp_run(&model->move, h, spare, parts->residual);
+        spin_mlp_run(&model->move, h, spare, part[RESIDUAL]);
         for (int p = 0; p < left; p++)
             for (int d = 0; d < 3; d++)
-                to[3 * (at + p) + d] =
-                    xyz[3 * p + d] * mask[p] + parts->residual[d * MLP_BLOCK + p];
+                to[3 * (at + p) + d] = xyz[3 * p + d] * mask[p] + part[RESIDUAL][d * MLP_BLOCK + p];
     }
 }
 
 static void evaluate(void *context, size_t first, int n, float *scratch)
 {
     const struct job *job = context;
-    struct parts parts = split(job->model, scratch);
+    float *part[N_PARTS];
     size_t k = (size_t)job->model->n_offsets;
 
-    deform_anchors(job, first, n, &parts);
-    spawn(job->model, n, &parts);
+    split(job->model, scratch, part);
+    deform_anchors(job, first, n, part);
+    spawn(job->model, n, part);
     for (size_t i = first * k; i < (first + (size_t)n) * k; i++)
         job->model->kept[i] = job->model->cameras.n == 0;
     if (job->model->cameras.n > 0)
-        find_alive(job->model, first, n, &parts);
-    move_centres(job, first, n, &parts);
+        find_alive(job->model, first, n, part);
+    move_centres(job, first, n, part);
 }
 
 static spin_status modecgs_frame(void *self, int frame, double time, unsigned columns,

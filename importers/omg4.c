@@ -504,8 +504,7 @@ static spin_status find_times(struct model *m)
 
     if (m->moving) /* fixed in its code, and no formula needs it */
         return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
-    SPIN_TRY(spin_run_config_open(base->path, spin_model_option(base, "config"), "time_duration",
-                                  &base->settings));
+    SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_times(&base->settings, asked, m->gaussians.time, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)

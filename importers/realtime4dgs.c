@@ -636,8 +636,7 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     m->gaussians.least_weight = rule == 1 ? -1 : LEAST_WEIGHT;
     SPIN_TRY(spin_torch_open(base->path, &base->torch));
     SPIN_TRY(r4_parts(base->torch.root, &m->rows));
-    SPIN_TRY(spin_run_config_open(base->path, spin_model_option(base, "config"), "time_duration",
-                                  &base->settings));
+    SPIN_TRY(spin_model_config(base));
     SPIN_TRY(realtime_read_rows(m));
     if (m->rows.moving)
         SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
@@ -844,8 +843,7 @@ static spin_status hybrid_open_checkpoint(struct hybrid_model *m)
 
     SPIN_TRY(spin_torch_open(base->path, &base->torch));
     SPIN_TRY(take_parts(base->torch.root, m));
-    SPIN_TRY(spin_run_config_open(base->path, spin_model_option(base, "config"), "time_duration",
-                                  &base->settings));
+    SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_ratio(&base->settings, &m->ratio));
     SPIN_TRY(hybrid_read_rows(m));
     SPIN_TRY(add_rows(m));

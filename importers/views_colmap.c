@@ -4,8 +4,10 @@
  *     frame000001/{sparse/0, images}, frame000002/...       3DGStream: one folder per frame, the
  *                                                           model of the first one counts for all
  *
- * Binary files are little-endian and packed; of text and binary the binary is taken, as the methods do. A pose is w2c in
- * OpenCV's axes already: R(q) p + t. The principal point of the file is kept; the methods' own readers put it in the centre, which
+ * Binary files are little-endian and packed; of text and binary the binary is taken, as the methods do. A pose is w2c
+ * in OpenCV's axes already: R(q) p + t.
+ *
+ * The principal point of the file is kept; the methods' own readers put it in the centre, which
  * principal=centre does too. Only pinhole cameras can be rendered: a model with distortion that is not
  * zero must be undistorted first.
  *

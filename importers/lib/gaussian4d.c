@@ -77,14 +77,6 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *s, size_t n, size_t n
     return SPIN_OK;
 }
 
-void spin_unit_quat(const float in[4], double out[4])
-{
-    double norm = spin_quat_norm(in);
-
-    for (int i = 0; i < 4; i++)
-        out[i] = norm > 0 ? in[i] / norm : NAN;
-}
-
 double spin_sigmoid_of(double logit) { return 1 / (1 + exp(-logit)); }
 
 double spin_gaussian4d_weight(const struct gaussian4d *s, size_t i, double time)

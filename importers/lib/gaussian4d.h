@@ -5,6 +5,7 @@
 
 #include "importers/lib/model.h"
 #include "math/covariance.h"
+#include "math/quat.h"
 
 struct gaussian4d {
     size_t n;          /* Gaussians that can be used */
@@ -43,9 +44,6 @@ void spin_gaussian4d_add_slice(struct gaussian4d *s, size_t row, const float mea
 #define SPIN_FAINT 0.02
 spin_status spin_gaussian4d_check(const struct gaussian4d *s, size_t n, size_t n_faint,
                                   const char *why, struct spin_sequence_info *sequence);
-
-/* A unit quaternion, NaN when it has no direction. */
-void spin_unit_quat(const float in[4], double out[4]);
 
 double spin_sigmoid_of(double logit);
 

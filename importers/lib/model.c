@@ -410,6 +410,33 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
     return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
 }
 
+spin_status spin_model_config(struct spin_model *m)
+{
+    const char *config = spin_model_option(m, "config"), *folder, *next, *path;
+    char **names;
+    size_t n;
+
+    SPIN_TRY(spin_model_folder(m, &folder, m->path));
+    SPIN_TRY(spin_model_cfg(m, folder, NULL));
+    if (config)
+        return spin_yaml_open(config, &m->settings);
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
+    for (size_t i = 0; i < n; i++) { /* training leaves none there; users put a copy */
+        const char *dot = strrchr(names[i], '.');
+
+        if (!dot || (strcmp(dot, ".yaml") != 0 && strcmp(dot, ".yml") != 0))
+            continue;
+        SPIN_TRY(spin_model_join(m, &path, folder, "%s", names[i]));
+        if (spin_path_is_folder(path))
+            continue;
+        SPIN_TRY(spin_yaml_open(path, &m->settings));
+        if (spin_yaml_find(&m->settings, "time_duration", &next).at)
+            return SPIN_OK;
+        spin_yaml_close(&m->settings);
+    }
+    return SPIN_OK;
+}
+
 /* ---- The cloud ------------------------------------------------------------------------------- */
 
 spin_status spin_model_column(const struct spin_ply *ply, const struct spin_ply_element *e,
@@ -530,6 +557,25 @@ spin_status spin_model_dict(struct spin_model *m)
     m->tensors = m->torch.root;
     if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
         return spin_fail(SPIN_E_MALFORMED, "what was saved is not a state dict");
+    return SPIN_OK;
+}
+
+spin_status spin_model_keys(const struct spin_model *m, const char *const *stems)
+{
+    size_t n = strlen(m->prefix);
+
+    for (size_t i = 0; i < m->tensors->n; i++) {
+        const char *key = spin_value_text(m->tensors->item[2 * i]), *const *stem = stems;
+
+        while (*stem && !(key && strncmp(key, m->prefix, n) == 0 &&
+                          strncmp(key + n, *stem, strlen(*stem)) == 0))
+            stem++;
+        if (!*stem)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "tensor '%.80s' does not belong to this method: the run may be of one "
+                             "derived from it",
+                             key ? key : "");
+    }
     return SPIN_OK;
 }
 

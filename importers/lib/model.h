@@ -112,6 +112,9 @@ bool spin_model_search(const char *path, const char *file, bool *coarse);
  * there is none. */
 spin_status spin_model_beside(struct spin_model *m, const char *path, const char *save,
                               const char *name, const char **out);
+/* For checkpoints: the cfg_args beside the model's path, and the YAML that option `config` names, else one found there
+ * that tells the clip's times. */
+spin_status spin_model_config(struct spin_model *m);
 /* Opens the cfg_args found so into the settings, whose path stays NULL when there is none. */
 spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *save);
 
@@ -142,6 +145,9 @@ spin_status spin_model_torch(struct spin_model *m, const char *path,
                              spin_status (*fn)(struct spin_model *m));
 /* What was saved is a dict: the tensors. */
 spin_status spin_model_dict(struct spin_model *m);
+/* All their names begin with the prefix and one of these: methods built on one add to its network, which would change
+ * the result. The list ends with NULL. */
+spin_status spin_model_keys(const struct spin_model *m, const char *const *stems);
 /* The value prefix + key, and whether there is one: NULL when not. */
 const struct spin_value *spin_model_get(const struct spin_model *m, const char *fmt, ...)
     SPIN_PRINTF(2, 3);

@@ -315,68 +315,25 @@ static bool yaml_pair(const struct run_config *s, const char *key, double out[2]
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
+void spin_yaml_close(struct run_config *s)
+{
+    spin_map_close(&s->yaml);
+    free(s->yaml_path);
+    s->yaml_path = NULL;
+}
+
 void spin_run_config_close(struct run_config *s)
 {
     spin_cfg_close(&s->cfg);
-    spin_map_close(&s->yaml);
-    free(s->yaml_path);
-    memset(s, 0, sizeof *s);
+    spin_yaml_close(s);
 }
 
-static spin_status run_config_open_yaml(struct run_config *s, const char *path)
+spin_status spin_yaml_open(const char *path, struct run_config *s)
 {
     SPIN_TRY(spin_map_open(path, &s->yaml));
     if (s->yaml.size > CFG_MAX_BYTES)
         return spin_fail(SPIN_E_MALFORMED, "'%s' is too large for a training configuration", path);
     return spin_strdup(path, &s->yaml_path);
-}
-
-/* The first *.yaml or *.yml of the folder that has `key`. Training leaves none there; users put a
- * copy. */
-static spin_status run_config_find_yaml(struct run_config *s, const char *folder, const char *key)
-{
-    char **names = NULL;
-    size_t n = 0;
-    spin_status status;
-
-    SPIN_TRY(spin_folder_list(folder, &names, &n));
-    status = SPIN_OK;
-    for (size_t i = 0; i < n && !s->yaml_path && status == SPIN_OK; i++) {
-        const char *dot = strrchr(names[i], '.'), *next;
-        char *path = NULL;
-
-        if (!dot || (strcmp(dot, ".yaml") != 0 && strcmp(dot, ".yml") != 0))
-            continue;
-        status = spin_path_join(folder, names[i], &path);
-        if (status == SPIN_OK && !spin_path_is_folder(path))
-            status = run_config_open_yaml(s, path);
-        free(path);
-        if (s->yaml_path && !spin_yaml_find(s, key, &next).at) {
-            spin_map_close(&s->yaml);
-            free(s->yaml_path);
-            s->yaml_path = NULL;
-        }
-    }
-    spin_folder_list_free(names);
-    return status;
-}
-
-spin_status spin_run_config_open(const char *file, const char *config, const char *key,
-                                 struct run_config *s)
-{
-    char *folder = NULL, *path = NULL;
-    spin_status status;
-
-    memset(s, 0, sizeof *s);
-    SPIN_TRY_OUT(spin_path_folder(file, &folder));
-    SPIN_TRY_OUT(spin_path_join(folder, "cfg_args", &path));
-    if (spin_path_exists(path))
-        SPIN_TRY_OUT(spin_cfg_open(path, &s->cfg));
-    status = config ? run_config_open_yaml(s, config) : run_config_find_yaml(s, folder, key);
-out:
-    free(folder);
-    free(path);
-    return status;
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */

@@ -69,9 +69,8 @@ bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback);
 
 void spin_run_config_close(struct run_config *s);
 
-/* cfg_args beside `file`, and the YAML that the user named (else one found there with `key`). */
-spin_status spin_run_config_open(const char *file, const char *config, const char *key,
-                                 struct run_config *s);
+spin_status spin_yaml_open(const char *path, struct run_config *s);
+void spin_yaml_close(struct run_config *s);
 
 /* frame_ratio, by which training divided the data set's times: of cfg_args, else of the YAML, else 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);

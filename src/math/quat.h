@@ -20,6 +20,15 @@ SPIN_FN void spin_quat_normalise(float q[4])
         q[i] = norm > 0 ? (float)(q[i] / norm) : (float)(i == 0);
 }
 
+/* The same in double; NaN when it has no direction. */
+SPIN_FN void spin_unit_quat(const float in[4], double out[4])
+{
+    double norm = spin_quat_norm(in);
+
+    for (int i = 0; i < 4; i++)
+        out[i] = norm > 0 ? in[i] / norm : NAN;
+}
+
 /* Hamilton product a b; out is neither of them. */
 SPIN_FN void spin_quat_product(const float a[4], const float b[4], float out[4])
 {

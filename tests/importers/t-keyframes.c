@@ -1,6 +1,6 @@
 /* Values between key frames, against numbers worked out by hand.
  * K: keyframes ex4dgs import */
-#include "importers/lib/keyframes.h"
+#include "math/keyframes.h"
 
 #include <math.h>
 

@@ -1,0 +1,77 @@
+/* Values between key frames: positions, rotations, and an opacity that is on between two times (Ex4DGS, Lee
+ * et al., NeurIPS 2024). */
+#ifndef SPIN_MATH_KEYFRAMES_H
+#define SPIN_MATH_KEYFRAMES_H
+
+#include "math/quat.h"
+
+enum keyframes_kind { KEYFRAMES_LINEAR, KEYFRAMES_CUBE, KEYFRAMES_PCHIP };
+
+/* A time between two keys; the curves also look at one key on either side of the two. */
+struct keyframes {
+    enum keyframes_kind kind;
+    int key;     /* the one before the time */
+    double part; /* of the way to the next, 0 to 1 */
+    double time; /* in keys: key + part */
+};
+
+/* Of a curve at a key, from the steps to it and from it: their mean, or their harmonic mean and 0 where
+ * they have opposite signs (Fritsch and Butland, 1984). */
+SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, double after)
+{
+    if (kind == KEYFRAMES_CUBE)
+        return (before + after) / 2;
+    return before * after > 0 ? 2 * before * after / (before + after) : 0;
+}
+
+/* y[step k] for every key k. */
+SPIN_FN double spin_keyframes_value(const struct keyframes *at, const float *y, int step)
+{
+    const float *key = y + (long)step * at->key;
+    double u = at->part, uu = u * u, uuu = uu * u, from = key[0], to = key[step], m[2];
+
+    if (at->kind == KEYFRAMES_LINEAR)
+        return from * (1 - u) + to * u;
+    m[0] = spin_keyframes_slope(at->kind, from - key[-step], to - from);
+    m[1] = spin_keyframes_slope(at->kind, to - from, key[2 * step] - to);
+    return (2 * uuu - 3 * uu + 1) * from + (uuu - 2 * uu + u) * m[0] + (3 * uu - 2 * uuu) * to +
+           (uuu - uu) * m[1];
+}
+
+/* quats[4 k], of any length but zero; out is of unit length. On the sphere (Shoemake, 1985), but the longer way where
+ * two keys have opposite signs, as the method does. Where they cancel out, the first counts. */
+SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats, float out[4])
+{
+    double q[2][4], dot = 0, angle, w[2], sum = 0;
+
+    for (int k = 0; k < 2; k++)
+        spin_unit_quat(quats + 4 * (at->key + k), q[k]);
+    for (int c = 0; c < 4; c++)
+        dot += q[0][c] * q[1][c];
+    angle = acos(fmin(fmax(dot, -1 + 1e-4), 1 - 1e-4));
+    w[0] = sin((1 - at->part) * angle);
+    w[1] = sin(at->part * angle);
+    for (int c = 0; c < 4; c++) {
+        out[c] = (float)((w[0] * q[0][c] + w[1] * q[1][c]) / (w[0] + w[1]));
+        sum += fabs((double)out[c]);
+    }
+    for (int c = 0; c < 4 && sum <= 1e-4; c++)
+        out[c] = (float)q[0][c];
+    spin_quat_normalise(out);
+}
+
+/* The share of its opacity that a Gaussian shows, 0 to 1. The two times, in keys, may come in any order;
+ * log_width: of the edge before them and of the edge after; least_width is added to both. Both edges are measured from
+ * the later time, so opacity jumps at the earlier one. */
+SPIN_FN double spin_keyframes_visibility(const struct keyframes *at, const float times[2],
+                                         const float log_width[2], double least_width)
+{
+    double low = fmin(times[0], times[1]), high = fmax(times[0], times[1]), x;
+
+    if (at->time > low && at->time < high)
+        return 1;
+    x = (at->time - high) / (exp(log_width[at->time >= high]) + least_width);
+    return exp(-x * x);
+}
+
+#endif
