@@ -332,72 +332,57 @@ static spin_status choose_way(struct clip *clip)
 
 /* ---- Clouds ---------------------------------------------------------------------------------- */
 
-/* Rows and SH degree of a cloud; the properties are all there. */
-static spin_status inspect(const char *path, size_t *n, int *sh_degree)
-{
-    struct spin_gs_ply cloud;
-    struct spin_ply ply;
-
-    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
-    *n = (size_t)cloud.vertex->count;
-    *sh_degree = cloud.sh_degree;
-    spin_ply_close(&ply);
-    return SPIN_OK;
-}
-
 static spin_status inspect_base(struct clip *clip, size_t i)
 {
     const struct step *step = &clip->step[i];
+    struct spin_gs_ply cloud;
     size_t n;
-    int degree;
 
     if (i > 0 && clip->evaluate)
         return SPIN_OK;
-    SPIN_TRY(inspect(step->cloud, &n, &degree));
+    SPIN_TRY(spin_model_cloud(&clip->base, step->cloud, &cloud));
+    n = (size_t)cloud.vertex->count;
     if (i > 0 && n != clip->n)
         return spin_fail(SPIN_E_MALFORMED, "'%s' has %zu Gaussians, but '%s' has %zu", step->cloud,
                          n, clip->step[i - 1].cloud, clip->n);
-    if (i > 0 && degree != clip->sh_degree)
+    if (i > 0 && cloud.sh_degree != clip->sh_degree)
         return spin_fail(SPIN_E_MALFORMED, "'%s' has SH degree %d, but '%s' has %d", step->cloud,
-                         degree, clip->step[i - 1].cloud, clip->sh_degree);
+                         cloud.sh_degree, clip->step[i - 1].cloud, clip->sh_degree);
     if (n == 0)
         return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", step->cloud);
     clip->n = n;
-    clip->sh_degree = degree;
+    clip->sh_degree = cloud.sh_degree;
     return SPIN_OK;
 }
 
 /* The added clouds may be empty, whatever properties they then have. */
 static spin_status inspect_added(struct clip *clip, struct step *step)
 {
-    int degree;
+    struct spin_gs_ply cloud;
 
     if (!step->added)
         return SPIN_OK;
-    SPIN_TRY(inspect(step->added, &step->n_added, &degree));
-    if (step->n_added > 0 && degree != clip->sh_degree)
+    SPIN_TRY(spin_model_cloud(&clip->base, step->added, &cloud));
+    step->n_added = (size_t)cloud.vertex->count;
+    if (step->n_added > 0 && cloud.sh_degree != clip->sh_degree)
         return spin_fail(SPIN_E_MALFORMED, "'%s' has SH degree %d, but the cloud it adds to has %d",
-                         step->added, degree, clip->sh_degree);
+                         step->added, cloud.sh_degree, clip->sh_degree);
     return SPIN_OK;
 }
 
 /* Columns of out that begin at row `first`, read from a cloud of n rows. */
-static spin_status read_cloud(const char *path, size_t n, unsigned columns, size_t first,
-                              struct spin_splats *out)
+static spin_status read_cloud(struct clip *clip, const char *path, size_t n, unsigned columns,
+                              size_t first, struct spin_splats *out)
 {
     struct spin_gs_ply cloud;
-    struct spin_ply ply;
-    spin_status status;
 
-    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
+    SPIN_TRY(spin_model_cloud(&clip->base, path, &cloud));
     if (cloud.vertex->count != n || cloud.sh_degree != out->sh_degree)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_IO, "'%s' changed while it was being read", path));
-    status = spin_gs_ply_read(&cloud, columns, first, out);
-    for (size_t i = 0; (columns & SPIN_COL_QUATS) && status == SPIN_OK && i < n; i++)
+        return spin_fail(SPIN_E_IO, "'%s' changed while it was being read", path);
+    SPIN_TRY(spin_gs_ply_read(&cloud, columns, first, out));
+    for (size_t i = 0; (columns & SPIN_COL_QUATS) && i < n; i++)
         spin_quat_normalise(out->quats + 4 * (first + i));
-out:
-    spin_ply_close(&ply);
-    return status;
+    return SPIN_OK;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -479,7 +464,7 @@ static spin_status rewind_base(struct clip *clip)
         unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 
         SPIN_TRY(spin_splats_reserve(first, clip->n, columns, clip->sh_degree));
-        SPIN_TRY(read_cloud(clip->step[0].cloud, clip->n, columns, 0, first));
+        SPIN_TRY(read_cloud(clip, clip->step[0].cloud, clip->n, columns, 0, first));
         SPIN_TRY(spin_model_alloc(&clip->base, clip->n, 4 * sizeof(float), (void **)&clip->quats));
         SPIN_TRY(spin_model_alloc(&clip->base, clip->n, 3 * sizeof(float), (void **)&clip->means));
     }
@@ -539,10 +524,10 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
         SPIN_TRY(move_base(clip, (size_t)frame));
         copy_base(clip, columns, out);
     } else {
-        SPIN_TRY(read_cloud(step->cloud, clip->n, columns, 0, out));
+        SPIN_TRY(read_cloud(clip, step->cloud, clip->n, columns, 0, out));
     }
     if (step->n_added > 0)
-        SPIN_TRY(read_cloud(step->added, step->n_added, columns, clip->n, out));
+        SPIN_TRY(read_cloud(clip, step->added, step->n_added, columns, clip->n, out));
     return clip->evaluate ? spin_model_check(clip->base.path, time, columns, out) : SPIN_OK;
 }
 

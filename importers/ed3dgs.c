@@ -307,13 +307,11 @@ static spin_status load_network(struct spin_model *base)
 static spin_status read_cloud(const char *path, struct model *m)
 {
     struct spin_gs_ply cloud;
-    struct spin_ply ply;
     size_t n;
 
-    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
+    SPIN_TRY(spin_model_cloud(&m->base, path, &cloud));
     n = (size_t)cloud.vertex->count;
     m->n_embedding = spin_model_count(cloud.vertex, "embedding_");
-    spin_ply_close(&ply);
     if (n > 0 && (m->n_embedding == 0 || m->n_embedding > MLP_MAX_WIDTH))
         return spin_fail(SPIN_E_MALFORMED, "'%s': %d properties embedding_*, expected 1 to %d",
                          path, m->n_embedding, MLP_MAX_WIDTH);

@@ -481,16 +481,21 @@ static spin_status count_properties(const char *path, const struct spin_ply_elem
     return SPIN_OK;
 }
 
-/* All columns, in one pass over the file. */
-static spin_status read_vertices(struct spin_model *m, const struct spin_ply *ply, struct part *p)
+/* From point_cloud.ply or dynamic_point_cloud.ply of a folder, all columns in one pass over the file. */
+static spin_status part_of_ply(struct spin_model *m, struct part *p)
 {
-    const struct spin_ply_element *e = spin_ply_find_element(ply, "vertex");
+    const struct spin_ply_element *e;
     struct spin_ply_target *target;
+    const char *path;
     size_t n = 0;
 
+    SPIN_TRY(spin_model_join(m, &path, m->path, "%s",
+                             p->moving ? "dynamic_point_cloud.ply" : "point_cloud.ply"));
+    SPIN_TRY(spin_model_ply(m, path));
+    e = spin_ply_find_element(&m->ply, "vertex");
     if (!e)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", ply->path);
-    SPIN_TRY(count_properties(ply->path, e, p));
+        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
+    SPIN_TRY(count_properties(path, e, p));
     for (int c = 0; c < N_COLUMNS; c++)
         n += width_of(p, c);
     SPIN_TRY(spin_model_scratch(m, n, sizeof *target, (void **)&target));
@@ -506,26 +511,11 @@ static spin_status read_vertices(struct spin_model *m, const struct spin_ply *pl
                 (struct spin_ply_target){spin_ply_find(e, name), p->column[c] + at, width_of(p, c)};
             if (target[n].property < 0)
                 return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
-                                 ply->path, name);
+                                 path, name);
         }
     }
-    spin_ply_columns(ply, e, target, n);
+    spin_ply_columns(&m->ply, e, target, n);
     return SPIN_OK;
-}
-
-/* From point_cloud.ply or dynamic_point_cloud.ply of a folder. */
-static spin_status part_of_ply(struct spin_model *m, struct part *p)
-{
-    struct spin_ply ply;
-    const char *path;
-    spin_status status;
-
-    SPIN_TRY(spin_model_join(m, &path, m->path, "%s",
-                             p->moving ? "dynamic_point_cloud.ply" : "point_cloud.ply"));
-    SPIN_TRY(spin_ply_open(path, &ply));
-    status = read_vertices(m, &ply, p);
-    spin_ply_close(&ply);
-    return status;
 }
 
 /* ---- Rows ------------------------------------------------------------------------------------ */

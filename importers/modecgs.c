@@ -210,17 +210,12 @@ static spin_status read_columns(const struct spin_ply *ply, const struct spin_pl
 static spin_status read_anchors(struct model *model)
 {
     const struct spin_ply_element *e;
-    struct spin_ply ply;
     const char *path;
-    spin_status status;
 
     SPIN_TRY(spin_model_join(&model->base, &path, model->base.path, "point_cloud.ply"));
-    SPIN_TRY(spin_model_vertices(path, &ply, &e));
-    status = count_columns(&ply, e, model);
-    if (status == SPIN_OK)
-        status = read_columns(&ply, e, model);
-    spin_ply_close(&ply);
-    return status;
+    SPIN_TRY(spin_model_vertices(&model->base, path, &e));
+    SPIN_TRY(count_columns(&model->base.ply, e, model));
+    return read_columns(&model->base.ply, e, model);
 }
 
 /* ---- Canonical times ------------------------------------------------------------------------- */

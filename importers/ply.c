@@ -120,39 +120,38 @@ static spin_status find_files(struct spin_model *m, const char *path,
 /* A cloud whose Gaussians move by themselves is no frame. */
 static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_ply_element *e)
 {
-    const char *method = NULL, *name = "t", *use = "";
+    /* A name, or with a * how it begins; the first that is there decides. */
+    static const struct {
+        const char *name, *method, *use;
+    } signs[] = {
+        {"xyz_disp_*", "Ex4DGS", ""},
+        {"motion_xyz_*", "Ex4DGS", ""},
+        {"trbf_*", "SpacetimeGaussians", "; use --from spacetimegs"},
+        {"motion_*", "SpacetimeGaussians", "; use --from spacetimegs"},
+        {"omega_*", "SpacetimeGaussians", "; use --from spacetimegs"},
+        {"rot_r_*", "Realtime-4DGS", ""},
+        {"scale_t", "Realtime-4DGS", ""},
+        {"scale_t_*", "Realtime-4DGS", ""},
+        {"log_duration", "FreeTimeGS (.ftgs.ply)", "; spin4d does not read it yet"},
+        {"t_center", "the interchange PLY of .sogst", "; spin4d does not read it yet"},
+        {"t", "Realtime-4DGS or SpacetimeGaussians", ""},
+    };
+    size_t i = 0, n = sizeof signs / sizeof *signs;
 
-    if (spin_ply_has_prefix(e, "xyz_disp_") || spin_ply_has_prefix(e, "motion_xyz_")) {
-        method = "Ex4DGS";
-        name = spin_ply_has_prefix(e, "xyz_disp_") ? "xyz_disp_*" : "motion_xyz_*";
-    } else if (spin_ply_has_prefix(e, "trbf_") || spin_ply_has_prefix(e, "motion_") ||
-               spin_ply_has_prefix(e, "omega_")) {
-        method = "SpacetimeGaussians";
-        use = "; use --from spacetimegs";
-        name = spin_ply_has_prefix(e, "trbf_")     ? "trbf_*"
-               : spin_ply_has_prefix(e, "motion_") ? "motion_*"
-                                                   : "omega_*";
-    } else if (spin_ply_has(e, "scale_t") || spin_ply_has_prefix(e, "rot_r_") ||
-               spin_ply_has_prefix(e, "scale_t_")) {
-        method = "Realtime-4DGS";
-        name = spin_ply_has_prefix(e, "rot_r_") ? "rot_r_*" : "scale_t";
-    } else if (spin_ply_has(e, "log_duration")) {
-        method = "FreeTimeGS (.ftgs.ply)";
-        name = "log_duration";
-        use = "; spin4d does not read it yet";
-    } else if (spin_ply_has(e, "t_center")) {
-        method = "the interchange PLY of .sogst";
-        name = "t_center";
-        use = "; spin4d does not read it yet";
-    } else if (spin_ply_has(e, "t") && spin_gs_ply_any(e)) {
-        method = "Realtime-4DGS or SpacetimeGaussians";
+    for (; i < n; i++) {
+        size_t stem = strcspn(signs[i].name, "*");
+        char prefix[32];
+
+        snprintf(prefix, sizeof prefix, "%.*s", (int)stem, signs[i].name);
+        if (signs[i].name[stem] ? spin_ply_has_prefix(e, prefix) : spin_ply_has(e, prefix))
+            break;
     }
-    if (!method)
+    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* points may have a t */
         return SPIN_OK;
     return spin_fail(SPIN_E_UNSUPPORTED,
                      "'%s': property '%s' says that this is a 4D model, it looks like %s, and not "
                      "the cloud of one frame%s",
-                     ply->path, name, method, use);
+                     ply->path, signs[i].name, signs[i].method, signs[i].use);
 }
 
 struct content {
@@ -268,32 +267,29 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
 static spin_status open_frame(struct clip *clip, size_t i)
 {
     struct spin_sequence_info *sequence = clip->base.sequence;
-    struct spin_ply ply;
+    const struct spin_ply *ply = &clip->base.ply;
     struct content c;
-    spin_status status;
 
-    SPIN_TRY(spin_ply_open(clip->files.frame[i].path, &ply));
-    SPIN_TRY_OUT(inspect(&ply, &c));
+    SPIN_TRY(spin_model_ply(&clip->base, clip->files.frame[i].path));
+    SPIN_TRY(inspect(ply, &c));
     clip->files.frame[i].n = (size_t)c.vertex->count;
     if (i == 0) {
         clip->kind = c.kind;
-        SPIN_TRY_OUT(keep_names(clip, c.vertex));
-        note_writer(&ply, &c, sequence);
+        SPIN_TRY(keep_names(clip, c.vertex));
+        note_writer(ply, &c, sequence);
     } else {
-        SPIN_TRY_OUT(compare_names(clip, &ply, &c));
+        SPIN_TRY(compare_names(clip, ply, &c));
         if (c.sh_degree != clip->sh_degree && !strstr(sequence->notes, "padded"))
             spin_note(sequence, "the SH degree differs between frames: padded with zeros");
     }
     if (i == 0 || c.sh_degree > clip->sh_degree)
         clip->sh_degree = c.sh_degree;
-    if (ply.extra_bytes > 0 && !clip->warned_extra) {
+    if (ply->extra_bytes > 0 && !clip->warned_extra) {
         clip->warned_extra = true;
-        spin_warn("'%s' has %llu bytes after its last record", ply.path,
-                  (unsigned long long)ply.extra_bytes);
+        spin_warn("'%s' has %llu bytes after its last record", ply->path,
+                  (unsigned long long)ply->extra_bytes);
     }
-out:
-    spin_ply_close(&ply);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status describe(struct clip *clip)
@@ -391,48 +387,35 @@ static spin_status read_points(const struct content *c, const struct spin_ply *p
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "'%s'", ply->path);
 }
 
-static spin_status read_frame(struct clip *clip, const struct spin_ply *ply, unsigned columns,
-                              const struct content *c, struct spin_splats *out)
-{
-    SPIN_TRY(spin_splats_reserve(out, (size_t)c->vertex->count, columns,
-                                 clip->sh_degree < 0 ? 0 : clip->sh_degree));
-    if (c->kind == COMPRESSED)
-        return spin_compressed_read(&c->packed, columns, out);
-    if (c->kind != GAUSSIANS)
-        return read_points(c, ply, columns, out);
-    SPIN_TRY(spin_gs_ply_read(&c->gaussians, columns, 0, out));
-    for (size_t i = 0; i < out->n && (columns & SPIN_COL_QUATS); i++)
-        spin_quat_normalise(out->quats + 4 * i);
-    warn_activated(clip, ply->path, out, columns);
-    return SPIN_OK;
-}
-
 static spin_status ply_frame(void *self, int frame, double time, unsigned columns,
                              struct spin_splats *out)
 {
     struct clip *clip = self;
-    struct spin_ply ply;
+    const struct spin_ply *ply = &clip->base.ply;
     struct content c;
-    spin_status status;
 
     (void)time;
     if (frame < 0 || (size_t)frame >= clip->files.n_frames)
         return spin_fail(SPIN_E_NOT_FOUND, "there is no frame %d", frame);
-    SPIN_TRY(spin_ply_open(clip->files.frame[frame].path, &ply));
-    SPIN_TRY_OUT(inspect(&ply, &c));
+    SPIN_TRY(spin_model_ply(&clip->base, clip->files.frame[frame].path));
+    SPIN_TRY(inspect(ply, &c));
     if (c.kind != clip->kind || c.vertex->count != clip->files.frame[frame].n ||
-        c.sh_degree > clip->sh_degree) {
-        status = spin_fail(SPIN_E_IO, "'%s' changed while it was being read", ply.path);
-        goto out;
-    }
-    if (clip->kind >= GAUSSIANS)
-        columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    else
-        columns &= SPIN_COL_MEANS | (clip->kind == COLOURED ? SPIN_COL_RGB : 0);
-    SPIN_TRY_OUT(read_frame(clip, &ply, columns, &c, out));
-out:
-    spin_ply_close(&ply);
-    return status;
+        c.sh_degree > clip->sh_degree)
+        return spin_fail(SPIN_E_IO, "'%s' changed while it was being read", ply->path);
+    columns &= SPIN_COL_MEANS | (clip->kind >= GAUSSIANS  ? SPIN_COL_ATTRIBUTES
+                                 : clip->kind == COLOURED ? SPIN_COL_RGB
+                                                          : 0);
+    SPIN_TRY(spin_splats_reserve(out, (size_t)c.vertex->count, columns,
+                                 clip->sh_degree < 0 ? 0 : clip->sh_degree));
+    if (c.kind == COMPRESSED)
+        return spin_compressed_read(&c.packed, columns, out);
+    if (c.kind != GAUSSIANS)
+        return read_points(&c, ply, columns, out);
+    SPIN_TRY(spin_gs_ply_read(&c.gaussians, columns, 0, out));
+    for (size_t i = 0; i < out->n && (columns & SPIN_COL_QUATS); i++)
+        spin_quat_normalise(out->quats + 4 * i);
+    warn_activated(clip, ply->path, out, columns);
+    return SPIN_OK;
 }
 
 const struct spin_importer spin_importer_ply = {

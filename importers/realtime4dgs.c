@@ -599,37 +599,12 @@ static void realtime_describe(const struct realtime_model *m)
              r->degree, r->degree_t > 0 ? " with time" : "");
 }
 
-static spin_status realtime_read_rows(struct realtime_model *m)
-{
-    const struct run_config *settings = &m->base.settings;
-    double extra = 0;
-    size_t n_faint;
-
-    SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
-    SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
-    m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
-    m->stale = is_stale(&m->rows);
-    SPIN_TRY(r4_read(&m->base, !m->stale, &m->rows));
-    if (m->rows.n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
-    if (m->rows.rot_4d)
-        SPIN_TRY(choose_convention(m));
-    m->reading.transposed = !m->rows.rot_4d && m->rows.moving &&
-                            spin_yaml_bool(settings, "compute_cov3D_python", false);
-    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->rows.n));
-    n_faint = r4_add(&m->rows, 0, &m->reading, &m->gaussians);
-    m->gaussians.sh_degree = m->rows.degree;
-    SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->rows.n, m->stale ? 0 : n_faint,
-                                   "values that are not finite", m->base.sequence));
-    if (m->reading.transposed)
-        spin_note(m->base.sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
-                  settings->yaml_path);
-    return SPIN_OK;
-}
-
 static spin_status realtime_open_checkpoint(struct realtime_model *m)
 {
     struct spin_model *base = &m->base;
+    const struct run_config *settings = &base->settings;
+    double extra = 0;
+    size_t n_faint;
     int rule;
 
     SPIN_TRY(spin_option_word(base->values, "cull", "time|none", &rule));
@@ -637,9 +612,27 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     SPIN_TRY(spin_torch_open(base->path, &base->torch));
     SPIN_TRY(r4_parts(base->torch.root, &m->rows));
     SPIN_TRY(spin_model_config(base));
-    SPIN_TRY(realtime_read_rows(m));
+    SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
+    SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
+    m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
+    m->stale = is_stale(&m->rows);
+    SPIN_TRY(r4_read(base, !m->stale, &m->rows));
+    if (m->rows.n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+    if (m->rows.rot_4d)
+        SPIN_TRY(choose_convention(m));
+    m->reading.transposed = !m->rows.rot_4d && m->rows.moving &&
+                            spin_yaml_bool(settings, "compute_cov3D_python", false);
+    SPIN_TRY(spin_gaussian4d_reserve(base, &m->gaussians, m->rows.n));
+    n_faint = r4_add(&m->rows, 0, &m->reading, &m->gaussians);
+    m->gaussians.sh_degree = m->rows.degree;
+    SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->rows.n, m->stale ? 0 : n_faint,
+                                   "values that are not finite", base->sequence));
+    if (m->reading.transposed)
+        spin_note(base->sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
+                  settings->yaml_path);
     if (m->rows.moving)
-        SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
+        SPIN_TRY(spin_run_config_times(settings, spin_model_option(base, "time-duration"),
                                        m->gaussians.time, m->gaussians.n, m->ratio, SPREAD,
                                        &m->times));
     realtime_describe(m);

@@ -116,34 +116,6 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     return SPIN_OK;
 }
 
-/* The properties of a group into `target`; returns how many. 0 with *status set when one lacks. */
-static size_t bind_group(const struct spin_ply *ply, const struct spin_ply_element *e,
-                         const struct group *g, struct model *m, struct spin_ply_target *target,
-                         spin_status *status)
-{
-    int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
-
-    *status = SPIN_OK;
-    if (n < 0)
-        return 0;
-    if (n > 0 && found != n)
-        *status = spin_fail(SPIN_E_MALFORMED,
-                            "'%s': %d properties %s*, expected %d as SpacetimeGaussians has",
-                            ply->path, found, g->name, n);
-    for (int i = 0; *status == SPIN_OK && i < (n > 0 ? n : 1); i++) {
-        char name[32];
-
-        snprintf(name, sizeof name, n > 0 ? "%s%d" : "%s", g->name, i);
-        target[i] = (struct spin_ply_target){spin_ply_find(e, name), m->rows + g->at + i, m->width};
-        if (target[i].property < 0)
-            *status = spin_fail(
-                SPIN_E_MALFORMED,
-                "'%s': element 'vertex' has no property '%s', which SpacetimeGaussians has",
-                ply->path, name);
-    }
-    return *status == SPIN_OK ? (size_t)(n > 0 ? n : 1) : 0;
-}
-
 /* Far below the largest float, wherever in 0..1 it is asked for. */
 static bool stays_in_range(const float *row)
 {
@@ -182,16 +154,13 @@ static void drop_rows(struct model *m)
 static void note_others(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct model *m)
 {
-    static const char *const normals[] = {"nx", "ny", "nz"};
     const char *first = NULL;
     size_t n = 0;
 
     for (size_t p = 0; p < e->n_properties; p++) {
         const char *name = e->property[p].name;
-        bool known = false;
+        bool known = strcmp(name, "nx") == 0 || strcmp(name, "ny") == 0 || strcmp(name, "nz") == 0;
 
-        for (int i = 0; i < 3; i++)
-            known = known || strcmp(name, normals[i]) == 0;
         for (int g = 0; g < N_GROUPS; g++)
             known = known || (groups[g].n[m->full] > 0
                                   ? strncmp(name, groups[g].name, strlen(groups[g].name)) == 0
@@ -211,29 +180,40 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
 
 static spin_status read_cloud(struct model *m)
 {
+    const struct spin_ply *ply = &m->base.ply;
     const struct spin_ply_element *e;
-    struct spin_ply_target target[FULL_WIDTH];
-    size_t n_targets = 0;
-    struct spin_ply ply;
-    spin_status status;
+    struct spin_ply_target target[FULL_WIDTH], *t = target;
 
-    SPIN_TRY(spin_model_vertices(m->base.path, &ply, &e));
-    SPIN_TRY_OUT(check_colours(&ply, e, m));
+    SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
+    SPIN_TRY(check_colours(ply, e, m));
     m->n = (size_t)e->count;
-    SPIN_TRY_OUT(spin_model_alloc(&m->base, m->n, m->width * sizeof *m->rows, (void **)&m->rows));
-    for (int g = 0; g < N_GROUPS; g++) {
-        n_targets += bind_group(&ply, e, &groups[g], m, target + n_targets, &status);
-        SPIN_TRY_OUT(status);
+    SPIN_TRY(spin_model_alloc(&m->base, m->n, m->width * sizeof *m->rows, (void **)&m->rows));
+    for (const struct group *g = groups; g < groups + N_GROUPS; g++) {
+        int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
+
+        if (n > 0 && found != n)
+            return spin_fail(SPIN_E_MALFORMED,
+                             "'%s': %d properties %s*, expected %d as SpacetimeGaussians has",
+                             ply->path, found, g->name, n);
+        for (int i = 0; n >= 0 && i < (n > 0 ? n : 1); i++) {
+            char name[32];
+
+            snprintf(name, sizeof name, n > 0 ? "%s%d" : "%s", g->name, i);
+            *t = (struct spin_ply_target){spin_ply_find(e, name), m->rows + g->at + i, m->width};
+            if (t++->property < 0)
+                return spin_fail(
+                    SPIN_E_MALFORMED,
+                    "'%s': element 'vertex' has no property '%s', which SpacetimeGaussians has",
+                    ply->path, name);
+        }
     }
-    spin_ply_columns(&ply, e, target, n_targets);
+    spin_ply_columns(ply, e, target, (size_t)(t - target));
     drop_rows(m);
     if (m->n == 0)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "'%s': none of %zu Gaussians has finite values",
-                               m->base.path, m->n_dropped));
-    note_others(&ply, e, m);
-out:
-    spin_ply_close(&ply);
-    return status;
+        return spin_fail(SPIN_E_MALFORMED, "'%s': none of %zu Gaussians has finite values",
+                         m->base.path, m->n_dropped);
+    note_others(ply, e, m);
+    return SPIN_OK;
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */

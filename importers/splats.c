@@ -38,10 +38,9 @@ struct clip {
     const double *turn; /* from the axes of files that do not say theirs to the run's; NULL: none */
     struct spin_file_sequence files;
     int n_frames, sh_degree;
-    struct spin_frame_info *info; /* [n_frames] */
-    int *numbers;                 /* [n_frames] */
-    double *times;                /* [n_frames] */
-    size_t *counts;               /* [n_frames] */
+    int *numbers;   /* [n_frames] */
+    double *times;  /* [n_frames] */
+    size_t *counts; /* [n_frames] */
 
     /* The file at hand. */
     size_t file; /* SIZE_MAX: none */
@@ -114,16 +113,6 @@ static spin_status open_file(struct clip *clip, size_t file)
     return fail_file(clip, file, status);
 }
 
-/* Of a frame of the file at hand. */
-static struct spin_frame_info info_of(const struct clip *clip, size_t frame)
-{
-    const struct spin_gs_glb_frame *f = clip->opened.scene.frame;
-
-    if (!f)
-        return (struct spin_frame_info){.number = -1, .n = clip->opened.n};
-    return (struct spin_frame_info){.number = f[frame].number, f[frame].time, f[frame].n};
-}
-
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 static spin_status reserve_frames(struct clip *clip, size_t n)
@@ -131,7 +120,6 @@ static spin_status reserve_frames(struct clip *clip, size_t n)
     if (n > INT_MAX)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': too many frames", clip->files.frame[0].path);
     clip->n_frames = (int)n;
-    SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->info, (void **)&clip->info));
     SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->numbers, (void **)&clip->numbers));
     SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->times, (void **)&clip->times));
     return spin_model_alloc(&clip->base, n, sizeof *clip->counts, (void **)&clip->counts);
@@ -142,12 +130,9 @@ static void describe_clip(const struct clip *clip, struct spin_sequence_info *se
 {
     bool numbered = true;
 
-    for (int i = 0; i < clip->n_frames; i++) {
-        clip->numbers[i] = clip->info[i].number;
-        clip->times[i] = clip->info[i].time;
+    for (int i = 0; i < clip->n_frames; i++)
         numbered = numbered && clip->numbers[i] >= 0 &&
                    (i == 0 || clip->numbers[i] > clip->numbers[i - 1]);
-    }
     sequence->numbers = numbered ? clip->numbers : NULL;
     sequence->times = clip->times;
     sequence->time_first = clip->times[0];
@@ -156,10 +141,10 @@ static void describe_clip(const struct clip *clip, struct spin_sequence_info *se
 
 static void describe_files(const struct clip *clip, struct spin_sequence_info *sequence)
 {
-    for (int i = 0; i < clip->n_frames; i++)
-        clip->numbers[i] = clip->files.frame[i].number;
-    if (clip->n_frames == 1 && clip->numbers[0] < 0)
-        clip->numbers[0] = clip->info[0].number;
+    for (int i = 0; i < clip->n_frames; i++) {
+        if (clip->files.frame[i].number >= 0 || clip->n_frames > 1)
+            clip->numbers[i] = clip->files.frame[i].number;
+    }
     sequence->numbers = clip->numbers[0] >= 0 ? clip->numbers : NULL;
     sequence->time_last = clip->n_frames - 1;
 }
@@ -194,8 +179,11 @@ static spin_status look_at_files(struct clip *clip, size_t *n_all)
             return spin_fail(SPIN_E_MALFORMED, "'%s' holds a clip of %zu frames: give it alone",
                              clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
-            clip->info[i + f] = info_of(clip, f);
-            clip->counts[i + f] = clip->info[i + f].n;
+            const struct spin_gs_glb_frame *of = clip->opened.scene.frame;
+
+            clip->numbers[i + f] = of ? of[f].number : -1;
+            clip->times[i + f] = of ? of[f].time : 0;
+            clip->counts[i + f] = of ? of[f].n : clip->opened.n;
             *n_all += clip->counts[i + f];
         }
         note_file(clip, i);

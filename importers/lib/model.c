@@ -28,12 +28,14 @@ spin_status spin_model_open(const char *path, const struct spin_plugin_values *v
     m->prefix = "";
     m->path = path;
     status = fn(m, path);
+    spin_ply_close(&m->ply);
     spin_arena_free(&m->scratch);
     return status;
 }
 
 void spin_model_clear(struct spin_model *m)
 {
+    spin_ply_close(&m->ply);
     spin_torch_close(&m->torch);
     spin_run_config_close(&m->settings);
     spin_splats_free(&m->canonical);
@@ -368,26 +370,26 @@ spin_status spin_model_save(struct spin_model *m, const char *path, const char *
 
 bool spin_model_search(const char *path, const char *file, bool *coarse)
 {
-    char *clouds = NULL, **names = NULL;
-    const char *folder = path;
+    struct spin_model m = {0};
     bool found = spin_model_holds(path, file);
+    const char *folder;
+    char **names;
     size_t n = 0;
 
     *coarse = false;
-    if (spin_path_join(path, "point_cloud", &clouds) == SPIN_OK && spin_path_is_folder(clouds))
-        folder = clouds;
-    if (spin_folder_list(folder, &names, &n) != SPIN_OK)
+    if (spin_model_join(&m, &folder, path, "point_cloud") != SPIN_OK ||
+        !spin_path_is_folder(folder))
+        folder = path;
+    if (spin_model_names(&m, folder, &names, &n) != SPIN_OK)
         n = 0;
     for (size_t i = 0; i < n; i++) {
-        char *save = NULL;
+        const char *save = NULL;
 
         *coarse = *coarse || strncmp(names[i], "coarse_iteration_", 17) == 0;
-        if (spin_path_join(folder, names[i], &save) == SPIN_OK)
+        if (spin_model_join(&m, &save, folder, "%s", names[i]) == SPIN_OK)
             found = found || spin_model_holds(save, file);
-        free(save);
     }
-    spin_folder_list_free(names);
-    free(clouds);
+    spin_model_clear(&m);
     return found;
 }
 
@@ -478,40 +480,37 @@ int spin_model_count(const struct spin_ply_element *e, const char *prefix)
     return n;
 }
 
-spin_status spin_model_vertices(const char *path, struct spin_ply *ply,
-                                const struct spin_ply_element **vertex)
+spin_status spin_model_ply(struct spin_model *m, const char *path)
 {
-    spin_status status = SPIN_OK;
-
-    SPIN_TRY(spin_ply_open(path, ply));
-    *vertex = spin_ply_find_element(ply, "vertex");
-    if (!*vertex)
-        status = spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
-    else if ((*vertex)->count == 0)
-        status = spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path);
-    else if ((*vertex)->count > INT_MAX)
-        status = spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
-    if (status != SPIN_OK)
-        spin_ply_close(ply);
-    return status;
+    spin_ply_close(&m->ply);
+    return spin_ply_open(path, &m->ply);
 }
 
-spin_status spin_model_cloud(const char *path, struct spin_ply *ply, struct spin_gs_ply *cloud)
+spin_status spin_model_vertices(struct spin_model *m, const char *path,
+                                const struct spin_ply_element **vertex)
 {
-    spin_status status;
+    SPIN_TRY(spin_model_ply(m, path));
+    *vertex = spin_ply_find_element(&m->ply, "vertex");
+    if (!*vertex)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': no element 'vertex'", path);
+    if ((*vertex)->count == 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path);
+    if ((*vertex)->count > INT_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+    return SPIN_OK;
+}
 
-    SPIN_TRY(spin_ply_open(path, ply));
-    status = spin_gs_ply_find(ply, cloud);
-    if (status == SPIN_OK && cloud->vertex->count > INT_MAX)
-        status = spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
-    if (status == SPIN_OK && cloud->n_rest > (int)spin_n_rest(3))
-        status =
-            spin_fail(SPIN_E_MALFORMED,
-                      "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)",
-                      path, cloud->n_rest);
-    if (status != SPIN_OK)
-        spin_ply_close(ply);
-    return status;
+spin_status spin_model_cloud(struct spin_model *m, const char *path, struct spin_gs_ply *cloud)
+{
+    SPIN_TRY(spin_model_ply(m, path));
+    SPIN_TRY(spin_gs_ply_find(&m->ply, cloud));
+    if (cloud->vertex->count > INT_MAX)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s': more than 2^31 vertices", path);
+    if (cloud->n_rest > (int)spin_n_rest(3))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)",
+                         path, cloud->n_rest);
+    return SPIN_OK;
 }
 
 spin_status spin_model_read(struct spin_model *m, const char *path, const char *extra, int n_extra,
@@ -521,22 +520,17 @@ spin_status spin_model_read(struct spin_model *m, const char *path, const char *
     struct spin_splats *out = &m->canonical;
     size_t width = n_extra > 0 ? (size_t)n_extra : 1;
     struct spin_gs_ply cloud;
-    struct spin_ply ply;
-    spin_status status;
 
-    SPIN_TRY(spin_model_cloud(path, &ply, &cloud));
+    SPIN_TRY(spin_model_cloud(m, path, &cloud));
     if (cloud.vertex->count == 0)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path));
-    SPIN_TRY_OUT(spin_splats_reserve(out, (size_t)cloud.vertex->count, columns, cloud.sh_degree));
-    SPIN_TRY_OUT(spin_gs_ply_read(&cloud, columns, 0, out));
+        return spin_fail(SPIN_E_MALFORMED, "'%s': 0 vertices", path);
+    SPIN_TRY(spin_splats_reserve(out, (size_t)cloud.vertex->count, columns, cloud.sh_degree));
+    SPIN_TRY(spin_gs_ply_read(&cloud, columns, 0, out));
     if (!extra)
-        goto out;
-    SPIN_TRY_OUT(spin_model_alloc(m, out->n, width * sizeof **values, (void **)values));
-    status = n_extra > 0 ? spin_model_columns(&ply, cloud.vertex, extra, n_extra, *values, width)
-                         : spin_model_column(&ply, cloud.vertex, extra, *values, 1);
-out:
-    spin_ply_close(&ply);
-    return status;
+        return SPIN_OK;
+    SPIN_TRY(spin_model_alloc(m, out->n, width * sizeof **values, (void **)values));
+    return n_extra > 0 ? spin_model_columns(&m->ply, cloud.vertex, extra, n_extra, *values, width)
+                       : spin_model_column(&m->ply, cloud.vertex, extra, *values, 1);
 }
 
 /* ---- Tensors --------------------------------------------------------------------------------- */

@@ -12,11 +12,12 @@
 /* ---- Life ------------------------------------------------------------------------------------ */
 
 struct spin_model {
-    struct spin_arena arena;          /* paths, weights, tables: what lives as long as the model */
-    struct spin_arena scratch;        /* until open() is over */
-    struct spin_model_block *blocks;  /* private: of malloc(), as long */
-    const char *path;                 /* the file that frame() names */
-    struct spin_torch torch;          /* the checkpoint at hand */
+    struct spin_arena arena;         /* paths, weights, tables: what lives as long as the model */
+    struct spin_arena scratch;       /* until open() is over */
+    struct spin_model_block *blocks; /* private: of malloc(), as long */
+    const char *path;                /* the file that frame() names */
+    struct spin_ply ply;     /* the cloud at hand; closed by the next, and when open() is over */
+    struct spin_torch torch; /* the checkpoint at hand */
     const struct spin_value *tensors; /* the dict with its tensors, */
     const char *prefix;               /* and what their names begin with */
     struct run_config settings;       /* cfg_args, and the YAML of some methods */
@@ -128,11 +129,12 @@ spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply
                                const char *prefix, int n, float *out, size_t step);
 /* Properties whose names begin so. */
 int spin_model_count(const struct spin_ply_element *e, const char *prefix);
-/* The vertices of a cloud of any properties; at least one. Closed again on failure. */
-spin_status spin_model_vertices(const char *path, struct spin_ply *ply,
+/* Opens a cloud of any kind as the one at hand. */
+spin_status spin_model_ply(struct spin_model *m, const char *path);
+/* The same of any properties and at least one vertex; of Gaussians, perhaps none, of SH degree at most 3. */
+spin_status spin_model_vertices(struct spin_model *m, const char *path,
                                 const struct spin_ply_element **vertex);
-/* The Gaussians of a cloud, perhaps none; SH degree at most 3. Closed again on failure. */
-spin_status spin_model_cloud(const char *path, struct spin_ply *ply, struct spin_gs_ply *cloud);
+spin_status spin_model_cloud(struct spin_model *m, const char *path, struct spin_gs_ply *cloud);
 /* All columns into the canonical splats as they are stored, quaternions not normalised. Besides, where `extra` is
  * not NULL, properties extra0, extra1, ... [n][n_extra]; n_extra 0: the one of that very name. */
 spin_status spin_model_read(struct spin_model *m, const char *path, const char *extra, int n_extra,
