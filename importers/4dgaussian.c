@@ -18,13 +18,12 @@ static const struct {
     const char *word, *tensor, *off;
     bool by_default;
     int width, number; /* floats of a row; the column's, as of spin_model_values() */
-    unsigned column;
 } heads[N_HEADS] = {
-    {"position", "pos_deform", "no_dx", false, 3, 0, SPIN_COL_MEANS},
-    {"scale", "scales_deform", "no_ds", false, 3, 2, SPIN_COL_LOG_SCALES},
-    {"rotation", "rotations_deform", "no_dr", false, 4, 1, SPIN_COL_QUATS},
-    {"opacity", "opacity_deform", "no_do", true, 1, 3, SPIN_COL_LOGIT_OPACITIES},
-    {"sh", "shs_deform", "no_dshs", true, 48, 4, SPIN_COL_SH},
+    {"position", "pos_deform", "no_dx", false, 3, 0},
+    {"scale", "scales_deform", "no_ds", false, 3, 2},
+    {"rotation", "rotations_deform", "no_dr", false, 4, 1},
+    {"opacity", "opacity_deform", "no_do", true, 1, 3},
+    {"sh", "shs_deform", "no_dshs", true, 48, 4},
 };
 
 struct model {
@@ -225,7 +224,7 @@ static unsigned moved(const struct model *model)
     unsigned columns = 0;
 
     for (int h = 0; h < N_HEADS; h++)
-        columns |= model->used[h] ? heads[h].column : 0;
+        columns |= model->used[h] ? 1u << heads[h].number : 0;
     return columns;
 }
 
@@ -289,7 +288,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
         const float *from = spin_model_values(job->from, heads[h].number, &width);
         float *out = spin_model_values(job->out, heads[h].number, &width);
 
-        if (!model->used[h] || !(job->columns & heads[h].column))
+        if (!model->used[h] || !(job->columns & 1u << heads[h].number))
             continue;
         spin_mlp_run(&model->head[h], hidden, spare, residual);
         for (size_t p = 0; p < (size_t)n; p++) {

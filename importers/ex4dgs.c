@@ -144,23 +144,14 @@ static spin_status read_number(const struct spin_model *m, const char *option, d
 static spin_status read_kind(const struct spin_model *m, int *out)
 {
     const struct cfg_args *cfg = &m->settings.cfg;
-    struct cfg_span span = spin_cfg_get(cfg, "interp_type");
+    struct cfg_span s = spin_cfg_get(cfg, "interp_type");
 
-    if (spin_model_option(m, "interp"))
-        return spin_option_word(m->values, "interp", "linear|cube|pchip", out);
-    if (!span.at)
-        return SPIN_OK;
-    if (span.end - span.at >= 2)
-        span = (struct cfg_span){span.at + 1, span.end - 1}; /* without quotes */
-    for (int i = 0; i < 3; i++) {
-        if (spin_cfg_is(span, kind_names[i])) {
-            *out = i;
-            return SPIN_OK;
-        }
-    }
-    return spin_fail(SPIN_E_UNSUPPORTED,
-                     "'%s': interp_type is '%.*s', expected linear, cube or pchip", cfg->path,
-                     (int)(span.end - span.at), span.at);
+    SPIN_TRY(spin_model_word(m, "interp", "interp_type", "linear|cube|pchip", out));
+    if (*out < 0 && s.at)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "'%s': interp_type is %.*s, expected linear, cube or pchip", cfg->path,
+                         (int)(s.end - s.at), s.at);
+    return SPIN_OK;
 }
 
 static spin_status read_told(const struct spin_model *m, struct told *told)

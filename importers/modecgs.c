@@ -80,27 +80,23 @@ static spin_status refuse(const struct cfg_args *cfg, const char *key, bool want
 
 /* How a dynamics value becomes a factor. */
 struct dynamics {
-    bool mask;       /* 1 or 0 */
-    char activation; /* s, r or t: sigmoid, relu, tanh */
+    int type; /* 0: mask, 1 or 0; 1: mul */
+    enum { SIGMOID, RELU, TANH } activation;
 };
 
-static spin_status read_dynamics(const struct cfg_args *cfg, const char *key, struct dynamics *out)
+static spin_status read_dynamics(const struct spin_model *m, const char *key, struct dynamics *out)
 {
-    struct cfg_span type = spin_cfg_get(cfg, key), act = spin_cfg_get(cfg, "dynamics_activation");
+    const struct cfg_args *cfg = &m->settings.cfg;
+    int activation;
 
-    if (spin_cfg_is(type, "'mask'"))
-        out->mask = true;
-    else if (!spin_cfg_is(type, "'mul'"))
+    SPIN_TRY(spin_model_word(m, NULL, key, "mask|mul", &out->type));
+    if (out->type < 0)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': %s is neither 'mask' nor 'mul'", cfg->path,
                          key);
-    if (!act.at || spin_cfg_is(act, "'sigmoid'"))
-        out->activation = 's';
-    else if (spin_cfg_is(act, "'relu'"))
-        out->activation = 'r';
-    else if (spin_cfg_is(act, "'tanh'"))
-        out->activation = 't';
-    else
+    SPIN_TRY(spin_model_word(m, NULL, "dynamics_activation", "sigmoid|relu|tanh", &activation));
+    if (activation < 0 && spin_cfg_get(cfg, "dynamics_activation").at)
         return spin_fail(SPIN_E_UNSUPPORTED, "'%s': dynamics_activation is not known", cfg->path);
+    out->activation = activation < 0 ? SIGMOID : activation;
     return SPIN_OK;
 }
 
@@ -108,9 +104,9 @@ static float dynamics_factor(const struct dynamics *d, float x)
 {
     float sigmoid = 1 / (1 + expf(-x));
 
-    if (d->mask)
+    if (d->type == 0)
         return sigmoid > 0.01f ? 1 : 0;
-    return d->activation == 's' ? sigmoid : d->activation == 'r' ? (x > 0 ? x : 0) : tanhf(x);
+    return d->activation == SIGMOID ? sigmoid : d->activation == RELU ? (x > 0 ? x : 0) : tanhf(x);
 }
 
 /* The flags that change positions, and those under which the page does not say how to go on. */
@@ -136,8 +132,8 @@ static spin_status read_settings(struct model *model)
         SPIN_TRY(need(cfg, heads[h].flag, &model->scaled[h]));
     if (!any)
         return SPIN_OK;
-    SPIN_TRY(read_dynamics(cfg, "anchor_dynamics_global_type", &whole));
-    SPIN_TRY(read_dynamics(cfg, "anchor_dynamics_local_type", &part));
+    SPIN_TRY(read_dynamics(&model->base, "anchor_dynamics_global_type", &whole));
+    SPIN_TRY(read_dynamics(&model->base, "anchor_dynamics_local_type", &part));
     for (size_t i = 0; i < model->n; i++) {
         model->dynamics[2 * i] = dynamics_factor(&whole, model->dynamics[2 * i]);
         model->dynamics[2 * i + 1] = dynamics_factor(&part, model->dynamics[2 * i + 1]);

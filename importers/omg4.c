@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/xz.h"
 #include "math/contract.h"
@@ -49,13 +50,6 @@ struct model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-static bool is_xz_name(const char *name)
-{
-    size_t n = strlen(name);
-
-    return n > 3 && strcmp(name + n - 3, ".xz") == 0;
-}
-
 static int probe(const struct spin_peek *peek)
 {
     size_t n_xz = 0;
@@ -66,7 +60,7 @@ static int probe(const struct spin_peek *peek)
         return strcmp(spin_path_name(peek->path), "comp.xz") == 0 ? 95 : 60;
     }
     for (size_t i = 0; peek->names && peek->names[i]; i++)
-        n_xz += is_xz_name(peek->names[i]);
+        n_xz += spin_file_has_suffix(peek->names[i], ".xz");
     return spin_peek_has(peek, "comp.xz") ? 95 : n_xz == 1 ? 50 : 0;
 }
 
@@ -231,33 +225,32 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
     const struct spin_array *book = as_array(code);
     size_t length = (size_t)book->shape[1];
     struct huffman tree = {0};
-    float *values = NULL;
-    uint32_t *labels = NULL;
+    float *values;
+    uint32_t *labels;
     spin_status status;
 
     if (!index || index->kind != SPIN_VALUE_BYTES)
         return spin_fail(SPIN_E_MALFORMED, "an index is not bytes");
-    SPIN_TRY_OUT(huffman_build(table, &tree));
-    SPIN_TRY_OUT(spin_alloc(m->n, sizeof *labels, (void **)&labels));
-    SPIN_TRY_OUT(huffman_read(&tree, index, m->n, book->shape[0], labels));
-    SPIN_TRY_OUT(spin_alloc((size_t)book->count, sizeof *values, (void **)&values));
+    SPIN_TRY(spin_model_scratch(&m->base, m->n, sizeof *labels, (void **)&labels));
+    status = huffman_build(table, &tree);
+    if (status == SPIN_OK)
+        status = huffman_read(&tree, index, m->n, book->shape[0], labels);
+    free(tree.node);
+    SPIN_TRY(status);
+    SPIN_TRY(spin_model_scratch(&m->base, (size_t)book->count, sizeof *values, (void **)&values));
     spin_array_to_f32(book, 0, book->count, values);
     for (size_t i = 0; i < m->n; i++)
         memcpy(out + i * width + at, values + labels[i] * length, length * sizeof *out);
-out:
-    free(tree.node);
-    free(labels);
-    free(values);
-    return status;
+    return SPIN_OK;
 }
 
 static spin_status read_parts(struct model *m, const char *name, size_t width, float *out)
 {
-    const struct spin_value *codes = get_list(m, name, "code"), *indices, *tables;
+    const struct spin_value *codes = get_list(m, name, "code");
+    const struct spin_value *indices = get_list(m, name, "index");
+    const struct spin_value *tables = get_list(m, name, "htable");
     size_t at = 0;
 
-    indices = get_list(m, name, "index");
-    tables = get_list(m, name, "htable");
     if (!codes || !indices || !tables || indices->n != codes->n || tables->n != codes->n)
         return spin_fail(SPIN_E_MALFORMED,
                          "'%s_code', '%s_index' and '%s_htable' are not three lists of one length",
@@ -528,7 +521,7 @@ static spin_status find_file(struct spin_model *m, const char *path)
     for (size_t i = 0; i < n; i++) {
         bool is_comp = strcmp(names[i], "comp.xz") == 0;
 
-        if (!is_xz_name(names[i]) || (best && strcmp(best, "comp.xz") == 0))
+        if (!spin_file_has_suffix(names[i], ".xz") || (best && strcmp(best, "comp.xz") == 0))
             continue;
         best = names[i];
         n_xz = is_comp ? 1 : n_xz + 1;

@@ -9,6 +9,7 @@
 
 #include "base/option.h"
 #include "importers/lib/chkpnt.h"
+#include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
 
@@ -59,13 +60,6 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static bool ends_with(const char *text, const char *tail)
-{
-    size_t n = strlen(text), m = strlen(tail);
-
-    return n >= m && strcmp(text + n - m, tail) == 0;
-}
-
 /* Keys have one of several prefixes; that of quats1 goes for all. */
 static spin_status find_prefix(struct spin_model *m)
 {
@@ -77,8 +71,8 @@ static spin_status find_prefix(struct spin_model *m)
 
         if (!key)
             continue;
-        splatfacto = splatfacto || ends_with(key, ".means");
-        if (ends_with(key, "quats1") && strlen(key) < 256)
+        splatfacto = splatfacto || spin_file_has_suffix(key, ".means");
+        if (spin_file_has_suffix(key, "quats1") && strlen(key) < 256)
             return spin_model_text(m, &m->prefix, "%.*s", (int)strlen(key) - 6, key);
     }
     return spin_fail(SPIN_E_UNSUPPORTED,

@@ -10,6 +10,7 @@
 
 #include "base/option.h"
 #include "importers/lib/camera_places.h"
+#include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
 #include "math/quat.h"
@@ -51,8 +52,7 @@ enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 
  * base, view and time, three numbers each, are blended from the Gaussians over black; the ray is in world
  * coordinates, its direction of unit length. The option rgbfunction of the method says the ending. */
 enum { PIXEL_INPUTS = 12, PIXEL_HIDDEN = 6 };
-enum ending { SIGMOID, CLAMP, AS_IS, N_ENDINGS };
-static const char *const endings[N_ENDINGS] = {"sandwich", "sandwichnoact", "sandwichnoactss"};
+enum ending { SIGMOID, CLAMP, AS_IS }; /* sandwich, sandwichnoact, sandwichnoactss */
 
 struct model {
     struct spin_model base;
@@ -70,13 +70,6 @@ struct model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-static bool ends_with(const char *text, const char *end)
-{
-    size_t n = strlen(text), n_end = strlen(end);
-
-    return n >= n_end && strcmp(text + n - n_end, end) == 0;
-}
-
 static int probe(const struct spin_peek *peek)
 {
     /* A cloud, or the folder of one save: any PLY is a cloud to another importer, which says 90. */
@@ -85,7 +78,7 @@ static int probe(const struct spin_peek *peek)
         spin_peek_says(peek, "property float omega_3"))
         return 100;
     if (!peek->is_folder && spin_peek_says(peek, "mlp1.weight") &&
-        spin_peek_says(peek, "mlp2.weight") && ends_with(peek->path, ".pt"))
+        spin_peek_says(peek, "mlp2.weight") && spin_file_has_suffix(peek->path, ".pt"))
         return 80;
     /* An option of the method. */
     return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "trbfslinit=") ? 90 : 0;
@@ -254,21 +247,13 @@ static spin_status read_duration(struct model *m)
 static spin_status read_ending(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
-    struct cfg_span s = spin_cfg_get(cfg, "rgbfunction");
     int ending;
 
-    if (spin_model_option(&m->base, "rgb-function")) {
-        SPIN_TRY(spin_option_word(m->base.values, "rgb-function",
-                                  "sandwich|sandwichnoact|sandwichnoactss", &ending));
-        m->ending = ending;
+    SPIN_TRY(spin_model_word(&m->base, "rgb-function", "rgbfunction",
+                             "sandwich|sandwichnoact|sandwichnoactss", &ending));
+    m->ending = ending;
+    if (ending >= 0)
         return SPIN_OK;
-    }
-    if (s.at && s.end - s.at > 2) /* its quotes */
-        s = (struct cfg_span){s.at + 1, s.end - 1};
-    for (m->ending = 0; m->ending < N_ENDINGS; m->ending++) {
-        if (spin_cfg_is(s, endings[m->ending]))
-            return SPIN_OK;
-    }
     return spin_fail(
         SPIN_E_UNSUPPORTED,
         "'%s': a full model, and %s%s how its colours end: say --rgb-function sandwich "
@@ -363,9 +348,9 @@ static spin_status find_files(const char *path, struct model *m, const char **sa
     int n = (int)strlen(path);
 
     if (!spin_path_is_folder(path)) {
-        bool network = ends_with(path, ".pt");
+        bool network = spin_file_has_suffix(path, ".pt");
 
-        if (!network && !ends_with(path, ".ply"))
+        if (!network && !spin_file_has_suffix(path, ".ply"))
             return spin_fail(SPIN_E_USAGE, "'%s' is neither the model's folder nor a PLY of it",
                              path);
         n -= network ? 3 : 4;

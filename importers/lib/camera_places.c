@@ -63,23 +63,20 @@ static spin_status add_entry(const char *path, const spin_json *list, size_t ent
 
 spin_status spin_camera_places_load(const char *path, struct camera_places *out)
 {
-    float(*place)[3] = NULL;
-    spin_json *list = NULL;
+    float place[MOST_DIFFERENT][3];
+    spin_json *list;
     size_t n = 0;
-    spin_status status;
+    spin_status status = SPIN_OK;
 
-    out->n = 0;
-    SPIN_TRY_OUT(spin_json_load(path, &list));
-    SPIN_TRY_OUT(spin_alloc(MOST_DIFFERENT, sizeof *place, (void **)&place));
-    for (size_t i = 0; i < spin_json_length(list); i++)
-        SPIN_TRY_OUT(add_entry(path, list, i, place, &n));
+    SPIN_TRY(spin_json_load(path, &list));
+    for (size_t i = 0; i < spin_json_length(list) && status == SPIN_OK; i++)
+        status = add_entry(path, list, i, place, &n);
+    spin_json_free(list);
+    SPIN_TRY(status);
     if (n == 0)
-        SPIN_TRY_OUT(spin_fail(SPIN_E_MALFORMED, "'%s' is no list of cameras", path));
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is no list of cameras", path);
     out->n = n < CAMERA_PLACES_MOST ? (int)n : CAMERA_PLACES_MOST;
     for (int i = 0; i < out->n; i++)
         memcpy(out->place[i], place[(size_t)i * n / (size_t)out->n], sizeof *place);
-out:
-    spin_json_free(list);
-    free(place);
-    return status;
+    return SPIN_OK;
 }

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/option.h"
+
 struct spin_model_block {
     struct spin_model_block *next;
     void *block;
@@ -86,6 +88,23 @@ spin_status spin_model_number(const struct spin_model *m, const char *option, co
     return spin_cfg_number(given, out)
                ? SPIN_OK
                : spin_fail(SPIN_E_USAGE, "--%s '%s': expected a number", option, given.at);
+}
+
+spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
+                            const char *words, int *out)
+{
+    struct cfg_span s = spin_cfg_get(&m->settings.cfg, key);
+    char text[64] = "";
+    const char *const pairs[] = {key, text, NULL};
+    const struct spin_plugin_values said = {pairs};
+
+    if (option && spin_model_option(m, option))
+        return spin_option_word(m->values, option, words, out);
+    if (s.at && s.end - s.at > 2)
+        snprintf(text, sizeof text, "%.*s", (int)(s.end - s.at - 2), s.at + 1);
+    if (spin_option_word(&said, key, words, out) != SPIN_OK)
+        *out = -1;
+    return SPIN_OK;
 }
 
 spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out)

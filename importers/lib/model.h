@@ -51,6 +51,9 @@ spin_status spin_model_bool(const struct spin_model *m, const char *option, cons
                             bool *out);
 spin_status spin_model_number(const struct spin_model *m, const char *option, const char *key,
                               double *out);
+/* Which of words "a|b|c" the option (or NULL) says, else `key` of cfg_args in its quotes; -1: neither, or another. */
+spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
+                            const char *words, int *out);
 /* Zeroed, as long as the model lives. */
 spin_status spin_model_alloc(struct spin_model *m, size_t count, size_t size, void **out);
 /* Until open() is over. */

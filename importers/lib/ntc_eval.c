@@ -219,29 +219,19 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
     return SPIN_OK;
 }
 
-/* The method needs a PyTorch that writes zips; anything else is another program's. */
-static spin_status ntc_check_zip(const char *path)
-{
-    struct spin_map map;
-    bool is_zip;
-
-    SPIN_TRY(spin_map_open(path, &map));
-    is_zip = spin_zip_looks_like(map.data, map.size);
-    spin_map_close(&map);
-    if (!is_zip)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "'%s' is not a zip, as PyTorch writes it since version 1.6", path);
-    return SPIN_OK;
-}
-
 spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struct ntc *n)
 {
     struct spin_torch torch;
+    unsigned char head[4];
+    size_t n_head;
     spin_status status;
 
     memset(n, 0, sizeof *n);
     n->shape = shape;
-    SPIN_TRY(ntc_check_zip(path));
+    SPIN_TRY(spin_file_head(path, head, sizeof head, &n_head));
+    if (!spin_zip_looks_like(head, n_head)) /* another program's */
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "'%s' is not a zip, as PyTorch writes it since version 1.6", path);
     SPIN_TRY(spin_torch_open(path, &torch));
     status = ntc_fill(path, &torch, n);
     spin_torch_close(&torch);

@@ -390,18 +390,12 @@ spin_status spin_run_config_times(const struct run_config *s, const char *asked,
 
     *out = (struct clip_times){0};
     if (asked) {
-        char *end = NULL;
+        char list[128];
 
-        pair[0] = strtod(asked, &end);
-        if (end == asked || *end != ',')
-            return spin_fail(SPIN_E_USAGE, "the range of times is '%s', expected A,B", asked);
-        asked = end + 1;
-        pair[1] = strtod(asked, &end);
-        if (end == asked || *end != '\0' || !isfinite(pair[0]) || !(pair[1] > pair[0]) ||
-            !isfinite(pair[1]))
-            return spin_fail(SPIN_E_USAGE,
-                             "the range of times ends with '%s', expected A,B with "
-                             "A < B",
+        snprintf(list, sizeof list, "[%.100s]", asked);
+        if (!spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 2, pair) ||
+            !isfinite(pair[0]) || !(pair[1] > pair[0]) || !isfinite(pair[1]))
+            return spin_fail(SPIN_E_USAGE, "the range of times is '%s', expected A,B with A < B",
                              asked);
     } else if (s && yaml_pair(s, "time_duration", pair)) {
         if (!isfinite(pair[0]) || !(pair[1] > pair[0]) || !isfinite(pair[1]))
