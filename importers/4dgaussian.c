@@ -248,7 +248,7 @@ static spin_status open_model(void *self, const char *path)
                          "'%s': SH of degree %d, but the network deforms SH of degree 3", cloud,
                          m->canonical.sh_degree);
     check_table(m, save);
-    spin_deform_describe(m, moved(model));
+    spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
     m->sequence->half_open = true; /* its reader of Panoptic takes t / T */
     snprintf(m->sequence->variant, sizeof m->sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,

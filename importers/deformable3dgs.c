@@ -226,7 +226,7 @@ static spin_status open_model(void *self, const char *path)
     base->path = save.network;
     SPIN_TRY(spin_model_read(base, save.cloud, NULL, 0, NULL));
     SPIN_TRY(spin_model_torch(base, base->path, load_network));
-    spin_deform_describe(base, DEFORM_MOVED);
+    spin_model_describe(base, &base->canonical.n, base->canonical.sh_degree, DEFORM_MOVED);
     SPIN_TRY(check_cfg(&save, m));
     snprintf(base->sequence->variant, sizeof base->sequence->variant,
              "%s, %zu Gaussians, %s, %d layers of %d%s%s",

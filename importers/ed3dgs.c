@@ -336,7 +336,7 @@ static void describe(const struct model *m)
     struct spin_sequence_info *sequence = m->base.sequence;
     const struct settings *s = &m->settings;
 
-    spin_deform_describe(&m->base, moved(m));
+    spin_model_describe(&m->base, &m->base.canonical.n, m->base.canonical.sh_degree, moved(m));
     sequence->half_open = s->n_frames == 0;
     sequence->time_last = s->n_frames > 1 ? (s->n_frames - 1) / s->n_frames : 1;
     snprintf(sequence->variant, sizeof sequence->variant,

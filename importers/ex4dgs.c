@@ -643,14 +643,11 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(find_files(path, m));
     SPIN_TRY(read_parts(m));
     SPIN_TRY(read_settings(m));
-    sequence->n_frames = 1;
-    sequence->counts = &m->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns =
-        m->moving.n > 0 ? SPIN_COL_LOG_SCALES | SPIN_COL_SH : SPIN_COL_ATTRIBUTES;
-    sequence->sh_degree = m->sh_degree;
+    spin_model_describe(&m->base, &m->n, m->sh_degree,
+                        SPIN_COL_MEANS |
+                            (m->moving.n > 0 ? SPIN_COL_QUATS | SPIN_COL_LOGIT_OPACITIES : 0));
+    sequence->identity = false;
     sequence->antialias = true;
-    sequence->continuous = true;
     sequence->counts_frames = true;
     sequence->time_last = m->frames - 1;
     snprintf(sequence->variant, sizeof sequence->variant,

@@ -258,7 +258,7 @@ static spin_status hash_open(struct hash_model *m, const char *path,
     if (method->settle)
         SPIN_TRY(method->settle(m));
     SPIN_TRY(spin_model_read(base, save.cloud, method->extra, 0, &m->extra));
-    spin_deform_describe(base, DEFORM_MOVED);
+    spin_model_describe(base, &base->canonical.n, base->canonical.sh_degree, DEFORM_MOVED);
     snprintf(base->sequence->variant, sizeof base->sequence->variant,
              "%s, %zu Gaussians, bound %g, width %d", method->name, base->canonical.n, m->bound,
              m->width);

@@ -456,12 +456,9 @@ static spin_status open_model(void *self, const char *path)
         SPIN_TRY(read_opacity(model));
     SPIN_TRY(alloc_floats(model, model->most, 3, &model->centre));
     SPIN_TRY(spin_model_alloc(base, model->most, sizeof *model->kept, (void **)&model->kept));
-    sequence->n_frames = 1;
+    spin_model_describe(base, model->cameras.n > 0 ? NULL : &model->most, -1, ~0u);
     sequence->identity = model->cameras.n == 0;
-    sequence->counts = model->cameras.n > 0 ? NULL : &model->most;
     sequence->columns = SPIN_COL_MEANS;
-    sequence->continuous = true;
-    sequence->time_last = 1;
     snprintf(sequence->variant, sizeof sequence->variant,
              "MoDec-GS, %zu anchors with %d offsets, %d segments", model->n, model->n_offsets,
              model->n_segments);

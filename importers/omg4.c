@@ -576,7 +576,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_fail_reading(status, m->base.path));
     m->gaussians.sh_degree = 3;
     m->gaussians.least_weight = m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT;
-    spin_gaussian4d_describe(&m->gaussians, &m->times, m->base.sequence);
+    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
     return SPIN_OK;

@@ -584,7 +584,7 @@ static void realtime_describe(const struct realtime_model *m)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
     if (!m->stale && r->degree_t > 0 && cosines_are_zero(m))
         spin_note(sequence, "all temporal SH are 0: colours do not change");
-    spin_gaussian4d_describe(&m->gaussians, &m->times, sequence);
+    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     sequence->continuous = r->moving;
     sequence->counts = r->moving ? NULL : &m->gaussians.n;
     if (m->stale) {
@@ -820,7 +820,7 @@ static void hybrid_describe(const struct hybrid_model *m)
     struct spin_sequence_info *sequence = m->base.sequence;
     char iteration[48];
 
-    spin_gaussian4d_describe(&m->gaussians, &m->times, sequence);
+    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     sequence->continuous = m->n_moving > 0;
     sequence->counts = m->n_moving > 0 ? NULL : &m->gaussians.n;
     snprintf(sequence->variant, sizeof sequence->variant,

@@ -276,7 +276,7 @@ static void describe(const struct model *m)
     struct spin_sequence_info *sequence = m->base.sequence;
     char step[48] = "";
 
-    spin_gaussian4d_describe(&m->gaussians, &m->times, sequence);
+    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     if (m->step >= 0)
         snprintf(step, sizeof step, ", step %.0f", m->step);
     snprintf(sequence->variant, sizeof sequence->variant,

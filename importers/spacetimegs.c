@@ -377,13 +377,9 @@ static void describe(const struct model *m)
     long first = first_frame(spin_cfg_get(cfg, "source_path"));
     char from[64] = "";
 
-    sequence->n_frames = 1;
-    sequence->identity = true;
-    sequence->counts = &m->n;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->static_columns = SPIN_COL_LOG_SCALES | (m->colour.n > 0 ? 0 : SPIN_COL_SH);
-    sequence->sh_degree = m->colour.n > 0 ? 1 : 0;
-    sequence->continuous = true;
+    spin_model_describe(&m->base, &m->n, m->colour.n > 0 ? 1 : 0,
+                        ~(unsigned)SPIN_COL_LOG_SCALES &
+                            ~(unsigned)(m->colour.n > 0 ? 0 : SPIN_COL_SH));
     sequence->half_open = m->duration == 0;
     sequence->time_last = m->duration > 0 ? (m->duration - 1) / m->duration : 1;
     snprintf(sequence->variant, sizeof sequence->variant, "SpacetimeGaussians, %s, %zu Gaussians",

@@ -30,20 +30,6 @@ spin_status spin_deform_frame(struct spin_model *m, double time, unsigned column
     return spin_model_check(m->path, time, columns, out);
 }
 
-void spin_deform_describe(const struct spin_model *m, unsigned moved)
-{
-    struct spin_sequence_info *s = m->sequence;
-
-    s->n_frames = 1;
-    s->identity = true;
-    s->counts = &m->canonical.n;
-    s->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    s->static_columns = s->columns & ~moved;
-    s->sh_degree = m->canonical.sh_degree;
-    s->continuous = true;
-    s->time_last = 1;
-}
-
 void spin_deform_shape(const struct deform_job *job, size_t first, int n, const float *d_scale,
                        const float *d_quat)
 {

@@ -21,9 +21,6 @@ struct deform_job {
 spin_status spin_deform_frame(struct spin_model *m, double time, unsigned columns, unsigned moved,
                               mlp_block_fn fn, struct spin_splats *out);
 
-/* What most of these methods' sequences have in common: any time from 0 to 1. */
-void spin_deform_describe(const struct spin_model *m, unsigned moved);
-
 /* Scales and quaternions of n rows with their residuals [3][MLP_BLOCK] and [4][MLP_BLOCK], which are added after
  * the activation, not normalised, as the ellipsoid that the methods' rasteriser makes of them. NaN where there is
  * none. */

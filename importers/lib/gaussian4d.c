@@ -121,15 +121,13 @@ void spin_gaussian4d_fill(const struct gaussian4d *s, double time, unsigned colu
     }
 }
 
-void spin_gaussian4d_describe(const struct gaussian4d *s, const struct clip_times *times,
-                              struct spin_sequence_info *sequence)
+void spin_gaussian4d_describe(const struct spin_model *m, const struct gaussian4d *s,
+                              const struct clip_times *times)
 {
-    sequence->n_frames = 1;
-    sequence->continuous = true;
-    sequence->time_first = times->first;
-    sequence->time_last = times->last;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    sequence->sh_degree = s->sh_degree;
+    spin_model_describe(m, NULL, s->sh_degree, ~0u);
+    m->sequence->identity = false;
+    m->sequence->time_first = times->first;
+    m->sequence->time_last = times->last;
 }
 
 spin_status spin_gaussian4d_frame(const struct spin_model *m, struct gaussian4d *s, int frame,

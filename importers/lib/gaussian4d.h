@@ -60,8 +60,8 @@ void spin_gaussian4d_fill(const struct gaussian4d *s, double time, unsigned colu
                           struct spin_splats *out);
 
 /* Any time in the clip, of SH that do not say otherwise. */
-void spin_gaussian4d_describe(const struct gaussian4d *s, const struct clip_times *times,
-                              struct spin_sequence_info *sequence);
+void spin_gaussian4d_describe(const struct spin_model *m, const struct gaussian4d *s,
+                              const struct clip_times *times);
 
 /* A frame: `sh` gives the colours of Gaussian i, dt after its own time; NULL: the caller does. */
 typedef void (*gaussian4d_sh_fn)(const void *model, size_t i, double dt, float *out);

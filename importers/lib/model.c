@@ -230,6 +230,21 @@ spin_status spin_model_names(struct spin_model *m, const char *folder, char ***n
     return status;
 }
 
+void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
+                         unsigned moved)
+{
+    struct spin_sequence_info *s = m->sequence;
+
+    s->n_frames = 1;
+    s->identity = true;
+    s->counts = counts;
+    s->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    s->static_columns = s->columns & ~moved;
+    s->sh_degree = sh_degree;
+    s->continuous = true;
+    s->time_last = 1;
+}
+
 void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...)
 {
     size_t used = strlen(sequence->notes), room = sizeof sequence->notes - used;

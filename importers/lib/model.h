@@ -72,6 +72,10 @@ spin_status spin_model_absolute(struct spin_model *m, const char **out, const ch
 /* As spin_folder_list(). */
 spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n);
 
+/* What most sequences have in common: any time from 0 to 1, rows of which each is the same Gaussian, all columns, of
+ * which those in `moved` change. counts: as long as the model, or NULL. */
+void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
+                         unsigned moved);
 /* A note, one line, as printf; no newline at the end of fmt. A line that does not fit is dropped. */
 void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
