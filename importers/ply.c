@@ -4,7 +4,6 @@
  * known: plain points, with colours or without, which give positions only, and SuperSplat's compressed
  * layout. */
 #include <limits.h>
-#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 

@@ -84,7 +84,8 @@ double spin_gaussian4d_weight(const struct gaussian4d *s, size_t i, double time)
     return spin_time_weight(time - s->time[i], s->variance[i]);
 }
 
-void spin_gaussian4d_select(struct gaussian4d *s, double time)
+/* Chooses those seen at `time`. */
+static void choose(struct gaussian4d *s, double time)
 {
     s->n_kept = 0;
     for (size_t i = 0; i < s->n; i++) {
@@ -102,8 +103,8 @@ float spin_logit_of(double opacity)
     return (float)log(o / (1 - o));
 }
 
-void spin_gaussian4d_fill(const struct gaussian4d *s, double time, unsigned columns,
-                          struct spin_splats *out)
+/* Everything but colours of those chosen. */
+static void fill(const struct gaussian4d *s, double time, unsigned columns, struct spin_splats *out)
 {
     for (size_t k = 0; k < s->n_kept; k++) {
         size_t i = s->kept[k];
@@ -139,9 +140,9 @@ spin_status spin_gaussian4d_frame(const struct spin_model *m, struct gaussian4d 
     if (frame < 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    spin_gaussian4d_select(s, time);
+    choose(s, time);
     SPIN_TRY(spin_splats_reserve(out, s->n_kept, columns, s->sh_degree));
-    spin_gaussian4d_fill(s, time, columns, out);
+    fill(s, time, columns, out);
     for (size_t k = 0; sh && k < s->n_kept && (columns & SPIN_COL_SH); k++)
         sh(m, s->kept[k], time - s->time[s->kept[k]], out->sh + width * k);
     return SPIN_OK;

@@ -49,15 +49,8 @@ double spin_sigmoid_of(double logit);
 
 double spin_gaussian4d_weight(const struct gaussian4d *s, size_t i, double time);
 
-/* Chooses those seen at `time`. */
-void spin_gaussian4d_select(struct gaussian4d *s, double time);
-
 /* The logit, of an opacity held off 0 and 1 where it has none. */
 float spin_logit_of(double opacity);
-
-/* Everything but colours of those selected; `out` has room for them. */
-void spin_gaussian4d_fill(const struct gaussian4d *s, double time, unsigned columns,
-                          struct spin_splats *out);
 
 /* Any time in the clip, of SH that do not say otherwise. */
 void spin_gaussian4d_describe(const struct spin_model *m, const struct gaussian4d *s,

@@ -12,7 +12,7 @@
 
 enum { CFG_MAX_DEPTH = 32 };
 
-struct cfg_span spin_cfg_trim(struct cfg_span s)
+static struct cfg_span trim(struct cfg_span s)
 {
     while (s.at < s.end && isspace((unsigned char)s.at[0]))
         s.at++;
@@ -78,13 +78,13 @@ static bool cfg_next(const char **at, const char *end, char mark, struct cfg_spa
 
         if (!stop)
             return false;
-        *name = spin_cfg_trim((struct cfg_span){*at, stop});
+        *name = trim((struct cfg_span){*at, stop});
         if (stop < end && *stop == mark) {
             const char *last = cfg_skip(stop + 1, end, 0);
 
             if (!last)
                 return false;
-            *value = spin_cfg_trim((struct cfg_span){stop + 1, last});
+            *value = trim((struct cfg_span){stop + 1, last});
             *at = last < end ? last + 1 : end;
             return true;
         }
@@ -166,7 +166,7 @@ bool spin_cfg_numbers(struct cfg_span s, int n, double *out)
 
         if (!last)
             return false;
-        one = spin_cfg_trim(one);
+        one = trim(one);
         if (one.at == one.end && last == end) /* (1,) */
             break;
         if (found == n || !spin_cfg_number(one, &out[found++]))
@@ -214,13 +214,6 @@ spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, do
     return SPIN_OK;
 }
 
-void spin_cfg_close(struct cfg_args *cfg)
-{
-    spin_map_close(&cfg->map);
-    free(cfg->path);
-    memset(cfg, 0, sizeof *cfg);
-}
-
 spin_status spin_cfg_open(const char *path, struct cfg_args *out)
 {
     static const char head[] = "Namespace(";
@@ -230,8 +223,8 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
     memset(out, 0, sizeof *out);
     SPIN_TRY(spin_map_open(path, &out->map));
     SPIN_TRY(spin_strdup(path, &out->path));
-    text = spin_cfg_trim((struct cfg_span){(const char *)out->map.data,
-                                           (const char *)out->map.data + out->map.size});
+    text = trim((struct cfg_span){(const char *)out->map.data,
+                                  (const char *)out->map.data + out->map.size});
     if (out->map.size > CFG_MAX_BYTES || (size_t)(text.end - text.at) < sizeof head - 1 ||
         memcmp(text.at, head, sizeof head - 1) != 0)
         return spin_fail(SPIN_E_MALFORMED, "'%s' does not begin with 'Namespace('", path);
@@ -266,7 +259,7 @@ static bool yaml_line(const char **at, const char *end, struct cfg_span *line)
     stop = memchr(*at, '\n', (size_t)(end - *at));
     stop = stop ? stop : end;
     comment = memchr(*at, '#', (size_t)(stop - *at));
-    *line = spin_cfg_trim((struct cfg_span){*at, comment ? comment : stop});
+    *line = trim((struct cfg_span){*at, comment ? comment : stop});
     *at = stop + (stop < end);
     return true;
 }
@@ -280,7 +273,7 @@ struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, cons
     while (at && yaml_line(&at, end, &line)) {
         if ((size_t)(line.end - line.at) > n && memcmp(line.at, key, n) == 0 && line.at[n] == ':') {
             *next = at;
-            return spin_cfg_trim((struct cfg_span){line.at + n + 1, line.end});
+            return trim((struct cfg_span){line.at + n + 1, line.end});
         }
     }
     return (struct cfg_span){NULL, NULL};
@@ -307,7 +300,7 @@ static bool yaml_pair(const struct run_config *s, const char *key, double out[2]
         return *value.at == '[' && spin_cfg_numbers(value, 2, out);
     for (int i = 0; i < 2; i++) {
         if (!yaml_line(&next, end, &line) || line.at == line.end || *line.at != '-' ||
-            !spin_cfg_number(spin_cfg_trim((struct cfg_span){line.at + 1, line.end}), &out[i]))
+            !spin_cfg_number(trim((struct cfg_span){line.at + 1, line.end}), &out[i]))
             return false;
     }
     return true;
@@ -324,7 +317,8 @@ void spin_yaml_close(struct run_config *s)
 
 void spin_run_config_close(struct run_config *s)
 {
-    spin_cfg_close(&s->cfg);
+    spin_map_close(&s->cfg.map);
+    free(s->cfg.path);
     spin_yaml_close(s);
 }
 

@@ -22,8 +22,6 @@ struct cfg_args {
     char *path;          /* NULL: the run has none */
 };
 
-struct cfg_span spin_cfg_trim(struct cfg_span s);
-
 bool spin_cfg_is(struct cfg_span s, const char *text);
 
 /* The value of an option; `at` is NULL when there is none. Of two the last counts, as in Python. */
@@ -44,8 +42,6 @@ bool spin_cfg_bool(struct cfg_span s, bool *out);
 spin_status spin_cfg_read_bool(const struct cfg_args *cfg, const char *key, bool *out);
 
 spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, double *out);
-
-void spin_cfg_close(struct cfg_args *cfg);
 
 spin_status spin_cfg_open(const char *path, struct cfg_args *out);
 
