@@ -3,8 +3,7 @@
  *
  * glTF has no vertex data that changes with time, so the clip is a node per frame, and an animation
  * that switches them: STEP keys on their scale, 1 while a frame is shown and else 0. A key after the
- * last frame repeats its value, or players would cut it. --visibility switches KHR_node_visibility
- * by KHR_animation_pointer instead, which is what they are for; of the players only Babylon.js knows it.
+ * last frame repeats its value, or players would cut it.
  * An attribute that is the same in two frames, in all rows, lies in the file once: their meshes share it.
  * With --still-apart the splats that are the same in all frames (lib/still_rows.h) are in one node more,
  * which nothing switches; it comes first in the scene, for players that draw mesh after mesh.
@@ -27,6 +26,7 @@
 #include "base/option.h"
 #include "base/mem.h"
 #include "formats/glb_scene.h"
+#include "formats/glb_write.h"
 
 #define DEFAULT_FPS 30
 #define BLOCK SPIN_ROWS_BLOCK
@@ -37,114 +37,40 @@ static const struct spin_plugin_option options[] = {
     {"axes", "gltf|source",
      "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
     {"fps", "F", "frames per second of a clip in one file; otherwise the bundle's, else 30", NULL},
-    {"visibility", NULL,
-     "of a clip in one file: switch frames by KHR_node_visibility, which few players know", NULL},
     {"still-apart", NULL,
-     "of a clip in one file: splats that are the same in all frames lies in it once, in a node of its own",
+     "of a clip in one file: splats that are the same in all frames lies in it once, in a node of "
+     "its own",
      NULL},
-    {"no-fallback", NULL, "leave out COLOR_0, for viewers that draw plain points", NULL},
     {0},
-};
-
-/* Attribute `which` of n rows, as it lies in the file. */
-struct written {
-    int which;
-    uint64_t n, offset, hash[2];
 };
 
 struct export
 {
-    struct spin_frames frames; /* of one per file; its rows and options serve both */
-    bool single;               /* all in one file */
-    bool visibility;           /* what the animation switches, instead of scale */
-    const char *extras[5];
-    bool fallback;
-    struct spin_gs_glb_layout layout;
-    uint64_t n_bytes; /* of the binary chunk so far */
+    struct spin_frames frames;      /* of one per file; its rows and options serve both */
+    bool single;                    /* all in one file */
+    struct spin_glb_clip clip;      /* the file at hand */
+    struct spin_glb_column *column; /* [clip.n_columns] in the file so far */
+    size_t column_room;
 
     /* All in one file. */
     struct spin_out out;
-    struct spin_glb glb;
-    int n_frames, n_done;
-    struct spin_gltf_frame *frame; /* [n_frames] */
-    struct spin_gltf_frame shared; /* what all frames show */
-    struct written *written;       /* [n_written] attributes so far */
-    size_t n_written, written_room;
-    struct spin_still_rows still;  /* the same, as rows */
+    int n_done;
+    struct spin_glb_frame *frame; /* [clip.n_frames] */
+    struct spin_glb_frame shared; /* what all frames show */
+    struct spin_still_rows still; /* the same, as rows */
 };
-
-/* ---- The clip -------------------------------------------------------------------------------- */
-
-static struct spin_gltf_clip describe(const struct export *x, const struct spin_gltf_frame *frame,
-                                      int n_frames)
-{
-    return (struct spin_gltf_clip){
-        .generator = "spin4d " SPIN_VERSION,
-        .extras = x->extras,
-        .fps = x->frames.fps,
-        .extension = SPIN_GS_GLB_EXTENSION,
-        .extension_values = spin_gs_glb_values,
-        .attribute = x->layout.attribute,
-        .n_attributes = x->layout.n,
-        .frame = frame,
-        .n_frames = n_frames,
-        .still = x->still.n > 0 ? &x->shared : NULL,
-        .animated = x->single && n_frames > 1,
-        .visibility = x->visibility,
-        .n_bytes = x->n_bytes,
-    };
-}
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
 struct writing {
     struct export *x;
-    struct spin_glb *glb;
-    struct spin_gltf_frame *frame;
+    const struct spin_glb_frame *frame;
+    bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* attributes that are not in the file yet */
     unsigned char *scratch;
-    float *bounds; /* [blocks][6] low, high */
-    atomic_int error;
+    float *bounds;       /* [blocks][6] low, high */
     uint64_t (*hash)[2]; /* [blocks][attributes], when rows are only looked at */
+    atomic_int error;
 };
-
-/* Row i of the frame to row `at` of the block's columns. */
-static void put_row(const struct export *x, unsigned char *const column[], size_t i, size_t at)
-{
-    const struct spin_splat_filter *rows = &x->frames.rows;
-    struct spin_gaussian row;
-    float room[3 * SPIN_SH_MAX];
-
-    spin_splat_filter_take(rows, i, &row);
-    spin_gs_glb_code(&x->layout, &row, spin_splat_filter_sh(rows, i, room),
-                     spin_splat_filter_n_sh(rows), column, at);
-}
-
-static void widen(float *bounds, const float *place)
-{
-    for (int c = 0; c < 3; c++) {
-        bounds[c] = spin_minf(bounds[c], place[c]);
-        bounds[3 + c] = spin_maxf(bounds[3 + c], place[c]);
-    }
-}
-
-/* Each attribute of a block to its place. */
-static int put_block(const struct writing *w, unsigned char *const column[], uint64_t first,
-                     size_t n)
-{
-    const struct spin_gs_glb_layout *layout = &w->x->layout;
-    uint64_t at = w->frame->offset;
-    int error = 0;
-
-    spin_gs_glb_order(layout, column, n);
-    for (int a = 0; a < layout->n && !error; a++) {
-        if (w->frame->elsewhere[a])
-            continue;
-        error =
-            spin_glb_put(w->glb, at + first * layout->width[a], column[a], n * layout->width[a]);
-        at += w->frame->n * layout->width[a];
-    }
-    return error;
-}
 
 /* Two numbers of 64 bits, mixed by different factors: equal ones mean equal bytes. */
 static void mix(uint64_t hash[2], uint64_t word)
@@ -155,108 +81,132 @@ static void mix(uint64_t hash[2], uint64_t word)
     hash[1] ^= hash[1] >> 32;
 }
 
-static void hash_block(const struct writing *w, int number, unsigned char *const column[], size_t n)
+static void hash_column(const unsigned char *column, size_t bytes, uint64_t hash[2])
 {
-    const struct spin_gs_glb_layout *layout = &w->x->layout;
+    for (size_t i = 0; i < bytes; i += 4) { /* no attribute has odd bytes */
+        uint32_t word;
 
-    for (int a = 0; a < layout->n; a++) {
-        uint64_t *hash = w->hash[number * layout->n + a];
-
-        for (size_t i = 0; i < n * layout->width[a]; i += 4) { /* no attribute has odd bytes */
-            uint32_t word;
-
-            memcpy(&word, column[a] + i, sizeof word);
-            mix(hash, word);
-        }
+        memcpy(&word, column + i, sizeof word);
+        mix(hash, word);
     }
 }
 
+/* The rows of a block, taken apart; each fresh attribute goes to its place. */
 static void write_block(void *context, int number, int worker)
 {
     struct writing *w = context;
-    const struct spin_splat_filter *rows = &w->x->frames.rows;
-    unsigned char *column[SPIN_GS_GLB_MAX_ATTRIBUTES];
-    unsigned char *at = w->scratch + (size_t)worker * w->x->frames.scratch_bytes;
-    size_t i = (size_t)number * BLOCK, end = i + BLOCK, n = 0;
-    float *bounds = w->bounds + 6 * (size_t)number;
-    int error;
+    const struct export *x = w->x;
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_glb_clip *clip = &x->clip;
+    unsigned char *column[SPIN_GLB_MAX_ATTRIBUTES];
+    unsigned char *to = w->scratch + (size_t)worker * x->frames.scratch_bytes;
+    size_t b = (size_t)number, i = b * BLOCK, end = i + BLOCK, n = 0;
+    float *bounds = w->bounds + 6 * b;
+    int error = 0;
 
-    for (int a = 0; a < w->x->layout.n; a++) {
-        column[a] = at;
-        at += BLOCK * w->x->layout.width[a];
-    }
+    for (int a = 0; a < clip->n_attributes; to += BLOCK * clip->width[a++])
+        column[a] = to;
     for (int c = 0; c < 6; c++)
         bounds[c] = c < 3 ? INFINITY : -INFINITY;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
-        if (rows->keep[i]) {
-            put_row(w->x, column, i, n);
-            widen(bounds, (float *)(void *)column[0] + 3 * n++);
+        struct spin_gaussian row;
+        float room[3 * SPIN_SH_MAX];
+
+        if (!rows->keep[i])
+            continue;
+        spin_splat_filter_take(rows, i, &row);
+        spin_glb_code(clip, &row, spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
+                      column, n++);
+        for (int c = 0; c < 3; c++) {
+            bounds[c] = spin_minf(bounds[c], row.place[c]);
+            bounds[3 + c] = spin_maxf(bounds[3 + c], row.place[c]);
         }
     }
-    if (w->hash) {
-        hash_block(w, number, column, n);
+    for (int a = 0; a < clip->n_attributes && w->hash; a++)
+        hash_column(column[a], n * clip->width[a], w->hash[number * clip->n_attributes + a]);
+    if (w->hash)
         return;
-    }
-    spin_splat_filter_rest(rows, (size_t)number, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
-    error = put_block(w, column, spin_splat_filter_before(rows, (size_t)number), n);
+    spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_glb_order(clip, column, n);
+    for (int a = 0; a < clip->n_attributes && !error; a++)
+        if (w->fresh[a])
+            error = spin_glb_put(clip,
+                                 x->column[w->frame->column[a]].offset +
+                                     spin_splat_filter_before(rows, b) * clip->width[a],
+                                 column[a], n * clip->width[a]);
     if (error)
         atomic_store(&w->error, error);
 }
 
-/* The chosen rows, at frame->offset; fills in the frame's bounds. */
-static spin_status write_rows(struct export *x, struct spin_glb *glb, struct spin_gltf_frame *frame)
+/* A column of the file for each attribute of the frame: one that is there already and the same, or a new one. Without
+ * hashes all are new. */
+static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 {
-    struct writing w = {.x = x, .glb = glb, .frame = frame};
-    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows);
+    struct export *x = w->x;
+    struct spin_glb_clip *clip = &x->clip;
+    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows), n = (size_t)clip->n_attributes;
 
-    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * SPIN_GS_GLB_MAX_ROW, &w.scratch));
-    SPIN_TRY(spin_alloc(n_blocks + 1, 6 * sizeof *w.bounds, (void **)&w.bounds));
-    spin_splat_filter_each(&x->frames.rows, write_block, &w);
-    for (int c = 0; c < 3; c++) {
-        frame->low[c] = INFINITY;
-        frame->high[c] = -INFINITY;
-        for (size_t b = 0; b < n_blocks; b++) {
-            frame->low[c] = spin_minf(frame->low[c], w.bounds[6 * b + (size_t)c]);
-            frame->high[c] = spin_maxf(frame->high[c], w.bounds[6 * b + 3 + (size_t)c]);
+    for (size_t a = 0; a < n; a++) {
+        struct spin_glb_column now = {.attribute = (int)a, .n = frame->n, .offset = clip->n_bytes};
+        size_t same = clip->n_columns;
+
+        for (size_t b = 0; b < n_blocks && w->hash; b++)
+            for (int k = 0; k < 2; k++)
+                mix(now.hash, w->hash[b * n + a][k]);
+        for (size_t i = 0; i < clip->n_columns && w->hash && same == clip->n_columns; i++) {
+            const struct spin_glb_column *was = &x->column[i];
+
+            if (was->attribute == now.attribute && was->n == now.n &&
+                memcmp(was->hash, now.hash, sizeof now.hash) == 0)
+                same = i;
         }
+        frame->column[a] = same;
+        w->fresh[a] = same == clip->n_columns;
+        if (!w->fresh[a])
+            continue;
+        SPIN_TRY(
+            spin_room(clip->n_columns, &x->column_room, sizeof *x->column, (void **)&x->column));
+        x->column[clip->n_columns++] = now;
+        clip->n_bytes += frame->n * clip->width[a];
     }
-    free(w.bounds);
-    return w.error ? spin_glb_failed(glb, w.error) : SPIN_OK;
+    clip->column = x->column;
+    return SPIN_OK;
 }
 
-/* Which attributes of the frame lie in the file already; the others are remembered for those to come. */
-static spin_status find_written(struct export *x, struct spin_gltf_frame *frame)
+/* The chosen rows, behind what is in the file. In a clip they are looked at first, for what is there already. */
+static spin_status write_rows(struct export *x, const struct spin_frame_info *info,
+                              struct spin_glb_frame *frame)
 {
+    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows);
     struct writing w = {.x = x, .frame = frame};
-    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows), n = (size_t)x->layout.n;
-    uint64_t at = frame->offset;
     spin_status status;
 
-    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * SPIN_GS_GLB_MAX_ROW, &w.scratch));
-    SPIN_TRY(spin_alloc((n_blocks + 1) * n, sizeof *w.hash, (void **)&w.hash));
-    SPIN_TRY_OUT(spin_alloc(n_blocks + 1, 6 * sizeof *w.bounds, (void **)&w.bounds));
-    spin_splat_filter_each(&x->frames.rows, write_block, &w);
-    for (size_t a = 0; a < n; a++) {
-        struct written now = {.which = (int)a, .n = frame->n, .offset = at};
-
-        for (size_t b = 0; b < n_blocks; b++)
-            for (int k = 0; k < 2; k++)
-                mix(now.hash, w.hash[b * n + a][k]);
-        for (size_t i = 0; i < x->n_written && !frame->elsewhere[a]; i++) {
-            const struct written *was = &x->written[i];
-
-            if (was->which == now.which && was->n == now.n &&
-                memcmp(was->hash, now.hash, sizeof now.hash) == 0)
-                frame->elsewhere[a] = was->offset + 1;
-        }
-        if (frame->elsewhere[a])
-            continue;
-        SPIN_TRY_OUT(spin_room(x->n_written, &x->written_room, sizeof *x->written,
-                               (void **)&x->written));
-        x->written[x->n_written++] = now;
-        at += frame->n * x->layout.width[a];
+    *frame = (struct spin_glb_frame){
+        .n = x->frames.rows.n_kept, .number = info->number, .time = info->time};
+    if (frame->n == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_frames_scratch(&x->frames, BLOCK * x->clip.row, &w.scratch));
+    SPIN_TRY_OUT(spin_alloc(n_blocks, 6 * sizeof *w.bounds, (void **)&w.bounds));
+    if (x->clip.n_frames > 1) {
+        SPIN_TRY_OUT(
+            spin_alloc(n_blocks * (size_t)x->clip.n_attributes, sizeof *w.hash, (void **)&w.hash));
+        spin_splat_filter_each(&x->frames.rows, write_block, &w);
     }
-    status = SPIN_OK;
+    SPIN_TRY_OUT(find_columns(&w, frame));
+    free(w.hash);
+    w.hash = NULL;
+    spin_splat_filter_each(&x->frames.rows, write_block, &w);
+    for (int c = 0; c < 3; c++) {
+        struct spin_glb_column *places = &x->column[frame->column[SPIN_GLB_POSITION]];
+
+        places->low[c] = INFINITY;
+        places->high[c] = -INFINITY;
+        for (size_t b = 0; b < n_blocks; b++) {
+            places->low[c] = spin_minf(places->low[c], w.bounds[6 * b + (size_t)c]);
+            places->high[c] = spin_maxf(places->high[c], w.bounds[6 * b + 3 + (size_t)c]);
+        }
+    }
+    status = w.error ? spin_glb_failed(&x->clip, w.error) : SPIN_OK;
 out:
     free(w.hash);
     free(w.bounds);
@@ -265,67 +215,39 @@ out:
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-static struct spin_gltf_frame begin_frame(const struct export *x,
-                                          const struct spin_frame_info *info)
-{
-    return (struct spin_gltf_frame){.n = x->frames.rows.n_kept,
-                                    .offset = x->n_bytes,
-                                    .number = info->number,
-                                    .time = info->time};
-}
-
 static spin_status gltf_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
     struct export *x = self;
-    struct spin_gltf_frame frame;
-    struct spin_gltf_clip clip;
-    struct spin_glb glb;
+    struct spin_glb_frame frame;
 
-    x->n_bytes = 0;
-    frame = begin_frame(x, info);
-    x->n_bytes = frame.n * x->layout.row;
-    clip = describe(x, &frame, 1);
-    SPIN_TRY(spin_glb_begin(out, &clip, &glb));
-    SPIN_TRY(write_rows(x, &glb, &frame));
-    return spin_glb_end(&glb, &clip);
+    x->clip.out = out;
+    x->clip.frame = &frame;
+    x->clip.n_columns = 0;
+    x->clip.n_bytes = 0;
+    SPIN_TRY(write_rows(x, info, &frame));
+    return spin_glb_end(&x->clip);
 }
 
 static uint64_t gltf_bytes(const void *self, size_t n)
 {
-    const struct export *x = self;
+    const struct spin_glb_clip *clip = &((const struct export *)self)->clip;
 
-    return 2048 + (uint64_t)n * x->layout.row + 256 * (uint64_t)x->layout.n; /* JSON: about */
+    return clip->room + (uint64_t)n * clip->row;
 }
 
-/* A frame of a file where all frames share some. */
-static spin_status read_scene(const struct spin_map *map, int frame, struct spin_splats *out)
+static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
+                             struct spin_splats *out)
 {
     struct spin_gs_glb_scene scene = {0};
     spin_status status = spin_gs_glb_scene_open(map->data, map->size, &scene);
 
+    (void)self;
     if (status == SPIN_OK && (size_t)frame >= scene.n_frames)
         status = spin_fail(SPIN_E_MALFORMED, "frame %d of %zu", frame, scene.n_frames);
     if (status == SPIN_OK)
         status = spin_gs_glb_scene_read(&scene, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                                         out);
     spin_gs_glb_scene_close(&scene);
-    return status;
-}
-
-static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
-                             struct spin_splats *out)
-{
-    const struct export *x = self;
-    struct spin_glb_file glb = {0};
-    spin_status status;
-
-    if (x->still.n > 0)
-        return read_scene(map, frame, out);
-    status = spin_glb_open(map->data, map->size, &glb);
-    if (status == SPIN_OK)
-        status =
-            spin_gs_glb_read_node(&glb, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
-    spin_glb_close(&glb);
     return status;
 }
 
@@ -338,110 +260,35 @@ static spin_status gltf_order(void *self, const uint32_t **row)
     return x->still.n > 0 ? spin_still_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
 }
 
-/* All frames of one size would not fit: said before the hours of writing, not after. */
-static void warn_if_large(const struct export *x, uint64_t n_bytes)
-{
-    double all = (double)x->still.n * (double)x->layout.row + (double)n_bytes * x->n_frames;
-
-    if (x->n_done == 0 && all > (double)UINT32_MAX)
-        spin_warn("%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
-                  "and --min-opacity, or give a folder",
-                  x->n_frames, all / 1e9);
-}
-
-/* Rows chosen, behind what is there. */
-static spin_status append_rows(struct export *x, const struct spin_frame_info *info,
-                               struct spin_gltf_frame *frame)
-{
-    *frame = begin_frame(x, info);
-    if (x->n_frames > 1 && frame->n > 0)
-        SPIN_TRY(find_written(x, frame));
-    SPIN_TRY(write_rows(x, &x->glb, frame));
-    for (int a = 0; a < x->layout.n; a++)
-        x->n_bytes += frame->elsewhere[a] ? 0 : frame->n * x->layout.width[a];
-    return SPIN_OK;
-}
-
 /* The rows that this frame alone has; what all frames share goes with the first. */
 static spin_status add_to_file(struct export *x, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
     struct spin_splat_filter *rows = &x->frames.rows;
+    double all;
     size_t n;
 
     SPIN_TRY(spin_splat_filter_choose(rows, s, info->number));
     n = rows->n_kept;
     if (x->still.n > 0)
         SPIN_TRY(spin_still_rows_leave_out(&x->still, rows, info->number));
-    warn_if_large(x, rows->n_kept * x->layout.row);
-    SPIN_TRY(append_rows(x, info, &x->frame[x->n_done]));
+    all = (double)x->clip.row *
+          ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
+    if (x->n_done == 0 && all > (double)UINT32_MAX) /* before the hours of writing, not after */
+        spin_warn(
+            "%d frames like the first may be %.1f GB, a .glb ends at 4.3 GB; see --range, --sh "
+            "and --min-opacity, or give a folder",
+            x->clip.n_frames, all / 1e9);
+    SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
         spin_still_rows_only(&x->still, rows);
-        SPIN_TRY(append_rows(x, info, &x->shared));
+        SPIN_TRY(write_rows(x, info, &x->shared));
     }
     x->n_done++;
     return spin_frames_add(&x->frames, info, n);
 }
 
-/* Frame f is shown from its own key on; the last one also at the last key. */
-static bool is_shown(size_t f, size_t key, size_t n_keys)
-{
-    return key == f || (key == f + 1 && key + 1 == n_keys);
-}
-
-static spin_status write_scales(struct export *x, uint64_t at, size_t n, float *key)
-{
-    for (size_t f = 0; f + 1 < n; f++, at += 3 * n * sizeof *key) {
-        for (size_t i = 0; i < 3 * n; i++)
-            key[i] = is_shown(f, i / 3, n);
-        spin_little_endian(key, 3 * n);
-        SPIN_TRY(spin_glb_write(&x->glb, at, key, 3 * n * sizeof *key));
-    }
-    x->n_bytes = at;
-    return SPIN_OK;
-}
-
-static spin_status write_visibilities(struct export *x, uint64_t at, size_t n, unsigned char *key)
-{
-    size_t n_padded = (n + 3) / 4 * 4;
-
-    for (size_t f = 0; f + 1 < n; f++, at += n_padded) {
-        for (size_t i = 0; i < n_padded; i++)
-            key[i] = i < n && is_shown(f, i, n);
-        SPIN_TRY(spin_glb_write(&x->glb, at, key, n_padded));
-    }
-    x->n_bytes = at;
-    return SPIN_OK;
-}
-
-/* Key i is at i / fps. */
-static spin_status write_keys(struct export *x, uint64_t at)
-{
-    size_t n = (size_t)x->n_frames + 1;
-    float *key = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(n, 3 * sizeof *key, (void **)&key));
-    for (size_t i = 0; i < n; i++)
-        key[i] = (float)((double)i / x->frames.fps);
-    spin_little_endian(key, n);
-    SPIN_TRY_OUT(spin_glb_write(&x->glb, at, key, n * sizeof *key));
-    at += n * sizeof *key;
-    status = x->visibility ? write_visibilities(x, at, n, (unsigned char *)key)
-                           : write_scales(x, at, n, key);
-out:
-    free(key);
-    return status;
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
-
-static bool ends_in_glb(const char *path)
-{
-    size_t n = strlen(path);
-
-    return n > 4 && strcmp(path + n - 4, ".glb") == 0;
-}
 
 static spin_status begin(void *self, const struct spin_export_job *job)
 {
@@ -452,10 +299,6 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 
     SPIN_TRY(spin_option_word(v, "axes", "gltf|source", &axes));
     x->frames.axes = axes == 0 ? half_about_z : NULL;
-    x->fallback = spin_plugin_value(v, "no-fallback", NULL) == NULL;
-    x->visibility = spin_plugin_value(v, "visibility", NULL) != NULL;
-    if (x->visibility && !x->single)
-        return spin_fail(SPIN_E_USAGE, "--visibility is for a clip in one file, OUT.glb");
     if (spin_plugin_value(v, "still-apart", NULL) && !x->single)
         return spin_fail(SPIN_E_USAGE, "--still-apart is for a clip in one file, OUT.glb");
     x->frames.fps = job->fps > 0 ? job->fps : DEFAULT_FPS;
@@ -466,19 +309,32 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 static void ready(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
-    bool plain = x->frames.rows.turn.kind == SPIN_TURN_NONE;
+    const struct spin_splat_filter *rows = &x->frames.rows;
 
-    x->extras[0] = "axes";
-    x->extras[1] = x->frames.rows.up ? "y up"
-                   : plain           ? "as in the source"
-                   : x->frames.axes && !spin_plugin_value(job->values, "rotate", NULL)
-                       ? "glTF, from x right, y down, z forward"
-                       : "turned by --rotate";
-    if (job->source && *job->source) {
-        x->extras[2] = "source";
-        x->extras[3] = job->source;
-    }
-    spin_gs_glb_begin(&x->layout, x->frames.rows.sh_degree, x->fallback);
+    x->clip = (struct spin_glb_clip){
+        .out = &x->out,
+        .sh_degree = rows->sh_degree,
+        .axes = rows->up                            ? "y up"
+                : rows->turn.kind == SPIN_TURN_NONE ? "as in the source"
+                : x->frames.axes && !spin_plugin_value(job->values, "rotate", NULL)
+                    ? "glTF, from x right, y down, z forward"
+                    : "turned by --rotate",
+        .source = job->source,
+        .fps = x->frames.fps,
+        .n_frames = x->single ? job->n_frames : 1,
+        .animated = x->single && job->n_frames > 1,
+    };
+    spin_glb_begin(&x->clip);
+}
+
+static void end(void *self)
+{
+    struct export *x = self;
+
+    spin_out_abandon(&x->out);
+    free(x->frame);
+    free(x->column);
+    spin_still_rows_free(&x->still);
 }
 
 static const struct spin_frames_format format = {
@@ -491,73 +347,50 @@ static const struct spin_frames_format format = {
     .write = gltf_write,
     .read = gltf_read,
     .order = gltf_order,
+    .end = end,
 };
-
-static void finish(struct export *x)
-{
-    free(x->frame);
-    free(x->written);
-    spin_still_rows_free(&x->still);
-    spin_frames_free(&x->frames);
-}
-
-static void say_size(const struct export *x, const struct spin_export_job *job)
-{
-    uint64_t bytes = 0;
-
-    for (int f = 0; f < job->n_frames && job->counts; f++)
-        bytes += gltf_bytes(x, job->counts[f] - x->still.n);
-    bytes += x->still.n * x->layout.row;
-    if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, bytes, /* frames share what is the same */
-                             job->n_frames > 1 || x->frames.rows.min_logit > -INFINITY);
-}
 
 static spin_status open_single(struct export *x, const struct spin_export_job *job)
 {
-    struct spin_gltf_clip worst;
+    uint64_t bytes;
 
     SPIN_TRY(begin(x, job));
     SPIN_TRY(spin_splat_filter_begin(&x->frames.rows, job, x->frames.axes));
     ready(x, job);
-    x->n_frames = job->n_frames;
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
         SPIN_TRY(spin_still_rows_find(&x->still, &x->frames.rows, job));
         spin_log(0, "%zu splats are the same in all frames", x->still.n);
     }
-    worst = describe(x, x->frame, x->n_frames);
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
-    SPIN_TRY(spin_glb_begin(&x->out, &worst, &x->glb));
-    say_size(x, job);
-    return SPIN_OK;
-}
-
-static spin_status begin_single(const struct spin_export_job *job, void **self)
-{
-    struct export *x = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    x->frames.format = &format;
-    x->frames.job = job;
-    x->single = true;
-    status = open_single(x, job);
-    if (status != SPIN_OK) {
-        spin_out_abandon(&x->out);
-        finish(x);
-        return status;
-    }
-    *self = x;
+    bytes = gltf_bytes(x, x->still.n);
+    for (int f = 0; f < job->n_frames && job->counts; f++)
+        bytes += (job->counts[f] - x->still.n) * x->clip.row;
+    if (job->counts)
+        spin_frames_say_size(job->output, job->n_frames, bytes, /* frames share what is the same */
+                             job->n_frames > 1 || x->frames.rows.min_logit > -INFINITY);
     return SPIN_OK;
 }
 
 static spin_status gltf_begin(const struct spin_export_job *job, void **self)
 {
-    if (ends_in_glb(job->output))
-        return begin_single(job, self);
-    return spin_frames_begin(&format, job, self);
+    size_t n = strlen(job->output);
+    struct export *x = NULL;
+    spin_status status;
+
+    if (n <= 4 || strcmp(job->output + n - 4, ".glb") != 0)
+        return spin_frames_begin(&format, job, self);
+    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
+    x->frames.format = &format;
+    x->frames.job = job;
+    x->single = true;
+    status = open_single(x, job);
+    if (status == SPIN_OK)
+        *self = x;
+    else
+        spin_frames_free(&x->frames);
+    return status;
 }
 
 static spin_status gltf_frame(void *self, int frame, const struct spin_frame_info *info,
@@ -570,15 +403,13 @@ static spin_status gltf_frame(void *self, int frame, const struct spin_frame_inf
 
 static spin_status end_single(struct export *x)
 {
-    uint64_t keys_offset = x->n_bytes, length;
-    struct spin_gltf_clip clip;
+    uint64_t length;
 
-    x->n_frames = x->n_done;
-    if (x->n_frames > 1)
-        SPIN_TRY(write_keys(x, keys_offset));
-    clip = describe(x, x->frame, x->n_frames);
-    clip.keys_offset = keys_offset;
-    SPIN_TRY(spin_glb_end(&x->glb, &clip));
+    x->clip.n_frames = x->n_done;
+    x->clip.animated = x->n_done > 1;
+    x->clip.frame = x->frame;
+    x->clip.still = &x->shared;
+    SPIN_TRY(spin_glb_end(&x->clip));
     SPIN_TRY(spin_out_length(&x->out, &length));
     if (x->frames.rows.report)
         x->frames.rows.report->bytes = length;
@@ -594,8 +425,7 @@ static spin_status gltf_end(void *self)
     if (!x->single)
         return spin_frames_end(self);
     status = end_single(x);
-    spin_out_abandon(&x->out);
-    finish(x);
+    spin_frames_free(&x->frames);
     return status;
 }
 
@@ -603,12 +433,10 @@ static void gltf_abort(void *self)
 {
     struct export *x = self;
 
-    if (!x->single) {
+    if (x->single)
+        spin_frames_free(&x->frames);
+    else
         spin_frames_abort(self);
-        return;
-    }
-    spin_out_abandon(&x->out);
-    finish(x);
 }
 
 extern const struct spin_exporter spin_exporter_gltf;

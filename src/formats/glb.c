@@ -3,126 +3,188 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "math/portable.h"
+#include "base/err.h"
 
-#define EXTENSION SPIN_GS_GLB_EXTENSION
-enum { POSITION, ROTATION, SCALE, OPACITY, SH };
-enum { POINTS = 0, TRIANGLES = 4 };
+enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"
 #define OPACITY_SLACK 1e-3f /* of opacities that were rounded */
 
-static const char *const names[SH] = {"POSITION", EXTENSION ":ROTATION", EXTENSION ":SCALE",
-                                      EXTENSION ":OPACITY"};
-
-const char *const spin_gs_glb_values[] = {"kernel", "ellipse", "colorSpace", "srgb_rec709_display",
-                                          NULL};
-
-static void name_sh(int degree, int order, char name[64])
+void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 {
-    snprintf(name, 64, EXTENSION ":SH_DEGREE_%d_COEF_%d", degree, order);
+    static const char *const names[] = {"POSITION", SPIN_GLB_SPLATS ":ROTATION",
+                                        SPIN_GLB_SPLATS ":SCALE", SPIN_GLB_SPLATS ":OPACITY"};
+    int k = attribute - SPIN_GLB_SH, degree = 0;
+
+    while ((degree + 1) * (degree + 1) <= k)
+        degree++;
+    if (k < 0)
+        snprintf(name, SPIN_GLB_NAME, "%s", names[attribute]);
+    else
+        snprintf(name, SPIN_GLB_NAME, SPIN_GLB_SPLATS ":SH_DEGREE_%d_COEF_%d", degree,
+                 k - degree * degree);
 }
 
-/* ---- Writing --------------------------------------------------------------------------------- */
+/* ---- The container --------------------------------------------------------------------------- */
 
-static void add_attribute(struct spin_gs_glb_layout *l, const char *name, int n_components,
-                          enum spin_gltf_component component)
+/* The lengths of a GLB and of its chunks; nothing is parsed. chunk: the binary chunk. */
+static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
+                               const unsigned char **chunk, uint64_t *n_chunk)
 {
-    l->width[l->n] = (size_t)n_components * (component == SPIN_GLTF_F32 ? 4 : 2);
-    l->row += l->width[l->n];
-    l->attribute[l->n++] =
-        (struct spin_gltf_attribute){name, n_components, component, component != SPIN_GLTF_F32};
+    const size_t json_at = HEADER + CHUNK_HEADER;
+    uint64_t at;
+
+    *chunk = file;
+    *n_chunk = 0;
+    if (size < json_at || memcmp(file, "glTF", 4) != 0 || spin_u32_at(file + 4) != 2 ||
+        spin_u32_at(file + 8) != size || memcmp(file + 16, "JSON", 4) != 0)
+        return spin_fail(SPIN_E_MALFORMED, "not a GLB of its length");
+    *n_json = spin_u32_at(file + 12);
+    at = json_at + *n_json;
+    if (at > size)
+        return spin_fail(SPIN_E_MALFORMED, "the JSON ends behind the file");
+    if (at == size)
+        return SPIN_OK;
+    if (at + CHUNK_HEADER > size || memcmp(file + at + 4, "BIN", 4) != 0 ||
+        at + CHUNK_HEADER + spin_u32_at(file + at) > size)
+        return spin_fail(SPIN_E_MALFORMED, "no binary chunk in the file");
+    *chunk = file + at + CHUNK_HEADER;
+    *n_chunk = spin_u32_at(file + at);
+    return SPIN_OK;
 }
 
-void spin_gs_glb_begin(struct spin_gs_glb_layout *l, int sh_degree, bool fallback)
+spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out)
 {
-    static const int n_components[SH] = {3, 4, 3, 1};
-    int k = 0;
+    uint64_t n_json = 0;
 
-    *l = (struct spin_gs_glb_layout){.sh_degree = sh_degree, .fallback = fallback};
-    for (int a = 0; a < SH; a++)
-        add_attribute(l, names[a], n_components[a], SPIN_GLTF_F32);
-    for (int degree = 0; degree <= sh_degree; degree++) {
-        for (int m = 0; m < 2 * degree + 1; m++, k++) {
-            name_sh(degree, m, l->name[k]);
-            add_attribute(l, l->name[k], 3, SPIN_GLTF_F32);
-        }
-    }
-    if (fallback)
-        add_attribute(l, "COLOR_0", 4, SPIN_GLTF_U16);
+    SPIN_TRY(find_chunks(file, size, &n_json, &out->bytes, &out->n_bytes));
+    return spin_json_parse("JSON", (const char *)file + HEADER + CHUNK_HEADER, (size_t)n_json,
+                           &out->json);
 }
 
-static float clamp(float x) { return spin_minf(spin_maxf(x, 0), 1); }
-
-static uint16_t u16_of(float x) { return (uint16_t)(clamp(x) * 65535 + 0.5f); }
-
-/* The curve of sRGB (IEC 61966-2-1), undone. */
-static float linear_of(float x)
+void spin_glb_close(struct spin_glb_file *glb)
 {
-    return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
+    spin_json_free(glb->json);
+    *glb = (struct spin_glb_file){0};
 }
 
-void spin_gs_glb_code(const struct spin_gs_glb_layout *l, const struct spin_gaussian *row,
-                      const float *sh, int n_sh, unsigned char *const column[], size_t at)
+/* ---- The document ---------------------------------------------------------------------------- */
+
+const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
+                               const spin_json *index)
 {
-    float *rotation = (float *)(void *)column[ROTATION] + 4 * at;
-    float *scale = (float *)(void *)column[SCALE] + 3 * at;
-    uint16_t *colour = (uint16_t *)(void *)column[l->n - 1] + 4 * at;
+    int64_t i = -1;
 
-    memcpy(column[POSITION] + 12 * at, row->place, sizeof row->place);
-    for (int k = 0; k < 4; k++)
-        rotation[k] = row->rotation[(k + 1) % 4];
-    for (int c = 0; c < 3; c++)
-        scale[c] = expf(row->log_scale[c]);
-    memcpy(column[OPACITY] + 4 * at, &row->opacity, sizeof row->opacity);
-    for (int k = 0; k < spin_sh_count(l->sh_degree); k++) {
-        float *out = (float *)(void *)column[SH + k] + 3 * at;
+    if (!spin_json_integer(index, &i) || i < 0)
+        return NULL;
+    return spin_json_at(spin_json_get(glb->json, list), (size_t)i);
+}
 
-        for (int c = 0; c < 3; c++)
-            out[c] = k < n_sh ? sh[3 * k + c] : 0;
-    }
-    if (!l->fallback)
+int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback)
+{
+    int64_t value = fallback;
+
+    spin_json_integer(spin_json_get(object, key), &value);
+    return value;
+}
+
+/* The bytes of a buffer view. */
+static spin_status find_view(const struct spin_glb_file *glb, const spin_json *view,
+                             const unsigned char **bytes, uint64_t *n_bytes)
+{
+    int64_t at = spin_glb_integer(view, "byteOffset", 0);
+    int64_t length = spin_glb_integer(view, "byteLength", -1);
+    const spin_json *buffer = spin_glb_item(glb, "buffers", spin_json_get(view, "buffer"));
+
+    if (!view || spin_glb_integer(view, "buffer", 0) != 0 || spin_json_get(buffer, "uri"))
+        return spin_fail(SPIN_E_MALFORMED, "it does not lie in the file");
+    if (at < 0 || length < 0 || (uint64_t)at > glb->n_bytes ||
+        (uint64_t)length > glb->n_bytes - (uint64_t)at)
+        return spin_fail(SPIN_E_MALFORMED, "it ends behind the file");
+    *bytes = glb->bytes + at;
+    *n_bytes = (uint64_t)length;
+    return SPIN_OK;
+}
+
+/* ---- Numbers --------------------------------------------------------------------------------- */
+
+static size_t component_bytes(int component)
+{
+    return component == SPIN_GLB_F32 ? 4 : component >= SPIN_GLB_I16 ? 2 : 1;
+}
+
+spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
+                          unsigned allowed, struct spin_glb_numbers *out)
+{
+    static const char *const types[] = {"", "SCALAR", "", "VEC3", "VEC4"};
+    const spin_json *view =
+        spin_glb_item(glb, "bufferViews", spin_json_get(accessor, "bufferView"));
+    const char *type = spin_json_string(spin_json_get(accessor, "type"));
+    int64_t component = spin_glb_integer(accessor, "componentType", 0);
+    int64_t n = spin_glb_integer(accessor, "count", -1), row, stride;
+    int64_t offset = spin_glb_integer(accessor, "byteOffset", 0);
+    unsigned kind =
+        component >= SPIN_GLB_I8 && component <= SPIN_GLB_F32 ? SPIN_GLB_IS(component) : 0;
+    uint64_t length;
+
+    *out = (struct spin_glb_numbers){.width = width, .component = (int)component};
+    spin_json_bool(spin_json_get(accessor, "normalized"), &out->normalised);
+    out->normalised = out->normalised && component != SPIN_GLB_F32;
+    if (!type || strcmp(type, types[width]) != 0 || spin_json_get(accessor, "sparse") ||
+        !((out->normalised ? SPIN_GLB_NORMALISED(kind) : kind) & allowed))
+        return spin_fail(SPIN_E_MALFORMED, "it is missing or of another kind");
+    SPIN_TRY(find_view(glb, view, &out->at, &length));
+    row = (int64_t)(width * component_bytes(out->component));
+    stride = spin_glb_integer(view, "byteStride", row);
+    if (n < 0 || offset < 0 || stride < row || stride > MAX_STRIDE || offset > (int64_t)length ||
+        (n > 0 &&
+         ((int64_t)length - offset < row || ((int64_t)length - offset - row) / stride < n - 1)))
+        return spin_fail(SPIN_E_MALFORMED, "it ends behind the file");
+    out->at += offset;
+    out->n = (size_t)n;
+    out->stride = (size_t)stride;
+    return SPIN_OK;
+}
+
+void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
+{
+    static const float most[] = {127, 255, 32767, 65535};
+    const unsigned char *at = f->at + i * f->stride;
+
+    if (f->component == SPIN_GLB_F32) {
+        memcpy(out, at, f->width * sizeof *out);
+        spin_little_endian(out, f->width);
         return;
-    for (int c = 0; c < 3; c++)
-        colour[c] = u16_of(linear_of(clamp(row->colour[c])));
-    colour[3] = u16_of(row->opacity);
-}
-
-void spin_gs_glb_order(const struct spin_gs_glb_layout *l, unsigned char *const column[], size_t n)
-{
-#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
-    for (int a = 0; a < l->n; a++) {
-        uint16_t *half = (uint16_t *)(void *)column[a];
-
-        if (l->attribute[a].component == SPIN_GLTF_F32)
-            spin_little_endian(column[a], n * l->width[a] / 4);
-        for (size_t i = 0; l->attribute[a].component == SPIN_GLTF_U16 && i < n * l->width[a] / 2;
-             i++)
-            half[i] = __builtin_bswap16(half[i]);
     }
-#else
-    (void)l;
-    (void)column;
-    (void)n;
-#endif
+    for (size_t k = 0; k < f->width; k++, at += component_bytes(f->component)) {
+        float largest = most[f->component - SPIN_GLB_I8];
+
+        out[k] = f->component == SPIN_GLB_I8    ? (float)(int8_t)at[0]
+                 : f->component == SPIN_GLB_U8  ? (float)at[0]
+                 : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
+                                                : (float)(at[0] | at[1] << 8);
+        if (f->normalised) /* the least signed number stands for -1 too */
+            out[k] = out[k] < -largest ? -1 : out[k] / largest;
+    }
 }
 
-/* ---- Reading --------------------------------------------------------------------------------- */
+/* ---- Splats ---------------------------------------------------------------------------------- */
 
-#define INTEGERS (SPIN_GLB_I8 | SPIN_GLB_U8 | SPIN_GLB_I16 | SPIN_GLB_U16)
-#define NORMALISED(types) ((types) << SPIN_GLB_NORMALISED)
+#define FLOATS SPIN_GLB_IS(SPIN_GLB_F32)
+#define SIGNED (SPIN_GLB_IS(SPIN_GLB_I8) | SPIN_GLB_IS(SPIN_GLB_I16))
+#define UNSIGNED (SPIN_GLB_IS(SPIN_GLB_U8) | SPIN_GLB_IS(SPIN_GLB_U16))
 
 /* What each attribute may be made of: POSITION by KHR_mesh_quantization, the others by the extension. */
-static const unsigned allowed[SH + 1] = {
-    SPIN_GLB_F32 | INTEGERS | NORMALISED(INTEGERS),
-    SPIN_GLB_F32 | NORMALISED(SPIN_GLB_I8 | SPIN_GLB_I16),
-    SPIN_GLB_F32 | SPIN_GLB_U8 | SPIN_GLB_U16 | NORMALISED(SPIN_GLB_U8 | SPIN_GLB_U16),
-    SPIN_GLB_F32 | NORMALISED(SPIN_GLB_U8 | SPIN_GLB_U16),
-    SPIN_GLB_F32,
+static const unsigned allowed[SPIN_GLB_SH + 1] = {
+    FLOATS | SIGNED | UNSIGNED | SPIN_GLB_NORMALISED(SIGNED | UNSIGNED),
+    FLOATS | SPIN_GLB_NORMALISED(SIGNED),
+    FLOATS | UNSIGNED | SPIN_GLB_NORMALISED(UNSIGNED),
+    FLOATS | SPIN_GLB_NORMALISED(UNSIGNED),
+    FLOATS,
 };
 
 bool spin_gs_glb_is_splats(const spin_json *primitive)
 {
-    return spin_json_get(spin_json_get(primitive, "extensions"), EXTENSION) != NULL;
+    return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
 /* A value that the extension may give: `known`, which is also what its absence means. */
@@ -132,8 +194,8 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     const char *value = spin_json_string(spin_json_get(extension, key));
 
     if (value && strcmp(value, known) != 0 && (!also || strcmp(value, also) != 0))
-        return spin_fail(SPIN_E_UNSUPPORTED, EXTENSION " with the %s '%.40s', expected '%s'", key,
-                         value, known);
+        return spin_fail(SPIN_E_UNSUPPORTED, SPIN_GLB_SPLATS " with the %s '%.40s', expected '%s'",
+                         key, value, known);
     return SPIN_OK;
 }
 
@@ -142,14 +204,13 @@ static spin_status find_packed(const struct spin_glb_file *glb, const spin_json 
                                struct spin_gs_glb_points *out)
 {
     const spin_json *packed =
-        spin_json_get(spin_json_get(extension, "extensions"), EXTENSION "_compression_spz_2");
+        spin_json_get(spin_json_get(extension, "extensions"), SPIN_GLB_SPLATS "_compression_spz_2");
     uint64_t n_bytes;
 
     if (!packed)
         return SPIN_OK;
-    SPIN_TRY(spin_glb_view(glb,
-                           spin_glb_item(glb, "bufferViews", spin_json_get(packed, "bufferView")),
-                           &out->packed, &n_bytes));
+    SPIN_TRY(find_view(glb, spin_glb_item(glb, "bufferViews", spin_json_get(packed, "bufferView")),
+                       &out->packed, &n_bytes));
     out->n_packed = (size_t)n_bytes;
     SPIN_TRY(spin_spz_peek(out->packed, out->n_packed, &out->spz));
     if (out->spz.n != out->n)
@@ -161,17 +222,17 @@ static spin_status find_packed(const struct spin_glb_file *glb, const spin_json 
 spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
                              struct spin_gs_glb_points *out)
 {
-    const spin_json *extension = spin_json_get(spin_json_get(primitive, "extensions"), EXTENSION);
+    const spin_json *extension =
+        spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS);
     const spin_json *attributes = spin_json_get(primitive, "attributes");
-    const spin_json *place =
-        spin_glb_item(glb, "accessors", spin_json_get(attributes, names[POSITION]));
+    const spin_json *place = spin_glb_item(glb, "accessors", spin_json_get(attributes, "POSITION"));
     const char *colours = spin_json_string(spin_json_get(extension, "colorSpace"));
     int64_t n = spin_glb_integer(place, "count", -1);
-    char name[64];
+    char name[SPIN_GLB_NAME];
 
     *out = (struct spin_gs_glb_points){.glb = glb, .attributes = attributes};
-    if (!extension || spin_glb_integer(primitive, "mode", TRIANGLES) != POINTS)
-        return spin_fail(SPIN_E_MALFORMED, "it shows no points with " EXTENSION);
+    if (!extension || spin_glb_integer(primitive, "mode", SPIN_GLB_TRIANGLES) != SPIN_GLB_POINTS)
+        return spin_fail(SPIN_E_MALFORMED, "it shows no points with " SPIN_GLB_SPLATS);
     SPIN_TRY(check_value(extension, "kernel", "ellipse", NULL));
     SPIN_TRY(check_value(extension, "projection", "perspective", NULL));
     SPIN_TRY(check_value(extension, "colorSpace", "srgb_rec709_display", LINEAR));
@@ -186,52 +247,39 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
         return spin_fail(SPIN_E_MALFORMED, "%zu splats in %llu bytes", out->n,
                          (unsigned long long)glb->n_bytes);
     for (; out->sh_degree < 3; out->sh_degree++) {
-        name_sh(out->sh_degree + 1, 0, name);
+        spin_glb_attribute_name(SPIN_GLB_SH + spin_sh_count(out->sh_degree), name);
         if (!spin_json_get(attributes, name))
             break;
     }
     return SPIN_OK;
 }
 
-static spin_status find_attribute(const struct spin_gs_glb_points *p, const char *name, int kind,
-                                  size_t width, struct spin_glb_numbers *out)
+static spin_status find_attribute(const struct spin_gs_glb_points *p, int attribute, size_t width,
+                                  struct spin_glb_numbers *out)
 {
-    const spin_json *accessor =
-        spin_glb_item(p->glb, "accessors", spin_json_get(p->attributes, name));
-    spin_status status = spin_glb_find(p->glb, accessor, width, allowed[kind], out);
+    int kind = attribute < SPIN_GLB_SH ? attribute : SPIN_GLB_SH;
+    char name[SPIN_GLB_NAME];
+    spin_status status;
 
+    spin_glb_attribute_name(attribute, name);
+    status = spin_glb_find(p->glb,
+                           spin_glb_item(p->glb, "accessors", spin_json_get(p->attributes, name)),
+                           width, allowed[kind], out);
     if (status == SPIN_OK && out->n != p->n)
         status = spin_fail(SPIN_E_MALFORMED, "%zu rows, 'POSITION' has %zu", out->n, p->n);
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "attribute '%s'", name);
 }
 
-static spin_status read_sh(const struct spin_gs_glb_points *p, struct spin_splats *out)
-{
-    size_t n_sh = (size_t)spin_sh_count(p->sh_degree), k = 0;
-
-    for (int degree = 0; degree <= p->sh_degree; degree++) {
-        for (int m = 0; m < 2 * degree + 1; m++, k++) {
-            struct spin_glb_numbers from;
-            char name[64];
-
-            name_sh(degree, m, name);
-            SPIN_TRY(find_attribute(p, name, SH, 3, &from));
-            for (size_t i = 0; i < p->n; i++)
-                spin_glb_row(&from, i, out->sh + 3 * (n_sh * i + k));
-        }
-    }
-    return SPIN_OK;
-}
-
 static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned columns,
                              struct spin_splats *out)
 {
-    struct spin_glb_numbers place, rotation, scale, opacity;
+    struct spin_glb_numbers place, rotation, scale, opacity, sh;
+    size_t n_sh = (size_t)spin_sh_count(p->sh_degree);
 
-    SPIN_TRY(find_attribute(p, names[POSITION], POSITION, 3, &place));
-    SPIN_TRY(find_attribute(p, names[ROTATION], ROTATION, 4, &rotation));
-    SPIN_TRY(find_attribute(p, names[SCALE], SCALE, 3, &scale));
-    SPIN_TRY(find_attribute(p, names[OPACITY], OPACITY, 1, &opacity));
+    SPIN_TRY(find_attribute(p, SPIN_GLB_POSITION, 3, &place));
+    SPIN_TRY(find_attribute(p, SPIN_GLB_ROTATION, 4, &rotation));
+    SPIN_TRY(find_attribute(p, SPIN_GLB_SCALE, 3, &scale));
+    SPIN_TRY(find_attribute(p, SPIN_GLB_OPACITY, 1, &opacity));
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_MEANS); i++)
         spin_glb_row(&place, i, out->means + 3 * i);
     for (size_t i = 0; i < p->n && (columns & SPIN_COL_QUATS); i++) {
@@ -261,7 +309,12 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
                              (double)value, i);
         out->logit_opacities[i] = spin_opacity_logit(value);
     }
-    return columns & SPIN_COL_SH ? read_sh(p, out) : SPIN_OK;
+    for (size_t k = 0; k < n_sh && (columns & SPIN_COL_SH); k++) {
+        SPIN_TRY(find_attribute(p, SPIN_GLB_SH + (int)k, 3, &sh));
+        for (size_t i = 0; i < p->n; i++)
+            spin_glb_row(&sh, i, out->sh + 3 * (n_sh * i + k));
+    }
+    return SPIN_OK;
 }
 
 spin_status spin_gs_glb_read(const struct spin_gs_glb_points *p, unsigned columns,
@@ -274,19 +327,4 @@ spin_status spin_gs_glb_read(const struct spin_gs_glb_points *p, unsigned column
     SPIN_TRY(spin_splats_reserve(out, p->n, columns, p->sh_degree));
     SPIN_TRY(read_rows(p, columns, out));
     return spin_check_columns(what, columns, 0, p->n, out);
-}
-
-spin_status spin_gs_glb_read_node(const struct spin_glb_file *glb, size_t node, unsigned columns,
-                                  struct spin_splats *out)
-{
-    const spin_json *object = spin_json_at(spin_json_get(glb->json, "nodes"), node);
-    const spin_json *mesh = spin_glb_item(glb, "meshes", spin_json_get(object, "mesh"));
-    struct spin_gs_glb_points points;
-
-    if (!object)
-        return spin_fail(SPIN_E_MALFORMED, "no node %zu", node);
-    if (!spin_json_get(object, "mesh"))
-        return spin_splats_reserve(out, 0, columns, 0);
-    SPIN_TRY(spin_gs_glb_find(glb, spin_json_at(spin_json_get(mesh, "primitives"), 0), &points));
-    return spin_gs_glb_read(&points, columns, out);
 }

@@ -9,47 +9,66 @@
  *     COLOR_0                                     4 numbers of 16 bits, linear light and opacity, for
  *                                                 viewers that do not know the extension and draw points
  *
- * Written are floats, each attribute in one piece; io/gltf.h writes the container. Read are also the integers
- * that the extension and KHR_mesh_quantization allow, and an SPZ in place of the attributes
- * (KHR_gaussian_splatting_compression_spz_2, a draft). */
+ * Read are also the integers that the extension and KHR_mesh_quantization allow, and an SPZ in place of the attributes
+ * (KHR_gaussian_splatting_compression_spz_2, a draft). formats/glb_scene.h reads a file, formats/glb_write.h writes one. */
 #ifndef SPIN_FORMATS_GLB_H
 #define SPIN_FORMATS_GLB_H
 
-#include "formats/glb_accessor.h"
 #include "formats/spz.h"
-#include "io/gltf.h"
+#include "io/json.h"
 #include "math/sh.h"
 
-#define SPIN_GS_GLB_EXTENSION "KHR_gaussian_splatting"
-#define SPIN_GS_GLB_MAX_ATTRIBUTES (4 + SPIN_SH_MAX + 1)
-/* Bytes of a row of all attributes, at most. */
-#define SPIN_GS_GLB_MAX_ROW (4 * (3 + 4 + 3 + 1 + 3 * SPIN_SH_MAX) + 8)
+#define SPIN_GLB_SPLATS "KHR_gaussian_splatting"
 
-/* ---- Writing --------------------------------------------------------------------------------- */
+enum { SPIN_GLB_POSITION, SPIN_GLB_ROTATION, SPIN_GLB_SCALE, SPIN_GLB_OPACITY, SPIN_GLB_SH };
+/* Numbers of glTF's own: of components, and of what a mesh primitive draws. */
+enum { SPIN_GLB_I8 = 5120, SPIN_GLB_U8, SPIN_GLB_I16, SPIN_GLB_U16, SPIN_GLB_F32 = 5126 };
+enum { SPIN_GLB_POINTS = 0, SPIN_GLB_TRIANGLES = 4 };
 
-/* The attributes in the order of the file. Points into itself: not to be copied. */
-struct spin_gs_glb_layout {
-    int sh_degree;
-    bool fallback; /* COLOR_0 is one of them, the last */
-    int n;
-    struct spin_gltf_attribute attribute[SPIN_GS_GLB_MAX_ATTRIBUTES];
-    size_t width[SPIN_GS_GLB_MAX_ATTRIBUTES]; /* bytes a row */
-    size_t row;                               /* their sum */
-    char name[SPIN_SH_MAX][64];
+/* What an attribute is called; SPIN_GLB_SH + k: coefficient k. */
+enum { SPIN_GLB_NAME = 64 };
+void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
+
+/* ---- The container --------------------------------------------------------------------------- */
+
+/* A file in memory, which is borrowed until the end. */
+struct spin_glb_file {
+    spin_json *json;
+    const unsigned char *bytes; /* of the binary chunk */
+    uint64_t n_bytes;
 };
 
-/* What the extension says of each mesh: pairs of key and value, NULL at the end. */
-extern const char *const spin_gs_glb_values[];
+/* Free also after a failure. Zero it before. Errors do not name the file, here and below. */
+spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
+void spin_glb_close(struct spin_glb_file *glb);
 
-void spin_gs_glb_begin(struct spin_gs_glb_layout *layout, int sh_degree, bool fallback);
-/* A row to place `at` of each attribute's column, from the first n_sh coefficients [k][3]; more are written
- * as 0. The columns are in this machine's byte order until spin_gs_glb_order(), which is given rows 0..n. */
-void spin_gs_glb_code(const struct spin_gs_glb_layout *layout, const struct spin_gaussian *row,
-                      const float *sh, int n_sh, unsigned char *const column[], size_t at);
-void spin_gs_glb_order(const struct spin_gs_glb_layout *layout, unsigned char *const column[],
-                       size_t n);
+/* Item of a list of the document by the index that another object holds; NULL when there is none. */
+const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
+                               const spin_json *index);
+int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
 
-/* ---- Reading --------------------------------------------------------------------------------- */
+/* ---- Numbers --------------------------------------------------------------------------------- */
+
+/* A type of components as a bit: plain, and normalised integers. */
+#define SPIN_GLB_IS(component) (1u << ((component)-SPIN_GLB_I8))
+#define SPIN_GLB_NORMALISED(bits) ((bits) << 8)
+
+/* n rows of `width` numbers, `stride` bytes apart. */
+struct spin_glb_numbers {
+    const unsigned char *at;
+    size_t n, width, stride;
+    int component;
+    bool normalised;
+};
+
+/* An accessor of rows of `width` (1, 3 or 4) numbers of one of the `allowed` types; all of it lies in the
+ * binary chunk. */
+spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
+                          unsigned allowed, struct spin_glb_numbers *out);
+/* Row i, normalised integers as 0..1 or -1..1. */
+void spin_glb_row(const struct spin_glb_numbers *numbers, size_t i, float *out);
+
+/* ---- Splats ---------------------------------------------------------------------------------- */
 
 /* Splats of one mesh primitive. */
 struct spin_gs_glb_points {
@@ -72,8 +91,5 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
  * their length. */
 spin_status spin_gs_glb_read(const struct spin_gs_glb_points *points, unsigned columns,
                              struct spin_splats *out);
-/* The first primitive of a node's mesh, nothing where it has none. */
-spin_status spin_gs_glb_read_node(const struct spin_glb_file *glb, size_t node, unsigned columns,
-                                  struct spin_splats *out);
 
 #endif

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "formats/glb_nodes.h"
+#include "math/covariance.h"
 #include "math/quat.h"
 #include "math/scene_rotation.h"
 
@@ -13,7 +13,211 @@
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
 #define PACKED_SLACK (1u << 20) /* splats of SPZ, which may take less than a byte */
-#define SAME_SCALE 1e-4
+#define SAME_SCALE 1e-4         /* the most that scales along the axes differ, of the largest */
+#define NO_SCALE 1e-6           /* a node whose scale is below shows nothing */
+#define MAX_SIZE 1e15           /* of places and scales */
+#define MAX_DEPTH 64            /* of nodes */
+#define VISIBILITY "KHR_node_visibility"
+
+/* ---- Nodes ----------------------------------------------------------------------------------- */
+
+/* Where a node puts its mesh: it turns, scales, moves; then its parent does. A splat stays a splat when it is turned,
+ * moved and scaled alike along all axes; other nodes are refused. */
+struct node {
+    double q[4], scale, shift[3];
+    int64_t parent; /* -1: none */
+    int64_t key;    /* what switches it on and off; -1: nothing */
+    bool hidden;    /* by KHR_node_visibility, unless something switches it */
+    bool in_scene;  /* as a root */
+};
+
+struct nodes {
+    struct node *node; /* [n], also after a failure */
+    size_t n;
+};
+
+static spin_status read_numbers(const spin_json *list, size_t n, double *out)
+{
+    for (size_t i = 0; list && i < n; i++) {
+        if (spin_json_length(list) != n || !spin_json_number(spin_json_at(list, i), &out[i]) ||
+            !(fabs(out[i]) < MAX_SIZE))
+            return spin_fail(SPIN_E_MALFORMED, "its place in the scene is not made of %zu numbers",
+                             n);
+    }
+    return SPIN_OK;
+}
+
+/* What three scales have in common. SPIN_E_UNSUPPORTED when they differ, are negative or no numbers. */
+static spin_status one_scale(const double scale[3], double *out)
+{
+    double largest = fmax(fmax(scale[0], scale[1]), scale[2]);
+
+    *out = 0;
+    for (int c = 0; c < 3; c++) {
+        if (!(scale[c] >= 0 && scale[c] >= largest * (1 - SAME_SCALE) && largest < MAX_SIZE))
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "it is scaled by %g, %g, %g: expected one positive number", scale[0],
+                             scale[1], scale[2]);
+    }
+    *out = largest;
+    return SPIN_OK;
+}
+
+static spin_status normalise(double q[4])
+{
+    double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+
+    if (!(norm > 1e-6))
+        return spin_fail(SPIN_E_MALFORMED, "its rotation has no length");
+    for (int k = 0; k < 4; k++)
+        q[k] /= norm;
+    return SPIN_OK;
+}
+
+static spin_status split_matrix(const spin_json *list, struct node *node)
+{
+    double m[16], length[3], rows[9], det;
+
+    SPIN_TRY(read_numbers(list, 16, m));
+    for (int c = 0; c < 3; c++)
+        length[c] =
+            sqrt(m[4 * c] * m[4 * c] + m[4 * c + 1] * m[4 * c + 1] + m[4 * c + 2] * m[4 * c + 2]);
+    SPIN_TRY(one_scale(length, &node->scale));
+    memcpy(node->shift, m + 12, sizeof node->shift);
+    if (node->scale < NO_SCALE)
+        return SPIN_OK;
+    for (int i = 0; i < 12; i++)
+        m[i] /= node->scale;
+    det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) +
+          m[8] * (m[1] * m[6] - m[2] * m[5]);
+    if (fabs(det - 1) > 1e-3)
+        return spin_fail(SPIN_E_UNSUPPORTED, "its matrix is not a rotation and a scale");
+    for (int i = 0; i < 9; i++)
+        rows[i] = m[i % 3 * 4 + i / 3];
+    spin_quat_of_matrix(rows, node->q);
+    return SPIN_OK;
+}
+
+static spin_status read_node(const spin_json *object, struct node *node)
+{
+    const spin_json *matrix = spin_json_get(object, "matrix");
+    const spin_json *visibility = spin_json_get(spin_json_get(object, "extensions"), VISIBILITY);
+    double rotation[4] = {0, 0, 0, 1}, scale[3] = {1, 1, 1};
+    bool visible = true;
+
+    spin_json_bool(spin_json_get(visibility, "visible"), &visible);
+    node->hidden = !visible;
+    node->q[0] = 1;
+    if (matrix)
+        return split_matrix(matrix, node);
+    SPIN_TRY(read_numbers(spin_json_get(object, "translation"), 3, node->shift));
+    SPIN_TRY(read_numbers(spin_json_get(object, "rotation"), 4, rotation));
+    SPIN_TRY(read_numbers(spin_json_get(object, "scale"), 3, scale));
+    for (int k = 0; k < 4; k++)
+        node->q[(k + 1) % 4] = rotation[k];
+    SPIN_TRY(normalise(node->q));
+    return one_scale(scale, &node->scale);
+}
+
+static spin_status join_children(struct nodes *nodes, size_t i, const spin_json *children)
+{
+    for (size_t k = 0; k < spin_json_length(children); k++) {
+        int64_t child = -1;
+
+        if (!spin_json_integer(spin_json_at(children, k), &child) || child < 0 ||
+            (size_t)child >= nodes->n || nodes->node[child].parent >= 0)
+            return spin_fail(SPIN_E_MALFORMED, "its children are no nodes or those of another");
+        nodes->node[child].parent = (int64_t)i;
+    }
+    return SPIN_OK;
+}
+
+/* The roots of the scene that is shown; without scenes, every root. */
+static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
+{
+    const spin_json *scenes = spin_json_get(json, "scenes"), *list;
+    int64_t scene = spin_glb_integer(json, "scene", 0);
+
+    if (spin_json_length(scenes) == 0) {
+        for (size_t i = 0; i < nodes->n; i++)
+            nodes->node[i].in_scene = nodes->node[i].parent < 0;
+        return SPIN_OK;
+    }
+    if (scene < 0 || !spin_json_at(scenes, (size_t)scene))
+        return spin_fail(SPIN_E_MALFORMED, "its scene is not there");
+    list = spin_json_get(spin_json_at(scenes, (size_t)scene), "nodes");
+    for (size_t i = 0; i < spin_json_length(list); i++) {
+        int64_t node = -1;
+
+        if (!spin_json_integer(spin_json_at(list, i), &node) || node < 0 ||
+            (size_t)node >= nodes->n)
+            return spin_fail(SPIN_E_MALFORMED, "its scene has a node that is not there");
+        nodes->node[node].in_scene = true;
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_nodes(const spin_json *json, struct nodes *out)
+{
+    const spin_json *list = spin_json_get(json, "nodes");
+
+    out->n = spin_json_length(list);
+    SPIN_TRY(spin_alloc(out->n + 1, sizeof *out->node, (void **)&out->node));
+    for (size_t i = 0; i < out->n; i++)
+        out->node[i].parent = out->node[i].key = -1;
+    for (size_t i = 0; i < out->n; i++) {
+        const spin_json *object = spin_json_at(list, i);
+        spin_status status = read_node(object, &out->node[i]);
+
+        if (status == SPIN_OK)
+            status = join_children(out, i, spin_json_get(object, "children"));
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "node %zu", i);
+    }
+    return mark_scene(json, out);
+}
+
+/* p turned by a unit quaternion w x y z. */
+static void turn_point(const double q[4], const double p[3], double out[3])
+{
+    const double t[3] = {2 * (q[2] * p[2] - q[3] * p[1]), 2 * (q[3] * p[0] - q[1] * p[2]),
+                         2 * (q[1] * p[1] - q[2] * p[0])};
+
+    out[0] = p[0] + q[0] * t[0] + q[2] * t[2] - q[3] * t[1];
+    out[1] = p[1] + q[0] * t[1] + q[3] * t[0] - q[1] * t[2];
+    out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
+}
+
+/* After what `inout` does, what node i and its parents do. *shown: it is in the scene, and not hidden other
+ * than by a switch. */
+static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
+                              bool *shown)
+{
+    int64_t at = (int64_t)i, top = at;
+
+    *shown = true;
+    for (int depth = 0; at >= 0; depth++) {
+        const struct node *node = &nodes->node[at];
+        double joined[4], moved[3];
+
+        if (depth == MAX_DEPTH)
+            return spin_fail(SPIN_E_MALFORMED, "nodes are more than %d deep, or in a circle",
+                             MAX_DEPTH);
+        spin_scene_rotation_join(inout->q, node->q, joined);
+        memcpy(inout->q, joined, sizeof joined);
+        turn_point(node->q, inout->shift, moved);
+        for (int c = 0; c < 3; c++)
+            inout->shift[c] = node->scale * moved[c] + node->shift[c];
+        inout->scale *= node->scale;
+        *shown = *shown && node->scale > NO_SCALE && (node->key >= 0 || !node->hidden);
+        top = at;
+        at = node->parent;
+    }
+    *shown = *shown && nodes->node[top].in_scene;
+    if (*shown && !(inout->scale > NO_SCALE && inout->scale < MAX_SIZE))
+        return spin_fail(SPIN_E_UNSUPPORTED, "it is scaled by %g", inout->scale);
+    return SPIN_OK;
+}
 
 /* What an animation does to one node: a value for each key. */
 struct key {
@@ -24,7 +228,7 @@ struct key {
 
 struct build {
     struct spin_gs_glb_scene *scene;
-    struct spin_glb_nodes nodes;
+    struct nodes nodes;
     struct key *key; /* [n_keys] */
     size_t n_keys;
     float *time; /* [n_times] all times at which keys stand, increasing */
@@ -49,7 +253,7 @@ static spin_status add_piece(struct build *b, size_t node, const spin_json *prim
         SPIN_TRY(spin_spz_axes(axes ? axes : SPIN_SPZ_RIGHT_UP_BACK, q));
         spin_scene_rotation_join(q, to_gltf, piece.placement.q);
     }
-    SPIN_TRY(spin_glb_nodes_place(&b->nodes, node, &piece.placement, &shown));
+    SPIN_TRY(place_node(&b->nodes, node, &piece.placement, &shown));
     if (!shown)
         return SPIN_OK;
     if (s->n_pieces == MAX_PIECES)
@@ -85,8 +289,8 @@ static spin_status find_pieces(struct build *b)
         if (status != SPIN_OK)
             return spin_fail_context(status, "node %zu", i);
     }
-    if (b->scene->n_pieces == 0)
-        return spin_fail(SPIN_E_MALFORMED, "its scene shows no splats (" SPIN_GS_GLB_EXTENSION ")");
+    if (b->scene->n_pieces == 0 && spin_json_get(b->scene->file.json, "meshes"))
+        return spin_fail(SPIN_E_MALFORMED, "its scene shows no splats (" SPIN_GLB_SPLATS ")");
     return SPIN_OK;
 }
 
@@ -99,7 +303,7 @@ static int64_t pointed_node(const char *pointer)
     int end = 0;
 
     if (pointer)
-        sscanf(pointer, "/nodes/%9lld/extensions/" SPIN_GLB_VISIBILITY "/visible%n", &node, &end);
+        sscanf(pointer, "/nodes/%9lld/extensions/" VISIBILITY "/visible%n", &node, &end);
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
@@ -132,10 +336,10 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
                          "an animation switches a node that is not there, or twice");
     SPIN_TRY(spin_glb_find(&s->file,
                            spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "input")), 1,
-                           SPIN_GLB_F32, &key->time));
-    SPIN_TRY(spin_glb_find(&s->file,
-                           spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "output")),
-                           scale ? 3 : 1, scale ? SPIN_GLB_F32 : SPIN_GLB_U8, &key->value));
+                           SPIN_GLB_IS(SPIN_GLB_F32), &key->time));
+    SPIN_TRY(spin_glb_find(
+        &s->file, spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "output")),
+        scale ? 3 : 1, SPIN_GLB_IS(scale ? SPIN_GLB_F32 : SPIN_GLB_U8), &key->value));
     if (key->time.n == 0 || key->time.n != key->value.n)
         return spin_fail(SPIN_E_MALFORMED, "%zu keys with %zu values", key->time.n, key->value.n);
     key->node = (size_t)node;
@@ -212,8 +416,8 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     }
     for (int c = 0; c < 3; c++)
         scale[c] = (double)value[c];
-    SPIN_TRY(spin_glb_one_scale(scale, &one));
-    *on = one > SPIN_GLB_NO_SCALE;
+    SPIN_TRY(one_scale(scale, &one));
+    *on = one > NO_SCALE;
     if (*on && key->scale > 0 && fabs(one / key->scale - 1) > SAME_SCALE)
         return spin_fail(SPIN_E_UNSUPPORTED, "an animation scales node %zu by %g and by %g",
                          key->node, key->scale, one);
@@ -352,10 +556,10 @@ static spin_status find_frames(struct build *b)
 /* What a file says that its readers must know. */
 static spin_status check_required(const struct spin_gs_glb_scene *s)
 {
-    static const char *const known[] = {SPIN_GS_GLB_EXTENSION,
-                                        SPIN_GS_GLB_EXTENSION "_compression_spz_2",
+    static const char *const known[] = {SPIN_GLB_SPLATS,
+                                        SPIN_GLB_SPLATS "_compression_spz_2",
                                         "KHR_mesh_quantization",
-                                        SPIN_GLB_VISIBILITY,
+                                        VISIBILITY,
                                         POINTER,
                                         "KHR_materials_unlit"}; /* of points drawn instead */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
@@ -381,7 +585,7 @@ spin_status spin_gs_glb_scene_open(const unsigned char *file, size_t size,
 
     SPIN_TRY_OUT(spin_glb_open(file, size, &out->file));
     SPIN_TRY_OUT(check_required(out));
-    SPIN_TRY_OUT(spin_glb_nodes_read(out->file.json, &b.nodes));
+    SPIN_TRY_OUT(read_nodes(out->file.json, &b.nodes));
     SPIN_TRY_OUT(find_keys(&b));
     SPIN_TRY_OUT(gather_times(&b));
     SPIN_TRY_OUT(run_keys(&b));

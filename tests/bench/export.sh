@@ -20,7 +20,7 @@ work=${WORK:-}
 [ -n "$work" ] || { work=$(mktemp -d) && trap 'rm -rf "$work"' EXIT; } || exit 1
 trap 'exit 130' INT TERM
 [ -x /usr/bin/time ] || { echo "export: no /usr/bin/time (Debian: time)" >&2; exit 1; }
-make -s "$clip" "$bin/spin-import" "$bin/spin-export" "$(dirname "$bin")/lib/spin-gltf.so" || exit 1
+make -s "$clip" "$bin/spin-import" "$bin/spin-export" || exit 1
 
 # measure LOG COMMAND...: wall, user and system seconds and peak kB, one line more in LOG.
 measure() {

@@ -147,7 +147,7 @@ for range in 2:5 1:5:2; do
     same "spin-retrain --method frames" spin-retrain -o r.spin --device cpu --method frames --refine 4 --scale 0.5 --json
 
     other=fewer.spin
-    for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart gltf:clip.glb:--visibility splat:o compressed-ply:o \
+    for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart splat:o compressed-ply:o \
         spz:o spz:o:--spz-version:4 sog:o usd:o html:page.html html:page.html:--split:--max-splats:9 images:o \
         images:o:--views:train:--compare images:o:--path:orbit images:o:--path:train $videos; do
         to=${one%%:*}

@@ -4,7 +4,7 @@
 #include "tests/formats/glb_files.h"
 #include "tests/formats/spz_files.h"
 
-#define E SPIN_GS_GLB_EXTENSION
+#define E SPIN_GLB_SPLATS
 
 static spin_status read_scene(const unsigned char *bytes, size_t n, struct spin_splats *out)
 {

@@ -197,7 +197,6 @@ static const struct written {
     {"gltf", "gltf", {0}, {0}, GLTF_BOUNDS},
     {"gltf", "gltf-source", {"axes", "source"}, {"axes", "source"}, GLTF_BOUNDS},
     {"gltf", "clip.glb", {0}, {0}, GLTF_BOUNDS},
-    {"gltf", "visible.glb", {"visibility", ""}, {0}, GLTF_BOUNDS},
     /* a chunk is as wide as the clip: 8, and 4 of log scales */
     {"compressed-ply",
      "packed",
