@@ -223,25 +223,6 @@ static spin_status compressed_order(void *self, const uint32_t **row)
     return SPIN_OK;
 }
 
-static spin_status compressed_read(void *self, const struct spin_map *map, int frame,
-                                   struct spin_splats *out)
-{
-    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct spin_compressed_ply file;
-    struct spin_ply ply;
-    spin_status status;
-
-    (void)self;
-    (void)frame;
-    SPIN_TRY(spin_ply_parse("PLY", map->data, map->size, &ply));
-    SPIN_TRY_OUT(spin_compressed_find(&ply, &file));
-    SPIN_TRY_OUT(spin_splats_reserve(out, (size_t)file.vertex->count, columns, file.sh_degree));
-    status = spin_compressed_read(&file, columns, out);
-out:
-    spin_ply_close(&ply);
-    return status;
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -267,13 +248,13 @@ static void end(void *self)
 
 static const struct spin_frames_format format = {
     .name = "compressed-ply",
+    .importer = "ply",
     .pattern = "frame_%05d.compressed.ply",
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .begin = begin,
     .bytes = compressed_bytes,
     .write = compressed_write,
-    .read = compressed_read,
     .order = compressed_order,
     .end = end,
 };

@@ -25,7 +25,6 @@
 #include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
-#include "formats/glb_scene.h"
 #include "formats/glb_write.h"
 
 #define DEFAULT_FPS 30
@@ -230,25 +229,7 @@ static spin_status gltf_write(void *self, const struct spin_frame_info *info, st
 
 static uint64_t gltf_bytes(const void *self, size_t n)
 {
-    const struct spin_glb_clip *clip = &((const struct export *)self)->clip;
-
-    return clip->room + (uint64_t)n * clip->row;
-}
-
-static spin_status gltf_read(void *self, const struct spin_map *map, int frame,
-                             struct spin_splats *out)
-{
-    struct spin_gs_glb_scene scene = {0};
-    spin_status status = spin_gs_glb_scene_open(map->data, map->size, &scene);
-
-    (void)self;
-    if (status == SPIN_OK && (size_t)frame >= scene.n_frames)
-        status = spin_fail(SPIN_E_MALFORMED, "frame %d of %zu", frame, scene.n_frames);
-    if (status == SPIN_OK)
-        status = spin_gs_glb_scene_read(&scene, (size_t)frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                        out);
-    spin_gs_glb_scene_close(&scene);
-    return status;
+    return spin_glb_bytes(&((const struct export *)self)->clip, n);
 }
 
 /* The node of what all frames share lies behind those of the frames. */
@@ -345,14 +326,13 @@ static const struct spin_frames_format format = {
     .ready = ready,
     .bytes = gltf_bytes,
     .write = gltf_write,
-    .read = gltf_read,
     .order = gltf_order,
     .end = end,
 };
 
 static spin_status open_single(struct export *x, const struct spin_export_job *job)
 {
-    uint64_t bytes;
+    size_t n;
 
     SPIN_TRY(begin(x, job));
     SPIN_TRY(spin_splat_filter_begin(&x->frames.rows, job, x->frames.axes));
@@ -364,11 +344,11 @@ static spin_status open_single(struct export *x, const struct spin_export_job *j
     }
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
-    bytes = gltf_bytes(x, x->still.n);
+    n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
-        bytes += (job->counts[f] - x->still.n) * x->clip.row;
-    if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, bytes, /* frames share what is the same */
+        n += job->counts[f] - x->still.n;
+    if (job->counts) /* frames share what is the same */
+        spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n),
                              job->n_frames > 1 || x->frames.rows.min_logit > -INFINITY);
     return SPIN_OK;
 }
@@ -384,6 +364,7 @@ static spin_status gltf_begin(const struct spin_export_job *job, void **self)
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->frames.format = &format;
     x->frames.job = job;
+    x->frames.file = job->output;
     x->single = true;
     status = open_single(x, job);
     if (status == SPIN_OK)
@@ -414,7 +395,7 @@ static spin_status end_single(struct export *x)
     if (x->frames.rows.report)
         x->frames.rows.report->bytes = length;
     SPIN_TRY(spin_out_commit(&x->out));
-    return x->frames.job->check ? spin_frames_check(&x->frames, x->frames.job->output) : SPIN_OK;
+    return x->frames.job->check ? spin_frames_check(&x->frames) : SPIN_OK;
 }
 
 static spin_status gltf_end(void *self)

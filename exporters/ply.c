@@ -60,25 +60,6 @@ static spin_status ply_write(void *self, const struct spin_frame_info *info, str
     return spin_frames_write_rows(x, out, n_header, row_bytes(x), code_row);
 }
 
-static spin_status ply_read(void *self, const struct spin_map *map, int frame,
-                            struct spin_splats *out)
-{
-    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    struct spin_gs_ply file;
-    struct spin_ply ply;
-    spin_status status;
-
-    (void)self;
-    (void)frame;
-    SPIN_TRY(spin_ply_parse("PLY", map->data, map->size, &ply));
-    SPIN_TRY_OUT(spin_gs_ply_find(&ply, &file));
-    SPIN_TRY_OUT(spin_splats_reserve(out, (size_t)file.vertex->count, columns, file.sh_degree));
-    status = spin_gs_ply_read(&file, columns, 0, out);
-out:
-    spin_ply_close(&ply);
-    return status;
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static const struct spin_frames_format format = {
@@ -87,7 +68,6 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct spin_frames),
     .bytes = ply_bytes,
     .write = ply_write,
-    .read = ply_read,
 };
 
 static spin_status ply_begin(const struct spin_export_job *job, void **self)

@@ -328,14 +328,6 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-static spin_status sog_read(void *self, const struct spin_map *map, int frame,
-                            struct spin_splats *out)
-{
-    (void)self;
-    (void)frame;
-    return spin_sog_read(map->data, map->size, NULL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
-}
-
 static spin_status sog_order(void *self, const uint32_t **row)
 {
     struct export *x = self;
@@ -383,7 +375,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = sog_bytes,
     .write = sog_write,
-    .read = sog_read,
     .order = sog_order,
     .end = end,
 };

@@ -97,14 +97,6 @@ static spin_status splat_order(void *self, const uint32_t **row)
     return SPIN_OK;
 }
 
-static spin_status splat_read(void *self, const struct spin_map *map, int frame,
-                              struct spin_splats *out)
-{
-    (void)self;
-    (void)frame;
-    return spin_splat_read(map->data, map->size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -133,7 +125,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = splat_bytes,
     .write = splat_write,
-    .read = splat_read,
     .order = splat_order,
     .end = end,
 };

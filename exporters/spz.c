@@ -244,14 +244,6 @@ static uint64_t spz_bytes(const void *self, size_t n)
     return spin_spz_bytes(n, ((const struct export *)self)->frames.rows.sh_degree);
 }
 
-static spin_status spz_read(void *self, const struct spin_map *map, int frame,
-                            struct spin_splats *out)
-{
-    (void)self;
-    (void)frame;
-    return spin_spz_read(map->data, map->size, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, out);
-}
-
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static spin_status begin(void *self, const struct spin_export_job *job)
@@ -293,7 +285,6 @@ static const struct spin_frames_format format = {
     .begin = begin,
     .bytes = spz_bytes,
     .write = spz_write,
-    .read = spz_read,
     .end = end,
 };
 

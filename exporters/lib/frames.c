@@ -14,7 +14,6 @@
 #include "base/mem.h"
 #include "base/option.h"
 #include "base/text.h"
-#include "exporters/lib/roundtrip_check.h"
 #include "io/json.h"
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
@@ -275,7 +274,7 @@ spin_status spin_frames_end(void *self)
     if (x->format->lossy)
         spin_quant_error_say(&x->quant, x->format->name);
     if (x->job->check)
-        SPIN_TRY_OUT(spin_frames_check(x, NULL));
+        SPIN_TRY_OUT(spin_frames_check(x));
 out:
     if (status != SPIN_OK)
         spin_output_folder_abandon(&x->folder);
@@ -292,68 +291,6 @@ void spin_frames_abort(void *self)
     x->commits = NULL;
     spin_output_folder_abandon(&x->folder);
     spin_frames_free(x);
-}
-
-/* ---- Check ----------------------------------------------------------------------------------- */
-
-/* The one nearest to the middle that has splats; -1: none has. */
-static int rendered_frame(const struct spin_frames *x)
-{
-    int middle = (int)x->n_entries / 2, best = -1;
-
-    for (int f = 0; f < (int)x->n_entries; f++)
-        if (x->entry[f].n > 0 && (best < 0 || abs(f - middle) < abs(best - middle)))
-            best = f;
-    return best;
-}
-
-/* Frame f of the export, from frame `within` of a file. */
-static spin_status check_file(struct spin_frames *x, struct spin_roundtrip_check *check, int f,
-                              const char *path, int within)
-{
-    const struct spin_splats *splats;
-    const uint32_t *row = NULL;
-    struct spin_splats back = {0};
-    struct spin_map map = {0};
-    spin_status status;
-
-    SPIN_TRY(x->job->again(x->job->context, f, &splats));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, x->entry[f].number));
-    SPIN_TRY(spin_map_open(path, &map));
-    status = x->format->read(x, &map, within, &back);
-    if (status != SPIN_OK) {
-        status = spin_fail_context(status, "check: '%s'", path);
-        goto out;
-    }
-    if (x->format->order)
-        SPIN_TRY_OUT(x->format->order(x, &row));
-    SPIN_TRY_OUT(spin_roundtrip_check_frame(check, &x->rows, path, &back, row));
-    if (f == rendered_frame(x) && x->job->renderer)
-        status = spin_roundtrip_check_render(check, &x->rows, x->job, f, x->entry[f].number, &back);
-out:
-    spin_map_close(&map);
-    spin_splats_free(&back);
-    return status;
-}
-
-spin_status spin_frames_check(struct spin_frames *x, const char *single)
-{
-    struct spin_roundtrip_check check = {0};
-
-    x->rows.quiet = true;
-    for (size_t f = 0; f < x->n_entries; f++) {
-        char *path = NULL;
-        spin_status status;
-
-        if (!single)
-            SPIN_TRY(path_of(x, x->entry[f].number, &path));
-        status = check_file(x, &check, (int)f, single ? single : path, single ? (int)f : 0);
-        free(path);
-        SPIN_TRY(status);
-    }
-    if (x->job->report)
-        spin_roundtrip_check_report(&check, x->job->report);
-    return spin_roundtrip_check_judge(&check, &x->quant, x->job->output);
 }
 
 /* ---- For write() ------------------------------------------------------------------------------ */

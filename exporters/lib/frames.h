@@ -17,16 +17,17 @@
     }
 #define SPIN_FRAMES_OPTION_FPS                                                                     \
     {                                                                                              \
-        "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL                \
+        "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL              \
     }
 #define SPIN_FRAMES_OPTIONS(pattern) SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS
 
 struct spin_frames_format {
-    const char *name;    /* as the plug-in's */
-    const char *pattern; /* of file names */
-    size_t self_bytes;   /* of the struct that begins with a struct spin_frames */
-    bool lossy;          /* says its error at the end */
-    bool packed;         /* bytes() is an upper bound */
+    const char *name;     /* as the plug-in's */
+    const char *importer; /* that reads the files; NULL: that of the same name */
+    const char *pattern;  /* of file names */
+    size_t self_bytes;    /* of the struct that begins with a struct spin_frames */
+    bool lossy;           /* says its error at the end */
+    bool packed;          /* bytes() is an upper bound */
 
     /* Own options. May change frames->axes before the common ones are read. NULL: none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);
@@ -36,9 +37,6 @@ struct spin_frames_format {
     uint64_t (*bytes)(const void *self, size_t n);
     /* Write the chosen rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
-    /* Frame `frame` of a file (0 but in a file of many) as its readers understand it, in its own axes
-     * and order. Errors do not name the file. */
-    spin_status (*read)(void *self, const struct spin_map *map, int frame, struct spin_splats *out);
     /* The chosen rows in the order of the file. NULL: the source's. */
     spin_status (*order)(void *self, const uint32_t **row);
     /* What else lies beside the frames, of which all are whole now. NULL: nothing. */
@@ -57,7 +55,7 @@ struct spin_frames_entry {
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
-    const char *file;   /* the output is this file, for one frame; NULL: a folder */
+    const char *file;   /* the output is this file, of one frame or of all; NULL: a folder */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
@@ -90,8 +88,8 @@ void spin_frames_free(struct spin_frames *frames);
 /* What sequence.json and the check know of a frame. */
 spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_info *info,
                             size_t n);
-/* --check: read all frames back from their files, or from one file with all of them. */
-spin_status spin_frames_check(struct spin_frames *frames, const char *single);
+/* --check: read all frames back. */
+spin_status spin_frames_check(struct spin_frames *frames);
 
 /* For finish(): a file of this name in the folder. */
 spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);

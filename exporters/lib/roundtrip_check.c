@@ -1,13 +1,28 @@
-#include "exporters/lib/roundtrip_check.h"
+/* --check: what was written is read back by its importer and held to the bundle - counts, the box around the places,
+ * how far each value is off, and a picture of one frame. */
+#include "exporters/lib/frames.h"
 
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/err.h"
 #include "base/mem.h"
 #include "exporters/lib/initial_view.h"
 
 /* What is left of a value after float arithmetic there and back: of positions as a share of the farthest coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
+
+struct check {
+    struct spin_frames *x;
+    const struct spin_importer *importer;
+    void *self; /* what the importer has opened; NULL: nothing */
+    struct spin_splats back;
+    struct spin_quant_error quant;
+    double bounds; /* the most that a side of a frame's box is off by */
+    double reach;  /* the farthest coordinate */
+    int rendered;  /* number of the frame that was rendered */
+    double psnr;   /* 0: none was */
+};
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
@@ -60,10 +75,12 @@ static void compare_sh(struct spin_quant_error *quant, const struct spin_splat_f
     spin_quant_error_add_all(quant, SPIN_QUANT_SH, error, (size_t)n - 3);
 }
 
-spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
-                                       const struct spin_splat_filter *rows, const char *path,
-                                       const struct spin_splats *back, const uint32_t *row)
+/* A frame as its file has it, in the file's axes and order, against the chosen rows of the bundle's: row[j] is the one
+ * that the file's row j came from, NULL: those kept, in the source's order. */
+static spin_status compare(struct check *check, const char *path, const uint32_t *row)
 {
+    const struct spin_splat_filter *rows = &check->x->rows;
+    const struct spin_splats *back = &check->back;
     double is_box[6], back_box[6];
     size_t next = 0;
 
@@ -92,8 +109,6 @@ spin_status spin_roundtrip_check_frame(struct spin_roundtrip_check *check,
     }
     for (int c = 0; c < 6 && back->n > 0; c++)
         check->bounds = fmax(check->bounds, fabs(is_box[c] - back_box[c]));
-    check->n_splats += back->n;
-    check->n_frames++;
     return SPIN_OK;
 }
 
@@ -129,26 +144,6 @@ static spin_status choose_camera(const struct spin_export_job *job, int frame,
     return SPIN_OK;
 }
 
-static void turn_back(const struct spin_splat_filter *rows, struct spin_splats *back)
-{
-    const double *q = rows->turn_q, inverse[4] = {q[0], -q[1], -q[2], -q[3]};
-    struct spin_splat_filter turning = {.splats = back, .sh_degree = back->sh_degree};
-    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree);
-
-    spin_scene_rotation_from(inverse, &turning.turn);
-    if (turning.turn.kind == SPIN_TURN_NONE)
-        return;
-    for (size_t i = 0; i < back->n; i++) {
-        float place[3], rotation[4], room[3 * SPIN_SH_MAX];
-
-        spin_splat_filter_place(&turning, i, place);
-        spin_splat_filter_turned(&turning, i, rotation);
-        memcpy(back->sh + n_sh * i, spin_splat_filter_sh(&turning, i, room), n_sh * sizeof *room);
-        memcpy(back->means + 3 * i, place, sizeof place);
-        memcpy(back->quats + 4 * i, rotation, sizeof rotation);
-    }
-}
-
 static double psnr_of(const float *a, const float *b, size_t n)
 {
     double sum = 0;
@@ -161,36 +156,45 @@ static double psnr_of(const float *a, const float *b, size_t n)
     return sum > 0 ? 10 * log10((double)n / sum) : HUGE_VAL;
 }
 
-spin_status spin_roundtrip_check_render(struct spin_roundtrip_check *check,
-                                        const struct spin_splat_filter *rows,
-                                        const struct spin_export_job *job, int frame, int number,
-                                        struct spin_splats *back)
+/* The frame of the file, turned to the source's axes, and the bundle's own. */
+static spin_status compare_pictures(struct check *check, int frame, int number)
 {
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    const struct spin_export_job *job = check->x->job;
+    const struct spin_splats *is = check->x->rows.splats;
+    const double *q = check->x->rows.turn_q;
+    const struct spin_placement placement = {.q = {q[0], -q[1], -q[2], -q[3]}, .scale = 1};
+    struct spin_splats turned = {0};
     struct spin_camera camera;
     size_t n;
     float *image = NULL;
     spin_status status;
 
-    SPIN_TRY(choose_camera(job, frame, rows->splats, &camera));
+    SPIN_TRY(choose_camera(job, frame, is, &camera));
     n = 3 * (size_t)camera.width * (size_t)camera.height;
-    turn_back(rows, back);
-    back->antialias = rows->splats->antialias;
-    SPIN_TRY(spin_alloc(n, 2 * sizeof *image, (void **)&image));
-    SPIN_TRY_OUT(spin_render(job->renderer, rows->splats, &camera, job->background, image));
+    SPIN_TRY(spin_splats_reserve(&turned, check->back.n, columns, check->back.sh_degree));
+    spin_splats_place(&check->back, columns, &placement, 0, &turned);
+    turned.antialias = is->antialias;
+    SPIN_TRY_OUT(spin_alloc(n, 2 * sizeof *image, (void **)&image));
+    SPIN_TRY_OUT(spin_render(job->renderer, is, &camera, job->background, image));
     if (spin_initial_view_is_blank(image, n / 3, job->background)) {
         spin_warn("check: the camera sees no splat of frame %d: no picture was compared", number);
         goto out;
     }
-    SPIN_TRY_OUT(spin_render(job->renderer, back, &camera, job->background, image + n));
+    SPIN_TRY_OUT(spin_render(job->renderer, &turned, &camera, job->background, image + n));
     check->psnr = psnr_of(image, image + n, n);
     check->rendered = number;
 out:
     free(image);
+    spin_splats_free(&turned);
     return status;
 }
 
-spin_status spin_roundtrip_check_judge(const struct spin_roundtrip_check *check,
-                                       const struct spin_quant_error *written, const char *output)
+/* ---- All frames ------------------------------------------------------------------------------ */
+
+/* Whether the files hold what was written into them, with the errors that rounding was seen to make then (none of a
+ * format that rounds nothing). */
+static spin_status judge(const struct check *check, const struct spin_quant_error *written)
 {
     static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
                                        "opacities", "colours",    "SH"};
@@ -206,23 +210,105 @@ spin_status spin_roundtrip_check_judge(const struct spin_roundtrip_check *check,
             return spin_fail(SPIN_E_IO,
                              "check: what is in '%s' is not what was written: %s are off by %.3g, "
                              "rms %.3g, expected at most %.3g, rms %.3g",
-                             output, name[p], largest, rms, most, most_rms);
+                             check->x->job->output, name[p], largest, rms, most, most_rms);
     }
     return SPIN_OK;
 }
 
-void spin_roundtrip_check_report(const struct spin_roundtrip_check *check,
-                                 struct spin_export_report *report)
+static void close_file(struct check *check)
 {
-    struct spin_export_check *out = &report->check;
+    if (check->self)
+        check->importer->close(check->self);
+    check->self = NULL;
+}
 
-    out->frames = check->n_frames;
-    out->splats = check->n_splats;
-    out->bounds = check->bounds;
-    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-        out->rms[p] = spin_quant_error_rms(&check->quant, (enum spin_quant_error_part)p);
-        out->largest[p] = check->quant.part[p].largest;
+static spin_status open_file(struct check *check, const char *path)
+{
+    static const char *const pairs[] = {"axes", "source", NULL};
+    const struct spin_frames_format *format = check->x->format;
+    const char *name = format->importer ? format->importer : format->name;
+    const struct spin_plugin_values values = {pairs};
+    struct spin_sequence_info sequence;
+    spin_status status;
+
+    close_file(check);
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
+        if (strcmp((*i)->name, name) == 0)
+            check->importer = *i;
+    status = check->importer->open(path, &values, &check->self, &sequence);
+    if (status != SPIN_OK)
+        close_file(check);
+    return status;
+}
+
+/* The one nearest to the middle that has splats; -1: none has. */
+static int rendered_frame(const struct spin_frames *x)
+{
+    int middle = (int)x->n_entries / 2, best = -1;
+
+    for (int f = 0; f < (int)x->n_entries; f++)
+        if (x->entry[f].n > 0 && (best < 0 || abs(f - middle) < abs(best - middle)))
+            best = f;
+    return best;
+}
+
+/* Frame f of the export, the frame `within` of a file. A file of no splats is none that an importer takes. */
+static spin_status check_frame(struct check *check, int f, const char *path, int within)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_frames *x = check->x;
+    const struct spin_splats *splats;
+    const uint32_t *row = NULL;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(x->job->again(x->job->context, f, &splats));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, x->entry[f].number));
+    if (!check->self || within == 0)
+        status = open_file(check, path);
+    if (!check->self && x->rows.n_kept == 0)
+        return SPIN_OK;
+    if (status == SPIN_OK)
+        status = check->importer->frame(check->self, within, 0, columns, &check->back);
+    if (status != SPIN_OK)
+        return spin_fail_context(status, "check: '%s'", path);
+    if (x->format->order)
+        SPIN_TRY(x->format->order(x, &row));
+    SPIN_TRY(compare(check, path, row));
+    return f == rendered_frame(x) && x->job->renderer
+               ? compare_pictures(check, f, x->entry[f].number)
+               : SPIN_OK;
+}
+
+spin_status spin_frames_check(struct spin_frames *x)
+{
+    struct spin_export_check *out = x->job->report ? &x->job->report->check : NULL;
+    struct check check = {.x = x};
+    spin_status status = SPIN_OK;
+
+    x->rows.quiet = true;
+    for (size_t f = 0; f < x->n_entries && status == SPIN_OK; f++) {
+        char *path = NULL;
+
+        if (!x->file)
+            SPIN_TRY_OUT(spin_pattern_path(&x->pattern, x->folder.path, x->entry[f].number, &path));
+        status = check_frame(&check, (int)f, x->file ? x->file : path, x->file ? (int)f : 0);
+        free(path);
     }
-    out->rendered = check->psnr > 0 ? check->rendered : -1;
-    out->psnr = check->psnr > 0 ? check->psnr : (double)NAN;
+    if (status == SPIN_OK && out) {
+        *out = (struct spin_export_check){.frames = (int)x->n_entries,
+                                          .splats = x->n_splats,
+                                          .bounds = check.bounds,
+                                          .rendered = check.psnr > 0 ? check.rendered : -1,
+                                          .psnr = check.psnr > 0 ? check.psnr : (double)NAN};
+        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+            out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
+            out->largest[p] = check.quant.part[p].largest;
+        }
+    }
+    if (status == SPIN_OK)
+        status = judge(&check, &x->quant);
+out:
+    close_file(&check);
+    spin_splats_free(&check.back);
+    return status;
 }

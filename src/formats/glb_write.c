@@ -279,24 +279,26 @@ static char *make_text(const struct spin_glb_clip *clip, uint64_t keys)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-/* 216: of an attribute's accessor, view and name when every number in them is as long as it can be; 768: of the other
- * things of a frame. */
-size_t spin_glb_room(const struct spin_glb_clip *clip)
+void spin_glb_begin(struct spin_glb_clip *clip)
 {
     size_t n_meshes = (size_t)clip->n_frames + (clip->animated ? 1 : 0);
 
-    return 1024 + n_meshes * (768 + 216 * (size_t)clip->n_attributes);
-}
-
-void spin_glb_begin(struct spin_glb_clip *clip)
-{
     clip->n_attributes = SPIN_GLB_SH + spin_sh_count(clip->sh_degree) + 1;
     clip->row = 0;
     for (int a = 0; a < clip->n_attributes; a++) {
         clip->width[a] = (size_t)components_of(clip, a) * (is_colour(clip, a) ? 2 : 4);
         clip->row += clip->width[a];
     }
-    clip->room = spin_glb_room(clip);
+    /* 216: of an attribute's accessor, view and name when every number in them is as long as it can be; 768: of the
+     * other things of a frame. */
+    clip->room = 1024 + n_meshes * (768 + 216 * (size_t)clip->n_attributes);
+}
+
+uint64_t spin_glb_bytes(const struct spin_glb_clip *clip, uint64_t n_rows)
+{
+    uint64_t n = (uint64_t)clip->n_frames, n_keys = clip->animated ? 4 * (n + 1) * (1 + 3 * n) : 0;
+
+    return HEADER + 2 * CHUNK_HEADER + clip->room + n_rows * clip->row + n_keys;
 }
 
 int spin_glb_put(const struct spin_glb_clip *clip, uint64_t at, const void *data, size_t bytes)

@@ -51,9 +51,9 @@ struct spin_glb_clip {
     uint64_t n_bytes; /* of the binary chunk so far; becomes those of all of it */
 };
 
-/* Bytes that the JSON of a clip takes at most. */
-size_t spin_glb_room(const struct spin_glb_clip *clip);
 void spin_glb_begin(struct spin_glb_clip *clip);
+/* Of a file with so many rows; after spin_glb_begin(). */
+uint64_t spin_glb_bytes(const struct spin_glb_clip *clip, uint64_t n_rows);
 
 /* A row to place `at` of each attribute's column, from the first n_sh coefficients [k][3]; more are written
  * as 0. The columns are in this machine's byte order until spin_glb_order(), which is given rows 0..n. */
