@@ -10,13 +10,13 @@
 #include "spin_run.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/pool.h"
 #include "base/text.h"
 #include "run/camera_check.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"
 #include "run/data_hint.h"
 #include "run/camera_overlay.h"
-#include "run/frame_queue.h"
 #include "run/exported_frames.h"
 #include "run/frame_times.h"
 #include "run/share_splats.h"
@@ -54,7 +54,15 @@ struct import {
     int *rows;               /* [n_frames] row of the data set of each frame */
     int *index;              /* [n_frames] the importer's number of each frame */
     struct spin_column_stats describe;
-    struct spin_frame_queue relay; /* to the thread that writes */
+
+    /* A frame is read while the one before is written: a clip takes as long as the slower of both. */
+    struct spin_pool *pool;
+    int step;                   /* the frame that is read */
+    struct spin_splats slot[2]; /* of frame i: i % 2 */
+    struct {
+        spin_status status;
+        char why[1024]; /* the trail, which belongs to its thread */
+    } done[2];          /* read, written */
 };
 
 /* ---- The data set ------------------------------------------------------------------------------ */
@@ -432,28 +440,45 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     return SPIN_OK;
 }
 
-/* In the writing thread. */
-static spin_status write_frame(void *context, int i, const struct spin_splats *splats)
+/* Task 0 reads frame im->step, task 1 writes the one before. What is the same in every frame is written with the first
+ * one, and not read again. */
+static void store_task(void *context, int task, int worker)
 {
     struct import *im = context;
+    const struct spin_bundle_meta *meta = &im->meta;
+    int i = im->step - task, rank = i % spin_n_ranks();
+    spin_status status = SPIN_OK;
 
-    return spin_bundle_write_frame(&im->writer, i, im->meta.columns, im->meta.static_columns,
-                                   splats);
+    (void)worker;
+    if (i < 0 || i == meta->n_frames)
+        return;
+    if (task == 1 && im->writing)
+        status = spin_bundle_write_frame(&im->writer, i, meta->columns, meta->static_columns,
+                                         &im->slot[i % 2]);
+    else if (task == 0 && (spin_rank() == 0 || spin_rank() == rank))
+        status = read_frame(im, i, rank, meta->columns & ~(i > 0 ? meta->static_columns : 0),
+                            &im->slot[i % 2]);
+    im->done[task].status = status;
+    if (status != SPIN_OK)
+        snprintf(im->done[task].why, sizeof im->done[task].why, "%s", spin_last_error());
 }
 
-/* What is the same in every frame is written with the first one, and not read again. */
-static spin_status relay_frame(struct import *im, int i)
+static spin_status store_frames(struct import *im, struct spin_progress *progress)
 {
-    unsigned again = i == 0 ? 0 : im->meta.static_columns;
-    int rank = i % spin_n_ranks();
-    struct spin_splats *slot;
+    int n = im->meta.n_frames;
 
-    if (spin_rank() > 0)
-        return rank == spin_rank() ? read_frame(im, i, rank, im->meta.columns & ~again, &im->splats)
-                                   : SPIN_OK;
-    SPIN_TRY(spin_frame_queue_slot(&im->relay, &slot));
-    SPIN_TRY(read_frame(im, i, rank, im->meta.columns & ~again, slot));
-    spin_frame_queue_send(&im->relay, i);
+    if (spin_n_ranks() == 1) /* MPI stays in the thread that began it */
+        SPIN_TRY(spin_pool_create(2, &im->pool));
+    for (im->step = 0; im->step <= n; im->step++) {
+        if (im->step < n && spin_cancelled())
+            return spin_fail_cancelled();
+        spin_pool_run(im->pool, 2, store_task, im);
+        for (int task = 0; task < 2; task++)
+            if (im->done[task].status != SPIN_OK)
+                return spin_fail(im->done[task].status, "%s", im->done[task].why);
+        if (im->step < n)
+            spin_progress_set(progress, im->step + 1, "%zu splats", im->meta.frame[im->step].n);
+    }
     return SPIN_OK;
 }
 
@@ -502,27 +527,25 @@ static spin_status read_frames(struct import *im)
     }
     SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
     spin_progress_begin(&progress, im->stores ? "importing" : "reading", "frames", 0, n);
-    if (im->writing)
-        SPIN_TRY_OUT(spin_frame_queue_open(&im->relay, write_frame, im));
-    else if (!im->stores)
+    for (int k = 0; k < n; k++)
+        read[k] = n < n_all ? spread(k, n, n_all) : k;
+    if (im->stores)
+        SPIN_TRY_OUT(store_frames(im, &progress));
+    else
         SPIN_TRY_OUT(spin_column_stats_open(&im->describe, n));
-    for (int k = 0; k < n; k++) {
+    for (int k = 0; k < n && !im->stores; k++) {
         if (spin_cancelled()) {
             status = spin_fail_cancelled();
             goto out;
         }
-        read[k] = n < n_all ? spread(k, n, n_all) : k;
-        SPIN_TRY_OUT(im->stores ? relay_frame(im, read[k]) : describe_frame(im, read[k]));
+        SPIN_TRY_OUT(describe_frame(im, read[k]));
         spin_progress_set(&progress, k + 1, "%zu splats", im->meta.frame[read[k]].n);
     }
-    if (im->writing)
-        SPIN_TRY_OUT(spin_frame_queue_finish(&im->relay));
     report->frames_read = n;
     count_splats(im, read, n);
     if (!im->stores)
         spin_column_stats_ranges(&im->describe, report);
 out:
-    spin_frame_queue_close(&im->relay);
     spin_progress_end(&progress);
     free(read);
     return status;
@@ -684,6 +707,9 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
     if (im.importer && im.importer->close && im.self)
         im.importer->close(im.self);
     spin_bundle_meta_free(&im.meta);
+    spin_pool_free(im.pool);
+    spin_splats_free(&im.slot[0]);
+    spin_splats_free(&im.slot[1]);
     spin_splats_free(&im.splats);
     spin_views_free(&im.views);
     spin_column_stats_close(&im.describe);
