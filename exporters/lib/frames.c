@@ -1,7 +1,6 @@
 /* One rule for all folders of frames; see frames.h. Within a frame the rows are cut into blocks that all
  * threads code side by side, each going straight to its place in the file, so that no frame is held
- * in memory a second time; frames that are done are closed, and with --sync waited for, while the next
- * one is made. */
+ * in memory a second time. */
 #include "exporters/lib/frames.h"
 
 #include <inttypes.h>
@@ -50,7 +49,6 @@ void spin_frames_free(struct spin_frames *x)
 {
     if (x->format->end)
         x->format->end(x);
-    spin_commit_queue_free(x->commits);
     spin_output_folder_end(&x->folder);
     spin_splat_filter_end(&x->rows);
     free(x->entry);
@@ -114,7 +112,6 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
     if (x->format->ready)
         x->format->ready(x, job);
-    SPIN_TRY(spin_commit_queue_create(&x->commits));
     if (!x->file)
         SPIN_TRY(open_folder(x, job));
     say_size(x, job);
@@ -234,6 +231,28 @@ out:
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */
 
+static void commit_task(void *context, int task, int worker)
+{
+    struct spin_frames *x = context;
+
+    (void)worker;
+    x->waiting[task].status = spin_out_commit(&x->waiting[task].out);
+    if (x->waiting[task].status != SPIN_OK)
+        snprintf(x->waiting[task].why, sizeof x->waiting[task].why, "%s", spin_last_error());
+}
+
+static spin_status commit_waiting(struct spin_frames *x)
+{
+    int n = x->n_waiting;
+
+    x->n_waiting = 0;
+    spin_pool_run(x->rows.pool, n, commit_task, x);
+    for (int i = 0; i < n; i++)
+        if (x->waiting[i].status != SPIN_OK)
+            return spin_fail(x->waiting[i].status, "%s", x->waiting[i].why);
+    return SPIN_OK;
+}
+
 spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
                               const struct spin_splats *splats)
 {
@@ -255,7 +274,8 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
         x->rows.report->bytes += length;
-    return spin_commit_queue_add(x->commits, &out);
+    x->waiting[x->n_waiting++].out = out;
+    return x->job->sync && x->n_waiting < SPIN_FRAMES_WAITING ? SPIN_OK : commit_waiting(x);
 out:
     spin_out_abandon(&out);
     return status;
@@ -266,7 +286,7 @@ spin_status spin_frames_end(void *self)
     struct spin_frames *x = self;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_commit_queue_wait(x->commits));
+    SPIN_TRY_OUT(commit_waiting(x));
     if (x->format->finish && !x->file)
         SPIN_TRY_OUT(x->format->finish(x));
     if (!x->file)
@@ -287,8 +307,7 @@ void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
 
-    spin_commit_queue_free(x->commits);
-    x->commits = NULL;
+    commit_waiting(x);
     spin_output_folder_abandon(&x->folder);
     spin_frames_free(x);
 }

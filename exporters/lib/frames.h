@@ -8,7 +8,6 @@
 
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/splat_filter.h"
-#include "io/commit_queue.h"
 #include "io/output_folder.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
@@ -52,6 +51,8 @@ struct spin_frames_entry {
     size_t n;
 };
 
+enum { SPIN_FRAMES_WAITING = 8 };
+
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
@@ -60,7 +61,13 @@ struct spin_frames {
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_quant_error quant; /* of the clip */
-    struct spin_commit_queue *commits;
+    /* Files that are whole but not yet under their names: with --sync the disk is waited for by all threads at once. */
+    struct {
+        struct spin_out out;
+        spin_status status;
+        char why[1024];
+    } waiting[SPIN_FRAMES_WAITING];
+    int n_waiting;
     bool force;
     const struct spin_export_job *job;
     const char *source;
