@@ -165,35 +165,7 @@ static double clip_stride(const struct spin_clip *clip)
                : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
 }
 
-static spin_status write_frames(struct export *x)
-{
-    struct spin_progress progress;
-    unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    spin_status status = SPIN_OK;
-
-    spin_progress_begin(&progress, "exporting", "frames", 0, x->clip.n_frames);
-    for (int f = 0; f < x->clip.n_frames; f++) {
-        int index = x->clip.frame[f];
-        struct spin_frame_info info = x->clip.bundle.meta.frame[index];
-
-        if (spin_cancelled()) {
-            status = spin_fail_cancelled();
-            break;
-        }
-        status = spin_player_splats(&x->player, index, columns, &x->splats);
-        info.n = x->splats.n;
-        if (status == SPIN_OK)
-            status = x->exporter->frame(x->self, f, &info, &x->splats);
-        spin_bundle_rest(&x->splats);
-        if (status != SPIN_OK)
-            break;
-        spin_progress_set(&progress, f + 1, "%zu splats", x->splats.n);
-    }
-    spin_progress_end(&progress);
-    return status;
-}
-
-/* Every rank computes a frame of the round, and rank 0 writes them in order. */
+/* Every rank computes a frame of the round, and rank 0 writes them in order; one rank alone has a frame a round. */
 static spin_status write_round(struct export *x, int first, int n)
 {
     unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -216,7 +188,7 @@ static spin_status write_round(struct export *x, int first, int n)
     return SPIN_OK;
 }
 
-static spin_status write_rounds(struct export *x)
+static spin_status write_frames(struct export *x)
 {
     struct spin_progress progress;
     spin_status status = SPIN_OK;
@@ -253,15 +225,6 @@ static int sh_degree_of(const struct export *x)
         return x->player.field.sh_degree;
     return x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.sh_degree
                                         : x->clip.bundle.meta.sh_degree;
-}
-
-static double mean_count(const struct export *x)
-{
-    double sum = 0;
-
-    for (int f = 0; f < x->clip.n_frames; f++)
-        sum += (double)spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
-    return sum / x->clip.n_frames;
 }
 
 static spin_status read_again(void *context, int frame, const struct spin_splats **out)
@@ -307,27 +270,31 @@ static spin_status begin_export(struct export *x)
         .again = read_again,
         .context = x,
     };
+    double sum = 0;
     spin_status status;
 
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
-    for (int f = 0; f < x->clip.n_frames; f++)
-        x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
-    job.counts = x->counts;
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
-    for (int f = 0; f < x->clip.n_frames; f++)
+    for (int f = 0; f < x->clip.n_frames; f++) {
+        x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
         x->source_index[f] = x->clip.bundle.meta.source_index[x->clip.frame[f]];
+        sum += (double)x->counts[f];
+    }
+    job.counts = x->counts;
     job.source_index = x->source_index;
+    x->report->frames = x->clip.n_frames;
+    x->report->splats_mean = sum / x->clip.n_frames;
     if (job.antialias && !x->exporter->antialias)
         spin_warn("these splats are trained with antialiasing, which '%s' files cannot say: "
                   "switch it on in the viewer",
                   o->to);
     if (spin_rank() > 0)
-        return write_rounds(x);
+        return write_frames(x);
     spin_out_sweep(o->output);
     SPIN_TRY(x->exporter->begin(&job, &x->self));
-    status = spin_n_ranks() > 1 ? write_rounds(x) : write_frames(x);
+    status = write_frames(x);
     if (status != SPIN_OK) {
         x->exporter->abort(x->self);
         return status;
@@ -378,8 +345,6 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }
     SPIN_TRY(say_lens(x));
-    x->report->frames = x->clip.n_frames;
-    x->report->splats_mean = mean_count(x);
     return begin_export(x);
 }
 
