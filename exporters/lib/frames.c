@@ -231,28 +231,6 @@ out:
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */
 
-static void commit_task(void *context, int task, int worker)
-{
-    struct spin_frames *x = context;
-
-    (void)worker;
-    x->waiting[task].status = spin_out_commit(&x->waiting[task].out);
-    if (x->waiting[task].status != SPIN_OK)
-        snprintf(x->waiting[task].why, sizeof x->waiting[task].why, "%s", spin_last_error());
-}
-
-static spin_status commit_waiting(struct spin_frames *x)
-{
-    int n = x->n_waiting;
-
-    x->n_waiting = 0;
-    spin_pool_run(x->rows.pool, n, commit_task, x);
-    for (int i = 0; i < n; i++)
-        if (x->waiting[i].status != SPIN_OK)
-            return spin_fail(x->waiting[i].status, "%s", x->waiting[i].why);
-    return SPIN_OK;
-}
-
 spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
                               const struct spin_splats *splats)
 {
@@ -274,8 +252,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
         x->rows.report->bytes += length;
-    x->waiting[x->n_waiting++].out = out;
-    return x->job->sync && x->n_waiting < SPIN_FRAMES_WAITING ? SPIN_OK : commit_waiting(x);
+    return spin_out_commit(&out);
 out:
     spin_out_abandon(&out);
     return status;
@@ -286,7 +263,6 @@ spin_status spin_frames_end(void *self)
     struct spin_frames *x = self;
     spin_status status;
 
-    SPIN_TRY_OUT(commit_waiting(x));
     if (x->format->finish && !x->file)
         SPIN_TRY_OUT(x->format->finish(x));
     if (!x->file)
@@ -307,7 +283,6 @@ void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
 
-    commit_waiting(x);
     spin_output_folder_abandon(&x->folder);
     spin_frames_free(x);
 }

@@ -51,8 +51,6 @@ struct spin_frames_entry {
     size_t n;
 };
 
-enum { SPIN_FRAMES_WAITING = 8 };
-
 struct spin_frames {
     const struct spin_frames_format *format;
     const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
@@ -61,13 +59,6 @@ struct spin_frames {
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_quant_error quant; /* of the clip */
-    /* Files that are whole but not yet under their names: with --sync the disk is waited for by all threads at once. */
-    struct {
-        struct spin_out out;
-        spin_status status;
-        char why[1024];
-    } waiting[SPIN_FRAMES_WAITING];
-    int n_waiting;
     bool force;
     const struct spin_export_job *job;
     const char *source;
