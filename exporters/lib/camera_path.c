@@ -1,12 +1,14 @@
 #include "exporters/lib/camera_path.h"
 
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "exporters/lib/initial_view.h"
-#include "exporters/lib/panel_label.h"
 #include "exporters/lib/splat_filter.h"
 #include "base/log.h"
 #include "base/option.h"
+#include "math/covariance.h"
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
@@ -187,6 +189,164 @@ void spin_camera_path_free(struct spin_camera_path *d)
     spin_splat_filter_end(&d->rows);
 }
 
+/* ---- Through the cameras of a rig ------------------------------------------------------------ */
+
+static double apart(const struct spin_rig_stop *a, const struct spin_rig_stop *b)
+{
+    return sqrt(pow(a->eye[0] - b->eye[0], 2) + pow(a->eye[1] - b->eye[1], 2) +
+                pow(a->eye[2] - b->eye[2], 2));
+}
+
+static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
+{
+    struct spin_rig_stop kept = *a;
+
+    *a = *b;
+    *b = kept;
+}
+
+/* Always the nearest of those left. */
+static void chain(struct spin_rig_path *path)
+{
+    struct spin_rig_stop *s = path->stop;
+
+    for (int i = 1; i < path->n; i++) {
+        int next = i;
+
+        for (int k = i + 1; k < path->n; k++)
+            next = apart(&s[i - 1], &s[k]) < apart(&s[i - 1], &s[next]) ? k : next;
+        swap(&s[i], &s[next]);
+    }
+}
+
+/* Turn pieces of the way round as long as that makes it shorter; the first stays. */
+static void uncross(struct spin_rig_path *path)
+{
+    struct spin_rig_stop *s = path->stop;
+
+    for (int turned = 1, rounds = 0; turned && rounds < 100; rounds++) {
+        turned = 0;
+        for (int i = 1; i < path->n; i++)
+            for (int k = i + 1; k < path->n; k++) {
+                bool last = k + 1 == path->n;
+                double now = apart(&s[i - 1], &s[i]) + (last ? 0 : apart(&s[k], &s[k + 1]));
+                double then = apart(&s[i - 1], &s[k]) + (last ? 0 : apart(&s[i], &s[k + 1]));
+
+                if (!(then < now * (1 - 1e-9)))
+                    continue;
+                turned = 1;
+                for (int a = i, b = k; a < b; a++, b--)
+                    swap(&s[a], &s[b]);
+            }
+    }
+}
+
+/* How far it is to each, and quaternions that do not change sides. */
+static void measure(struct spin_rig_path *path)
+{
+    for (int i = 1; i < path->n; i++) {
+        struct spin_rig_stop *was = &path->stop[i - 1], *s = &path->stop[i];
+        double dot = 0;
+
+        s->at = was->at + apart(was, s);
+        for (int c = 0; c < 4; c++)
+            dot += was->turn[c] * s->turn[c];
+        for (int c = 0; c < 4 && dot < 0; c++)
+            s->turn[c] = -s->turn[c];
+    }
+}
+
+static bool is_new(const struct spin_rig_path *path, const struct spin_rig_stop *stop)
+{
+    for (int i = 0; i < path->n; i++)
+        if (apart(&path->stop[i], stop) < 1e-9)
+            return false;
+    return true;
+}
+
+spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path)
+{
+    void *stops = NULL;
+
+    *path = (struct spin_rig_path){0};
+    SPIN_TRY(spin_alloc(views->n + 1, sizeof *path->stop, &stops));
+    path->stop = stops;
+    for (size_t i = 0; i < views->n; i++) {
+        struct spin_rig_stop *s = &path->stop[path->n];
+        const double *m = views->view[i].camera.w2c;
+        const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
+
+        if (views->view[i].dataset_frame != row || views->view[i].test)
+            continue;
+        spin_initial_view_eye(&views->view[i].camera, s->eye);
+        spin_quat_of_matrix(r, s->turn);
+        path->n += is_new(path, s);
+    }
+    if (path->n < 2) {
+        int n = path->n;
+
+        spin_rig_path_free(path);
+        return spin_fail(SPIN_E_NOT_FOUND,
+                         "--path train: %d training camera%s in the first frame, expected two or "
+                         "more",
+                         n, n == 1 ? "" : "s");
+    }
+    chain(path);
+    uncross(path);
+    measure(path);
+    return SPIN_OK;
+}
+
+void spin_rig_path_free(struct spin_rig_path *path)
+{
+    free(path->stop);
+    *path = (struct spin_rig_path){0};
+}
+
+/* A value of stop i, for the curve: its place, then its rotation. */
+static double value_of(const struct spin_rig_path *path, int i, int c)
+{
+    return c < 3 ? path->stop[i].eye[c] : path->stop[i].turn[c - 3];
+}
+
+/* How fast a value changes at stop i: by the stops around it. */
+static double slope(const struct spin_rig_path *path, int i, int c)
+{
+    int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;
+
+    return (value_of(path, b, c) - value_of(path, a, c)) / (path->stop[b].at - path->stop[a].at);
+}
+
+void spin_rig_path_camera(const struct spin_rig_path *path, double share, double w2c[12])
+{
+    double at = share * path->stop[path->n - 1].at, v[7], length = 0, u, step;
+    int i = 0;
+
+    while (i + 2 < path->n && path->stop[i + 1].at < at)
+        i++;
+    step = path->stop[i + 1].at - path->stop[i].at;
+    u = (at - path->stop[i].at) / step;
+    for (int c = 0; c < 7; c++) /* cubic, with these values and slopes at its ends */
+        v[c] = value_of(path, i, c) * (1 + 2 * u) * (1 - u) * (1 - u) +
+               value_of(path, i + 1, c) * u * u * (3 - 2 * u) +
+               step * u * (1 - u) * (slope(path, i, c) * (1 - u) - slope(path, i + 1, c) * u);
+    for (int c = 3; c < 7; c++)
+        length += v[c] * v[c];
+    for (int c = 3; c < 7; c++)
+        v[c] /= sqrt(length);
+    for (int r = 0; r < 3; r++) {
+        double w = v[3], axis[3] = {v[4], v[5], v[6]};
+        int s = (r + 1) % 3, t = (r + 2) % 3;
+
+        w2c[4 * r + r] = 1 - 2 * (axis[s] * axis[s] + axis[t] * axis[t]);
+        w2c[4 * r + s] = 2 * (axis[r] * axis[s] - w * axis[t]);
+        w2c[4 * r + t] = 2 * (axis[r] * axis[t] + w * axis[s]);
+        w2c[4 * r + 3] = 0;
+        for (int c = 0; c < 3; c++)
+            w2c[4 * r + 3] -= w2c[4 * r + c] * v[c];
+    }
+}
+
 /* ---- A camera that moves --------------------------------------------------------------------- */
 
 static void make_unit(double v[3])
@@ -361,6 +521,45 @@ static spin_status read_source(struct spin_camera_path *d, int frame)
     return SPIN_OK;
 }
 
+/* ---- The name of a panel --------------------------------------------------------------------- */
+
+/* The letters of the words of the panels, 5 x 7: a byte a row, the leftmost pixel is its highest of 5 bits. */
+static const struct {
+    char letter;
+    unsigned char row[7];
+} glyphs[] = {
+    {'a', {0, 0, 14, 1, 15, 17, 15}},    {'b', {16, 16, 22, 25, 17, 17, 30}},
+    {'e', {0, 0, 14, 17, 31, 16, 14}},   {'f', {6, 9, 8, 28, 8, 8, 8}},
+    {'h', {16, 16, 22, 25, 17, 17, 17}}, {'o', {0, 0, 14, 17, 17, 17, 14}},
+    {'r', {0, 0, 22, 25, 16, 16, 16}},   {'t', {8, 8, 28, 8, 8, 9, 6}},
+    {'u', {0, 0, 17, 17, 17, 19, 13}},
+};
+
+static bool is_ink(const char *word, int x, int y)
+{
+    for (size_t g = 0; x >= 0 && y >= 0 && y < 7 && g < sizeof glyphs / sizeof *glyphs; g++) {
+        if (glyphs[g].letter == word[x / 6])
+            return x % 6 < 5 && glyphs[g].row[y] >> (4 - x % 6) & 1;
+    }
+    return false;
+}
+
+/* word into the upper left corner of image [3][height][width], white on black; not into a picture that is too small
+ * for it. */
+static void put_label(const char *word, int width, int height, float *image)
+{
+    int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);
+    int wide = (6 * n + 3) * dot, high = 11 * dot;
+
+    if (height < 4 * high || width < wide)
+        return;
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < high; y++)
+            for (int x = 0; x < wide; x++)
+                image[((size_t)c * (size_t)height + (size_t)y) * (size_t)width + (size_t)x] =
+                    x / dot < 6 * n + 2 && is_ink(word, x / dot - 2, y / dot - 2);
+}
+
 /* ---- Pictures -------------------------------------------------------------------------------- */
 
 static spin_status reserve(struct spin_camera_path *d, size_t n)
@@ -402,7 +601,7 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
         if (n > 1 && d->labels)
-            spin_panel_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
+            put_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(d->wide + (row * n + p) * w, d->image + row * w, w * sizeof *d->image);
     }

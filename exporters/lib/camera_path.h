@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "exporters/lib/initial_view.h"
-#include "exporters/lib/rig_path.h"
 #include "exporters/lib/splat_filter.h"
 
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
@@ -47,6 +46,27 @@
 enum spin_camera_path_path { SPIN_PATH_CAMERA, SPIN_PATH_ORBIT, SPIN_PATH_SPIRAL, SPIN_PATH_TRAIN };
 
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
+
+/* A path through the training cameras of a rig. */
+
+/* A camera that the path goes through. */
+struct spin_rig_stop {
+    double eye[3];  /* world */
+    double turn[4]; /* quaternion w x y z of world to camera, on the same side as the one before */
+    double at;      /* way to here, 0 at the first */
+};
+
+struct spin_rig_path {
+    struct spin_rig_stop *stop; /* [n] */
+    int n;
+};
+
+/* Through the training cameras of this row, each once: from the first of them always to a near one, then without
+ * crossings. SPIN_E_NOT_FOUND: it has fewer than two places. */
+spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path);
+/* At share 0..1 of the way, at about even speed, without a kink. */
+void spin_rig_path_camera(const struct spin_rig_path *path, double share, double w2c[12]);
+void spin_rig_path_free(struct spin_rig_path *path);
 
 struct spin_camera_path {
     const struct spin_export_job *job;
