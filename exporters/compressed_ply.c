@@ -36,12 +36,10 @@ struct export
     bool by_source;
 
     /* One frame. */
-    size_t room, room_before;       /* rows written; of the frame */
-    uint32_t *row;                  /* [n] rows in the order of the file */
-    uint32_t *place;                /* [rows] where each goes */
-    float *colour;                  /* [n][3] */
-    unsigned char *rest;            /* [n][n_rest] */
-    struct spin_quant_error *quant; /* [blocks] */
+    uint32_t *row;       /* [n] rows in the order of the file */
+    uint32_t *place;     /* [rows] where each goes */
+    float *colour;       /* [n][3] */
+    unsigned char *rest; /* [n][n_rest] */
     unsigned char *scratch;
     struct spin_out *out;
     uint64_t range_at, vertex_at;
@@ -91,7 +89,7 @@ static void pack_task(void *context, int task, int worker)
     n_chunks = spin_compressed_chunks(n);
     for (size_t c = 0; c < n_chunks; c++)
         pack_chunk(x, first + c * CHUNK, n - c * CHUNK < CHUNK ? n - c * CHUNK : CHUNK,
-                   range + c * RANGES, word + c * CHUNK, &x->quant[task]);
+                   range + c * RANGES, word + c * CHUNK, &x->frames.block_quant[task]);
     spin_little_endian(range, n_chunks * RANGES);
     spin_little_endian(word, 4 * n);
     error = spin_out_put(x->out, x->range_at + first / CHUNK * RANGES * sizeof *range, range,
@@ -120,37 +118,26 @@ static void scatter_block(void *context, int b, int worker)
         spin_splat_filter_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
         spin_compressed_pack_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
                                 degree_of(x), x->rest + n_rest * x->place[i], lost);
-        spin_quant_error_add_all(&x->quant[b], SPIN_QUANT_SH, lost, n_rest);
+        spin_quant_error_add_all(&x->frames.block_quant[b], SPIN_QUANT_SH, lost, n_rest);
     }
     spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_SH);
 }
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-static spin_status make_room(struct export *x)
-{
-    size_t n = x->frames.rows.n_kept, n_before = x->frames.rows.splats->n;
-
-    if (n > x->room) {
-        SPIN_TRY(spin_grow(n, sizeof *x->row, (void **)&x->row));
-        SPIN_TRY(spin_grow(n, 3 * sizeof *x->colour, (void **)&x->colour));
-        SPIN_TRY(spin_grow(n, spin_n_rest(degree_of(x)) + 1, (void **)&x->rest));
-        x->room = n;
-    }
-    if (n_before > x->room_before) {
-        SPIN_TRY(spin_grow(n_before, sizeof *x->place, (void **)&x->place));
-        x->room_before = n_before;
-    }
-    return SPIN_OK;
-}
-
 /* What sorts is four times as large as the order itself, and goes before the rest comes. */
 static spin_status choose_order(struct export *x)
 {
-    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
+    const struct spin_splat_filter *rows = &x->frames.rows;
+    size_t n = rows->n_kept + 1;
+
+    SPIN_TRY(spin_sort_rows_fill(&x->order, rows));
     if (!x->by_source)
-        spin_sort_rows_by_place(&x->order, x->frames.rows.splats);
-    SPIN_TRY(make_room(x));
+        spin_sort_rows_by_place(&x->order, rows->splats);
+    SPIN_TRY(spin_grow(n, sizeof *x->row, (void **)&x->row));
+    SPIN_TRY(spin_grow(n, 3 * sizeof *x->colour, (void **)&x->colour));
+    SPIN_TRY(spin_grow(n, spin_n_rest(degree_of(x)) + 1, (void **)&x->rest));
+    SPIN_TRY(spin_grow(rows->splats->n + 1, sizeof *x->place, (void **)&x->place));
     for (size_t i = 0; i < x->order.n; i++) {
         x->row[i] = x->order.item[i].row;
         x->place[x->row[i]] = (uint32_t)i;
@@ -201,17 +188,14 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
     char text[SPIN_GS_PLY_MAX_HEADER];
 
     SPIN_TRY(choose_order(x));
-    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
     spin_splat_filter_each(&x->frames.rows, scatter_block, x);
     x->out = out;
     x->range_at = make_header(x, info, n, text);
     x->vertex_at = x->range_at + spin_compressed_chunks(n) * RANGES * sizeof(float);
     SPIN_TRY(spin_out_write_at(out, 0, text, (size_t)x->range_at));
     SPIN_TRY(write_chunks(x));
-    SPIN_TRY(
-        spin_out_write_at(out, x->vertex_at + n * VERTEX, x->rest, n * spin_n_rest(degree_of(x))));
-    spin_frames_merge(&x->frames);
-    return SPIN_OK;
+    return spin_out_write_at(out, x->vertex_at + n * VERTEX, x->rest,
+                             n * spin_n_rest(degree_of(x)));
 }
 
 static spin_status compressed_order(void *self, const uint32_t **row)

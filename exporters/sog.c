@@ -28,7 +28,6 @@ static const struct spin_plugin_option options[] = {
 
 struct picture {
     uint8_t *rgba; /* [height][width][4] */
-    size_t room;
     int width, height;
     unsigned char *file;
     size_t n_file;
@@ -46,12 +45,10 @@ struct export
     bool begun; /* sog holds the box and books of a frame before */
 
     /* One frame, in the order of the file. */
-    size_t room, room_palette;
     float *scales, *dc; /* [n][3] */
     float *rest;        /* [n][n_rest] */
     uint32_t *label;    /* [n] */
     float *palette;     /* [n_palette][n_rest] */
-    struct spin_quant_error *quant;
 };
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->frames.rows.sh_degree); }
@@ -60,20 +57,13 @@ static size_t n_rest(const struct export *x) { return spin_n_rest(x->frames.rows
 
 static spin_status make_room(struct export *x)
 {
-    size_t n = x->frames.rows.n_kept, n_palette = spin_sog_palette(n);
+    size_t n = x->frames.rows.n_kept + 1, width = n_rest(x) + 1;
 
-    if (n > x->room) {
-        SPIN_TRY(spin_grow(n, 3 * sizeof *x->scales, (void **)&x->scales));
-        SPIN_TRY(spin_grow(n, 3 * sizeof *x->dc, (void **)&x->dc));
-        SPIN_TRY(spin_grow(n, (n_rest(x) + 1) * sizeof *x->rest, (void **)&x->rest));
-        SPIN_TRY(spin_grow(n, sizeof *x->label, (void **)&x->label));
-        x->room = n;
-    }
-    if (n_palette > x->room_palette) {
-        SPIN_TRY(spin_grow(n_palette, (n_rest(x) + 1) * sizeof *x->palette, (void **)&x->palette));
-        x->room_palette = n_palette;
-    }
-    return SPIN_OK;
+    SPIN_TRY(spin_grow(n, 3 * sizeof *x->scales, (void **)&x->scales));
+    SPIN_TRY(spin_grow(n, 3 * sizeof *x->dc, (void **)&x->dc));
+    SPIN_TRY(spin_grow(n, width * sizeof *x->rest, (void **)&x->rest));
+    SPIN_TRY(spin_grow(n, sizeof *x->label, (void **)&x->label));
+    return spin_grow(spin_sog_palette(n - 1), width * sizeof *x->palette, (void **)&x->palette);
 }
 
 static void gather_task(void *context, int task, int worker)
@@ -146,7 +136,7 @@ static spin_status choose_coding(struct export *x)
     spin_pool_run(rows->pool, (int)((n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), gather_task, x);
     x->sog.n = n;
     x->sog.sh_degree = rows->sh_degree;
-    x->sog.antialias = x->frames.antialias;
+    x->sog.antialias = x->frames.job->antialias;
     grow_box(x);
     SPIN_TRY(choose_book(x, x->scales, 3 * n, x->sog.scales));
     SPIN_TRY(choose_book(x, x->dc, 3 * n, x->sog.sh0));
@@ -171,10 +161,7 @@ static spin_status blank_pictures(struct export *x)
 
         spin_sog_size(&x->sog, (enum spin_sog_picture)p, &to->width, &to->height);
         n = (size_t)to->width * (size_t)to->height;
-        if (n > to->room) {
-            SPIN_TRY(spin_grow(n, 4, (void **)&to->rgba));
-            to->room = n;
-        }
+        SPIN_TRY(spin_grow(n + 1, 4, (void **)&to->rgba));
         for (size_t i = 0; i < n; i++)
             memcpy(to->rgba + 4 * i, "\0\0\0\377", 4);
     }
@@ -220,7 +207,7 @@ static void code_task(void *context, int task, int worker)
 
     (void)worker;
     for (end = end < x->sog.n ? end : x->sog.n; i < end; i++) {
-        code_row(x, i, &x->quant[task]);
+        code_row(x, i, &x->frames.block_quant[task]);
         if (x->sog.sh_degree == 0)
             continue;
         for (size_t k = 0; k < width; k++) {
@@ -229,7 +216,7 @@ static void code_task(void *context, int task, int worker)
             lost[k] =
                 x->rest[width * i + k] - x->sog.sh_n[spin_codebook_nearest(x->sog.sh_n, shown)];
         }
-        spin_quant_error_add_all(&x->quant[task], SPIN_QUANT_SH, lost, width);
+        spin_quant_error_add_all(&x->frames.block_quant[task], SPIN_QUANT_SH, lost, width);
     }
 }
 
@@ -306,7 +293,6 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     SPIN_TRY(choose_order(x));
     SPIN_TRY(choose_coding(x));
     SPIN_TRY(blank_pictures(x));
-    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
     spin_pool_run(rows->pool, (int)((x->sog.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), code_task,
                   x);
     code_palette(x);
@@ -316,7 +302,6 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     spin_zip_writer_begin(out, &zip);
     status = spin_zip_writer_end(&zip, write_members(x, &zip), out);
     free_files(x);
-    spin_frames_merge(&x->frames);
     return status;
 }
 

@@ -41,21 +41,19 @@ static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant
 /* Rows in the order of x->order, in pieces. */
 static spin_status write_ordered(struct export *x, struct spin_out *out)
 {
-    struct spin_quant_error *quant;
     unsigned char *block;
 
     SPIN_TRY(spin_frames_scratch(&x->frames, SPIN_ROWS_BLOCK * SPIN_SPLAT_ROW, &block));
-    SPIN_TRY(spin_frames_quants(&x->frames, &quant));
     for (size_t i = 0, n = 0; i < x->order.n; i++) {
         size_t row = x->order.item[i].row;
 
-        code_row(x, row, block + SPIN_SPLAT_ROW * n++, &quant[row / SPIN_ROWS_BLOCK]);
+        code_row(x, row, block + SPIN_SPLAT_ROW * n++,
+                 &x->frames.block_quant[row / SPIN_ROWS_BLOCK]);
         if (n == SPIN_ROWS_BLOCK || i + 1 == x->order.n) {
             SPIN_TRY(spin_out_write(out, block, n * SPIN_SPLAT_ROW));
             n = 0;
         }
     }
-    spin_frames_merge(&x->frames);
     return SPIN_OK;
 }
 

@@ -46,7 +46,6 @@ struct export
     size_t width, first;  /* bytes a row; block */
     unsigned char *bytes; /* [n_bytes_room] */
     size_t n_bytes_room;
-    struct spin_quant_error *quant; /* [blocks] */
 };
 
 /* ---- Streams --------------------------------------------------------------------------------- */
@@ -104,7 +103,7 @@ static void code_block(void *context, int task, int worker)
     (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (rows->keep[i]) {
-            code_row(x, i, out, &x->quant[b]);
+            code_row(x, i, out, &x->frames.block_quant[b]);
             out += x->width;
         }
     }
@@ -181,7 +180,7 @@ static struct spin_spz_header header_of(const struct export *x)
     return (struct spin_spz_header){.n = x->frames.rows.n_kept,
                                     .sh_degree = x->frames.rows.sh_degree,
                                     .fraction = x->fraction,
-                                    .antialias = x->frames.antialias,
+                                    .antialias = x->frames.job->antialias,
                                     .version = x->version};
 }
 
@@ -233,10 +232,7 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
 
     SPIN_TRY(choose_fraction(x, info->number));
     SPIN_TRY(reserve(x));
-    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
-    SPIN_TRY(x->version == 4 ? write_version_4(x, out) : write_version_3(x, out));
-    spin_frames_merge(&x->frames);
-    return SPIN_OK;
+    return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
 static uint64_t spz_bytes(const void *self, size_t n)

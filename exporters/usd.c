@@ -58,10 +58,9 @@ struct export
 
     /* The batch at hand. */
     enum attribute attribute;
-    size_t first;                   /* block */
-    char *text;                     /* [BATCH][rows of a block * floats * NUMBER] */
-    size_t n_text[BATCH], stride;   /* characters there are; there is room for */
-    struct spin_quant_error *quant; /* [blocks] */
+    size_t first;                 /* block */
+    char *text;                   /* [BATCH][rows of a block * floats * NUMBER] */
+    size_t n_text[BATCH], stride; /* characters there are; there is room for */
 };
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
@@ -162,7 +161,7 @@ static void print_block(void *context, int task, int worker)
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
             continue;
-        to = print_row(x, i, first, to, &x->quant[b]);
+        to = print_row(x, i, first, to, &x->frames.block_quant[b]);
         first = false;
     }
     x->n_text[task] = (size_t)(to - begin);
@@ -276,7 +275,6 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
         x->stride = (size_t)SPIN_ROWS_BLOCK * (n_sh > 4 ? n_sh : 4) * (NUMBER + 1);
         SPIN_TRY(spin_grow(BATCH, x->stride, (void **)&x->text));
     }
-    SPIN_TRY(spin_frames_quants(&x->frames, &x->quant));
     SPIN_TRY(layer_head(x, info->number, x->frames.rows.n_kept, &head, &n_head));
     status = spin_out_write(out, head, n_head);
     free(head);
@@ -290,7 +288,6 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
     SPIN_TRY(put(out, line));
     for (int a = 0; a < ATTRIBUTES; a++)
         SPIN_TRY(write_attribute(x, (enum attribute)a, info->number, out));
-    spin_frames_merge(&x->frames);
     return put(out, "}\n");
 }
 

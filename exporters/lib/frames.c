@@ -80,7 +80,7 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
                          "'%s' is the name of one file, but there are %d frames: name a folder "
                          "('%.*s/'), or choose one frame with --range",
                          job->output, job->n_frames, (int)(n - n_ending), job->output);
-    if (spin_path_is_taken(job->output) && !x->force)
+    if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
                          job->output);
     x->file = job->output;
@@ -98,11 +98,7 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
 {
     const struct spin_plugin_values *v = job->values;
 
-    x->force = job->force;
     x->job = job;
-    x->source = job->source;
-    x->retrained = job->retrained;
-    x->antialias = job->antialias;
     x->fps = job->fps;
     if (x->format->begin)
         SPIN_TRY(x->format->begin(x, job));
@@ -207,8 +203,8 @@ static spin_status write_sequence(struct spin_frames *x)
 
     spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
     spin_json_set_string(root, "format", x->format->name);
-    spin_json_set_string(root, "source", x->source);
-    spin_json_set_bool(root, "retrained", x->retrained);
+    spin_json_set_string(root, "source", x->job->source);
+    spin_json_set_bool(root, "retrained", x->job->retrained);
     spin_json_set_number(root, "fps", x->fps > 0 ? x->fps : (double)NAN);
     for (int k = 0; k < 4; k++)
         spin_json_push_number(turn, x->rows.turn_q[k]);
@@ -231,6 +227,19 @@ out:
 
 /* ---- The plug-in's functions ----------------------------------------------------------------- */
 
+static spin_status write_frame(struct spin_frames *x, const struct spin_frame_info *info,
+                               struct spin_out *out)
+{
+    size_t n = spin_splat_filter_blocks(&x->rows);
+
+    SPIN_TRY(spin_grow(n + 1, sizeof *x->block_quant, (void **)&x->block_quant));
+    memset(x->block_quant, 0, (n + 1) * sizeof *x->block_quant);
+    SPIN_TRY(x->format->write(x, info, out));
+    for (size_t b = 0; b < n; b++) /* in their order: the sum does not depend on the threads */
+        spin_quant_error_merge(&x->quant, &x->block_quant[b]);
+    return SPIN_OK;
+}
+
 spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
                               const struct spin_splats *splats)
 {
@@ -243,11 +252,11 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     (void)frame;
     SPIN_TRY(spin_splat_filter_choose(&x->rows, splats, info->number));
     SPIN_TRY(path_of(x, info->number, &path));
-    status = spin_out_open(path, x->force, &out);
+    status = spin_out_open(path, x->job->force, &out);
     free(path);
     SPIN_TRY(status);
     out.sync = x->job->sync;
-    SPIN_TRY_OUT(x->format->write(x, info, &out));
+    SPIN_TRY_OUT(write_frame(x, info, &out));
     SPIN_TRY_OUT(spin_out_length(&out, &length));
     SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
@@ -301,27 +310,6 @@ spin_status spin_frames_scratch(struct spin_frames *x, size_t bytes, unsigned ch
     return SPIN_OK;
 }
 
-spin_status spin_frames_quants(struct spin_frames *x, struct spin_quant_error **out)
-{
-    size_t n = spin_splat_filter_blocks(&x->rows);
-
-    if (n > x->block_quant_room) {
-        SPIN_TRY(spin_grow(n, sizeof *x->block_quant, (void **)&x->block_quant));
-        x->block_quant_room = n;
-    }
-    if (n > 0)
-        memset(x->block_quant, 0, n * sizeof *x->block_quant);
-    *out = x->block_quant;
-    return SPIN_OK;
-}
-
-/* In the order of the blocks: the sum does not depend on the threads. */
-void spin_frames_merge(struct spin_frames *x)
-{
-    for (size_t b = 0; b < spin_splat_filter_blocks(&x->rows); b++)
-        spin_quant_error_merge(&x->quant, &x->block_quant[b]);
-}
-
 struct writing {
     struct spin_frames *x;
     struct spin_out *out;
@@ -329,7 +317,6 @@ struct writing {
     size_t width, stride;
     spin_frames_code code;
     unsigned char *scratch;
-    struct spin_quant_error *quant;
     atomic_int error;
 };
 
@@ -344,7 +331,7 @@ static void write_block(void *context, int b, int worker)
     end = end < rows->splats->n ? end : rows->splats->n;
     for (size_t i = first; i < end; i++) {
         if (rows->keep[i]) {
-            w->code(w->x, i, to, &w->quant[b]);
+            w->code(w->x, i, to, &w->x->block_quant[b]);
             to += w->width;
         }
     }
@@ -361,10 +348,8 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
     struct writing w = {.x = self, .out = out, .at = at, .width = width, .code = code};
 
     SPIN_TRY(spin_frames_scratch(w.x, SPIN_ROWS_BLOCK * width, &w.scratch));
-    SPIN_TRY(spin_frames_quants(w.x, &w.quant));
     w.stride = w.x->scratch_bytes;
     spin_splat_filter_each(&w.x->rows, write_block, &w);
-    spin_frames_merge(w.x);
     return w.error ? spin_out_failed(out, w.error) : SPIN_OK;
 }
 
@@ -388,10 +373,10 @@ void spin_frames_comments(const struct spin_frames *x, const struct spin_frame_i
     char source[64];
     size_t at = (size_t)snprintf(text, room, "comment Generated by spin4d %s\n", SPIN_VERSION);
 
-    if (x->source && *x->source) {
-        copy_printable(x->source, source, sizeof source);
+    if (x->job->source && *x->job->source) {
+        copy_printable(x->job->source, source, sizeof source);
         at += (size_t)snprintf(text + at, room - at, "comment source %s%s\n", source,
-                               x->retrained ? ", attributes retrained" : "");
+                               x->job->retrained ? ", attributes retrained" : "");
     }
     at += (size_t)snprintf(text + at, room - at, "comment frame %d, time %.9g\n", info->number,
                            info->time);
@@ -399,7 +384,7 @@ void spin_frames_comments(const struct spin_frames *x, const struct spin_frame_i
         at += (size_t)snprintf(text + at, room - at,
                                "comment turned by w x y z %.9g %.9g %.9g %.9g\n", q[0], q[1], q[2],
                                q[3]);
-    if (x->antialias) /* as Postshot and Brush say it */
+    if (x->job->antialias) /* as Postshot and Brush say it */
         at += (size_t)snprintf(text + at, room - at,
                                "comment antialiased 1\ncomment SplatRenderMode: mip\n");
     if (x->rows.up)

@@ -59,18 +59,15 @@ struct spin_frames {
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_quant_error quant; /* of the clip */
-    bool force;
     const struct spin_export_job *job;
-    const char *source;
-    bool retrained, antialias;
     double fps;
     struct spin_frames_entry *entry; /* [room] */
     size_t n_entries, room;
     uint64_t n_splats; /* of all entries */
     unsigned char *scratch;
     size_t scratch_bytes;
-    struct spin_quant_error *block_quant; /* [blocks] */
-    size_t block_quant_room;
+    struct spin_quant_error
+        *block_quant; /* [blocks] of the frame at hand, for write(): zero at first */
 };
 
 /* Makes *self; format->begin() sees it with everything else zero. */
@@ -96,9 +93,6 @@ spin_status spin_frames_write_text(struct spin_frames *frames, const char *name,
 
 /* bytes for each worker, one after the other; contents are not kept. */
 spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);
-/* One sum per block of the frame at hand, zero; merged into the clip's by _merge(). */
-spin_status spin_frames_quants(struct spin_frames *frames, struct spin_quant_error **out);
-void spin_frames_merge(struct spin_frames *frames);
 
 /* The kept rows in the source's order, `width` bytes each, from byte `at` of the file on: blocks are
  * coded side by side and go straight to their places. */

@@ -9,11 +9,8 @@
 
 spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows)
 {
-    if (rows->n_kept > order->room) {
-        SPIN_TRY(spin_grow(rows->n_kept, sizeof *order->item, (void **)&order->item));
-        SPIN_TRY(spin_grow(rows->n_kept, sizeof *order->spare, (void **)&order->spare));
-        order->room = rows->n_kept;
-    }
+    SPIN_TRY(spin_grow(rows->n_kept + 1, sizeof *order->item, (void **)&order->item));
+    SPIN_TRY(spin_grow(rows->n_kept + 1, sizeof *order->spare, (void **)&order->spare));
     order->n = 0;
     for (size_t i = 0; i < rows->splats->n; i++)
         if (rows->keep[i])

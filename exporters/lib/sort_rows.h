@@ -10,8 +10,8 @@ struct spin_keyed {
 };
 
 struct spin_sort_rows {
-    struct spin_keyed *item, *spare; /* [room] */
-    size_t n, room;
+    struct spin_keyed *item, *spare; /* [kept rows] */
+    size_t n;
 };
 
 /* The kept rows in the source's order, keys zero. Zero *order before; spin_sort_rows_free() releases it. */

@@ -38,11 +38,9 @@ struct choice {
 
 /* ---- Choosing -------------------------------------------------------------------------------- */
 
-static size_t n_blocks(size_t n) { return (n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK; }
-
 size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows)
 {
-    return n_blocks(rows->splats->n);
+    return (rows->splats->n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
 }
 
 size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block)
@@ -173,16 +171,6 @@ static void choose_block(void *context, int b, int worker)
     spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_ATTRIBUTES);
 }
 
-static spin_status make_room(struct spin_splat_filter *rows, size_t n)
-{
-    if (n <= rows->room)
-        return SPIN_OK;
-    SPIN_TRY(spin_grow(n, 1, (void **)&rows->keep));
-    SPIN_TRY(spin_grow(n_blocks(n), sizeof *rows->block, (void **)&rows->block));
-    rows->room = n;
-    return SPIN_OK;
-}
-
 static void say(const size_t n_bad[SPIN_ROWS_REASONS], size_t n, int number)
 {
     static const char *const words[SPIN_ROWS_REASONS] = {
@@ -219,8 +207,10 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
     if (s->n > UINT32_MAX)
         return spin_fail(SPIN_E_UNSUPPORTED, "frame %d: %zu splats, at most %u are supported",
                          number, s->n, UINT32_MAX);
-    SPIN_TRY(make_room(rows, s->n));
     rows->splats = s;
+    SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&rows->keep));
+    SPIN_TRY(
+        spin_grow(spin_splat_filter_blocks(rows) + 1, sizeof *rows->block, (void **)&rows->block));
     spin_splat_filter_each(rows, measure_block, &choice);
     choice.limit = limit_of(rows);
     spin_splat_filter_each(rows, choose_block, &choice);

@@ -50,9 +50,8 @@ struct spin_splat_filter {
     /* The frame at hand. */
     const struct spin_splats *splats;
     size_t n_kept;
-    unsigned char *keep;                   /* [room] 1 for a row to write */
-    struct spin_splat_filter_block *block; /* [blocks of room] */
-    size_t room;
+    unsigned char *keep;                   /* [splats] 1 for a row to write */
+    struct spin_splat_filter_block *block; /* [blocks] */
 
     /* The clip. */
     bool quiet; /* these frames were counted before: say nothing, add nothing */
