@@ -71,25 +71,6 @@ struct writing {
     atomic_int error;
 };
 
-/* Two numbers of 64 bits, mixed by different factors: equal ones mean equal bytes. */
-static void mix(uint64_t hash[2], uint64_t word)
-{
-    hash[0] = (hash[0] ^ word) * 0x9e3779b97f4a7c15u;
-    hash[0] ^= hash[0] >> 29;
-    hash[1] = (hash[1] + word) * 0xd6e8feb86659fd93u;
-    hash[1] ^= hash[1] >> 32;
-}
-
-static void hash_column(const unsigned char *column, size_t bytes, uint64_t hash[2])
-{
-    for (size_t i = 0; i < bytes; i += 4) { /* no attribute has odd bytes */
-        uint32_t word;
-
-        memcpy(&word, column + i, sizeof word);
-        mix(hash, word);
-    }
-}
-
 /* The rows of a block, taken apart; each fresh attribute goes to its place. */
 static void write_block(void *context, int number, int worker)
 {
@@ -122,7 +103,8 @@ static void write_block(void *context, int number, int worker)
         }
     }
     for (int a = 0; a < clip->n_attributes && w->hash; a++)
-        hash_column(column[a], n * clip->width[a], w->hash[number * clip->n_attributes + a]);
+        spin_still_hash(w->hash[number * clip->n_attributes + a], column[a],
+                        n * clip->width[a] / 4);
     if (w->hash)
         return;
     spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
@@ -150,8 +132,7 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
         size_t same = clip->n_columns;
 
         for (size_t b = 0; b < n_blocks && w->hash; b++)
-            for (int k = 0; k < 2; k++)
-                mix(now.hash, w->hash[b * n + a][k]);
+            spin_still_hash(now.hash, w->hash[b * n + a], sizeof *w->hash / 4);
         for (size_t i = 0; i < clip->n_columns && w->hash && same == clip->n_columns; i++) {
             const struct spin_glb_column *was = &x->column[i];
 

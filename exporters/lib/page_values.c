@@ -5,6 +5,7 @@
 
 #include "base/option.h"
 #include "exporters/lib/page_bytes.h"
+#include "math/scene_rotation.h"
 
 #define PI 3.14159265358979323846
 /* Steps are this much narrower than bounds allow: floats round. */
@@ -56,14 +57,6 @@ double spin_page_step(const struct spin_page_space *space, int column)
 
 /* ---- Rotations ---------------------------------------------------------------------------------- */
 
-static void multiply(const double a[4], const double b[4], double out[4])
-{
-    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
-}
-
 static double length_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 static void turn_of(const double v[3], double q[4])
@@ -93,7 +86,7 @@ static void vector_from(const double from[4], const float *value, const double *
 
     for (int c = 0; c < 4; c++)
         to[c] = (double)value[SPIN_PAGE_ROTATION + c];
-    multiply(back, to, q);
+    spin_scene_rotation_join(to, back, q);
     vector_of(q, v);
     angle = length_of(v);
     if (!last || angle < 1e-9)
@@ -172,7 +165,7 @@ static void number_rotation(const struct spin_page_space *space, const float *co
         off[c] = 0.5 * step / 2 * k; /* the other half is for the rounding of the key */
     }
     turn_of(off, part);
-    multiply(first, part, base);
+    spin_scene_rotation_join(part, first, base);
     vector_of(base, v);
     for (int c = 0; c < 3; c++) {
         key[SPIN_PAGE_ROTATION + c] = nearest(v[c] / (step / 2));
@@ -266,5 +259,5 @@ void spin_page_value_of(const struct spin_page_space *space, const int32_t *key,
     }
     turn_of(v, from);
     turn_of(w, by);
-    multiply(from, by, value + SPIN_PAGE_ROTATION);
+    spin_scene_rotation_join(by, from, value + SPIN_PAGE_ROTATION);
 }

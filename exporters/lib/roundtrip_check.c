@@ -119,14 +119,10 @@ static spin_status choose_camera(const struct spin_export_job *job, int frame,
                                  const struct spin_splats *s, struct spin_camera *out)
 {
     int row = job->dataset_frame_of ? job->dataset_frame_of[frame] : -1;
-    const struct spin_view *found = NULL;
+    const struct spin_view *found = row >= 0 ? spin_initial_view_view(job->views, row, true) : NULL;
     struct spin_initial_view front;
     double middle[3], size;
 
-    for (size_t v = 0; job->views && row >= 0 && v < job->views->n; v++)
-        if (job->views->view[v].dataset_frame == row &&
-            (!found || (job->views->view[v].test && !found->test)))
-            found = &job->views->view[v];
     if (found) {
         *out = found->camera;
         return SPIN_OK;

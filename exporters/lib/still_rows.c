@@ -23,64 +23,31 @@ static void columns_of(const struct spin_splats *s, int n_sh, struct column c[5]
     c[4] = (struct column){s->sh, 3 * (size_t)spin_sh_count(s->sh_degree), 3 * (size_t)n_sh};
 }
 
-static uint64_t hash_of(const struct column c[5], size_t i)
-{
-    uint64_t h = 0;
-
-    for (int k = 0; k < 5; k++) {
-        for (size_t j = 0; j < c[k].n; j++) {
-            uint32_t bits;
-
-            memcpy(&bits, c[k].at + i * c[k].width + j, sizeof bits);
-            h = (h ^ bits) * 0x9e3779b97f4a7c15ULL;
-            h ^= h >> 29;
-        }
-    }
-    return h;
-}
-
-static bool are_same(const struct column a[5], size_t i, const struct column b[5], size_t j)
-{
-    for (int k = 0; k < 5; k++) {
-        if (memcmp(a[k].at + i * a[k].width, b[k].at + j * b[k].width,
-                   a[k].n * sizeof(float)) != 0)
-            return false;
-    }
-    return true;
-}
-
 static int by_hash(const void *a, const void *b)
 {
     const struct spin_still_row *x = a, *y = b;
+    int order = memcmp(x->hash, y->hash, sizeof x->hash);
 
-    if (x->hash != y->hash)
-        return x->hash < y->hash ? -1 : 1;
-    return (x->row > y->row) - (x->row < y->row);
-}
-
-static spin_status make_room(struct spin_still_rows *s, size_t n)
-{
-    if (n < s->room)
-        return SPIN_OK;
-    s->room = 0;
-    SPIN_TRY(spin_grow(n + 1, sizeof *s->now, (void **)&s->now));
-    SPIN_TRY(spin_grow(n + 1, 1, (void **)&s->keep));
-    SPIN_TRY(spin_grow(n + 1, sizeof *s->order, (void **)&s->order));
-    s->room = n + 1;
-    return SPIN_OK;
+    return order ? order : (x->row > y->row) - (x->row < y->row);
 }
 
 /* The chosen rows of the frame at hand into s->now. */
 static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
+    size_t room = rows->splats->n + 1, n = 0;
     struct column c[5];
-    size_t n = 0;
 
-    SPIN_TRY(make_room(s, rows->splats->n));
+    SPIN_TRY(spin_grow(room, sizeof *s->now, (void **)&s->now));
+    SPIN_TRY(spin_grow(room, 1, (void **)&s->keep));
+    SPIN_TRY(spin_grow(room, sizeof *s->order, (void **)&s->order));
     columns_of(rows->splats, spin_splat_filter_n_sh(rows), c);
     for (size_t i = 0; i < rows->splats->n; i++) {
-        if (rows->keep[i])
-            s->now[n++] = (struct spin_still_row){hash_of(c, i), (uint32_t)i};
+        if (!rows->keep[i])
+            continue;
+        s->now[n] = (struct spin_still_row){.hash = {c[4].n}, .row = (uint32_t)i};
+        for (int k = 0; k < 5; k++)
+            spin_still_hash(s->now[n].hash, c[k].at + i * c[k].width, c[k].n);
+        n++;
     }
     qsort(s->now, n, sizeof *s->now, by_hash);
     return SPIN_OK;
@@ -89,42 +56,26 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
 /* A row of the frame at hand for each of s->kept, or NONE. Of several alike each takes another one. */
 static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
-    struct column a[5], b[5];
-    size_t at = s->first.sh_degree == rows->splats->sh_degree ? 0 : rows->n_kept;
+    size_t at = 0;
 
-    columns_of(&s->first, spin_splat_filter_n_sh(rows), a);
-    columns_of(rows->splats, spin_splat_filter_n_sh(rows), b);
     for (size_t k = 0; k < s->n; k++) {
         const struct spin_still_row *kept = &s->kept[k];
+        int order = 1;
 
-        s->mate[kept->row] = NONE;
-        while (at < rows->n_kept && s->now[at].hash < kept->hash)
+        while (at < rows->n_kept &&
+               (order = memcmp(s->now[at].hash, kept->hash, sizeof kept->hash)) < 0)
             at++;
-        if (at < rows->n_kept && s->now[at].hash == kept->hash &&
-            are_same(a, kept->row, b, s->now[at].row))
-            s->mate[kept->row] = s->now[at++].row;
+        s->mate[kept->row] = at < rows->n_kept && order == 0 ? s->now[at++].row : NONE;
     }
 }
 
 static spin_status take_first(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
-    const struct spin_splats *from = rows->splats;
-    struct spin_splats *to = &s->first;
-    size_t n_sh = 3 * (size_t)spin_sh_count(from->sh_degree);
-
-    SPIN_TRY(spin_splats_reserve(to, from->n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
-                                 from->sh_degree));
-    SPIN_TRY(spin_alloc(from->n + 1, sizeof *s->mate, (void **)&s->mate));
-    SPIN_TRY(spin_alloc(rows->n_kept + 1, sizeof *s->kept, (void **)&s->kept));
-    if (from->n > 0) {
-        memcpy(to->means, from->means, 3 * from->n * sizeof(float));
-        memcpy(to->quats, from->quats, 4 * from->n * sizeof(float));
-        memcpy(to->log_scales, from->log_scales, 3 * from->n * sizeof(float));
-        memcpy(to->logit_opacities, from->logit_opacities, from->n * sizeof(float));
-        memcpy(to->sh, from->sh, n_sh * from->n * sizeof(float));
-    }
-    memset(s->mate, 0xff, (from->n + 1) * sizeof *s->mate);
     s->n = rows->n_kept;
+    s->n_first = rows->splats->n;
+    SPIN_TRY(spin_alloc(s->n_first + 1, sizeof *s->mate, (void **)&s->mate));
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof *s->kept, (void **)&s->kept));
+    memset(s->mate, 0xff, (s->n_first + 1) * sizeof *s->mate);
     memcpy(s->kept, s->now, s->n * sizeof *s->kept);
     return SPIN_OK;
 }
@@ -166,7 +117,8 @@ out:
 }
 
 /* s->mate and s->keep of the frame at hand. */
-static spin_status match(struct spin_still_rows *s, const struct spin_splat_filter *rows, int number)
+static spin_status match(struct spin_still_rows *s, const struct spin_splat_filter *rows,
+                         int number)
 {
     SPIN_TRY(list_rows(s, rows));
     pair(s, rows);
@@ -195,7 +147,7 @@ spin_status spin_still_rows_leave_out(struct spin_still_rows *s, struct spin_spl
 
 void spin_still_rows_only(const struct spin_still_rows *s, struct spin_splat_filter *rows)
 {
-    memset(s->keep, 0, s->room);
+    memset(s->keep, 0, s->n_first);
     for (size_t k = 0; k < s->n; k++)
         s->keep[s->kept[k].row] = 1;
     spin_splat_filter_keep(rows, s->keep);
@@ -211,7 +163,7 @@ spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_s
         if (s->keep[i])
             s->order[n++] = (uint32_t)i;
     }
-    for (size_t i = 0; i < s->first.n; i++) {
+    for (size_t i = 0; i < s->n_first; i++) {
         if (s->mate[i] != NONE)
             s->order[n++] = s->mate[i];
     }
@@ -221,7 +173,6 @@ spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_s
 
 void spin_still_rows_free(struct spin_still_rows *s)
 {
-    spin_splats_free(&s->first);
     free(s->kept);
     free(s->now);
     free(s->keep);

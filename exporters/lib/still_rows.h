@@ -3,23 +3,39 @@
 #ifndef SPIN_EXPORTERS_LIB_STILL_ROWS_H
 #define SPIN_EXPORTERS_LIB_STILL_ROWS_H
 
+#include <string.h>
+
 #include "exporters/lib/splat_filter.h"
 
 struct spin_still_row {
-    uint64_t hash; /* of what the row holds */
+    uint64_t hash[2]; /* of what the row holds */
     uint32_t row;
 };
 
 struct spin_still_rows {
     size_t n;                    /* rows that are the same in all frames */
-    struct spin_splats first;    /* the first frame */
     struct spin_still_row *kept; /* [n] of the first frame, by hash */
-    struct spin_still_row *now;  /* [room] rows of the frame at hand, by hash */
-    unsigned char *keep;         /* [room] 1: a row of the frame at hand that is not one of them */
-    uint32_t *mate;  /* [first.n] which row of the frame at hand each is; UINT32_MAX: none */
-    uint32_t *order; /* [room] see spin_still_rows_order() */
-    size_t room;
+    struct spin_still_row *now;  /* the chosen rows of the frame at hand, by hash */
+    unsigned char *keep;         /* [rows] 1: a row of the frame at hand that is not one of them */
+    uint32_t *mate; /* [n_first] of rows of the first frame: which row of the frame at hand each is;
+                                  * UINT32_MAX: none */
+    size_t n_first;
+    uint32_t *order; /* [rows] see spin_still_rows_order() */
 };
+
+/* n words of 4 bytes into two numbers of 64 bits, mixed by different factors: equal ones mean equal bytes. */
+static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        uint32_t word;
+
+        memcpy(&word, (const unsigned char *)words + 4 * i, sizeof word);
+        hash[0] = (hash[0] ^ word) * 0x9e3779b97f4a7c15u;
+        hash[0] ^= hash[0] >> 29;
+        hash[1] = (hash[1] + word) * 0xd6e8feb86659fd93u;
+        hash[1] ^= hash[1] >> 32;
+    }
+}
 
 /* Read all frames by job->again() and find them. Where no row stays, frames are read up to the one that
  * says so. Zero it before, free it also after a failure. */
