@@ -11,7 +11,6 @@
 #include <string.h>
 
 #include "exporters/lib/frames.h"
-#include "exporters/lib/sort_rows.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "formats/compressed_ply.h"
@@ -125,19 +124,24 @@ static void scatter_block(void *context, int b, int worker)
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
+static spin_status sort_rows(struct export *x)
+{
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->frames.rows));
+    if (!x->by_source)
+        spin_sort_rows_by_place(&x->order, x->frames.rows.splats);
+    return SPIN_OK;
+}
+
 /* What sorts is four times as large as the order itself, and goes before the rest comes. */
 static spin_status choose_order(struct export *x)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t n = rows->n_kept + 1;
+    size_t n = x->frames.rows.n_kept + 1;
 
-    SPIN_TRY(spin_sort_rows_fill(&x->order, rows));
-    if (!x->by_source)
-        spin_sort_rows_by_place(&x->order, rows->splats);
+    SPIN_TRY(sort_rows(x));
     SPIN_TRY(spin_grow(n, sizeof *x->row, (void **)&x->row));
     SPIN_TRY(spin_grow(n, 3 * sizeof *x->colour, (void **)&x->colour));
     SPIN_TRY(spin_grow(n, spin_n_rest(degree_of(x)) + 1, (void **)&x->rest));
-    SPIN_TRY(spin_grow(rows->splats->n + 1, sizeof *x->place, (void **)&x->place));
+    SPIN_TRY(spin_grow(x->frames.rows.splats->n + 1, sizeof *x->place, (void **)&x->place));
     for (size_t i = 0; i < x->order.n; i++) {
         x->row[i] = x->order.item[i].row;
         x->place[x->row[i]] = (uint32_t)i;
@@ -198,12 +202,12 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
                              n * spin_n_rest(degree_of(x)));
 }
 
-static spin_status compressed_order(void *self, const uint32_t **row)
+static spin_status compressed_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
 
-    SPIN_TRY(choose_order(x));
-    *row = x->row;
+    SPIN_TRY(sort_rows(x));
+    *row = x->order.item;
     return SPIN_OK;
 }
 

@@ -214,7 +214,7 @@ static uint64_t gltf_bytes(const void *self, size_t n)
 }
 
 /* The node of what all frames share lies behind those of the frames. */
-static spin_status gltf_order(void *self, const uint32_t **row)
+static spin_status gltf_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
 

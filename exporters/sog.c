@@ -7,7 +7,6 @@
 #include <string.h>
 
 #include "exporters/lib/frames.h"
-#include "exporters/lib/sort_rows.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/option.h"
@@ -313,15 +312,12 @@ static uint64_t sog_bytes(const void *self, size_t n)
     return 16384 + 20 * (uint64_t)n + (n_rest(x) > 0 ? of_sh : 0);
 }
 
-static spin_status sog_order(void *self, const uint32_t **row)
+static spin_status sog_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
 
     SPIN_TRY(choose_order(x));
-    SPIN_TRY(make_room(x));
-    for (size_t i = 0; i < x->order.n; i++)
-        x->label[i] = x->order.item[i].row;
-    *row = x->label;
+    *row = x->order.item;
     return SPIN_OK;
 }
 

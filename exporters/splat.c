@@ -3,7 +3,6 @@
 #include <stdlib.h>
 
 #include "exporters/lib/frames.h"
-#include "exporters/lib/sort_rows.h"
 #include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
@@ -21,7 +20,6 @@ struct export
     struct spin_frames frames;
     struct spin_sort_rows order;
     bool by_size;
-    uint32_t *row; /* the order, for a check */
 };
 
 /* ---- One file -------------------------------------------------------------------------------- */
@@ -81,17 +79,14 @@ static uint64_t splat_bytes(const void *self, size_t n)
     return (uint64_t)n * SPIN_SPLAT_ROW;
 }
 
-static spin_status splat_order(void *self, const uint32_t **row)
+static spin_status splat_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
 
     if (!x->by_size)
         return SPIN_OK;
     SPIN_TRY(order_rows(x));
-    SPIN_TRY(spin_grow(x->order.n + 1, sizeof *x->row, (void **)&x->row));
-    for (size_t i = 0; i < x->order.n; i++)
-        x->row[i] = x->order.item[i].row;
-    *row = x->row;
+    *row = x->order.item;
     return SPIN_OK;
 }
 
@@ -107,13 +102,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
-{
-    struct export *x = self;
-
-    spin_sort_rows_free(&x->order);
-    free(x->row);
-}
+static void end(void *self) { spin_sort_rows_free(&((struct export *)self)->order); }
 
 static const struct spin_frames_format format = {
     .name = "splat",

@@ -7,6 +7,7 @@
 #define SPIN_EXPORTERS_LIB_FRAMES_H
 
 #include "exporters/lib/quant_error.h"
+#include "exporters/lib/sort_rows.h"
 #include "exporters/lib/splat_filter.h"
 #include "io/output_folder.h"
 
@@ -37,7 +38,7 @@ struct spin_frames_format {
     /* Write the chosen rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
     /* The chosen rows in the order of the file. NULL: the source's. */
-    spin_status (*order)(void *self, const uint32_t **row);
+    spin_status (*order)(void *self, const struct spin_keyed **row);
     /* What else lies beside the frames, of which all are whole now. NULL: nothing. */
     spin_status (*finish)(void *self);
     /* Release own memory. NULL: none. */

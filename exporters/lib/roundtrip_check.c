@@ -77,7 +77,7 @@ static void compare_sh(struct spin_quant_error *quant, const struct spin_splat_f
 
 /* A frame as its file has it, in the file's axes and order, against the chosen rows of the bundle's: row[j] is the one
  * that the file's row j came from, NULL: those kept, in the source's order. */
-static spin_status compare(struct check *check, const char *path, const uint32_t *row)
+static spin_status compare(struct check *check, const char *path, const struct spin_keyed *row)
 {
     const struct spin_splat_filter *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
@@ -95,7 +95,7 @@ static spin_status compare(struct check *check, const char *path, const uint32_t
 
         while (!row && !rows->keep[next])
             next++;
-        i = row ? row[j] : next++;
+        i = row ? row[j].row : next++;
         if (!is_finite(back, j))
             return spin_fail(SPIN_E_IO, "check: '%s' holds NaN or infinity in splat %zu", path, j);
         spin_splat_filter_take(rows, i, &is);
@@ -254,7 +254,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     struct spin_frames *x = check->x;
     const struct spin_splats *splats;
-    const uint32_t *row = NULL;
+    const struct spin_keyed *row = NULL;
     spin_status status = SPIN_OK;
 
     SPIN_TRY(x->job->again(x->job->context, f, &splats));

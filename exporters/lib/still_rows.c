@@ -154,18 +154,18 @@ void spin_still_rows_only(const struct spin_still_rows *s, struct spin_splat_fil
 }
 
 spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_splat_filter *rows,
-                                  int number, const uint32_t **order)
+                                  int number, const struct spin_keyed **order)
 {
     size_t n = 0;
 
     SPIN_TRY(match(s, rows, number));
     for (size_t i = 0; i < rows->splats->n; i++) {
         if (s->keep[i])
-            s->order[n++] = (uint32_t)i;
+            s->order[n++].row = (uint32_t)i;
     }
     for (size_t i = 0; i < s->n_first; i++) {
         if (s->mate[i] != NONE)
-            s->order[n++] = s->mate[i];
+            s->order[n++].row = s->mate[i];
     }
     *order = s->order;
     return SPIN_OK;

@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#include "exporters/lib/splat_filter.h"
+#include "exporters/lib/sort_rows.h"
 
 struct spin_still_row {
     uint64_t hash[2]; /* of what the row holds */
@@ -20,7 +20,7 @@ struct spin_still_rows {
     uint32_t *mate; /* [n_first] of rows of the first frame: which row of the frame at hand each is;
                                   * UINT32_MAX: none */
     size_t n_first;
-    uint32_t *order; /* [rows] see spin_still_rows_order() */
+    struct spin_keyed *order; /* [rows] see spin_still_rows_order() */
 };
 
 /* n words of 4 bytes into two numbers of 64 bits, mixed by different factors: equal ones mean equal bytes. */
@@ -50,7 +50,7 @@ void spin_still_rows_only(const struct spin_still_rows *still, struct spin_splat
 /* All chosen rows of a frame: those that move, then those that stay, in the first frame's order. */
 spin_status spin_still_rows_order(struct spin_still_rows *still,
                                   const struct spin_splat_filter *rows, int number,
-                                  const uint32_t **order);
+                                  const struct spin_keyed **order);
 void spin_still_rows_free(struct spin_still_rows *still);
 
 #endif

@@ -292,6 +292,24 @@ static size_t count_of(const char *rest)
     return n;
 }
 
+/* A frame without splats is a file without meshes. */
+static void test_no_splats(void)
+{
+    struct spin_gs_glb_scene scene = {0};
+    struct spin_splats s = {0};
+    size_t size;
+    unsigned char *file =
+        make_glb("{\"nodes\":[{\"extras\":{\"frame\":7}}]}", (const unsigned char *)"", 0, &size);
+
+    ok(spin_gs_glb_scene_open(file, size, &scene) == SPIN_OK && scene.n_frames == 1 &&
+           scene.frame[0].number == 7 && spin_gs_glb_scene_read(&scene, 0, ALL, &s) == SPIN_OK &&
+           s.n == 0,
+       "a file without meshes is a frame of no splats: %s", spin_last_error());
+    spin_gs_glb_scene_close(&scene);
+    spin_splats_free(&s);
+    free(file);
+}
+
 static void test_nodes(void)
 {
     static const char child[] = "{\"mesh\":0,\"translation\":[1,0,0]}";
@@ -644,6 +662,7 @@ TAP_MAIN
     make_keys();
     test_types();
     test_nodes();
+    test_no_splats();
     test_clips();
     test_extension();
     test_spz();
