@@ -16,7 +16,6 @@ static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
     SPIN_DRAWING_OPTION_PATH,
     SPIN_DRAWING_OPTION_PANELS,
-    {"compare", NULL, "the same as --panels truth,after", NULL},
     SPIN_DRAWING_OPTION_REPEAT,
     SPIN_DRAWING_OPTION_NO_LABELS,
     SPIN_DRAWING_OPTION_SIZE,
@@ -99,9 +98,7 @@ static spin_status images_begin(const struct spin_export_job *job, void **self)
 
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
-    SPIN_TRY_OUT(spin_camera_path_begin(
-        &x->drawing, job,
-        spin_plugin_value(job->values, "compare", NULL) ? "truth,after" : "after"));
+    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job));
     SPIN_TRY_OUT(check_options(x));
     SPIN_TRY_OUT(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;

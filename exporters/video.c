@@ -103,7 +103,7 @@ static spin_status video_begin(const struct spin_export_job *job, void **self)
     spin_status status;
 
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
-    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job, "after"));
+    SPIN_TRY_OUT(spin_camera_path_begin(&x->drawing, job));
     SPIN_TRY_OUT(choose_camera(x));
     SPIN_TRY_OUT(open_video(x));
     *self = x;

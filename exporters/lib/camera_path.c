@@ -145,8 +145,7 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
     return name[d->path];
 }
 
-spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job,
-                                   const char *panels)
+spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job)
 {
     int path;
 
@@ -156,7 +155,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     d->path = (enum spin_camera_path_path)path;
     d->row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
     SPIN_TRY(parse_pace(d));
-    SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", panels)));
+    SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", "after")));
     SPIN_TRY(parse_size(d));
     if (d->path == SPIN_PATH_TRAIN && !job->views)
         return spin_fail(SPIN_E_USAGE, "--path train: there is no data set, give --data DIR");

@@ -95,9 +95,8 @@ struct spin_camera_path {
     const struct spin_splats *before; /* those of source that can be drawn */
 };
 
-/* Zero d before. panels: what there is when the user does not say. */
-spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job,
-                                   const char *panels);
+/* Zero d before. */
+spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job);
 
 void spin_camera_path_free(struct spin_camera_path *d);
 

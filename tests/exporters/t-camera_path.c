@@ -78,7 +78,7 @@ static void follow(const char *const *pairs, int n, struct spin_camera *out)
     struct spin_export_job job = {
         .n_frames = 2, .views = &views, .values = &values, .dataset_frame_of = row_of};
     struct spin_camera_path d = {0};
-    bool good = spin_camera_path_begin(&d, &job, "after") == SPIN_OK && d.n_pictures == n;
+    bool good = spin_camera_path_begin(&d, &job) == SPIN_OK && d.n_pictures == n;
 
     for (int i = 0; i < n && good; i++)
         good = spin_camera_path_camera(&d, i, &splats, &out[i]) == SPIN_OK;

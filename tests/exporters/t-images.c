@@ -104,7 +104,7 @@ static int pixel_is(const char *output, const char *name, int width, int x, int 
 static void test_renders(const struct spin_views *views)
 {
     static const char *const all[] = {"views", "all", NULL};
-    static const char *const compare[] = {"compare", "", "views", "train", NULL};
+    static const char *const compare[] = {"panels", "truth,after", "views", "train", NULL};
     struct spin_plugin_values values = {all};
     struct spin_export_job job = make_job(views, "test", NULL);
 
