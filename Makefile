@@ -85,7 +85,7 @@ COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
 LIB_SO   := $(B)/libspin.so.$(VERSION)
-SHIMS    := $(B)/lib/spin-image.so
+SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
 # Only LPIPS needs oneDNN; a build without it does all else.
 DNNL     ?= $(shell printf '\043if __has_include(<oneapi/dnnl/dnnl.hpp>)\nfound\n\043endif\n' | \
             $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c++ - 2>/dev/null)
@@ -245,6 +245,12 @@ $(B)/lib/spin-image.so: src/io/image_oiio.cpp src/io/image_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(COMPILE_CXX) -shared -o $@ $< -lOpenImageIO -lOpenImageIO_Util
+	$(SHIM_DONE)
+
+$(B)/lib/spin-gltf.so: src/formats/glb_tiny.cpp src/formats/glb_shim.h
+	@mkdir -p $(@D)
+	$(SAY) SHIM $@
+	$(Q)$(COMPILE_CXX) -shared -o $@ $< -ltinygltf
 	$(SHIM_DONE)
 
 $(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h

@@ -259,6 +259,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     struct export *x = self;
     int axes;
 
+    SPIN_TRY(spin_glb_can_write());
     SPIN_TRY(spin_option_word(v, "axes", "gltf|source", &axes));
     x->frames.axes = axes == 0 ? half_about_z : NULL;
     if (spin_plugin_value(v, "still-apart", NULL) && !x->single)

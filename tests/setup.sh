@@ -32,6 +32,7 @@ missing_headers() {
         '#if !__has_include(<lzma.h>)' liblzma-dev '#endif' \
         '#if !__has_include(<jansson.h>)' libjansson-dev '#endif' \
         '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' \
+        '#if !__has_include(<tiny_gltf.h>)' libtinygltf-dev '#endif' \
         ${video:+"#if !__has_include(<libavformat/avformat.h>)" "libavformat-dev" "#endif"} \
         ${video:+"#if !__has_include(<libavcodec/avcodec.h>)" "libavcodec-dev" "#endif"} \
         ${video:+"#if !__has_include(<libswscale/swscale.h>)" "libswscale-dev" "#endif"} |
@@ -44,7 +45,8 @@ missing_packages() {
     elif have "$CXX"; then
         echo "build-essential $(missing_headers)"
     else
-        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev "$video"
+        echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev \
+            "$video"
     fi
 }
 
@@ -99,6 +101,7 @@ zlib zlib1g-dev zlib.h ZLIB_VERSION
 liblzma liblzma-dev lzma.h LZMA_VERSION_STRING
 jansson libjansson-dev jansson.h JANSSON_VERSION
 OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
+tinygltf libtinygltf-dev tiny_gltf.h found
 LIST
     zstd=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null | sed -n 's/^[[:space:]]*\(libzstd\.so\.1\) .*/\1/p' | head -n 1)
     printf '%-12s %s\n' zstd: "${zstd:-libzstd.so.1 not found; only needed to read SPZ of version 4}"

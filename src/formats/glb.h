@@ -14,6 +14,7 @@
 #ifndef SPIN_FORMATS_GLB_H
 #define SPIN_FORMATS_GLB_H
 
+#include "formats/glb_shim.h"
 #include "formats/spz.h"
 #include "io/json.h"
 #include "math/sh.h"
@@ -26,7 +27,6 @@ enum { SPIN_GLB_I8 = 5120, SPIN_GLB_U8, SPIN_GLB_I16, SPIN_GLB_U16, SPIN_GLB_F32
 enum { SPIN_GLB_POINTS = 0, SPIN_GLB_TRIANGLES = 4 };
 
 /* What an attribute is called; SPIN_GLB_SH + k: coefficient k. */
-enum { SPIN_GLB_NAME = 64 };
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
 
 /* ---- The container --------------------------------------------------------------------------- */

@@ -5,52 +5,12 @@
 
 #include "formats/gaussian.h"
 #include "formats/glb.h"
+#include "formats/glb_shim.h"
 #include "io/file.h"
 
-/* POSITION, ROTATION, SCALE, OPACITY, the SH coefficients, COLOR_0. */
-enum { SPIN_GLB_MAX_ATTRIBUTES = 4 + SPIN_SH_MAX + 1 };
-
-/* Rows of an attribute in the binary chunk. */
-struct spin_glb_column {
-    int attribute;
-    uint64_t n, offset;
-    uint64_t hash[2];      /* of what it holds */
-    float low[3], high[3]; /* of POSITION */
-};
-
-/* A node with a mesh of points, or without one when n is 0. */
-struct spin_glb_frame {
-    size_t n;
-    int number;  /* the source's */
-    double time; /* in the source's unit */
-    size_t
-        column[SPIN_GLB_MAX_ATTRIBUTES]; /* which one each attribute has; frames may share them */
-};
-
-struct spin_glb_clip {
-    /* Set before spin_glb_begin(). */
-    struct spin_out *out; /* the caller opens and commits it */
-    int sh_degree;
-    const char *axes, *source; /* for extras; source NULL: unknown */
-    double fps;                /* 0: unknown */
-    int n_frames;
-    bool animated; /* frames take turns, by STEP keys on the scale of their nodes */
-
-    /* The attributes in the order of the file: bytes a row, and their sum. */
-    int n_attributes;
-    size_t width[SPIN_GLB_MAX_ATTRIBUTES], row;
-    size_t room; /* bytes kept for the JSON */
-
-    /* Set before spin_glb_end(). */
-    const struct spin_glb_frame *frame; /* [n_frames] */
-    /* Points of all frames, in a node of their own: the last of the list and the first of the scene, as some viewers draw
-     * mesh after mesh. Its number and time say nothing. NULL, or n 0: none. */
-    const struct spin_glb_frame *still;
-    const struct spin_glb_column *column; /* [n_columns] */
-    size_t n_columns;
-    uint64_t n_bytes; /* of the binary chunk so far; becomes those of all of it */
-};
-
+/* Whether tinygltf, which makes the JSON, can be loaded; else an error that says how to get it. */
+spin_status spin_glb_can_write(void);
+/* Room for everything; the attributes follow from the SH degree. */
 void spin_glb_begin(struct spin_glb_clip *clip);
 /* Of a file with so many rows; after spin_glb_begin(). */
 uint64_t spin_glb_bytes(const struct spin_glb_clip *clip, uint64_t n_rows);

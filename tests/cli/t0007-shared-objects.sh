@@ -4,7 +4,7 @@
 . tests/cli/lib.sh
 CC=${CC:-gcc}
 build=$(cd "${SPIN_BUILD:-build/release}" && pwd)
-unset SPIN_IMAGE_SHIM
+unset SPIN_GLTF_SHIM
 
 # An object whose constructor leaves a trace; it is of no version.
 echo '#include <fcntl.h>
@@ -12,81 +12,78 @@ __attribute__((constructor)) static void mark(void) { creat(TRACE, 0600); }' >"$
 $CC -shared -fPIC -DTRACE="\"$work/trace\"" -o "$work/trap.so" "$work/trap.c"
 ok $? "an object that tells when it is loaded"
 
-"$build/bin/spin-import" -q fixtures/court-mini/params.npz --range 0:1 -o "$work/in.spin" >"$work/import"
-ok $? "a bundle without a data set"
-
 # A build like this one, below a folder of somebody.
 tree=$work/up/tree/build/release
 mkdir -p "$tree/bin" "$tree/lib"
 cp "$build/bin/spin-export" "$tree/bin"
 chmod -R go-w "$work/up"
-draw() {
-    rm -rf "$work/trace" "$work/x"
-    run "${1:-$tree}/bin/spin-export" -q "$work/in.spin" --to images --size 16x16 -o "$work/x"
+export_glb() {
+    rm -f "$work/trace"
+    run "${1:-$tree}/bin/spin-export" fixtures/hostile/bundle/explicit.spin --source -o "$work/x.glb"
 }
 # put FOLDER: the trap lies in it
 put() {
     mkdir -p "$1"
-    cp "$work/trap.so" "$1/spin-image.so"
-    chmod 755 "$1" "$1/spin-image.so"
+    cp "$work/trap.so" "$1/spin-gltf.so"
+    chmod 755 "$1" "$1/spin-gltf.so"
 }
 loads() { # YES-OR-NO NAME
     is "$([ -e "$work/trace" ] && echo yes || echo no)" "$1" "$2"
 }
 
 put "$tree/lib"
-draw
+export_glb
 fails 1 spin-export "an object of another version"
 loads yes "lib beside bin is where it is looked for"
-err_has "'$tree/lib/spin-image.so' belongs to another version" "and it is named"
+err_has "'$tree/lib/spin-gltf.so' belongs to another version" "and it is named"
 for mode in 775 757; do
-    chmod $mode "$tree/lib/spin-image.so"
-    draw
+    chmod $mode "$tree/lib/spin-gltf.so"
+    export_glb
     fails 1 spin-export "an object of mode $mode"
     loads no "an object of mode $mode is not loaded"
-    err_has "others can write '$tree/lib/spin-image.so', see spin4d(7)" "an object of mode $mode: it says why"
-    chmod 755 "$tree/lib/spin-image.so"
+    err_has "others can write '$tree/lib/spin-gltf.so', see spin4d(7)" "an object of mode $mode: it says why"
+    chmod 755 "$tree/lib/spin-gltf.so"
     chmod $mode "$tree/lib"
-    draw
+    export_glb
     loads no "nor one in a folder of mode $mode"
     err_has "others can write '$tree/lib', see" "a folder of mode $mode: it says why"
     chmod 755 "$tree/lib"
 done
-for what in "$tree/lib/spin-image.so" "$tree/lib"; do
+for what in "$tree/lib/spin-gltf.so" "$tree/lib"; do
     if chown 65534 "$what" 2>/dev/null; then
-        draw
+        export_glb
         loads no "of somebody else: ${what##*/}"
         err_has "others can write '$what'" "of somebody else: ${what##*/}: it says why"
         chown 65534 "$tree/bin/spin-export"
-        draw
+        export_glb
         loads yes "the owner of the program is trusted: ${what##*/}"
         chown 0 "$tree/bin/spin-export" "$what"
     else
         skip "objects of somebody else" "root alone can give files away"
     fi
 done
-rm "$tree/lib/spin-image.so"
+rm "$tree/lib/spin-gltf.so"
 
 for folder in up/lib up/lib/spin4d up/tree/lib up/tree/build/lib up/tree/build/release/bin/lib; do
     put "$work/$folder"
-    draw
+    export_glb
     loads no "nothing is loaded from $folder"
-    err_has "'spin-image.so' is missing" "$folder: it says what is missing"
+    err_has "'spin-gltf.so' is missing" "$folder: it says what is missing"
     rm -r "${work:?}/$folder"
 done
 put "$tree/lib/spin4d"
-draw
+export_glb
 loads yes "lib/spin4d of a prefix is where it is looked for"
 rm -r "$tree/lib/spin4d"
 
 # ---- The real ones -------------------------------------------------------------------------------------
 
-if [ -f "$build/lib/spin-image.so" ]; then
+if [ -f "$build/lib/spin-gltf.so" ]; then
     is "$(find "$build/lib" -perm /022)" "" "make leaves none that others can write"
     install -d "$work/copy/bin" "$work/copy/lib"
     install "$build/bin/spin-export" "$work/copy/bin"
-    install -m 644 "$build/lib/spin-image.so" "$work/copy/lib"
-    draw "$work/copy"
+    install -m 644 "$build/lib/spin-gltf.so" "$work/copy/lib"
+    export_glb "$work/copy"
     is "$code" 0 "a copy of the build elsewhere works"
 fi
 run make -n -B V=1 BUILD="$work/none" CONFIG=release CUDA=0 VIDEO=yes MPICC=mpicc all
