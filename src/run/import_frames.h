@@ -1,0 +1,24 @@
+/* The frames of an import: at which times of a continuous method those of a data set are, and what was written beside
+ * frames that spin-export wrote. */
+#ifndef SPIN_RUN_IMPORT_FRAMES_H
+#define SPIN_RUN_IMPORT_FRAMES_H
+
+#include "scene/bundle_meta.h"
+
+/* One line of the notes, with its end, or none where there is no room for it. */
+void spin_add_note(struct spin_sequence_info *t, const char *fmt, ...) SPIN_PRINTF(2, 3);
+
+/* Sets the times of all n frames, which come with the data set's own, by a rule: "data", "unit", "count",
+ * or "auto" (NULL too). Methods do not say at which times their frames were, and their readers of one and
+ * the same data set differ: i/(n-1) with most, i/n with some. numbered: frames have numbers from file names.
+ * What was assumed is added to the notes of `t`. */
+void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info *t,
+                      struct spin_frame_info *all, int n);
+
+/* What sequence.json says of frames frame[n] that were found at `input`. Where there is such a file that knows all of
+ * them: sets their times and place[n], the places in the clip that was exported, and of meta n_source_frames, numbered
+ * and pair. What does not fit is not used, with a warning. SPIN_E_MEMORY only. */
+spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
+                                 int *place, struct spin_bundle_meta *meta);
+
+#endif
