@@ -1,20 +1,53 @@
-/* The parser of the command line, and exit codes. */
+/* The parser of the command line, --help, completion, signals and exit codes. */
 #include "cmd/args.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <limits.h>
 #include <math.h>
+#include <signal.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "spin_run.h"
 #include "base/text.h"
-#include "cmd/signals.h"
 
-enum { MAX_PLUGINS = 128 };
+enum { HELP_COLUMN = 28, HELP_WIDTH = 84 };
 
-/* ---- Messages and exit codes ----------------------------------------------------------------- */
+struct spin_args spin_args;
+static bool wants_help, wants_version;
+static const char *wants_completion; /* name of a shell, or NULL */
+
+static const struct spin_args_row common_rows[] = {
+    SPIN_ARG_HEADING("Common"),
+    SPIN_ARG("force", 0, NULL, FLAG, spin_args.force, "overwrite what is there"),
+    SPIN_ARG("json", 0, NULL, FLAG, spin_args.json, "print one JSON document"),
+    SPIN_ARG("threads", 0, "N", INT, spin_args.n_threads, "threads to use (all cores)", .min = 1,
+             .max = 1024),
+    SPIN_ARG("quiet", 'q', NULL, COUNT, spin_args.quiet, "say less"),
+    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "say more; up to four times"),
+    SPIN_ARG("completion", 0, "bash|zsh", CHOICE, wants_completion,
+             "print the script that completes this command's options in that shell"),
+    SPIN_ARG("help", 'h', NULL, FLAG, wants_help, "this text"),
+    SPIN_ARG("version", 0, NULL, FLAG, wants_version, "name and version"),
+    SPIN_ARG_END,
+};
+
+/* What all functions below share while one command line is read. */
+struct parser {
+    const struct spin_args_command *command;
+    struct spin_args_row *rows; /* the command's, the common ones, those of plug-ins; and an end */
+    size_t n_rows, n_shown;     /* shown: in --help and by completion */
+    const char *chosen;         /* plug-in named on the command line, or NULL */
+    size_t n_pairs;             /* strings in plugin_pairs */
+    int argc, next;
+    char **argv;
+};
+
+/* ---- Messages, signals and exit codes -------------------------------------------------------- */
 
 /* Of several processes that fail alike one says so. */
 static bool speaks = true;
@@ -44,6 +77,39 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
     return SPIN_EXIT_USAGE;
 }
 
+static volatile sig_atomic_t signal_seen;
+
+/* The first asks the work to stop and keep what it has; a second Ctrl-C means now. */
+static void on_signal(int number)
+{
+    if (number == SIGINT && signal_seen == SIGINT)
+        _exit(128 + number);
+    signal_seen = number;
+    spin_cancel();
+}
+
+/* SIGPIPE is ignored so that a reader who leaves does not end a long run half-way; the failed write
+ * is reported by spin_args_finish(). */
+static void catch_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
+
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* under nohup it stays ignored */
+        sigaction(SIGHUP, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* the write fails instead, and says so */
+}
+
+bool spin_args_begin(const struct spin_args_command *command, int *code)
+{
+    spin_status status = spin_ranks_begin();
+
+    return status == SPIN_OK || spin_args_ended(command, status, code);
+}
+
 bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code)
 {
     const char *error;
@@ -57,7 +123,7 @@ bool spin_args_ended(const struct spin_args_command *command, spin_status status
     fflush(stdout);
     *code = status == SPIN_E_USAGE ? SPIN_EXIT_USAGE : SPIN_EXIT_FAILED;
     if (status == SPIN_E_CANCELLED)
-        *code = spin_signals_exit_code();
+        *code = 128 + (signal_seen ? signal_seen : SIGINT);
     spin_ranks_exit(*code);
     return false;
 }
@@ -75,137 +141,79 @@ int spin_args_finish(const struct spin_args_command *command, int code)
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-static bool has_limits(const struct spin_args_row *row) { return row->min < row->max; }
-
-static bool within(const struct spin_args_row *row, double value)
+/* Decimal and within the row's limits. strtod alone takes leading space, hexadecimal floats and names too. */
+static bool parse_number(const struct spin_args_row *row, const char *text, size_t length,
+                         double *out)
 {
-    return !has_limits(row) || (value >= row->min && value <= row->max);
-}
-
-/* strtol and friends skip leading space and accept less than the whole text; options do not. */
-static bool begins_like_number(const char *text) { return *text && strchr("+-.0123456789", *text); }
-
-static bool parse_int(const char *text, size_t length, int *out)
-{
-    char copy[32], *end;
-
-    if (length == 0 || length >= sizeof copy || !begins_like_number(text))
-        return false;
-    memcpy(copy, text, length);
-    copy[length] = '\0';
-    errno = 0;
-    long value = strtol(copy, &end, 10);
-    if (errno || *end || end == copy || value < INT_MIN || value > INT_MAX)
-        return false;
-    *out = (int)value;
-    return true;
-}
-
-static bool parse_uint64(const char *text, uint64_t *out)
-{
-    char *end;
-
-    if (!begins_like_number(text) || *text == '-')
-        return false;
-    errno = 0;
-    unsigned long long value = strtoull(text, &end, 10);
-    if (errno || *end || end == text)
-        return false;
-    *out = value;
-    return true;
-}
-
-/* Hexadecimal floats are left out: they are always typing errors here. Underflow is not an error. */
-static bool parse_double(const char *text, size_t length, double *out)
-{
+    bool small = row->kind == SPIN_ARG_INT || row->kind == SPIN_ARG_INTS;
+    const char *digits = small || row->kind == SPIN_ARG_UINT64 ? "+-0123456789" : "+-.0123456789eE";
     char copy[64], *end;
 
-    if (length == 0 || length >= sizeof copy || !begins_like_number(text))
+    if (length == 0 || length >= sizeof copy || strspn(text, digits) < length)
         return false;
     memcpy(copy, text, length);
     copy[length] = '\0';
-    if (strpbrk(copy, "xXpP"))
-        return false;
-    double value = strtod(copy, &end);
-    if (*end || end == copy || !isfinite(value))
-        return false;
-    *out = value;
-    return true;
-}
-
-static int count_items(const char *text)
-{
-    int n = 1;
-
-    for (; *text; text++)
-        n += *text == ',';
-    return n;
-}
-
-/* Into the row's struct spin_args_ints or _doubles. */
-static bool parse_list(const struct spin_args_row *row, const char *text)
-{
-    struct spin_args_ints *ints = row->kind == SPIN_ARG_INTS ? row->into : NULL;
-    struct spin_args_doubles *doubles = ints ? NULL : row->into;
-    int n = count_items(text);
-
-    free(ints ? (void *)ints->value : (void *)doubles->value);
-    if (ints)
-        *ints = (struct spin_args_ints){calloc((size_t)n, sizeof *ints->value), n};
-    else
-        *doubles = (struct spin_args_doubles){calloc((size_t)n, sizeof *doubles->value), n};
-    if (ints ? !ints->value : !doubles->value)
-        return false;
-    for (int i = 0; i < n; i++) {
-        size_t length = strcspn(text, ",");
-
-        if (ints ? !parse_int(text, length, &ints->value[i]) || !within(row, ints->value[i])
-                 : !parse_double(text, length, &doubles->value[i]) ||
-                       !within(row, doubles->value[i]))
-            return false;
-        text += length + 1;
-    }
-    return true;
+    *out = strtod(copy, &end);
+    return !*end && isfinite(*out) && !(small && fabs(*out) > INT_MAX) &&
+           (row->min >= row->max || (*out >= row->min && *out <= row->max));
 }
 
 int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room)
 {
-    int n = count_items(text);
-
-    for (int i = 0; i < n; i++) {
+    for (int n = 0; n < room; text++) {
         size_t length = strcspn(text, ",");
 
-        if (n > room || !parse_double(text, length, &out[i]) || !within(row, out[i]))
+        if (!parse_number(row, text, length, &out[n++]))
             return 0;
-        text += length + 1;
+        text += length;
+        if (!*text)
+            return n;
     }
-    return n;
+    return 0;
+}
+
+static bool parse_list(const struct spin_args_row *row, const char *text)
+{
+    struct spin_args_list *list = row->into;
+    int room = 1;
+
+    for (const char *c = text; *c; c++)
+        room += *c == ',';
+    free(list->ints);
+    free(list->doubles);
+    list->ints = calloc((size_t)room, sizeof *list->ints);
+    list->doubles = calloc((size_t)room, sizeof *list->doubles);
+    list->n = list->ints && list->doubles ? spin_args_numbers(row, text, list->doubles, room) : 0;
+    for (int i = 0; i < list->n && row->kind == SPIN_ARG_INTS; i++)
+        list->ints[i] = (int)list->doubles[i];
+    return list->n > 0;
 }
 
 /* A:B or A:B:STEP, half open and not empty. */
 static bool parse_range(const char *text, struct spin_range *range)
 {
-    int part[3] = {0, 0, 1};
-    int n = 0;
+    static const struct spin_args_row whole = {.kind = SPIN_ARG_INT};
+    double part[3] = {0, 0, 1};
 
-    for (;;) {
+    for (int n = 0;; text++) {
         size_t length = strcspn(text, ":");
 
-        if (n == 3 || !parse_int(text, length, &part[n++]))
+        if (n == 3 || !parse_number(&whole, text, length, &part[n++]))
             return false;
-        if (!text[length])
+        text += length;
+        if (!*text && n < 2)
+            return false;
+        if (!*text)
             break;
-        text += length + 1;
     }
-    if (n < 2 || part[0] < 0 || part[1] <= part[0] || part[2] < 1)
+    if (part[0] < 0 || part[1] <= part[0] || part[2] < 1)
         return false;
-    *range = (struct spin_range){true, part[0], part[1], part[2]};
+    *range = (struct spin_range){true, (int)part[0], (int)part[1], (int)part[2]};
     return true;
 }
 
 static bool parse_colour(const struct spin_args_row *row, const char *text)
 {
-    static const struct spin_args_row channel = {.min = 0, .max = 1};
     float *colour = row->into;
     double value[3];
 
@@ -213,7 +221,7 @@ static bool parse_colour(const struct spin_args_row *row, const char *text)
         colour[0] = colour[1] = colour[2] = *text == 'w';
         return true;
     }
-    if (spin_args_numbers(&channel, text, value, 3) != 3)
+    if (spin_args_numbers(row, text, value, 3) != 3)
         return false;
     for (int c = 0; c < 3; c++)
         colour[c] = (float)value[c];
@@ -250,68 +258,24 @@ static bool parse_enum(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* What the value should have been, for the message. */
-static void describe(const struct spin_args_row *row, char *out, size_t room)
-{
-    const char *what = row->arg;
-
-    switch (row->kind) {
-    case SPIN_ARG_INT:
-        what = "a whole number";
-        break;
-    case SPIN_ARG_UINT64:
-        what = "a whole number from 0";
-        break;
-    case SPIN_ARG_DOUBLE:
-        what = "a number";
-        break;
-    case SPIN_ARG_INTS:
-        what = "whole numbers with commas between";
-        break;
-    case SPIN_ARG_DOUBLES:
-        what = "numbers with commas between";
-        break;
-    case SPIN_ARG_STRING:
-        what = "a text that is not empty";
-        break;
-    case SPIN_ARG_RANGE:
-        what = "A:B or A:B:STEP with 0 <= A < B and STEP >= 1";
-        break;
-    case SPIN_ARG_COLOUR:
-        what = "black, white or R,G,B with each in 0..1";
-        break;
-    default:
-        break;
-    }
-    int n = snprintf(out, room, "%s", what);
-    if (row->kind == SPIN_ARG_UINT64 && has_limits(row) && n > 0 && (size_t)n < room)
-        snprintf(out + n, room - (size_t)n, " to %.0f", row->max);
-    else if (has_limits(row) && n > 0 && (size_t)n < room)
-        snprintf(out + n, room - (size_t)n, " from %.10g to %.10g", row->min, row->max);
-}
-
 /* Store a value; true when it is one. */
 static bool store(const struct spin_args_row *row, const char *text)
 {
+    double value;
+
     switch (row->kind) {
-    case SPIN_ARG_INT: {
-        int value;
-
-        if (!parse_int(text, strlen(text), &value) || !within(row, value))
-            return false;
-        *(int *)row->into = value;
-        return true;
-    }
-    case SPIN_ARG_DOUBLE: {
-        double value;
-
-        if (!parse_double(text, strlen(text), &value) || !within(row, value))
-            return false;
-        *(double *)row->into = value;
-        return true;
-    }
+    case SPIN_ARG_INT:
     case SPIN_ARG_UINT64:
-        return parse_uint64(text, row->into) && within(row, (double)*(uint64_t *)row->into);
+    case SPIN_ARG_DOUBLE:
+        if (spin_args_numbers(row, text, &value, 1) != 1)
+            return false;
+        if (row->kind == SPIN_ARG_INT)
+            *(int *)row->into = (int)value;
+        else if (row->kind == SPIN_ARG_UINT64)
+            *(uint64_t *)row->into = (uint64_t)value;
+        else
+            *(double *)row->into = value;
+        return true;
     case SPIN_ARG_STRING:
         *(const char **)row->into = text;
         return *text != '\0';
@@ -332,48 +296,38 @@ static bool store(const struct spin_args_row *row, const char *text)
         return row->parse(row, text);
     case SPIN_ARG_FLAG:
     case SPIN_ARG_COUNT:
+    case SPIN_ARG_PLUGIN:
         break;
     }
     return false;
 }
 
-static bool takes_value(const struct spin_args_row *row)
+static int misuse_value(const struct parser *p, const struct spin_args_row *row, const char *text)
 {
-    return row->kind != SPIN_ARG_FLAG && row->kind != SPIN_ARG_COUNT;
+    static const char *const names[] = {[SPIN_ARG_INT] = "a whole number",
+                                        [SPIN_ARG_UINT64] = "a whole number",
+                                        [SPIN_ARG_DOUBLE] = "a number",
+                                        [SPIN_ARG_STRING] = "a text that is not empty",
+                                        [SPIN_ARG_INTS] = "whole numbers with commas between",
+                                        [SPIN_ARG_DOUBLES] = "numbers with commas between",
+                                        [SPIN_ARG_RANGE] =
+                                            "A:B or A:B:STEP with 0 <= A < B and STEP >= 1",
+                                        [SPIN_ARG_COLOUR] = "black, white or R,G,B with each",
+                                        [SPIN_ARG_PLUGIN] = NULL};
+    const char *what = names[row->kind] ? names[row->kind] : row->arg;
+
+    if (row->min >= row->max)
+        return spin_args_misuse(p->command, "'--%s' takes %s, not '%s'", row->name, what, text);
+    return spin_args_misuse(p->command, "'--%s' takes %s from %.16g to %.16g, not '%s'", row->name,
+                            what, row->min, row->max, text);
 }
 
-static void set_flag(const struct spin_args_row *row)
-{
-    if (row->kind == SPIN_ARG_COUNT)
-        ++*(int *)row->into;
-    else
-        *(bool *)row->into = true;
-}
-
-/* ---- Looking up ------------------------------------------------------------------------------ */
-
-static bool is_end(const struct spin_args_row *row) { return !row->name && !row->section; }
-
-static const struct spin_args_row *find_long(const struct spin_args_row *rows, const char *name,
-                                             size_t length)
-{
-    for (; !is_end(rows); rows++)
-        if (rows->name && strlen(rows->name) == length && !memcmp(rows->name, name, length))
-            return rows;
-    return NULL;
-}
-
-static const struct spin_args_row *find_short(const struct spin_args_row *rows, char name)
-{
-    for (; !is_end(rows); rows++)
-        if (rows->name && rows->short_name == name)
-            return rows;
-    return NULL;
-}
+/* ---- Names ----------------------------------------------------------------------------------- */
 
 /* Edits that turn one name into the other (Levenshtein); names longer than 31 count as far. */
-static int distance(const char *a, size_t n_a, const char *b, size_t n_b)
+static int distance(const char *a, size_t n_a, const char *b)
 {
+    size_t n_b = strlen(b);
     int row[32];
 
     if (n_a > 31 || n_b > 31)
@@ -395,224 +349,57 @@ static int distance(const char *a, size_t n_a, const char *b, size_t n_b)
     return row[n_b];
 }
 
-/* What all functions below share while one command line is read. */
-struct parser {
-    const struct spin_args_command *command;
-    struct spin_args_words *words;
-    int max_words;
-    struct spin_args_plugin plugin[MAX_PLUGINS];
-    size_t n_plugins;
-    const char *chosen; /* plug-in named on the command line, or NULL */
-    size_t n_pairs;     /* strings in words->plugin_pairs */
-    int argc, next;
-    char **argv;
-};
-
-static bool is_candidate(const struct parser *p, size_t plugin)
-{
-    return p->plugin[plugin].options && (!p->chosen || !strcmp(p->chosen, p->plugin[plugin].name));
-}
-
 static int misuse_unknown(const struct parser *p, const char *name, size_t length)
 {
     const char *best = NULL;
     int best_distance = length < 5 ? 2 : 3;
 
-    for (const struct spin_args_row *row = p->command->rows; !is_end(row); row++) {
-        int d = row->name ? distance(name, length, row->name, strlen(row->name)) : 99;
+    for (const struct spin_args_row *row = p->rows; row->help; row++) {
+        int d = row->name ? distance(name, length, row->name) : 99;
 
-        if (d < best_distance ||
-            (row->name && length >= 3 && !strncmp(row->name, name, length) && best_distance > 0)) {
+        if (row->name && length >= 3 && !strncmp(row->name, name, length))
+            d = 0;
+        if (d < best_distance) {
             best = row->name;
-            best_distance = d < best_distance ? d : 0;
+            best_distance = d;
         }
     }
-    for (size_t i = 0; i < p->n_plugins; i++)
-        for (const struct spin_plugin_option *o = p->plugin[i].options;
-             is_candidate(p, i) && o->key; o++) {
-            int d = distance(name, length, o->key, strlen(o->key));
-
-            if (d < best_distance) {
-                best = o->key;
-                best_distance = d;
-            }
-        }
     if (best)
         return spin_args_misuse(p->command, "unknown option '--%.*s', did you mean '--%s'?",
                                 (int)length, name, best);
     return spin_args_misuse(p->command, "unknown option '--%.*s'", (int)length, name);
 }
 
-/* ---- Reading the command line ---------------------------------------------------------------- */
-
-const char *spin_args_find(int argc, char **argv, const char *name)
+/* The i-th importer or exporter; NULL: there are no more. */
+static const char *plugin_name(const struct parser *p, size_t i,
+                               const struct spin_plugin_option **options)
 {
-    const char *chosen = NULL;
-    size_t length = strlen(name);
+    const struct spin_importer *importer;
+    const struct spin_exporter *exporter;
 
-    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
-        if (strncmp(argv[i], "--", 2) || strncmp(argv[i] + 2, name, length))
-            continue;
-        if (argv[i][2 + length] == '=')
-            chosen = argv[i] + 3 + length;
-        else if (!argv[i][2 + length] && i + 1 < argc)
-            chosen = argv[++i];
-    }
-    return chosen;
-}
-
-static const struct spin_plugin_option *find_plugin_option(const struct parser *p, const char *name,
-                                                           size_t length, bool *torn)
-{
-    const struct spin_plugin_option *found = NULL;
-
-    *torn = false;
-    for (size_t i = 0; i < p->n_plugins; i++) {
-        if (!is_candidate(p, i))
-            continue;
-        for (const struct spin_plugin_option *o = p->plugin[i].options; o->key; o++) {
-            if (strlen(o->key) != length || memcmp(o->key, name, length))
-                continue;
-            if (found && !found->arg != !o->arg)
-                *torn = true;
-            found = o;
-        }
-    }
-    return found;
-}
-
-static bool keep_pair(struct parser *p, const char *key, const char *value)
-{
-    const char **pairs = realloc(p->words->plugin_pairs, (p->n_pairs + 3) * sizeof *pairs);
-
-    if (!pairs)
-        return false;
-    p->words->plugin_pairs = pairs;
-    pairs[p->n_pairs++] = key;
-    pairs[p->n_pairs++] = value;
-    pairs[p->n_pairs] = NULL;
-    return true;
-}
-
-/* The next word as a value; another option in its place means that the value was forgotten. */
-static const char *next_value(struct parser *p)
-{
-    if (p->next >= p->argc || !strncmp(p->argv[p->next], "--", 2))
+    if (!p->command->plugin_kind)
         return NULL;
-    return p->argv[p->next++];
-}
-
-/* --name, --name=value, --name value of a plug-in. */
-static int take_plugin_option(struct parser *p, const char *name, size_t length, const char *value)
-{
-    bool torn;
-    const struct spin_plugin_option *option = find_plugin_option(p, name, length, &torn);
-
-    if (!option)
-        return misuse_unknown(p, name, length);
-    if (torn)
-        return spin_args_misuse(p->command, "'--%s' means different things; say which %s with --%s",
-                                option->key, p->command->plugin_kind, p->command->plugin_selector);
-    if (option->arg && !value)
-        value = next_value(p);
-    if (option->arg && !value)
-        return spin_args_misuse(p->command, "'--%s' needs a value %s", option->key, option->arg);
-    if (!option->arg && value)
-        return spin_args_misuse(p->command, "'--%s' takes no value", option->key);
-    if (!keep_pair(p, option->key, value ? value : "1"))
-        return spin_args_misuse(p->command, "out of memory");
-    return SPIN_EXIT_OK;
-}
-
-static int take_value(struct parser *p, const struct spin_args_row *row, const char *value)
-{
-    char expected[160];
-
-    if (!value)
-        value = next_value(p);
-    if (!value)
-        return spin_args_misuse(p->command, "'--%s' needs a value %s", row->name, row->arg);
-    if (store(row, value))
-        return SPIN_EXIT_OK;
-    describe(row, expected, sizeof expected);
-    return spin_args_misuse(p->command, "'--%s' takes %s, not '%s'", row->name, expected, value);
-}
-
-static int take_long(struct parser *p, const char *text)
-{
-    size_t length = strcspn(text, "=");
-    const char *value = text[length] ? text + length + 1 : NULL;
-    const struct spin_args_row *row = find_long(p->command->rows, text, length);
-
-    if (!row)
-        return take_plugin_option(p, text, length, value);
-    if (takes_value(row))
-        return take_value(p, row, value);
-    if (value)
-        return spin_args_misuse(p->command, "'--%s' takes no value", row->name);
-    set_flag(row);
-    return SPIN_EXIT_OK;
-}
-
-/* -q, -vvv, -ofile, -o file. */
-static int take_short(struct parser *p, const char *text)
-{
-    for (; *text; text++) {
-        const struct spin_args_row *row = find_short(p->command->rows, *text);
-
-        if (!row)
-            return spin_args_misuse(p->command, "unknown option '-%c'", *text);
-        if (takes_value(row))
-            return take_value(p, row, text[1] ? text + 1 : NULL);
-        set_flag(row);
+    if (*p->command->plugin_kind == 'i') {
+        importer = spin_importer_list()[i];
+        *options = importer ? importer->options : NULL;
+        return importer ? importer->name : NULL;
     }
-    return SPIN_EXIT_OK;
+    exporter = spin_exporter_list()[i];
+    *options = exporter ? exporter->options : NULL;
+    return exporter ? exporter->name : NULL;
 }
 
-static int take_word(struct parser *p, const char *text)
-{
-    if (p->words->n == p->max_words)
-        return spin_args_misuse(p->command, "unexpected argument '%s'", text);
-    p->words->word[p->words->n++] = text;
-    return SPIN_EXIT_OK;
-}
-
-static int read_all(struct parser *p)
-{
-    bool only_words = false;
-
-    for (p->next = 1; p->next < p->argc;) {
-        const char *text = p->argv[p->next++];
-        int code;
-
-        if (!only_words && !strcmp(text, "--")) {
-            only_words = true;
-            continue;
-        }
-        if (only_words || text[0] != '-' || !text[1])
-            code = take_word(p, text);
-        else if (text[1] == '-')
-            code = take_long(p, text + 2);
-        else
-            code = take_short(p, text + 1);
-        if (code != SPIN_EXIT_OK)
-            return code;
-    }
-    return SPIN_EXIT_OK;
-}
-
-/* ---- The front door -------------------------------------------------------------------------- */
-
+/* That the plug-in named on the command line is one. */
 static int check_chosen(const struct parser *p)
 {
-    const char *best = NULL;
+    const struct spin_plugin_option *options;
+    const char *name, *best = NULL;
     int best_distance = 3;
 
     if (!p->chosen)
         return SPIN_EXIT_OK;
-    for (size_t i = 0; i < p->n_plugins; i++) {
-        const char *name = p->plugin[i].name;
-        int d = distance(p->chosen, strlen(p->chosen), name, strlen(name));
+    for (size_t i = 0; (name = plugin_name(p, i, &options)); i++) {
+        int d = distance(p->chosen, strlen(p->chosen), name);
 
         if (d == 0)
             return SPIN_EXIT_OK;
@@ -632,12 +419,309 @@ static int check_chosen(const struct parser *p)
                             p->command->plugin_kind, p->chosen);
 }
 
-static const struct spin_args_plugin *chosen_plugin(const struct parser *p)
+static bool add_row(struct parser *p, struct spin_args_row row)
 {
-    for (size_t i = 0; i < p->n_plugins; i++)
-        if (p->chosen && !strcmp(p->chosen, p->plugin[i].name))
-            return &p->plugin[i];
+    void *rows = realloc(p->rows, (p->n_rows + 2) * sizeof row);
+
+    if (!rows)
+        return false;
+    p->rows = rows;
+    p->rows[p->n_rows++] = row;
+    p->rows[p->n_rows] = (struct spin_args_row)SPIN_ARG_END;
+    return true;
+}
+
+/* All options there are: of plug-ins those of the chosen one, or of any when none is. */
+static bool list_rows(struct parser *p)
+{
+    const struct spin_plugin_option *o;
+    const char *name;
+
+    for (const struct spin_args_row *row = p->command->rows; row->help; row++)
+        if (!add_row(p, *row))
+            return false;
+    for (const struct spin_args_row *row = common_rows; row->help; row++)
+        if (!add_row(p, *row))
+            return false;
+    p->n_shown = p->n_rows;
+    for (size_t i = 0; (name = plugin_name(p, i, &o)); i++)
+        for (; o && o->key && (!p->chosen || !strcmp(p->chosen, name)); o++)
+            if (!add_row(p, (struct spin_args_row){.name = o->key,
+                                                   .arg = o->arg,
+                                                   .kind = SPIN_ARG_PLUGIN,
+                                                   .into = (void *)(uintptr_t)o->fallback,
+                                                   .help = o->help}))
+                return false;
+    if (p->chosen)
+        p->n_shown = p->n_rows;
+    return true;
+}
+
+static const struct spin_args_row *find(const struct parser *p, const char *name, size_t length)
+{
+    for (const struct spin_args_row *row = p->rows; row->help; row++)
+        if (row->name && strlen(row->name) == length && !memcmp(row->name, name, length))
+            return row;
     return NULL;
+}
+
+static const struct spin_args_row *find_brief(const struct parser *p, char brief)
+{
+    for (const struct spin_args_row *row = p->rows; row->help; row++)
+        if (row->name && row->brief == brief)
+            return row;
+    return NULL;
+}
+
+/* ---- --help ---------------------------------------------------------------------------------- */
+
+/* `left` in the first column, `help` wrapped in the second. */
+static void print_help_row(const char *left, const char *help)
+{
+    int column = printf("%s", left);
+
+    if (column > HELP_COLUMN - 2) {
+        putchar('\n');
+        column = 0;
+    }
+    while (*help) {
+        int room = HELP_WIDTH - HELP_COLUMN;
+        int length = (int)strlen(help);
+
+        if (length > room) {
+            length = room;
+            while (length > 0 && help[length] != ' ')
+                length--;
+            if (length == 0)
+                length = (int)strcspn(help, " ");
+        }
+        printf("%*s%.*s\n", HELP_COLUMN - column, "", length, help);
+        column = 0;
+        help += length;
+        help += strspn(help, " ");
+    }
+}
+
+static void print_help(const struct parser *p)
+{
+    const struct spin_args_command *command = p->command;
+    bool own = false; /* of the chosen plug-in */
+
+    printf("%s: %s\n\n", command->name, command->summary);
+    for (const char *const *line = command->usage; *line; line++)
+        printf("  %s\n", *line);
+    for (const struct spin_args_row *row = p->rows; row < p->rows + p->n_shown; row++) {
+        const char *fallback = row->kind == SPIN_ARG_PLUGIN ? row->into : NULL;
+        char left[96], help[1024], brief[8] = "    ";
+
+        if (!row->name) {
+            printf("\n%s:\n", row->help);
+            continue;
+        }
+        if (row->kind == SPIN_ARG_PLUGIN && !own)
+            printf("\nOptions of the %s '%s':\n", command->plugin_kind, p->chosen);
+        own = row->kind == SPIN_ARG_PLUGIN;
+        if (row->brief)
+            snprintf(brief, sizeof brief, "-%c, ", row->brief);
+        snprintf(left, sizeof left, "  %s--%s%s%s", brief, row->name, row->arg ? " " : "",
+                 row->arg ? row->arg : "");
+        snprintf(help, sizeof help, fallback ? "%s (%s)" : "%s", row->help, fallback);
+        print_help_row(left, help);
+    }
+    if (p->chosen && !own)
+        printf("\nOptions of the %s '%s':\n  none\n", command->plugin_kind, p->chosen);
+    if (command->plugin_kind && !p->chosen)
+        printf("\nAn %s can have options of its own: %s --%s NAME --help\n", command->plugin_kind,
+               command->name, command->plugin_selector);
+    printf("\nThe manual page has examples: man %s\n", command->name);
+}
+
+/* ---- Completion ------------------------------------------------------------------------------ */
+
+/* The shell asks this command: `spin-x --complete WORD...` prints what the last word may become, a line each, an
+ * option with its help behind a colon. */
+static void print_completion(const struct spin_args_command *command, const char *shell)
+{
+    const char *name = command->name;
+
+    if (*shell == 'z')
+        printf("#compdef %s\nlocal -a found=(${(f)\"$(%s --complete ${words[2,CURRENT]})\"})\n"
+               "compset -P '--*='\nif (( $#found )); then _describe %s found; else _files; fi\n",
+               name, name, name);
+    else
+        printf("_%.4s_%s()\n{\n"
+               "    mapfile -t COMPREPLY < <(%s --complete \"${COMP_WORDS[@]:1:COMP_CWORD}\")\n"
+               "    COMPREPLY=(\"${COMPREPLY[@]%%%%:*}\")\n}\n"
+               "complete -o default -F _%.4s_%s %s\n",
+               name, name + 5, name, name, name + 5, name);
+}
+
+static void offer(const char *word, size_t length, const char *begun)
+{
+    if (!strncmp(word, begun, strlen(begun)))
+        printf("%.*s\n", (int)length, word);
+}
+
+/* The values of a row that are known by name: of "auto|none|CX,CY,CZ,R" those that have no capitals. */
+static void offer_values(const struct parser *p, const struct spin_args_row *row, const char *begun)
+{
+    const struct spin_plugin_option *options;
+    const char *name, *selector = p->command->plugin_selector;
+
+    for (size_t i = 0;
+         selector && !strcmp(row->name, selector) && (name = plugin_name(p, i, &options)); i++)
+        offer(name, strlen(name), begun);
+    for (const struct spin_importer *const *i = spin_importer_list(); *i; i++)
+        if ((*i)->views && !strcmp(row->name, "data-from"))
+            offer((*i)->name, strlen((*i)->name), begun);
+    name = row->kind == SPIN_ARG_COLOUR ? "black|white" : strchr(row->arg, '|') ? row->arg : "";
+    for (size_t length; *name; name += length + (name[length] == '|')) {
+        size_t capitals = 0;
+
+        length = strcspn(name, "|");
+        for (size_t i = 0; i < length; i++)
+            capitals += isupper((unsigned char)name[i]) != 0;
+        if (!capitals)
+            offer(name, length, begun);
+    }
+}
+
+static void complete(const struct parser *p, int n, char **word)
+{
+    const char *begun = n > 0 ? word[n - 1] : "", *before = n > 1 ? word[n - 2] : "";
+    size_t length = strlen(before);
+    const struct spin_args_row *row;
+
+    /* bash makes three words of --name=value, zsh one. */
+    if (!strcmp(begun, "="))
+        begun = "";
+    else if (!strcmp(before, "=") && n > 2)
+        length = strlen(before = word[n - 3]);
+    else if (!strncmp(begun, "--", 2) && strchr(begun, '=')) {
+        before = begun;
+        length = strcspn(before, "=");
+        begun += length + 1;
+    }
+    row = length > 2 && !strncmp(before, "--", 2) ? find(p, before + 2, length - 2)
+          : length == 2 && *before == '-'         ? find_brief(p, before[1])
+                                                  : NULL;
+    if (row && row->arg) {
+        offer_values(p, row, begun);
+        return;
+    }
+    for (row = p->rows; *begun == '-' && row < p->rows + p->n_shown; row++)
+        if (row->name && !strncmp(begun, "--", 2) &&
+            !strncmp(row->name, begun + 2, strlen(begun + 2)))
+            printf("--%s:%s\n", row->name, row->help);
+}
+
+/* ---- Reading the command line ---------------------------------------------------------------- */
+
+const char *spin_args_find(int argc, char **argv, const char *name)
+{
+    const char *chosen = NULL;
+    size_t length = strlen(name);
+
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
+        if (strncmp(argv[i], "--", 2) || strncmp(argv[i] + 2, name, length))
+            continue;
+        if (argv[i][2 + length] == '=')
+            chosen = argv[i] + 3 + length;
+        else if (!argv[i][2 + length] && i + 1 < argc)
+            chosen = argv[++i];
+        if (chosen && !strcmp(chosen, "=") && i + 1 < argc) /* three words, see complete() */
+            chosen = argv[++i];
+    }
+    return chosen;
+}
+
+/* An option of a plug-in: a pair of texts, which the plug-in reads. */
+static int keep_pair(struct parser *p, const struct spin_args_row *row, const char *value)
+{
+    const char **pairs = realloc(spin_args.plugin_pairs, (p->n_pairs + 3) * sizeof *pairs);
+
+    for (const struct spin_args_row *other = row; other->help; other++)
+        if (other->name && !strcmp(other->name, row->name) && !other->arg != !row->arg)
+            return spin_args_misuse(
+                p->command, "'--%s' means different things; say which %s with --%s", row->name,
+                p->command->plugin_kind, p->command->plugin_selector);
+    if (!pairs)
+        return spin_args_misuse(p->command, "out of memory");
+    spin_args.plugin_pairs = pairs;
+    pairs[p->n_pairs++] = row->name;
+    pairs[p->n_pairs++] = value;
+    pairs[p->n_pairs] = NULL;
+    return SPIN_EXIT_OK;
+}
+
+/* An option whose value is there, is the next word, or is not needed. Another option in its place means that the
+ * value was forgotten. */
+static int take(struct parser *p, const struct spin_args_row *row, const char *value)
+{
+    if (!row->arg && value)
+        return spin_args_misuse(p->command, "'--%s' takes no value", row->name);
+    if (row->arg && !value && p->next < p->argc && strncmp(p->argv[p->next], "--", 2))
+        value = p->argv[p->next++];
+    if (row->arg && !value)
+        return spin_args_misuse(p->command, "'--%s' needs a value %s", row->name, row->arg);
+    if (row->kind == SPIN_ARG_PLUGIN)
+        return keep_pair(p, row, value ? value : "1");
+    if (row->kind == SPIN_ARG_COUNT)
+        ++*(int *)row->into;
+    else if (row->kind == SPIN_ARG_FLAG)
+        *(bool *)row->into = true;
+    else if (!store(row, value))
+        return misuse_value(p, row, value);
+    return SPIN_EXIT_OK;
+}
+
+/* --name, --name=value, --name value. */
+static int take_long(struct parser *p, const char *text)
+{
+    size_t length = strcspn(text, "=");
+    const struct spin_args_row *row = find(p, text, length);
+
+    return row ? take(p, row, text[length] ? text + length + 1 : NULL)
+               : misuse_unknown(p, text, length);
+}
+
+/* -q, -vvv, -ofile, -o file. */
+static int take_brief(struct parser *p, const char *text)
+{
+    int code = SPIN_EXIT_OK;
+
+    for (; *text && code == SPIN_EXIT_OK; text++) {
+        const struct spin_args_row *row = find_brief(p, *text);
+
+        if (!row)
+            return spin_args_misuse(p->command, "unknown option '-%c'", *text);
+        if (row->arg)
+            return take(p, row, text[1] ? text + 1 : NULL);
+        code = take(p, row, NULL);
+    }
+    return code;
+}
+
+static int read_all(struct parser *p)
+{
+    bool only_words = false;
+    int code = SPIN_EXIT_OK;
+
+    for (p->next = 1; p->next < p->argc && code == SPIN_EXIT_OK;) {
+        const char *text = p->argv[p->next++];
+
+        if (!only_words && !strcmp(text, "--"))
+            only_words = true;
+        else if (!only_words && text[0] == '-' && text[1] == '-')
+            code = take_long(p, text + 2);
+        else if (!only_words && text[0] == '-' && text[1])
+            code = take_brief(p, text + 1);
+        else if (spin_args.word)
+            return spin_args_misuse(p->command, "unexpected argument '%s'", text);
+        else
+            spin_args.word = text;
+    }
+    return code;
 }
 
 /* --help answers whatever else was typed, so it is looked for before mistakes are. */
@@ -649,52 +733,53 @@ static bool asks_for_help(int argc, char **argv)
     return false;
 }
 
-bool spin_args_parse(const struct spin_args_command *command, int argc, char **argv, int max_words,
-                     struct spin_args_words *words, int *exit_code)
+/* True: the command goes on. */
+static bool answer(struct parser *p, int *code)
 {
-    const struct spin_args_common *common = command->common;
-    struct parser p = {
-        .command = command, .words = words, .max_words = max_words, .argc = argc, .argv = argv};
+    bool completes = p->argc > 1 && !strcmp(p->argv[1], "--complete");
 
-    *words = (struct spin_args_words){0};
+    if (!list_rows(p)) {
+        *code = spin_args_misuse(p->command, "out of memory");
+        return false;
+    }
+    wants_help = asks_for_help(p->argc, p->argv);
+    *code = completes ? SPIN_EXIT_OK : check_chosen(p);
+    if (*code == SPIN_EXIT_OK && !completes && !wants_help)
+        *code = read_all(p);
+    if (*code != SPIN_EXIT_OK)
+        return false;
+    if (speaks && completes)
+        complete(p, p->argc - 2, p->argv + 2);
+    else if (speaks && wants_help)
+        print_help(p);
+    else if (speaks && wants_version)
+        printf("%s %s\n", p->command->name, SPIN_VERSION);
+    else if (speaks && wants_completion)
+        print_completion(p->command, wants_completion);
+    else if (!wants_help && !wants_version && !wants_completion)
+        return true;
+    *code = spin_args_finish(p->command, SPIN_EXIT_OK);
+    return false;
+}
+
+bool spin_args_parse(const struct spin_args_command *command, int argc, char **argv, int *exit_code)
+{
+    struct parser p = {.command = command, .argc = argc, .argv = argv};
+    bool goes_on;
+
     setvbuf(stderr, NULL, _IOLBF, 0); /* a line is one write: mpirun puts nothing into it */
     speaks = spin_ranks_place() <= 0;
-    if (command->plugins) {
+    if (command->plugin_kind) {
         /* first: which options are known depends on it, wherever it stands */
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);
         spin_plugins_load(p.chosen);
-        p.n_plugins = command->plugins(p.plugin, MAX_PLUGINS);
     }
-    if (asks_for_help(argc, argv)) {
-        *exit_code = check_chosen(&p);
-        if (*exit_code == SPIN_EXIT_OK && speaks) {
-            spin_args_print_help(command, chosen_plugin(&p));
-            *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
-        }
+    goes_on = answer(&p, exit_code);
+    free(p.rows);
+    if (!goes_on)
         return false;
-    }
-    *exit_code = check_chosen(&p);
-    if (*exit_code == SPIN_EXIT_OK)
-        *exit_code = read_all(&p);
-    if (*exit_code != SPIN_EXIT_OK)
-        return false;
-    if (common->version || common->completion) {
-        if (speaks && common->version)
-            printf("%s %s\n", command->name, SPIN_VERSION);
-        else if (speaks)
-            spin_args_print_completion(command, p.plugin, p.n_plugins, common->completion);
-        *exit_code = spin_args_finish(command, SPIN_EXIT_OK);
-        return false;
-    }
-    spin_set_verbosity(common->quiet ? -1 : common->verbose > 4 ? 4 : common->verbose);
-    spin_signals_catch();
+    spin_set_verbosity(spin_args.quiet ? -1 : spin_args.verbose > 4 ? 4 : spin_args.verbose);
+    catch_signals();
     spin_catch_cut_files(command->name);
     return true;
-}
-
-bool spin_args_begin(const struct spin_args_command *command, int *code)
-{
-    spin_status status = spin_ranks_begin();
-
-    return status == SPIN_OK || spin_args_ended(command, status, code);
 }

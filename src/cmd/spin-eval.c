@@ -9,44 +9,42 @@
 #include "cmd/print.h"
 
 static struct spin_eval_options options = {.image_scale = 1, .device = "auto"};
-static struct spin_args_common common;
-static struct spin_args_ints test_cameras;
+static struct spin_args_list test_cameras;
 static const char *split = "test";
 static const char *dynamic = "auto";
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("What to measure"),
-    SPIN_ARG("source", 0, NULL, "measure the imported attributes instead of the retrained ones",
-             SPIN_ARG_FLAG, &options.source, 0, 0),
-    SPIN_ARG("split", 0, "test|train|all", "the cameras (test)", SPIN_ARG_CHOICE, &split, 0, 0),
-    SPIN_ARG("test-cams", 0, "LIST", "camera numbers held out (the data set's own)", SPIN_ARG_INTS,
-             &test_cameras, 0, 1e9),
-    SPIN_ARG("range", 0, "A:B[:STEP]", "frame numbers A to B-1", SPIN_ARG_RANGE, &options.range, 0,
-             0),
-    SPIN_ARG("scale", 0, "S", "image scale, 0.5 halves both sides (1)", SPIN_ARG_DOUBLE,
-             &options.image_scale, 0.01, 1),
-    SPIN_ARG("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
-             SPIN_ARG_COLOUR, options.background, 0, 0),
-    SPIN_ARG("dynamic", 0, "auto|masks|images|off",
+    SPIN_ARG("source", 0, NULL, FLAG, options.source,
+             "measure the imported attributes instead of the retrained ones"),
+    SPIN_ARG("split", 0, "test|train|all", CHOICE, split, "the cameras (test)"),
+    SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
+             "camera numbers held out (the data set's own)", .min = 0, .max = 1e9),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "frame numbers A to B-1"),
+    SPIN_ARG("scale", 0, "S", DOUBLE, options.image_scale, "image scale, 0.5 halves both sides (1)",
+             .min = 0.01, .max = 1),
+    SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
+             "black, white or R,G,B with each in 0..1 (black)", .min = 0, .max = 1),
+    SPIN_ARG("dynamic", 0, "auto|masks|images|off", CHOICE, dynamic,
              "where the dynamic regions are: the data set's masks, or what changes in its images "
-             "(auto)",
-             SPIN_ARG_CHOICE, &dynamic, 0, 0),
-    SPIN_ARG("lpips", 0, "DIR", "measure LPIPS with the weights in this folder, see the manual",
-             SPIN_ARG_STRING, &options.lpips, 0, 0),
-    SPIN_ARG("lpips-backbone", 0, "FILE", "the network of LPIPS, as torchvision publishes it",
-             SPIN_ARG_STRING, &options.lpips_backbone, 0, 0),
-    SPIN_ARG("lpips-lin", 0, "FILE", "its linear heads, as the lpips package has them",
-             SPIN_ARG_STRING, &options.lpips_lin, 0, 0),
-    SPIN_ARG("images", 0, "DIR", "write one PNG per view: ground truth | source | render",
-             SPIN_ARG_STRING, &options.images, 0, 0),
-    SPIN_ARG("report", 0, "FILE.html", "write a page with curves, tables and pictures",
-             SPIN_ARG_STRING, &options.report, 0, 0),
-    SPIN_ARG("log", 0, "FILE", "for the report: what spin-retrain --log wrote", SPIN_ARG_STRING,
-             &options.log, 0, 0),
+             "(auto)"),
+    SPIN_ARG("lpips", 0, "DIR", STRING, options.lpips,
+             "measure LPIPS with the weights in this folder, see the manual"),
+    SPIN_ARG("lpips-backbone", 0, "FILE", STRING, options.lpips_backbone,
+             "the network of LPIPS, as torchvision publishes it"),
+    SPIN_ARG("lpips-lin", 0, "FILE", STRING, options.lpips_lin,
+             "its linear heads, as the lpips package has them"),
+    SPIN_ARG("images", 0, "DIR", STRING, options.images,
+             "write one PNG per view: ground truth | source | render"),
+    SPIN_ARG("report", 0, "FILE.html", STRING, options.report,
+             "write a page with curves, tables and pictures"),
+    SPIN_ARG("log", 0, "FILE", STRING, options.log,
+             "for the report: what spin-retrain --log wrote"),
     SPIN_ARG_HEADING("Data set"),
     SPIN_ARG_DATA_ROWS(options),
-    SPIN_ARG_MACHINE_ROWS(options),
-    SPIN_ARG_COMMON_ROWS(common),
+    SPIN_ARG_HEADING("Machine"),
+    SPIN_ARG_DEVICE_ROW(options),
+    SPIN_ARG_END,
 };
 
 static const char *const usage[] = {
@@ -59,7 +57,6 @@ static const struct spin_args_command command = {
     .summary = "PSNR, SSIM and LPIPS of a bundle against its data set",
     .usage = usage,
     .rows = rows,
-    .common = &common,
 };
 
 static enum spin_split split_of(const char *name)
@@ -265,17 +262,17 @@ static void report_text(const struct spin_eval_report *r)
         size_t next = next_frame(r, i), first = i;
         struct spin_quality q = spin_eval_mean(r, &r->view[first].frame, NULL);
 
-        for (; common.verbose && i < next; i++) {
+        for (; spin_args.verbose && i < next; i++) {
             print_row(r, &r->view[i].frame, &r->view[i].camera, &r->view[i].q);
             printf("\n");
         }
         i = next;
-        if (!common.quiet) {
+        if (!spin_args.quiet) {
             print_row(r, &r->view[first].frame, NULL, &q);
             printf("\n");
         }
     }
-    for (size_t i = 0; !common.quiet && i < n_cameras; i++) {
+    for (size_t i = 0; !spin_args.quiet && i < n_cameras; i++) {
         struct spin_quality q = spin_eval_mean(r, NULL, &camera[i]);
 
         print_row(r, NULL, &camera[i], &q);
@@ -283,7 +280,7 @@ static void report_text(const struct spin_eval_report *r)
     }
     print_row(r, NULL, NULL, &r->mean);
     printf("   %zu views, %s attributes\n", r->n_views, attributes(r));
-    if (!common.quiet)
+    if (!spin_args.quiet)
         print_foot(r);
     free(camera);
 }
@@ -298,25 +295,24 @@ static enum spin_dynamic_from dynamic_of(const char *name)
 
 int main(int argc, char **argv)
 {
-    struct spin_args_words words;
     struct spin_eval_report report = {0};
     int code;
 
-    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, &code))
         return code;
-    if (words.n == 0)
+    if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
-    options.input = words.word[0];
+    options.input = spin_args.word;
     options.split = split_of(split);
     options.dynamic = dynamic_of(dynamic);
-    options.test_cameras = test_cameras.value;
+    options.test_cameras = test_cameras.ints;
     options.n_test_cameras = test_cameras.n;
-    options.n_threads = common.n_threads;
-    options.force = common.force;
+    options.n_threads = spin_args.n_threads;
+    options.force = spin_args.force;
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_eval(&options, &report), &code))
         return code;
-    if (common.json)
+    if (spin_args.json)
         report_json(&report);
     else
         report_text(&report);

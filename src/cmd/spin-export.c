@@ -8,41 +8,29 @@
 #include "cmd/print.h"
 
 static struct spin_export_options options = {.device = "auto"};
-static struct spin_args_common common;
 static bool wants_list;
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("to", 0, "NAME", "the exporter; otherwise what the ending of OUT says",
-             SPIN_ARG_STRING, &options.to, 0, 0),
-    SPIN_ARG("output", 'o', "OUT", "the folder or file to write", SPIN_ARG_STRING, &options.output,
-             0, 0),
-    SPIN_ARG("range", 0, "A:B[:STEP]", "export frame numbers A to B-1", SPIN_ARG_RANGE,
-             &options.range, 0, 0),
-    SPIN_ARG("source", 0, NULL, "write the imported attributes instead of the retrained ones",
-             SPIN_ARG_FLAG, &options.source, 0, 0),
-    SPIN_ARG("check", 0, NULL, "read back what was written and compare it with the bundle",
-             SPIN_ARG_FLAG, &options.check, 0, 0),
-    SPIN_ARG("sync", 0, NULL, "wait until every file is on the disk before it gets its name",
-             SPIN_ARG_FLAG, &options.sync, 0, 0),
-    SPIN_ARG("list", 0, NULL, "list the exporters", SPIN_ARG_FLAG, &wants_list, 0, 0),
+    SPIN_ARG("to", 0, "NAME", STRING, options.to,
+             "the exporter; otherwise what the ending of OUT says"),
+    SPIN_ARG("output", 'o', "OUT", STRING, options.output, "the folder or file to write"),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "export frame numbers A to B-1"),
+    SPIN_ARG("source", 0, NULL, FLAG, options.source,
+             "write the imported attributes instead of the retrained ones"),
+    SPIN_ARG("check", 0, NULL, FLAG, options.check,
+             "read back what was written and compare it with the bundle"),
+    SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
+             "wait until every file is on the disk before it gets its name"),
+    SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the exporters"),
     SPIN_ARG_HEADING("Data set, for exporters that draw"),
     SPIN_ARG_DATA_ROWS(options),
-    SPIN_ARG("background", 0, "COLOUR", "black, white or R,G,B with each in 0..1 (black)",
-             SPIN_ARG_COLOUR, options.background, 0, 0),
-    SPIN_ARG_MACHINE_ROWS(options),
-    SPIN_ARG_COMMON_ROWS(common),
+    SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,
+             "black, white or R,G,B with each in 0..1 (black)", .min = 0, .max = 1),
+    SPIN_ARG_HEADING("Machine"),
+    SPIN_ARG_DEVICE_ROW(options),
+    SPIN_ARG_END,
 };
-
-static size_t list_exporters(struct spin_args_plugin *out, size_t room)
-{
-    const struct spin_exporter *const *exporter = spin_exporter_list();
-    size_t n = 0;
-
-    for (; n < room && exporter[n]; n++)
-        out[n] = (struct spin_args_plugin){exporter[n]->name, exporter[n]->options};
-    return n;
-}
 
 static const char *const usage[] = {
     "spin-export IN.spin [--to NAME] -o OUT [options]",
@@ -55,10 +43,8 @@ static const struct spin_args_command command = {
     .summary = "write the frames of a bundle as standard files",
     .usage = usage,
     .rows = rows,
-    .common = &common,
     .plugin_kind = "exporter",
     .plugin_selector = "to",
-    .plugins = list_exporters,
 };
 
 static void list_json(void)
@@ -184,11 +170,11 @@ static const char *exporter_of(const char *output)
     return NULL;
 }
 
-static int check(const struct spin_args_words *words)
+static int check(void)
 {
     if (!options.to && options.output)
         options.to = exporter_of(options.output);
-    if (words->n == 0)
+    if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.to)
         return spin_args_misuse(&command,
@@ -201,34 +187,33 @@ static int check(const struct spin_args_words *words)
 
 int main(int argc, char **argv)
 {
-    struct spin_args_words words;
     struct spin_export_report report = {0};
     int code;
 
-    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, &code))
         return code;
     if (wants_list) {
-        if (words.n)
+        if (spin_args.word)
             return spin_args_misuse(&command, "--list takes no IN.spin");
-        if (common.json)
+        if (spin_args.json)
             list_json();
         else
             list_text();
         return spin_args_finish(&command, SPIN_EXIT_OK);
     }
-    code = check(&words);
+    code = check();
     if (code != SPIN_EXIT_OK)
         return code;
-    options.input = words.word[0];
-    options.force = common.force;
-    options.n_threads = common.n_threads;
-    options.plugin_pairs = words.plugin_pairs;
+    options.input = spin_args.word;
+    options.force = spin_args.force;
+    options.n_threads = spin_args.n_threads;
+    options.plugin_pairs = spin_args.plugin_pairs;
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_export(&options, &report), &code))
         return code;
-    if (common.json)
+    if (spin_args.json)
         report_json(&report);
-    else if (!common.quiet)
+    else if (!spin_args.quiet)
         report_text(&report);
     return spin_args_finish(&command, SPIN_EXIT_OK);
 }

@@ -9,61 +9,43 @@
 #include "cmd/print.h"
 
 static struct spin_import_options options;
-static struct spin_args_common common;
-static struct spin_args_doubles times;
+static struct spin_args_list times;
 static bool wants_info, wants_list;
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Input"),
-    SPIN_ARG("from", 0, "NAME", "the importer (detected)", SPIN_ARG_STRING, &options.from, 0, 0),
-    SPIN_ARG("data", 0, "DIR", "the multi-view video that the run was trained on", SPIN_ARG_STRING,
-             &options.data, 0, 0),
-    SPIN_ARG("data-from", 0, "NAME",
-             "kind of that data set (detected); with options NAME:KEY=VALUE,...", SPIN_ARG_STRING,
-             &options.data_from, 0, 0),
+    SPIN_ARG("from", 0, "NAME", STRING, options.from, "the importer (detected)"),
+    SPIN_ARG("data", 0, "DIR", STRING, options.data,
+             "the multi-view video that the run was trained on"),
+    SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
+             "kind of that data set (detected); with options NAME:KEY=VALUE,..."),
     SPIN_ARG(
-        "pair", 0, "auto|number|order",
-        "match frames of the run and of the data set by their numbers or by their order (auto)",
-        SPIN_ARG_CHOICE, &options.pair, 0, 0),
+        "pair", 0, "auto|number|order", CHOICE, options.pair,
+        "match frames of the run and of the data set by their numbers or by their order (auto)"),
     SPIN_ARG_HEADING("Frames"),
-    SPIN_ARG("frames", 0, "N", "continuous methods: sample N frames over the whole time range",
-             SPIN_ARG_INT, &options.n_frames, 1, 1000000),
-    SPIN_ARG("times", 0, "T0,T1,...",
-             "continuous methods: sample at these times, in the unit of the method",
-             SPIN_ARG_DOUBLES, &times, 0, 0),
-    SPIN_ARG("frame-times", 0, "auto|data|unit|count",
+    SPIN_ARG("frames", 0, "N", INT, options.n_frames,
+             "continuous methods: sample N frames over the whole time range", .min = 1,
+             .max = 1000000),
+    SPIN_ARG("times", 0, "T0,T1,...", DOUBLES, times,
+             "continuous methods: sample at these times, in the unit of the method"),
+    SPIN_ARG("frame-times", 0, "auto|data|unit|count", CHOICE, options.frame_times,
              "continuous methods: the times of the data set's frames: its own, i/(n-1) or i/n of "
-             "the range (auto)",
-             SPIN_ARG_CHOICE, &options.frame_times, 0, 0),
-    SPIN_ARG("range", 0, "A:B[:STEP]", "keep frame numbers A to B-1", SPIN_ARG_RANGE,
-             &options.range, 0, 0),
+             "the range (auto)"),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "keep frame numbers A to B-1"),
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("output", 'o', "FILE", "the bundle to write, *.spin", SPIN_ARG_STRING, &options.output,
-             0, 0),
-    SPIN_ARG("sync", 0, NULL, "wait until the bundle is on the disk before it gets its name",
-             SPIN_ARG_FLAG, &options.sync, 0, 0),
-    SPIN_ARG("positions-only", 0, NULL, "leave the source's attributes out", SPIN_ARG_FLAG,
-             &options.positions_only, 0, 0),
-    SPIN_ARG("info", 0, NULL, "describe the input and write nothing", SPIN_ARG_FLAG, &wants_info, 0,
-             0),
-    SPIN_ARG("full", 0, NULL, "with --info: read every frame instead of 16 of them", SPIN_ARG_FLAG,
-             &options.full, 0, 0),
-    SPIN_ARG("check-cameras", 0, "DIR",
-             "draw the clip's points over the images of --data, as PNGs in DIR", SPIN_ARG_STRING,
-             &options.check_cameras, 0, 0),
-    SPIN_ARG("list", 0, NULL, "list the importers", SPIN_ARG_FLAG, &wants_list, 0, 0),
-    SPIN_ARG_COMMON_ROWS(common),
+    SPIN_ARG("output", 'o', "FILE", STRING, options.output, "the bundle to write, *.spin"),
+    SPIN_ARG("sync", 0, NULL, FLAG, options.sync,
+             "wait until the bundle is on the disk before it gets its name"),
+    SPIN_ARG("positions-only", 0, NULL, FLAG, options.positions_only,
+             "leave the source's attributes out"),
+    SPIN_ARG("info", 0, NULL, FLAG, wants_info, "describe the input and write nothing"),
+    SPIN_ARG("full", 0, NULL, FLAG, options.full,
+             "with --info: read every frame instead of 16 of them"),
+    SPIN_ARG("check-cameras", 0, "DIR", STRING, options.check_cameras,
+             "draw the clip's points over the images of --data, as PNGs in DIR"),
+    SPIN_ARG("list", 0, NULL, FLAG, wants_list, "list the importers"),
+    SPIN_ARG_END,
 };
-
-static size_t list_importers(struct spin_args_plugin *out, size_t room)
-{
-    const struct spin_importer *const *importer = spin_importer_list();
-    size_t n = 0;
-
-    for (; n < room && importer[n]; n++)
-        out[n] = (struct spin_args_plugin){importer[n]->name, importer[n]->options};
-    return n;
-}
 
 static const char *const usage[] = {
     "spin-import [--from NAME] INPUT -o OUT.spin [options]",
@@ -78,10 +60,8 @@ static const struct spin_args_command command = {
     .summary = "read a run of another method into a bundle",
     .usage = usage,
     .rows = rows,
-    .common = &common,
     .plugin_kind = "importer",
     .plugin_selector = "from",
-    .plugins = list_importers,
 };
 
 static void list_json(void)
@@ -399,12 +379,12 @@ static const struct spin_importer *find_importer(const char *name)
 }
 
 /* What can be said to be asked wrongly without opening anything. */
-static int check(const struct spin_args_words *words)
+static int check(void)
 {
     const struct spin_importer *from = find_importer(options.from);
     const struct spin_importer *data_from = find_importer(options.data_from);
 
-    if (words->n == 0)
+    if (!spin_args.word)
         return spin_args_misuse(&command, "INPUT is missing");
     if (wants_info && options.output)
         return spin_args_misuse(&command, "--info writes nothing, but --output was given");
@@ -425,35 +405,34 @@ static int check(const struct spin_args_words *words)
 
 int main(int argc, char **argv)
 {
-    struct spin_args_words words;
     struct spin_import_report report = {0};
     int code;
 
-    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, &code))
         return code;
     if (wants_list) {
-        if (words.n)
+        if (spin_args.word)
             return spin_args_misuse(&command, "--list takes no INPUT");
-        if (common.json)
+        if (spin_args.json)
             list_json();
         else
             list_text();
         return spin_args_finish(&command, SPIN_EXIT_OK);
     }
-    code = check(&words);
+    code = check();
     if (code != SPIN_EXIT_OK)
         return code;
-    options.input = words.word[0];
-    options.times = times.value;
+    options.input = spin_args.word;
+    options.times = times.doubles;
     options.n_times = times.n;
-    options.force = common.force;
-    options.plugin_pairs = words.plugin_pairs;
+    options.force = spin_args.force;
+    options.plugin_pairs = spin_args.plugin_pairs;
     if (!spin_args_begin(&command, &code))
         return code;
     char *description = NULL;
     spin_status status = SPIN_E_NOT_RECOGNISED;
     if (wants_info && !options.from && !options.check_cameras)
-        status = spin_bundle_describe(options.input, common.json, &description);
+        status = spin_bundle_describe(options.input, spin_args.json, &description);
     if (status == SPIN_E_NOT_RECOGNISED)
         status = spin_import(&options, &report);
     bool speaks = spin_args_ended(&command, status, &code);
@@ -464,9 +443,9 @@ int main(int argc, char **argv)
         return code;
     if (description)
         return spin_args_finish(&command, SPIN_EXIT_OK);
-    if (common.json)
+    if (spin_args.json)
         report_json(&report);
-    else if (wants_info || !common.quiet)
+    else if (wants_info || !spin_args.quiet)
         report_text(&report);
     return spin_args_finish(&command, SPIN_EXIT_OK);
 }

@@ -9,8 +9,7 @@
 #include "cmd/print.h"
 
 static struct spin_retrain_options options;
-static struct spin_args_common common;
-static struct spin_args_ints test_cameras;
+static struct spin_args_list test_cameras;
 static const char *preset;
 
 /* ---- Values that only this command has ------------------------------------------------------- */
@@ -91,44 +90,40 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Output"),
-    SPIN_ARG("output", 'o', "OUT.spin", "bundle to write", SPIN_ARG_STRING, &options.output, 0, 0),
-    SPIN_ARG("dry-run", 0, NULL, "print the memory and time needed and stop", SPIN_ARG_FLAG,
-             &options.dry_run, 0, 0),
-    SPIN_ARG("resume", 0, NULL, "continue an interrupted run from the state kept beside OUT.spin",
-             SPIN_ARG_FLAG, &options.resume, 0, 0),
-    SPIN_ARG("cache", 0, "DIR",
-             "keep refined frames in this folder, and take those that are there; runs may share it",
-             SPIN_ARG_STRING, &options.cache, 0, 0),
-    SPIN_ARG("preview", 0, "DIR", "write PNGs that show ground truth and render side by side",
-             SPIN_ARG_STRING, &options.preview, 0, 0),
-    SPIN_ARG("log", 0, "FILE", "write one line of JSON per step", SPIN_ARG_STRING, &options.log, 0,
-             0),
+    SPIN_ARG("output", 'o', "OUT.spin", STRING, options.output, "bundle to write"),
+    SPIN_ARG("dry-run", 0, NULL, FLAG, options.dry_run,
+             "print the memory and time needed and stop"),
+    SPIN_ARG("resume", 0, NULL, FLAG, options.resume,
+             "continue an interrupted run from the state kept beside OUT.spin"),
+    SPIN_ARG(
+        "cache", 0, "DIR", STRING, options.cache,
+        "keep refined frames in this folder, and take those that are there; runs may share it"),
+    SPIN_ARG("preview", 0, "DIR", STRING, options.preview,
+             "write PNGs that show ground truth and render side by side"),
+    SPIN_ARG("log", 0, "FILE", STRING, options.log, "write one line of JSON per step"),
     SPIN_ARG_HEADING("Preset"),
-    SPIN_ARG("preset", 0, SPIN_PRESETS,
+    SPIN_ARG("preset", 0, SPIN_PRESETS, CHOICE, preset,
              "defaults of all options: minutes on any device, three times as long for the last "
              "decibel, the paper's, or the paper's method for minutes on a CPU (quick; with "
-             "refinement, or a method that is not tracks: paper)",
-             SPIN_ARG_CHOICE, &preset, 0, 0),
+             "refinement, or a method that is not tracks: paper)"),
     SPIN_ARG_HEADING("Data set"),
-    SPIN_ARG("data", 0, "DIR", "multi-view video (the one named in the bundle)", SPIN_ARG_STRING,
-             &options.data, 0, 0),
-    SPIN_ARG("data-from", 0, "NAME", "format of the data set (detected)", SPIN_ARG_STRING,
-             &options.data_from, 0, 0),
-    SPIN_ARG("pair", 0, "auto|number|order",
-             "match frames to images by frame number or by their order (auto)", SPIN_ARG_CHOICE,
-             &options.pair, 0, 0),
-    SPIN_ARG("range", 0, "A:B[:STEP]", "use frame numbers A to B-1 only (all)", SPIN_ARG_RANGE,
-             &options.range, 0, 0),
-    SPIN_ARG("test-cams", 0, "LIST", "numbers of the cameras held out (the data set's own)",
-             SPIN_ARG_INTS, &test_cameras, 0, 1e9),
+    SPIN_ARG("data", 0, "DIR", STRING, options.data,
+             "multi-view video (the one named in the bundle)"),
+    SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
+             "format of the data set (detected)"),
+    SPIN_ARG("pair", 0, "auto|number|order", CHOICE, options.pair,
+             "match frames to images by frame number or by their order (auto)"),
+    SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
+             "use frame numbers A to B-1 only (all)"),
+    SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
+             "numbers of the cameras held out (the data set's own)", .min = 0, .max = 1e9),
 #include "train/options.def"
     SPIN_ARG_HEADING("Machine"),
-    SPIN_ARG("device", 0, "auto|cpu|cuda", "device that computes (auto)", SPIN_ARG_CHOICE,
-             &options.device, 0, 0),
-    SPIN_ARG("deterministic", 0, NULL,
-             "on a card: the same run gives the same bits, at some cost; on the cpu it always does",
-             SPIN_ARG_FLAG, &options.deterministic, 0, 0),
-    SPIN_ARG_COMMON_ROWS(common),
+    SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device that computes (auto)"),
+    SPIN_ARG(
+        "deterministic", 0, NULL, FLAG, options.deterministic,
+        "on a card: the same run gives the same bits, at some cost; on the cpu it always does"),
+    SPIN_ARG_END,
 };
 
 static const char *const usage[] = {
@@ -142,7 +137,6 @@ static const struct spin_args_command command = {
     .summary = "learn the attributes of a bundle anew",
     .usage = usage,
     .rows = rows,
-    .common = &common,
 };
 
 /* ---- Reports --------------------------------------------------------------------------------- */
@@ -319,9 +313,9 @@ static void warn_without_effect(int argc, char **argv)
 
 /* ---- The command ----------------------------------------------------------------------------- */
 
-static int check(const struct spin_args_words *words)
+static int check(void)
 {
-    if (words->n == 0)
+    if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
     if (!options.output && !options.dry_run)
         return spin_args_misuse(&command, "say where to write with --output");
@@ -343,36 +337,35 @@ static const char *implied_preset(int argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    struct spin_args_words words;
     struct spin_retrain_report report = {0};
     int code;
 
     /* First, as other options change its values. Parsing refuses a name that is none. */
     preset = spin_args_find(argc, argv, "preset");
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
-    if (!spin_args_parse(&command, argc, argv, 1, &words, &code))
+    if (!spin_args_parse(&command, argc, argv, &code))
         return code;
-    code = check(&words);
+    code = check();
     if (code != SPIN_EXIT_OK)
         return code;
-    options.input = words.word[0];
+    options.input = spin_args.word;
     if (options.method == SPIN_METHOD_TRACKS && !spin_args_find(argc, argv, "tracks"))
         options.tracks = true;
     if (options.method == SPIN_METHOD_FRAMES && options.refine == 0)
         options.refine = 2000;
     warn_without_effect(argc, argv);
-    options.test_cameras = test_cameras.value;
+    options.test_cameras = test_cameras.ints;
     options.n_test_cameras = test_cameras.n;
-    options.n_threads = common.n_threads;
-    options.force = common.force;
+    options.n_threads = spin_args.n_threads;
+    options.force = spin_args.force;
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_retrain(&options, &report), &code))
         return code;
-    if (common.json)
+    if (spin_args.json)
         report_json(&report);
     else if (options.dry_run)
         report_plan(&report);
-    else if (!common.quiet)
+    else if (!spin_args.quiet)
         report_text(&report);
     return spin_args_finish(&command, SPIN_EXIT_OK);
 }

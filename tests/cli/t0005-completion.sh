@@ -3,6 +3,7 @@
 # The completion scripts: what bash offers for a line, and that zsh can read them.
 . tests/cli/lib.sh
 unset SPIN_PLUGIN_PATH
+PATH=$bin:$PATH # the scripts ask the commands
 
 for name in spin-import spin-retrain spin-eval spin-export; do
     for shell in bash zsh; do
@@ -67,16 +68,13 @@ else
     skip "what bash offers" "no bash"
 fi
 
-# zsh: the options that _arguments is given.
-if command -v zsh >/dev/null 2>&1; then
-    for line in 'spin-export --to=images --' 'spin-export --to images --'; do
-        # shellcheck disable=SC2016
-        run zsh -fc '_arguments() { print -rl -- "$@" }; words=(${=1}); . "$2"' zsh "$line" "$work/spin-export.zsh"
-        is "$code $(wc -c <"$work/err")" "0 0" "zsh runs it: $line"
-        out_has '^--path=\[.*\]:camera|[a-z|]*:(camera [a-z ]*)$' "with the exporter's own options"
-        out_has '^(-o --output)-o+\[' "and the common ones"
-    done
-else
-    skip "what zsh is given" "no zsh"
-fi
+# What the commands offer zsh, which makes one word of --name=value and shows the help beside an option.
+for line in '--to=images --path' '--to images --path'; do
+    # shellcheck disable=SC2086
+    run "$bin/spin-export" --complete $line
+    is "$code $(wc -c <"$work/err")" "0 0" "completes: $line"
+    out_has '^--path:[a-z].*' "with the exporter's own options, and their help"
+done
+run "$bin/spin-export" --complete in.spin --to=ima
+out_has '^images$' "the value of --name=value"
 done_testing
