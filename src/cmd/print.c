@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 #include "base/text.h"
 #include "io/json.h"
@@ -79,7 +80,10 @@ void spin_print_close(char bracket)
     (void)bracket;
     if (--depth > 0)
         return;
-    spin_json_print(stdout, opened[0]);
+    char *text = spin_json_text(opened[0], true);
+
+    puts(text ? text : "null");
+    free(text);
     spin_json_free(opened[0]);
 }
 
@@ -95,6 +99,6 @@ void spin_print_integer(const char *key, long long value)
     put(key, spin_json_integer_value(value));
 }
 
-void spin_print_bool(const char *key, bool value) { put(key, spin_json_bool_value(value)); }
+void spin_print_bool(const char *key, bool value) { put(key, json_boolean(value)); }
 
 void spin_print_null(const char *key) { put(key, spin_json_text_value(NULL)); }

@@ -1,19 +1,15 @@
-/* JSON on jansson. Its reader is used as it is; the writer is ours, because jansson prints 0.1 with
- * seventeen digits and puts every number of an array on a line of its own. */
+/* JSON on jansson. Its writer prints 0.1 with seventeen digits, every number of an array on a line of its own, and
+ * what a terminal takes for commands; ours does not. */
 #include "io/json.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
-#include "base/mem.h"
 #include "base/text.h"
 #include "io/file.h"
-
-/* ---- Reading ------------------------------------------------------------------------------- */
 
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out)
 {
@@ -38,26 +34,6 @@ spin_status spin_json_load(const char *path, spin_json **out)
     status = spin_json_parse(path, (const char *)map.data, map.size, out);
     spin_map_close(&map);
     return status;
-}
-
-void spin_json_free(spin_json *json) { json_decref(json); }
-
-const spin_json *spin_json_get(const spin_json *object, const char *key)
-{
-    return object ? json_object_get(object, key) : NULL;
-}
-
-size_t spin_json_length(const spin_json *array) { return array ? json_array_size(array) : 0; }
-
-bool spin_json_is_array(const spin_json *j) { return json_is_array(j); }
-
-bool spin_json_is_object(const spin_json *j) { return json_is_object(j); }
-
-bool spin_json_is_null(const spin_json *j) { return json_is_null(j); }
-
-const spin_json *spin_json_at(const spin_json *array, size_t index)
-{
-    return array ? json_array_get(array, index) : NULL;
 }
 
 bool spin_json_number(const spin_json *j, double *out)
@@ -93,41 +69,6 @@ bool spin_json_bool(const spin_json *j, bool *out)
     return true;
 }
 
-const char *spin_json_string(const spin_json *j) { return j ? json_string_value(j) : NULL; }
-
-/* ---- Building ------------------------------------------------------------------------------ */
-
-spin_json *spin_json_object(void) { return json_object(); }
-
-spin_json *spin_json_array(void) { return json_array(); }
-
-void spin_json_set(spin_json *object, const char *key, spin_json *value)
-{
-    (void)json_object_set_new(object, key, value);
-}
-
-void spin_json_push(spin_json *array, spin_json *value)
-{
-    (void)json_array_append_new(array, value);
-}
-
-/* Bytes of the character at c, 0 when it is none of UTF-8. */
-static size_t utf8_length(const unsigned char *c)
-{
-    int n = *c < 0x80 ? 1 : *c >= 0xc2 && *c < 0xe0 ? 2 : *c >= 0xe0 && *c < 0xf0 ? 3 : 4;
-
-    if (*c >= 0x80 && (*c < 0xc2 || *c > 0xf4))
-        return 0;
-    for (int i = 1; i < n; i++)
-        if ((c[i] & 0xc0) != 0x80)
-            return 0;
-    /* over-long forms, surrogates and what lies beyond the last code point */
-    if ((*c == 0xe0 && c[1] < 0xa0) || (*c == 0xed && c[1] > 0x9f) || (*c == 0xf0 && c[1] < 0x90) ||
-        (*c == 0xf4 && c[1] > 0x8f))
-        return 0;
-    return (size_t)n;
-}
-
 /* File names need not be UTF-8, JSON must be: a byte that is not becomes U+FFFD. */
 spin_json *spin_json_text_value(const char *text)
 {
@@ -137,51 +78,23 @@ spin_json *spin_json_text_value(const char *text)
     if (value)
         return value;
     to = copy = malloc(3 * strlen(text) + 1);
-    if (!copy)
-        return json_null();
-    while (*text) {
-        size_t n = utf8_length((const unsigned char *)text);
+    while (copy && *text) {
+        size_t n = 1, most = strnlen(text, 4);
+        json_t *one = NULL;
 
-        memcpy(to, n ? text : "\xef\xbf\xbd", n ? n : 3);
-        to += n ? n : 3;
-        text += n ? n : 1;
+        while (n <= most && !(one = json_stringn(text, n)))
+            n++;
+        json_decref(one);
+        memcpy(to, one ? text : "\xef\xbf\xbd", one ? n : 3);
+        to += one ? n : 3;
+        text += one ? n : 1;
     }
-    *to = '\0';
-    value = json_string(copy);
+    value = copy ? json_stringn(copy, (size_t)(to - copy)) : json_null();
     free(copy);
     return value;
 }
 
 spin_json *spin_json_number_value(double v) { return isfinite(v) ? json_real(v) : json_null(); }
-
-spin_json *spin_json_integer_value(int64_t v) { return json_integer(v); }
-
-spin_json *spin_json_bool_value(bool v) { return json_boolean(v); }
-
-void spin_json_set_string(spin_json *object, const char *key, const char *value)
-{
-    spin_json_set(object, key, spin_json_text_value(value));
-}
-
-void spin_json_set_number(spin_json *object, const char *key, double value)
-{
-    spin_json_set(object, key, spin_json_number_value(value));
-}
-
-void spin_json_set_integer(spin_json *object, const char *key, int64_t value)
-{
-    spin_json_set(object, key, json_integer(value));
-}
-
-void spin_json_set_bool(spin_json *object, const char *key, bool value)
-{
-    spin_json_set(object, key, json_boolean(value));
-}
-
-void spin_json_set_null(spin_json *object, const char *key)
-{
-    spin_json_set(object, key, json_null());
-}
 
 void spin_json_rename(spin_json *object, const char *from, const char *to)
 {
@@ -202,32 +115,6 @@ void spin_json_rename(spin_json *object, const char *from, const char *to)
     }
 }
 
-void spin_json_share(spin_json *to, const spin_json *from)
-{
-    json_object_update(to, (json_t *)from);
-}
-
-void spin_json_push_number(spin_json *array, double value)
-{
-    spin_json_push(array, spin_json_number_value(value));
-}
-
-void spin_json_push_string(spin_json *array, const char *value)
-{
-    spin_json_push(array, spin_json_text_value(value));
-}
-
-/* ---- Writing ------------------------------------------------------------------------------- */
-
-static void write_newline(FILE *out, int depth)
-{
-    fputc('\n', out);
-    for (int i = 0; i < depth; i++)
-        fputs("  ", out);
-}
-
-enum style { COMPACT, INDENTED, TALL };
-
 /* The shorter of the two usual precisions that reads back to the same double. */
 static void write_real(FILE *out, double v)
 {
@@ -242,90 +129,48 @@ static void write_real(FILE *out, double v)
     fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* -0 would be read as an integer */
 }
 
-static bool is_container(const json_t *j)
+static bool is_container(const json_t *j) { return json_array_size(j) + json_object_size(j) > 0; }
+
+/* Arrays of plain values stay on one line, for numbers are easier to read side by side. */
+static bool is_tall(const json_t *j)
 {
-    return (json_is_array(j) || json_is_object(j)) && json_array_size(j) + json_object_size(j) > 0;
+    bool tall = json_is_object(j);
+
+    for (size_t i = 0; i < json_array_size(j) && !tall; i++)
+        tall = is_container(json_array_get(j, i));
+    return tall;
 }
 
-/* Arrays of plain values stay on one line, for numbers are easier to read side by side; not when TALL. */
-static bool is_tall(const json_t *j, enum style style)
+/* depth: of indents; -1: none. */
+static void write_value(FILE *out, const json_t *j, int depth)
 {
-    if (style == COMPACT)
-        return false;
-    if (style == TALL || json_is_object(j))
-        return is_container(j);
-    for (size_t i = 0; i < json_array_size(j); i++)
-        if (is_container(json_array_get(j, i)))
-            return true;
-    return false;
-}
+    bool object = json_is_object(j), tall = depth >= 0 && is_tall(j);
+    void *member = json_object_iter((json_t *)(uintptr_t)j);
+    size_t n = json_array_size(j) + json_object_size(j);
 
-static void write_value(FILE *out, const json_t *j, int depth, enum style style);
-
-static void write_members(FILE *out, const json_t *j, int depth, enum style style)
-{
-    const char *key;
-    json_t *value;
-    bool tall = is_tall(j, style), first = true;
-    const char *comma = style != COMPACT && !tall ? ", " : ",";
-
-    if (json_is_array(j)) {
-        for (size_t i = 0; i < json_array_size(j); i++) {
-            if (i > 0)
-                fputs(comma, out);
-            if (tall)
-                write_newline(out, depth + 1);
-            write_value(out, json_array_get(j, i), depth + 1, style);
+    if (json_is_real(j))
+        write_real(out, json_real_value(j));
+    else if (json_is_string(j))
+        spin_text_json(out, json_string_value(j));
+    else if (!is_container(j))
+        json_dumpf(j, out, JSON_ENCODE_ANY);
+    for (size_t i = 0; i < n; i++) {
+        fputs(i == 0 ? object ? "{" : "[" : depth >= 0 && !tall ? ", " : ",", out);
+        if (tall)
+            fprintf(out, "\n%*s", 2 * depth + 2, "");
+        if (object) {
+            spin_text_json(out, json_object_iter_key(member));
+            fputs(depth >= 0 ? ": " : ":", out);
         }
-    } else {
-        json_object_foreach((json_t *)(uintptr_t)j, key, value)
-        {
-            if (!first)
-                fputs(comma, out);
-            first = false;
-            if (tall)
-                write_newline(out, depth + 1);
-            spin_text_json(out, key);
-            fputs(style != COMPACT ? ": " : ":", out);
-            write_value(out, value, depth + 1, style);
-        }
+        write_value(out, object ? json_object_iter_value(member) : json_array_get(j, i),
+                    depth >= 0 ? depth + 1 : -1);
+        if (object)
+            member = json_object_iter_next((json_t *)(uintptr_t)j, member);
     }
     if (tall)
-        write_newline(out, depth);
-}
-
-static void write_value(FILE *out, const json_t *j, int depth, enum style style)
-{
-    switch (json_typeof(j)) {
-    case JSON_OBJECT:
-        fputc('{', out);
-        write_members(out, j, depth, style);
-        fputc('}', out);
-        break;
-    case JSON_ARRAY:
-        fputc('[', out);
-        write_members(out, j, depth, style);
-        fputc(']', out);
-        break;
-    case JSON_STRING:
-        spin_text_json(out, json_string_value(j));
-        break;
-    case JSON_INTEGER:
-        fprintf(out, "%lld", (long long)json_integer_value(j));
-        break;
-    case JSON_REAL:
-        write_real(out, json_real_value(j));
-        break;
-    case JSON_TRUE:
-        fputs("true", out);
-        break;
-    case JSON_FALSE:
-        fputs("false", out);
-        break;
-    case JSON_NULL:
-        fputs("null", out);
-        break;
-    }
+        fprintf(out, "\n%*s", 2 * depth, "");
+    if (n > 0)
+        fputc(object ? '}' : ']', out);
 }
 
 char *spin_json_text(const spin_json *j, bool indent)
@@ -336,16 +181,10 @@ char *spin_json_text(const spin_json *j, bool indent)
 
     if (!out)
         return NULL;
-    write_value(out, j, 0, indent ? INDENTED : COMPACT);
+    write_value(out, j, indent ? 0 : -1);
     if (fclose(out) != 0) {
         free(text);
         return NULL;
     }
     return text;
-}
-
-void spin_json_print(FILE *to, const spin_json *j)
-{
-    write_value(to, j, 0, TALL);
-    fputc('\n', to);
 }

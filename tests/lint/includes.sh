@@ -49,7 +49,7 @@ foreign() {
     src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
     src/io/crc.c) echo '^(zlib|immintrin)\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
-    src/io/json.c) echo '^jansson\.h$' ;;
+    src/io/json.[ch]) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
     src/formats/glb_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
     src/io/conv_dnnl.cpp) echo '^(oneapi/dnnl/dnnl\.hpp|omp\.h|[a-z_]+)$' ;;
