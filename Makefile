@@ -79,7 +79,7 @@ ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train
             exporters exporters/lib
 LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c,$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
 CPU_C    := $(sort $(wildcard src/device/cpu/*.c))
-LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(B)/exporters/html_page.o $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
+LIB_O    := $(LIB_C:%.c=$(B)/%.o) $(addprefix $(B)/,exporters/html_page.o src/eval/report/page.o) $(foreach p,$(PATHS),$(CPU_C:%.c=$(B)/%.$(p).o))
 CMD_O    := $(patsubst %.c,$(B)/%.o,$(filter-out src/cmd/spin-%,$(sort $(wildcard src/cmd/*.c))))
 COMMANDS := spin-import spin-retrain spin-export spin-eval
 BINS     := $(COMMANDS:%=$(B)/bin/%)
@@ -224,7 +224,17 @@ $(B)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	$(SAY) LINK $@
 	$(Q)$(LINK) $(PLUGIN_LD) -o $@ $(B)/src/cmd/$*.o $(CMD_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
-# The page of the html exporter as C strings, one for each of its files, without indents and lines of comment.
+# Pages as C strings, without indents and lines of comment.
+C_STRING := sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/'
+$(B)/src/eval/report/page.c: src/eval/report/page.html Makefile
+	@mkdir -p $(@D)
+	$(SAY) PAGE $@
+	$(Q){ echo 'extern const char spin_report_page[]; const char spin_report_page[] ='; $(C_STRING) $<; echo '    ;'; } >$@
+$(B)/src/eval/report/page.o: $(B)/src/eval/report/page.c
+	$(SAY) CC $@
+	$(Q)$(COMPILE_C) -c -o $@ $<
+
+# The page of the html exporter, a string for each of its files.
 PAGE := head:head.html css:page.css body:body.html vertex:shader.vert fragment:shader.frag \
         worker:worker.js script:page.js
 $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(lastword $(subst :, ,$(p))))) Makefile
@@ -232,7 +242,7 @@ $(B)/exporters/html_page.c: $(addprefix exporters/html/,$(foreach p,$(PAGE),$(la
 	$(SAY) PAGE $@
 	$(Q){ echo '#include "exporters/html/page.h"'; for p in $(PAGE); do \
 	    echo "const char spin_html_$${p%%:*}[] ="; \
-	    sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/^/    "/' -e 's/$$/\\n"/' exporters/html/$${p#*:}; \
+	    $(C_STRING) exporters/html/$${p#*:}; \
 	    echo '    ;'; done; } >$@
 $(B)/exporters/html_page.o: $(B)/exporters/html_page.c exporters/html/page.h
 	$(SAY) CC $@

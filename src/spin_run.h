@@ -308,7 +308,7 @@ struct spin_eval_report {
     struct spin_bundle_bytes storage, unpacked;
 };
 
-spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report);
+spin_status spin_eval(const struct spin_eval_options *o, char **report);
 void spin_eval_report_free(struct spin_eval_report *report);
 /* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. What was measured
  * in some views only is the mean over these. valid is false when there is no such view. */

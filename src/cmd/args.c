@@ -14,6 +14,7 @@
 
 #include "spin_run.h"
 #include "base/text.h"
+#include "io/template.h"
 
 enum { HELP_COLUMN = 28, HELP_WIDTH = 84 };
 
@@ -137,6 +138,19 @@ int spin_args_finish(const struct spin_args_command *command, int code)
         put_line(command->name,
                  "cannot write to the standard output: ", strerror(errno ? errno : EIO));
     return SPIN_EXIT_FAILED;
+}
+
+int spin_args_report(const struct spin_args_command *command, char *json, const char *template)
+{
+    spin_json *document = NULL;
+
+    if (spin_args.json)
+        puts(json);
+    else if (template && spin_json_parse("report", json, strlen(json), &document) == SPIN_OK)
+        spin_template_write(stdout, template, document, false);
+    spin_json_free(document);
+    free(json);
+    return spin_args_finish(command, SPIN_EXIT_OK);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */

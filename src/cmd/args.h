@@ -124,6 +124,10 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
 bool spin_args_begin(const struct spin_args_command *command, int *code);
 bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code);
 
+/* The report of the work, a JSON document: as it is with --json, else by this template for people (io/template.h). It
+ * is freed. NULL template: nothing without --json. Returns what main() returns. */
+int spin_args_report(const struct spin_args_command *command, char *json, const char *template);
+
 /* Flush stdout; returns code, or SPIN_EXIT_FAILED with a line when the output could not be written. */
 int spin_args_finish(const struct spin_args_command *command, int code);
 

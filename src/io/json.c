@@ -188,3 +188,10 @@ char *spin_json_text(const spin_json *j, bool indent)
     }
     return text;
 }
+
+spin_status spin_json_finish(spin_json *document, char **text)
+{
+    *text = spin_json_text(document, true);
+    spin_json_free(document);
+    return *text ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for the report");
+}

@@ -28,6 +28,9 @@ void spin_json_rename(spin_json *object, const char *from, const char *to);
  * arrays of plain values on one. */
 char *spin_json_text(const spin_json *j, bool indent);
 
+/* A report that is done: its text, indented and allocated; the document is freed. */
+spin_status spin_json_finish(spin_json *document, char **text);
+
 /* Of what is absent or of another kind: NULL, or 0. */
 #define spin_json_get json_object_get
 #define spin_json_at json_array_get

@@ -11,6 +11,7 @@
 #include "eval/report/report.h"
 #include "io/output_lock.h"
 #include "io/ranks.h"
+#include "run/run.h"
 
 struct eval {
     const struct spin_eval_options *o;
@@ -220,7 +221,7 @@ static spin_status run_eval(struct eval *e)
     return o->report ? write_report(e, &m) : SPIN_OK;
 }
 
-spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report *report)
+spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report)
 {
     struct eval e = {.o = o, .report = report};
     spin_status status;
@@ -242,6 +243,18 @@ spin_status spin_eval(const struct spin_eval_options *o, struct spin_eval_report
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot evaluate '%s'", o->input);
     return status;
+}
+
+spin_status spin_eval(const struct spin_eval_options *o, char **report)
+{
+    struct spin_eval_report r;
+    spin_json *document;
+
+    *report = NULL;
+    SPIN_TRY(spin_evaluate(o, &r));
+    document = spin_eval_json(&r, o->split);
+    spin_eval_report_free(&r);
+    return spin_json_finish(document, report);
 }
 
 void spin_eval_report_free(struct spin_eval_report *report)

@@ -79,3 +79,11 @@ void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_byte
         }
     }
 }
+
+spin_json *spin_bundle_bytes_json(const struct spin_bundle_bytes *bytes)
+{
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "file", (json_int_t)bytes->file,
+                     "source", (json_int_t)bytes->source, "refined", (json_int_t)bytes->refined,
+                     "positions", (json_int_t)bytes->positions, "tracks", (json_int_t)bytes->tracks,
+                     "table", (json_int_t)bytes->table, "heads", (json_int_t)bytes->heads);
+}

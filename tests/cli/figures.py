@@ -637,9 +637,8 @@ def text_eval(j, verbose, quiet, fps):
             cell(q["psnr_dynamic"], 8, 3) if dynamic else "")
 
     t = ["%6s  %6s  %8s  %7s" % ("frame", "camera", "PSNR", "SSIM") + ("  %8s" % "dynamic" if dynamic else "")]
-    for f in j["frames"]:
-        t += [row(v["frame"], v["camera"], v) for v in j["views"] if verbose and v["frame"] == f["frame"]]
-        t += [] if quiet else [row(f["frame"], "all", f)]
+    t += [row(v["frame"], v["camera"], v) for v in j["views"] if verbose]
+    t += [] if quiet else [row(f["frame"], "all", f) for f in j["frames"]]
     t += [] if quiet else [row("all", c["id"], c) for c in j["cameras"]]
     t += [row("all", "all", j) + "   %d views, %s attributes" % (len(j["views"]), j["attributes"])]
     if quiet:
@@ -790,7 +789,7 @@ def table_of(page, title):
 
 
 def storage_tile(j):
-    return "<div><b>%s</b>storage per frame</div>" % size3(math.floor(j["storage"]["measured_per_frame"]))
+    return "<div><b>%s</b>storage per frame</div>" % size(j["storage"]["measured_per_frame"])
 
 
 def check_page(name, j, before, seen, log, split="test"):

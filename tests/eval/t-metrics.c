@@ -10,6 +10,7 @@
 
 #include "base/log.h"
 #include "spin_run.h"
+#include "run/run.h"
 #include "model/field.h"
 #include "io/image.h"
 #include "scene/bundle.h"
@@ -328,7 +329,7 @@ static void check_eval(const struct spin_eval_options *o, size_t n_views, const 
 
     for (int c = 0; c < 3; c++)
         drawn[c] = fminf(fmaxf(o->background[c], 0), 1);
-    if (!ok(spin_eval(o, &r) == SPIN_OK && r.n_views == n_views, "%s: %zu views", what, n_views)) {
+    if (!ok(spin_evaluate(o, &r) == SPIN_OK && r.n_views == n_views, "%s: %zu views", what, n_views)) {
         printf("#   %zu, %s\n", r.n_views, spin_last_error());
         return;
     }
@@ -373,7 +374,7 @@ static void check_quality(void)
     o.split = SPIN_SPLIT_TEST;
     o.test_cameras = none;
     o.n_test_cameras = 1;
-    ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == ROWS && r.view[0].camera == 5,
+    ok(spin_evaluate(&o, &r) == SPIN_OK && r.n_views == ROWS && r.view[0].camera == 5,
        "the held-out camera is the one that was asked for");
     spin_eval_report_free(&r);
 }
@@ -549,7 +550,7 @@ static void train(void)
     if (!ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network"))
         printf("#   %s\n", spin_last_error());
     e.input = trained;
-    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.trained, "measured again");
+    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.trained, "measured again");
     near(er.mean.psnr, r.test.psnr, 1e-9, "from its file, the network is what it was in training");
     near(er.mean.ssim, r.test.ssim, 1e-9, "in its SSIM as well");
     spin_eval_report_free(&er);
@@ -585,7 +586,7 @@ static void check_log(void)
     o.lr_table = o.lr_position = o.lr_head_factor = 0;
     e.input = output;
     e.split = SPIN_SPLIT_TRAIN;
-    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_eval(&e, &er) == SPIN_OK, "learns nothing"))
+    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_evaluate(&e, &er) == SPIN_OK, "learns nothing"))
         return;
     f = fopen(path, "r");
     while (f && fgets(line, sizeof line, f)) {
@@ -806,7 +807,7 @@ static void check_speed(void)
     o.dynamic = SPIN_DYNAMIC_OFF;
     o.test_cameras = (const int[]){0};
     o.n_test_cameras = 1;
-    if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 6, "a view of every frame"))
+    if (!ok(spin_evaluate(&o, &r) == SPIN_OK && r.n_views == 6, "a view of every frame"))
         return;
     took = spin_now_s() - start;
     ok(r.dynamic == SPIN_DYNAMIC_OFF && isnan(r.mean.psnr_dynamic),
@@ -819,7 +820,7 @@ static void check_speed(void)
     o.range = (struct spin_range){true, 1, 2, 1};
     o.source = true;
     start = spin_now_s();
-    if (!ok(spin_eval(&o, &r) == SPIN_OK && r.n_views == 8, "eight views of a frame"))
+    if (!ok(spin_evaluate(&o, &r) == SPIN_OK && r.n_views == 8, "eight views of a frame"))
         return;
     took = spin_now_s() - start;
     ok(r.seconds_draw > 0 && 8 * r.seconds_draw < took, "seconds to draw are of one view");
@@ -870,11 +871,11 @@ static void check_pictures(void)
     snprintf(images2, sizeof images2, "%s/images2", folder);
     o.images = images;
     o.range = (struct spin_range){true, 2, 4, 1};
-    if (!ok(spin_eval(&o, &r) == SPIN_OK, "draws"))
+    if (!ok(spin_evaluate(&o, &r) == SPIN_OK, "draws"))
         return;
     o.images = images2;
     o.source = true;
-    if (!ok(spin_eval(&o, &source) == SPIN_OK, "draws the source"))
+    if (!ok(spin_evaluate(&o, &source) == SPIN_OK, "draws the source"))
         return;
     if (spin_image_load("fixtures/court-mini/ims/15/000011.jpg", PW, PH, NULL, image) != SPIN_OK)
         exit(1);

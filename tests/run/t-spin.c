@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "spin_run.h"
+#include "run/run.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -54,14 +55,14 @@ static void check_use(void)
     struct spin_eval_report er;
     struct spin_export_report xr;
 
-    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid && er.mean.psnr > 5,
+    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.mean.valid && er.mean.psnr > 5,
        "evaluates 12 test views");
     spin_eval_report_free(&er);
     e.split = SPIN_SPLIT_ALL;
-    ok(spin_eval(&e, &er) == SPIN_OK && er.n_views == 66, "or all 66");
+    ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 66, "or all 66");
     spin_eval_report_free(&er);
     e.split = SPIN_SPLIT_TRAIN;
-    ok(spin_eval(&e, &er) == SPIN_OK && er.dynamic == SPIN_DYNAMIC_MASKS && er.mean.dynamic > 0 &&
+    ok(spin_evaluate(&e, &er) == SPIN_OK && er.dynamic == SPIN_DYNAMIC_MASKS && er.mean.dynamic > 0 &&
            er.mean.dynamic < 0.5 && er.mean.psnr_dynamic > 5 && er.mean.psnr_static > 5,
        "the training views have masks of what moves");
     ok(er.storage.source > 0 && er.storage.file > er.storage.source && er.storage.table == 0 &&

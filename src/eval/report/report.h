@@ -1,8 +1,9 @@
-/* An evaluation as one page of HTML that needs nothing beside it: curves, tables, pictures. */
+/* An evaluation as a document, and as one page of HTML that needs nothing beside it: curves, tables, pictures. */
 #ifndef SPIN_EVAL_REPORT_REPORT_H
 #define SPIN_EVAL_REPORT_REPORT_H
 
 #include "spin_run.h"
+#include "io/json.h"
 #include "render/player.h"
 
 struct spin_report {
@@ -17,6 +18,9 @@ struct spin_report {
     struct spin_player *source;            /* what it is compared with; NULL: nothing */
     const struct spin_eval_report *before; /* of source */
 };
+
+/* What --json prints, see spin-eval(1). */
+spin_json *spin_eval_json(const struct spin_eval_report *report, enum spin_split split);
 
 spin_status spin_report_write(const struct spin_report *report);
 

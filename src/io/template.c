@@ -1,0 +1,208 @@
+/* Templates, after Mustache. */
+#include "io/template.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+
+/* Where names are looked for: the element of a loop, then what is around it. */
+struct scope {
+    const json_t *value;
+    const char *key;
+    const struct scope *up;
+};
+
+struct writer {
+    FILE *to;
+    bool html;
+};
+
+static const json_t *member(const json_t *value, const char *key)
+{
+    return json_is_array(value) ? json_array_get(value, strtoul(key, NULL, 10))
+                                : json_object_get(value, key);
+}
+
+static const json_t *look_up(const struct scope *scope, const char *path)
+{
+    char copy[128], *rest = copy, *key;
+    const json_t *value = NULL;
+
+    if (!strcmp(path, "."))
+        return scope->value;
+    snprintf(copy, sizeof copy, "%s", path);
+    key = strsep(&rest, ".");
+    for (; scope && !value; scope = scope->up)
+        value = member(scope->value, key);
+    while ((key = strsep(&rest, ".")))
+        value = member(value, key);
+    return value;
+}
+
+static bool is_there(const json_t *j)
+{
+    if (json_is_string(j))
+        return *json_string_value(j) != '\0';
+    return json_is_true(j) || json_is_real(j) || json_integer_value(j) != 0 || json_array_size(j) ||
+           json_object_size(j);
+}
+
+static void write_text(const struct writer *w, const char *text)
+{
+    char *copy = w->html ? NULL : strdup(text);
+
+    if (w->html)
+        spin_text_html(w->to, text);
+    if (copy)
+        spin_text_tidy(copy, false);
+    fputs(copy ? copy : "", w->to);
+    free(copy);
+}
+
+static void write_duration(FILE *to, double seconds)
+{
+    if (seconds < 0)
+        fprintf(to, "unknown");
+    else if (seconds < 100)
+        fprintf(to, "%.1f s", seconds);
+    else if (seconds < 5970)
+        fprintf(to, "%.0f min", seconds / 60);
+    else if (seconds < 48 * 3600)
+        fprintf(to, "%.0f h %02.0f min", floor(seconds / 3600), floor(fmod(seconds, 3600) / 60));
+    else
+        fprintf(to, "%.1f days", fmin(seconds / 86400, 1e9));
+}
+
+static void write_number(FILE *to, const char *format, double v)
+{
+    static const char *const unit[] = {"B", "kB", "MB", "GB", "TB", "PB"};
+    char plain[16], *kind;
+    int u = 0;
+
+    snprintf(plain, sizeof plain, "%.*s", (int)strcspn(format, " "), format);
+    kind = plain + strlen(plain) - 1;
+    switch (*kind) {
+    case 'B':
+        for (; v >= 1000 && u < 5; u++)
+            v /= 1000;
+        fprintf(to, u ? "%.1f %s" : "%.0f %s", v, unit[u]);
+        break;
+    case 'T':
+        write_duration(to, v);
+        break;
+    case 'M':
+        fprintf(to, v == floor(v) ? "%.0f" : "%.1f", v);
+        break;
+    case 'N':
+        fprintf(to, "%.0f%s%s", v, format + 2, v == 1 ? "" : "s");
+        break;
+    case 'p':
+        *kind = 'f';
+        fprintf(to, plain, 100 * v);
+        break;
+    case 'd':
+        memcpy(kind, ".0f", 4);
+        fprintf(to, plain, v);
+        break;
+    default:
+        fprintf(to, plain, v);
+    }
+}
+
+/* What stands between the braces: a name, and a format behind a blank. */
+static void write_place(const struct writer *w, const struct scope *scope, char *place)
+{
+    char *format = strchr(place, ' ');
+    const char *less = NULL;
+    const json_t *j;
+
+    if (format)
+        *format++ = '\0';
+    if (format && !strchr(format, 'N') && (less = strchr(format, ' ')))
+        less++;
+    if (!strcmp(place, "@")) {
+        write_text(w, scope->key);
+        return;
+    }
+    j = look_up(scope, place);
+    if (json_is_string(j))
+        write_text(w, json_string_value(j));
+    else if (json_is_number(j) || json_is_array(j))
+        write_number(w->to,
+                     format            ? format
+                     : json_is_real(j) ? "%.10g"
+                                       : "%d",
+                     json_number_value(j) + (double)json_array_size(j) -
+                         (less ? json_number_value(look_up(scope, less)) : 0));
+    else if (format)
+        fprintf(w->to, "%*s", abs(atoi(format + 1)), "-");
+}
+
+static const char *write_part(const struct writer *w, const char *at, const struct scope *scope,
+                              bool shown);
+
+/* A section, from behind its braces; returns what follows its end. */
+static const char *write_section(const struct writer *w, const char *at, const struct scope *scope,
+                                 const char *place, bool shown)
+{
+    char name[128], *word, key[32];
+    const char *end = write_part(w, at, scope, false), *member_key;
+    const json_t *j;
+    json_t *value;
+    bool there;
+
+    snprintf(name, sizeof name, "%s", place + 1);
+    if ((word = strchr(name, '=')))
+        *word++ = '\0';
+    j = look_up(scope, name);
+    snprintf(key, sizeof key, "%.10g", json_number_value(j));
+    there = word ? !strcmp(json_is_string(j) ? json_string_value(j) : key, word) : is_there(j);
+    if (!shown || there == (*place == '^'))
+        return end;
+    if (*place == '*') {
+        json_object_foreach((json_t *)(uintptr_t)j, member_key, value)
+            write_part(w, at, &(struct scope){value, member_key, scope}, true);
+    } else if (json_is_array(j)) {
+        for (size_t i = 0; i < json_array_size(j); i++) {
+            snprintf(key, sizeof key, "%zu", i + 1);
+            write_part(w, at, &(struct scope){json_array_get(j, i), key, scope}, true);
+        }
+    } else {
+        write_part(w, at, json_is_object(j) ? &(struct scope){j, name, scope} : scope, true);
+    }
+    return end;
+}
+
+/* Up to the end of the section that it is, or of the text; returns what follows. */
+static const char *write_part(const struct writer *w, const char *at, const struct scope *scope,
+                              bool shown)
+{
+    for (;;) {
+        const char *open = strstr(at, "{{"), *close = open ? strstr(open, "}}") : NULL;
+        bool raw = open && open[2] == '{';
+        char place[128];
+
+        if (shown)
+            fwrite(at, 1, close ? (size_t)(open - at) : strlen(at), w->to);
+        if (!close)
+            return at + strlen(at);
+        open += raw ? 3 : 2;
+        snprintf(place, sizeof place, "%.*s", (int)(close - open), open);
+        at = close + (raw ? 3 : 2);
+        if (*place == '/')
+            return at;
+        if (strchr("#^*", *place))
+            at = write_section(w, at, scope, place, shown);
+        else if (raw && shown && json_is_string(look_up(scope, place)))
+            fputs(json_string_value(look_up(scope, place)), w->to);
+        else if (shown)
+            write_place(w, scope, place);
+    }
+}
+
+void spin_template_write(FILE *to, const char *text, const spin_json *document, bool html)
+{
+    write_part(&(struct writer){to, html}, text, &(struct scope){document, "", NULL}, true);
+}
