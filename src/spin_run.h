@@ -48,74 +48,15 @@ struct spin_import_options {
     const char *const *plugin_pairs; /* see struct spin_plugin_values */
 };
 
-/* Finite values of one attribute over the frames that were read; NaN when there are none. */
-struct spin_import_range {
-    char name[24];           /* "means.x", "log_scales", "sh.dc", ... */
-    double min, median, max; /* the median is that of a sample */
-    double not_finite;       /* share of NaN and infinities, 0..1 */
-};
-
-/* The points of one frame in one view of the data set. */
-struct spin_import_camera {
-    int frame, camera;       /* frame number, camera_id */
-    double in_front, inside; /* share of the points before the camera; in its image. 0..1 */
-    char file[128];          /* the PNG, in the folder that was asked for */
-};
-
-/* A camera in the view in which it sees the fewest points of a frame. */
-struct spin_import_share {
-    int camera, frame; /* camera_id, frame number */
-    double in_front, inside;
-    bool apart; /* far fewer than other views see: it may be wrong */
-};
-
-#define SPIN_IMPORT_MAX_RANGES 12
-#define SPIN_IMPORT_MAX_CAMERAS 16
-#define SPIN_IMPORT_MAX_SHARES 256
-
-/* What a continuous method was sampled by. */
-enum spin_sampling {
-    SPIN_SAMPLED_STORED, /* nothing: it is not continuous */
-    SPIN_SAMPLED_ENDS,   /* a description: both ends of its time */
-    SPIN_SAMPLED_EVENLY, /* n_frames */
-    SPIN_SAMPLED_TIMES,  /* times */
-    SPIN_SAMPLED_DATA    /* the data set's frames */
-};
-
-struct spin_import_report {
-    char from[32], upstream[160];
-    char recognised[160]; /* how the importer was chosen */
-    char variant[128];
-    char notes[1024]; /* what was guessed, what will be lost: lines */
-    int frames;
-    int frames_read; /* for bounds and ranges */
-    bool continuous; /* the method is defined from range_first to range_last */
-    enum spin_sampling sampling;
-    double range_first, range_last;
-    unsigned static_columns;
-    struct spin_import_range range[SPIN_IMPORT_MAX_RANGES]; /* descriptions only */
-    int n_ranges;
-    struct spin_import_camera camera[SPIN_IMPORT_MAX_CAMERAS];
-    int n_cameras;                                          /* that were drawn */
-    struct spin_import_share share[SPIN_IMPORT_MAX_SHARES]; /* of every camera, to the first 256 */
-    int n_shares;
-    double median_in_front, median_inside; /* of all views */
-    size_t splats_min, splats_max;
-    double splats_mean;
-    double time_first, time_last;
-    int sh_degree; /* -1: none */
-    unsigned columns;
-    float bounds_min[3], bounds_max[3];
-    bool numbered; /* frame numbers came from the source */
-    int number_first, number_last;
-};
+/* The calls below report what they did as a JSON document, malloc'ed; its keys are those of --json, which the
+ * commands' manuals describe. Of several processes rank 0 has it. NULL: it is not wanted. */
 
 /* Import a foreign run to a bundle, or only describe it. */
-spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report);
+spin_status spin_import(const struct spin_import_options *o, char **report);
 
-/* What a bundle holds and how it was made, as lines or as JSON, malloc'ed. Of its arrays only the headers are
- * read. SPIN_E_NOT_RECOGNISED when the file is no bundle. */
-spin_status spin_bundle_describe(const char *path, bool json, char **text);
+/* What a bundle holds and how it was made. Of its arrays only the headers are read. SPIN_E_NOT_RECOGNISED when the
+ * file is no bundle. */
+spin_status spin_bundle_describe(const char *path, char **report);
 
 /* NETWORK: the method of the paper. EXPLICIT: every frame on its own, as 3DGS does it. TRACKS: as NETWORK, but
  * splats and tracks have explicit values only. */
@@ -248,7 +189,7 @@ struct spin_retrain_report {
     double loss_last; /* smoothed; of frames refined now, their mean, or NAN: there were none */
 };
 
-spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retrain_report *report);
+spin_status spin_retrain(const struct spin_retrain_options *o, char **report);
 
 enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
 
@@ -328,7 +269,7 @@ struct spin_export_options {
     const char *const *plugin_pairs;
 };
 
-spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report);
+spin_status spin_export(const struct spin_export_options *o, char **report);
 
 #ifdef __cplusplus
 }

@@ -429,3 +429,22 @@ void check_device_free(struct spin_device *d)
         spin_device_close(d);
     free(d);
 }
+
+double check_report(const char *report, const char *path)
+{
+    spin_json *j = NULL, *at;
+    char copy[128], *rest = copy, *key;
+    double value = NAN;
+
+    if (!report || spin_json_parse("report", report, strlen(report), &j) != SPIN_OK)
+        return NAN;
+    snprintf(copy, sizeof copy, "%s", path);
+    for (at = j; (key = strsep(&rest, "."));)
+        at = spin_json_is_array(at) ? spin_json_at(at, strtoul(key, NULL, 10))
+                                    : spin_json_get(at, key);
+    if (spin_json_is_array(at))
+        value = (double)spin_json_length(at);
+    spin_json_number(at, &value);
+    spin_json_free(j);
+    return value;
+}

@@ -34,6 +34,9 @@ int check_same_bits(const void *got, const void *want, size_t bytes, const char 
 double check_tolerance(const char *file, const char *key, double fallback);
 /* files.<file>.meta of the same manifest, NULL when there is none. */
 const spin_json *check_meta(const char *file);
+
+/* A number of a report, by its path: "times.0". NaN: there is none; of an array how many it has. */
+double check_report(const char *report, const char *path);
 /* A number in it, "a.b" for b in a; a test that lacks one ends here, as a failure. */
 double check_setting(const char *file, const char *path);
 /* The same, or `fallback`: for what may be missing and can be told from the arrays. */

@@ -145,8 +145,9 @@ int spin_args_report(const struct spin_args_command *command, char *json, const 
     spin_json *document = NULL;
 
     if (spin_args.json)
-        puts(json);
-    else if (template && spin_json_parse("report", json, strlen(json), &document) == SPIN_OK)
+        puts(json ? json : "null");
+    else if (template && json &&
+             spin_json_parse("report", json, strlen(json), &document) == SPIN_OK)
         spin_template_write(stdout, template, document, false);
     spin_json_free(document);
     free(json);

@@ -1,11 +1,10 @@
 /* spin-export: standard files out of a bundle. */
 #include "cmd/args.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "spin_run.h"
-#include "cmd/print.h"
+#include "io/json.h"
 
 static struct spin_export_options options = {.device = "auto"};
 static bool wants_list;
@@ -47,104 +46,39 @@ static const struct spin_args_command command = {
     .plugin_selector = "to",
 };
 
-static void list_json(void)
+static char *list_exporters(void)
 {
-    spin_print_open(NULL, '[');
-    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
-        spin_print_open(NULL, '{');
-        spin_print_string("name", (*i)->name);
-        spin_print_string("summary", (*i)->summary);
-        spin_print_bool("draws", (*i)->needs_renderer);
-        spin_print_string("plugin", spin_plugin_origin(*i));
-        spin_print_close('}');
-    }
-    spin_print_close(']');
+    spin_json *list = spin_json_array();
+    char *text;
+
+    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++)
+        spin_json_push(list,
+                       json_pack("{s:o, s:o, s:b, s:o}", "name", spin_json_text_value((*i)->name),
+                                 "summary", spin_json_text_value((*i)->summary), "draws",
+                                 (*i)->needs_renderer, "plugin",
+                                 spin_json_text_value(spin_plugin_origin(*i))));
+    return spin_json_finish(list, &text) == SPIN_OK ? text : NULL;
 }
 
-static void list_text(void)
-{
-    for (const struct spin_exporter *const *i = spin_exporter_list(); *i; i++) {
-        const char *origin = spin_plugin_origin(*i);
+/* ---- For people ------------------------------------------------------------------------------ */
 
-        printf("%-16s %s\n", (*i)->name, (*i)->summary);
-        if (origin)
-            printf("%-16s plug-in %s\n", "", origin);
-    }
-}
+static const char list_text[] = "{{#.}}{{name %-16s}} {{summary}}\n"
+                                "{{#plugin}}                 plug-in {{plugin}}\n{{/}}{{/}}";
 
-static const char *const parts[] = {"place",   "log scale", "rotation (degrees)",
-                                    "opacity", "colour",    "sh"};
-static const char *const part_keys[] = {"place",   "log_scale", "rotation_deg",
-                                        "opacity", "colour",    "sh"};
-
-static void check_json(const struct spin_export_check *c)
-{
-    if (c->frames == 0) {
-        spin_print_null("check");
-        return;
-    }
-    spin_print_open("check", '{');
-    spin_print_integer("frames", c->frames);
-    spin_print_integer("splats", (long long)c->splats);
-    spin_print_number("bounds", c->bounds);
-    for (int p = 0; p < 6; p++) {
-        spin_print_open(part_keys[p], '{');
-        spin_print_number("rms", c->rms[p]);
-        spin_print_number("largest", c->largest[p]);
-        spin_print_close('}');
-    }
-    if (c->rendered < 0)
-        spin_print_null("rendered");
-    else
-        spin_print_integer("rendered", c->rendered);
-    spin_print_number("psnr", c->psnr); /* null: infinite, or none was */
-    spin_print_close('}');
-}
-
-static void check_text(const struct spin_export_check *c)
-{
-    printf("read back: %d %s, %llu splats; boxes differ by %.3g at most\n", c->frames,
-           c->frames == 1 ? "frame" : "frames", (unsigned long long)c->splats, c->bounds);
-    for (int p = 0; p < 6; p++)
-        printf("  %-20s error %.3g rms, %.3g at most\n", parts[p], c->rms[p], c->largest[p]);
-    if (isinf(c->psnr))
-        printf("frame %d rendered from the file: the bundle's own picture\n", c->rendered);
-    else if (c->psnr > 0)
-        printf("frame %d rendered from the file: %.2f dB against the bundle's own picture\n",
-               c->rendered, c->psnr);
-}
-
-static void report_json(const struct spin_export_report *r)
-{
-    spin_print_open(NULL, '{');
-    spin_print_string("to", options.to);
-    spin_print_string("output", options.output);
-    spin_print_integer("frames", r->frames);
-    spin_print_number("splats_mean", r->splats_mean);
-    if (r->bytes)
-        spin_print_integer("bytes", (long long)r->bytes);
-    else
-        spin_print_null("bytes");
-    spin_print_integer("left_out", (long long)r->left_out);
-    check_json(&r->check);
-    spin_print_close('}');
-}
-
-static void report_text(const struct spin_export_report *r)
-{
-    char bytes[32], mean[32], frames[48], path[4096];
-
-    printf("%s: %s as %s, %s splats each", spin_print_path(options.output, path),
-           spin_print_count(r->frames, "frame", frames), options.to,
-           spin_print_mean(r->splats_mean, mean));
-    if (r->bytes)
-        printf(", %s", spin_print_bytes((double)r->bytes, bytes));
-    if (r->left_out)
-        printf(", %llu splats left out", (unsigned long long)r->left_out);
-    printf("\n");
-    if (r->check.frames > 0)
-        check_text(&r->check);
-}
+static const char text[] =
+    "{{output}}: {{frames %N frame}} as {{to}}, {{splats_mean %M}} splats each"
+    "{{#bytes}}, {{bytes %B}}{{/}}{{#left_out}}, {{left_out}} splats left out{{/}}\n"
+    "{{#check}}read back: {{frames %N frame}}, {{splats}} splats; "
+    "boxes differ by {{bounds %.3g}} at most\n"
+    "  place                error {{place.rms %.3g}} rms, {{place.largest %.3g}} at most\n"
+    "  log scale            error {{log_scale.rms %.3g}} rms, {{log_scale.largest %.3g}} at most\n"
+    "  rotation (degrees)   error {{rotation_deg.rms %.3g}} rms, {{rotation_deg.largest %.3g}} at "
+    "most\n"
+    "  opacity              error {{opacity.rms %.3g}} rms, {{opacity.largest %.3g}} at most\n"
+    "  colour               error {{colour.rms %.3g}} rms, {{colour.largest %.3g}} at most\n"
+    "  sh                   error {{sh.rms %.3g}} rms, {{sh.largest %.3g}} at most\n"
+    "{{^rendered=}}frame {{rendered}} rendered from the file: {{#psnr}}{{psnr %.2f}} dB against "
+    "{{/}}the bundle's own picture\n{{/}}{{/}}";
 
 /* The exporter of files with that ending, or NULL. */
 static const char *exporter_of(const char *output)
@@ -187,20 +121,15 @@ static int check(void)
 
 int main(int argc, char **argv)
 {
-    struct spin_export_report report = {0};
+    char *report;
     int code;
 
     if (!spin_args_parse(&command, argc, argv, &code))
         return code;
-    if (wants_list) {
-        if (spin_args.word)
-            return spin_args_misuse(&command, "--list takes no IN.spin");
-        if (spin_args.json)
-            list_json();
-        else
-            list_text();
-        return spin_args_finish(&command, SPIN_EXIT_OK);
-    }
+    if (wants_list && spin_args.word)
+        return spin_args_misuse(&command, "--list takes no IN.spin");
+    if (wants_list)
+        return spin_args_report(&command, list_exporters(), list_text);
     code = check();
     if (code != SPIN_EXIT_OK)
         return code;
@@ -211,9 +140,5 @@ int main(int argc, char **argv)
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_export(&options, &report), &code))
         return code;
-    if (spin_args.json)
-        report_json(&report);
-    else if (!spin_args.quiet)
-        report_text(&report);
-    return spin_args_finish(&command, SPIN_EXIT_OK);
+    return spin_args_report(&command, report, spin_args.quiet ? NULL : text);
 }

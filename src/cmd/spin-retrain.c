@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "spin_run.h"
-#include "cmd/print.h"
 
 static struct spin_retrain_options options;
 static struct spin_args_list test_cameras;
@@ -139,123 +138,34 @@ static const struct spin_args_command command = {
     .rows = rows,
 };
 
-/* ---- Reports --------------------------------------------------------------------------------- */
+/* ---- For people ------------------------------------------------------------------------------ */
 
-static void print_quality(const char *key, const struct spin_quality *q)
-{
-    if (!q->valid) {
-        spin_print_null(key);
-        return;
-    }
-    spin_print_open(key, '{');
-    spin_print_number("psnr", q->psnr);
-    spin_print_number("ssim", q->ssim);
-    spin_print_number("psnr_channel_mean", q->psnr_channel_mean);
-    spin_print_number("psnr_colour_fitted", q->psnr_colour_fitted);
-    spin_print_close('}');
-}
+static const char plan_text[] =
+    "device      {{device}}\npreset      {{preset}}\n"
+    "work        {{iterations %N iteration}}{{#method=frames}} on each frame{{/}}, "
+    "{{frames %N frame}}, {{splats_mean %M}} splats each\n"
+    "{{#densify_every}}densify     every {{densify_every}} iterations"
+    "{{#full}}, only to prune: --max-points leaves no room{{/}}\n{{/}}"
+    "memory      {{bytes_needed %B}} needed, {{#bytes_available}}{{bytes_available %B}}{{/}}"
+    "{{^bytes_available}}an unknown amount{{/}} available\n"
+    "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} fits{{/}}"
+    "{{^fitting}}nothing smaller was found that does{{/}}\n{{/}}"
+    "{{^ranks=1}}processes   {{ranks}}; each needs that memory, and together they send up to "
+    "{{bytes_sent %B}} a step{{#densify_every}}, more as densification adds splats{{/}}\n{{/}}"
+    "time        {{#seconds_estimated}}about {{seconds_estimated %T}}{{/}}"
+    "{{^seconds_estimated}}not known on a card{{/}}\n";
 
-static bool fits(const struct spin_retrain_report *r)
-{
-    return r->bytes_available == 0 || r->bytes_needed <= r->bytes_available;
-}
-
-static void report_json(const struct spin_retrain_report *r)
-{
-    spin_print_open(NULL, '{');
-    spin_print_string("method", options.method == SPIN_METHOD_FRAMES   ? "frames"
-                                : options.method == SPIN_METHOD_TRACKS ? "tracks"
-                                                                       : "network");
-    spin_print_string("preset", options.preset);
-    spin_print_integer("iterations", r->iterations);
-    spin_print_integer("densify_every", r->densify_every);
-    spin_print_integer("refine", options.refine);
-    spin_print_integer("frames", r->frames);
-    spin_print_number("splats_mean", r->splats_mean);
-    spin_print_string("device", r->device);
-    spin_print_number("outside_ball", r->outside_ball);
-    spin_print_integer("bytes_needed", (long long)r->bytes_needed);
-    spin_print_integer("bytes_available", (long long)r->bytes_available);
-    if (options.dry_run) {
-        spin_print_bool("dry_run", true);
-        spin_print_bool("fits", fits(r));
-        spin_print_string("fitting", r->fitting);
-        spin_print_number("seconds_estimated", r->seconds_estimated);
-        spin_print_integer("ranks", r->ranks);
-        spin_print_number("bytes_sent", r->bytes_sent);
-    } else {
-        spin_print_number("seconds", r->seconds);
-        spin_print_number("seconds_per_iteration", r->seconds_per_iteration);
-        spin_print_number("loss", r->loss_last);
-        spin_print_integer("bytes_peak", (long long)r->bytes_peak);
-        if (options.refine > 0) {
-            spin_print_number("refine_seconds", r->refine_seconds);
-            print_quality("refined", &r->refined);
-        }
-        print_quality("test", &r->test);
-        print_quality("before", &r->before);
-        spin_print_string("output", options.output);
-    }
-    spin_print_close('}');
-}
-
-static void report_plan(const struct spin_retrain_report *r)
-{
-    char needed[32], available[32], time[32], sent[32], mean[32], count[48], frames[48];
-
-    printf("device      %s\n", r->device);
-    printf("preset      %s\n", options.preset);
-    printf("work        %s%s, %s, %s splats each\n",
-           spin_print_count(r->iterations, "iteration", count),
-           options.method == SPIN_METHOD_FRAMES ? " on each frame" : "",
-           spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
-    if (r->densify_every > 0)
-        printf("densify     every %d iterations%s\n", r->densify_every,
-               options.max_points > 0 && r->splats_mean >= options.max_points
-                   ? ", only to prune: --max-points leaves no room"
-                   : "");
-    printf("memory      %s needed, %s available\n",
-           spin_print_bytes((double)r->bytes_needed, needed),
-           r->bytes_available > 0 ? spin_print_bytes((double)r->bytes_available, available)
-                                  : "an unknown amount");
-    if (!fits(r))
-        printf("            it does not fit: %s%s\n",
-               *r->fitting ? r->fitting : "nothing smaller was found that does",
-               *r->fitting ? " fits" : "");
-    if (r->ranks > 1)
-        printf("processes   %d; each needs that memory, and together they send up to %s a step%s\n",
-               r->ranks, spin_print_bytes(r->bytes_sent, sent),
-               r->densify_every > 0 ? ", more as densification adds splats" : "");
-    if (isfinite(r->seconds_estimated))
-        printf("time        about %s\n", spin_print_seconds(r->seconds_estimated, time));
-    else
-        printf("time        not known on a card\n");
-}
-
-static void print_row(const char *name, const struct spin_quality *q)
-{
-    if (q->valid)
-        printf("%-10s  %8.3f  %7.4f\n", name, q->psnr, q->ssim);
-    else
-        printf("%-10s  %8s  %7s\n", name, "-", "-");
-}
-
-static void report_text(const struct spin_retrain_report *r)
-{
-    char time[32], mean[32], count[48], frames[48], each[48] = "", path[4096];
-
-    if (isfinite(r->seconds_per_iteration))
-        snprintf(each, sizeof each, " (%.3g s each)", r->seconds_per_iteration);
-    printf("%s: %s in %s%s on %s, %s, %s splats each\n", spin_print_path(options.output, path),
-           spin_print_count(r->iterations, "iteration", count),
-           spin_print_seconds(r->seconds, time), each, r->device,
-           spin_print_count(r->frames, "frame", frames), spin_print_mean(r->splats_mean, mean));
-    printf("%-10s  %8s  %7s\n", "test views", "PSNR", "SSIM");
-    print_row("before", &r->before);
-    if (options.refine > 0 && options.method == SPIN_METHOD_NETWORK)
-        print_row("refined", &r->refined);
-    print_row("after", &r->test);
-}
+static const char text[] =
+    "{{output}}: {{iterations %N iteration}} in {{#seconds}}{{seconds %T}}{{/}}"
+    "{{^seconds}}unknown{{/}}{{#seconds_per_iteration}} ({{seconds_per_iteration %.3g}} s "
+    "each){{/}} "
+    "on {{device}}, {{frames %N frame}}, {{splats_mean %M}} splats each\n"
+    "test views      PSNR     SSIM\n"
+    "before    {{before.psnr %10.3f}}{{before.ssim %9.4f}}\n"
+    "{{#method=network}}{{#refine}}"
+    "refined   {{refined.psnr %10.3f}}{{refined.ssim %9.4f}}\n"
+    "{{/}}{{/}}"
+    "after     {{test.psnr %10.3f}}{{test.ssim %9.4f}}\n";
 
 /* ---- Options without effect ------------------------------------------------------------------- */
 
@@ -337,7 +247,7 @@ static const char *implied_preset(int argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    struct spin_retrain_report report = {0};
+    char *report;
     int code;
 
     /* First, as other options change its values. Parsing refuses a name that is none. */
@@ -361,11 +271,8 @@ int main(int argc, char **argv)
     if (!spin_args_begin(&command, &code) ||
         !spin_args_ended(&command, spin_retrain(&options, &report), &code))
         return code;
-    if (spin_args.json)
-        report_json(&report);
-    else if (options.dry_run)
-        report_plan(&report);
-    else if (!spin_args.quiet)
-        report_text(&report);
-    return spin_args_finish(&command, SPIN_EXIT_OK);
+    return spin_args_report(&command, report,
+                            options.dry_run   ? plan_text
+                            : spin_args.quiet ? NULL
+                                              : text);
 }

@@ -96,6 +96,15 @@ spin_json *spin_json_text_value(const char *text)
 
 spin_json *spin_json_number_value(double v) { return isfinite(v) ? json_real(v) : json_null(); }
 
+spin_json *spin_json_numbers(const double *v, size_t n)
+{
+    json_t *array = json_array();
+
+    for (size_t i = 0; i < n; i++)
+        json_array_append_new(array, spin_json_number_value(v[i]));
+    return array;
+}
+
 void spin_json_rename(spin_json *object, const char *from, const char *to)
 {
     size_t n = strlen(from);

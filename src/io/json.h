@@ -20,6 +20,7 @@ bool spin_json_bool(const spin_json *j, bool *out);
 
 spin_json *spin_json_text_value(const char *v); /* NULL: null; bytes that are not UTF-8: U+FFFD */
 spin_json *spin_json_number_value(double v);    /* not finite: null */
+spin_json *spin_json_numbers(const double *v, size_t n);
 
 /* Every key that begins with `from` begins with `to` instead; values stay. */
 void spin_json_rename(spin_json *object, const char *from, const char *to);

@@ -14,6 +14,8 @@ struct scope {
     const struct scope *up;
 };
 
+enum { SETTINGS_WIDTH = 80 }; /* without the indent and the last word */
+
 struct writer {
     FILE *to;
     bool html;
@@ -49,7 +51,8 @@ static bool is_there(const json_t *j)
            json_object_size(j);
 }
 
-static void write_text(const struct writer *w, const char *text)
+/* format: NULL, or printf's for a text. */
+static void write_text(const struct writer *w, const char *format, const char *text)
 {
     char *copy = w->html ? NULL : strdup(text);
 
@@ -57,7 +60,7 @@ static void write_text(const struct writer *w, const char *text)
         spin_text_html(w->to, text);
     if (copy)
         spin_text_tidy(copy, false);
-    fputs(copy ? copy : "", w->to);
+    fprintf(w->to, format ? format : "%s", copy ? copy : "");
     free(copy);
 }
 
@@ -77,17 +80,13 @@ static void write_duration(FILE *to, double seconds)
 
 static void write_number(FILE *to, const char *format, double v)
 {
-    static const char *const unit[] = {"B", "kB", "MB", "GB", "TB", "PB"};
-    char plain[16], *kind;
-    int u = 0;
+    char plain[16], bytes[32], *kind;
 
     snprintf(plain, sizeof plain, "%.*s", (int)strcspn(format, " "), format);
     kind = plain + strlen(plain) - 1;
     switch (*kind) {
     case 'B':
-        for (; v >= 1000 && u < 5; u++)
-            v /= 1000;
-        fprintf(to, u ? "%.1f %s" : "%.0f %s", v, unit[u]);
+        fputs(spin_text_bytes((uint64_t)v, bytes), to);
         break;
     case 'T':
         write_duration(to, v);
@@ -99,7 +98,8 @@ static void write_number(FILE *to, const char *format, double v)
         fprintf(to, "%.0f%s%s", v, format + 2, v == 1 ? "" : "s");
         break;
     case 'p':
-        *kind = 'f';
+    case 'P':
+        *kind = *kind == 'p' ? 'f' : 'g';
         fprintf(to, plain, 100 * v);
         break;
     case 'd':
@@ -109,6 +109,27 @@ static void write_number(FILE *to, const char *format, double v)
     default:
         fprintf(to, plain, v);
     }
+}
+
+/* An object without quotes and outer braces, in lines that break behind commas. */
+static void write_settings(FILE *to, const json_t *j)
+{
+    char *text = spin_json_text(j, false);
+    size_t column = 0;
+
+    for (const char *c = text ? text + 1 : ""; *c && c[1]; c++) {
+        if (*c == '"')
+            continue;
+        fputc(*c, to);
+        if (*c == ',' && ++column > SETTINGS_WIDTH) {
+            fprintf(to, "\n            ");
+            column = 0;
+        } else if (*c == ',' || *c == ':') {
+            fputc(' ', to);
+        }
+        column++;
+    }
+    free(text);
 }
 
 /* What stands between the braces: a name, and a format behind a blank. */
@@ -122,13 +143,11 @@ static void write_place(const struct writer *w, const struct scope *scope, char 
         *format++ = '\0';
     if (format && !strchr(format, 'N') && (less = strchr(format, ' ')))
         less++;
-    if (!strcmp(place, "@")) {
-        write_text(w, scope->key);
-        return;
-    }
     j = look_up(scope, place);
-    if (json_is_string(j))
-        write_text(w, json_string_value(j));
+    if (!strcmp(place, "@") || json_is_string(j))
+        write_text(w, format, *place == '@' ? scope->key : json_string_value(j));
+    else if (json_is_object(j))
+        write_settings(w->to, j);
     else if (json_is_number(j) || json_is_array(j))
         write_number(w->to,
                      format            ? format
@@ -142,6 +161,25 @@ static void write_place(const struct writer *w, const struct scope *scope, char 
 
 static const char *write_part(const struct writer *w, const char *at, const struct scope *scope,
                               bool shown);
+
+static void short_text(const json_t *j, char text[64])
+{
+    if (json_is_number(j))
+        snprintf(text, 64, "%.15g", json_number_value(j));
+    else
+        snprintf(text, 64, "%s", json_is_string(j) ? json_string_value(j) : "");
+}
+
+/* The same as a word, or as what the name behind @ has. */
+static bool is_same(const json_t *j, const char *word, const struct scope *scope)
+{
+    char text[64], other[64];
+
+    short_text(j, text);
+    if (*word == '@')
+        short_text(look_up(scope, word + 1), other);
+    return !strcmp(text, *word == '@' ? other : word);
+}
 
 /* A section, from behind its braces; returns what follows its end. */
 static const char *write_section(const struct writer *w, const char *at, const struct scope *scope,
@@ -157,8 +195,7 @@ static const char *write_section(const struct writer *w, const char *at, const s
     if ((word = strchr(name, '=')))
         *word++ = '\0';
     j = look_up(scope, name);
-    snprintf(key, sizeof key, "%.10g", json_number_value(j));
-    there = word ? !strcmp(json_is_string(j) ? json_string_value(j) : key, word) : is_there(j);
+    there = word ? is_same(j, word, scope) : is_there(j);
     if (!shown || there == (*place == '^'))
         return end;
     if (*place == '*') {

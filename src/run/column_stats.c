@@ -3,11 +3,9 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_run.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "scene/columns.h"
@@ -34,7 +32,6 @@ static const struct {
     {"rgb", SPIN_COL_RGB, 0, 3},
 };
 enum { N_KINDS = sizeof kinds / sizeof *kinds };
-_Static_assert(N_KINDS <= SPIN_IMPORT_MAX_RANGES, "every kind has room in the report");
 
 struct spin_series {
     float min, max;
@@ -117,23 +114,43 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-void spin_column_stats_ranges(struct spin_column_stats *d, struct spin_import_report *report)
+/* What people think in, beside what is stored. */
+static double exponential(double x) { return exp(x); }
+static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
+
+static spin_json *three(double (*function)(double), const double v[3])
 {
+    return spin_json_numbers((double[]){function(v[0]), function(v[1]), function(v[2])}, 3);
+}
+
+void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report)
+{
+    spin_json *ranges = spin_json_object();
+    bool finite = true;
+
     for (int k = 0; k < N_KINDS; k++) {
         struct spin_series *series = &d->series[k];
-        struct spin_import_range *out = &report->range[report->n_ranges];
+        double value[3] = {NAN, NAN, NAN}; /* least, median, largest */
+        spin_json *range;
 
         if (series->n == 0)
             continue;
+        finite = finite && series->n_not_finite == 0;
         qsort(series->sample, series->n_sample, sizeof(float), by_value);
-        snprintf(out->name, sizeof out->name, "%s", kinds[k].name);
-        out->not_finite = (double)series->n_not_finite / (double)series->n;
-        out->min = out->median = out->max = NAN;
         if (series->n_sample > 0) {
-            out->min = (double)series->min;
-            out->median = (double)series->sample[series->n_sample / 2];
-            out->max = (double)series->max;
+            value[0] = (double)series->min;
+            value[1] = (double)series->sample[series->n_sample / 2];
+            value[2] = (double)series->max;
         }
-        report->n_ranges++;
+        range = json_pack("{s:o, s:o, s:o, s:f}", "min", spin_json_number_value(value[0]), "median",
+                          spin_json_number_value(value[1]), "max", spin_json_number_value(value[2]),
+                          "not_finite", (double)series->n_not_finite / (double)series->n);
+        if (kinds[k].column == SPIN_COL_LOG_SCALES)
+            spin_json_set(range, "scales", three(exponential, value));
+        if (kinds[k].column == SPIN_COL_LOGIT_OPACITIES)
+            spin_json_set(range, "opacities", three(sigmoid, value));
+        spin_json_set(ranges, kinds[k].name, range);
     }
+    spin_json_set(report, "ranges", ranges);
+    spin_json_set_bool(report, "finite", finite);
 }

@@ -6,6 +6,7 @@
 
 #include "base/err.h"
 #include "spin_run.h"
+#include "run/run.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "io/file.h"
@@ -348,7 +349,7 @@ static spin_status run_export(struct export *x)
     return begin_export(x);
 }
 
-spin_status spin_export(const struct spin_export_options *o, struct spin_export_report *report)
+spin_status spin_export_clip(const struct spin_export_options *o, struct spin_export_report *report)
 {
     struct export x = {.o = o, .report = report};
     spin_status status;
@@ -368,4 +369,37 @@ spin_status spin_export(const struct spin_export_options *o, struct spin_export_
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot export '%s'", o->input);
     return status;
+}
+
+static spin_json *check_json(const struct spin_export_check *c)
+{
+    static const char *const keys[] = {"place",   "log_scale", "rotation_deg",
+                                       "opacity", "colour",    "sh"};
+    spin_json *j;
+
+    if (c->frames == 0)
+        return json_null();
+    j = json_pack("{s:i, s:I, s:o}", "frames", c->frames, "splats", (json_int_t)c->splats, "bounds",
+                  spin_json_number_value(c->bounds));
+    for (int p = 0; p < 6; p++)
+        spin_json_set(j, keys[p],
+                      json_pack("{s:o, s:o}", "rms", spin_json_number_value(c->rms[p]), "largest",
+                                spin_json_number_value(c->largest[p])));
+    spin_json_set(j, "rendered", c->rendered < 0 ? json_null() : json_integer(c->rendered));
+    spin_json_set_number(j, "psnr", c->psnr); /* null: infinite, or none was */
+    return j;
+}
+
+spin_status spin_export(const struct spin_export_options *o, char **report)
+{
+    struct spin_export_report r;
+
+    *report = NULL;
+    SPIN_TRY(spin_export_clip(o, &r));
+    return spin_json_finish(
+        json_pack("{s:o, s:o, s:i, s:f, s:o, s:I, s:o}", "to", spin_json_text_value(o->to),
+                  "output", spin_json_text_value(o->output), "frames", r.frames, "splats_mean",
+                  r.splats_mean, "bytes", r.bytes ? json_integer((json_int_t)r.bytes) : json_null(),
+                  "left_out", (json_int_t)r.left_out, "check", check_json(&r.check)),
+        report);
 }

@@ -31,12 +31,9 @@
 #define CHECKED_VIEWS 4
 /* And the worst of the cameras that see far less than the others. */
 #define CHECKED_APART 4
-_Static_assert(CHECKED_FRAMES *CHECKED_VIEWS + CHECKED_APART <= SPIN_IMPORT_MAX_CAMERAS,
-               "the report has room");
-
 struct import {
     const struct spin_import_options *o;
-    struct spin_import_report *report;
+    spin_json *report; /* what --json prints, see spin-import(1) */
     const struct spin_importer *importer;
     const char *input; /* where the run is: as it was given, or one level down */
     char *below;       /* NULL: as it was given */
@@ -53,6 +50,7 @@ struct import {
     int *rows;               /* [n_frames] row of the data set of each frame */
     int *index;              /* [n_frames] the importer's number of each frame */
     struct spin_column_stats describe;
+    float low[3], high[3]; /* bounds of the positions */
 
     /* A frame is read while the one before is written: a clip takes as long as the slower of both. */
     struct spin_pool *pool;
@@ -135,10 +133,11 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     struct spin_frame_info *all;
 
     *n = o->n_times > 0 ? o->n_times : n_evenly > 0 ? n_evenly : im->views.n_dataset_frames;
-    im->report->sampling = o->n_times > 0 ? SPIN_SAMPLED_TIMES
-                           : n_evenly > 0 ? SPIN_SAMPLED_EVENLY
-                           : *n > 0       ? SPIN_SAMPLED_DATA
-                                          : SPIN_SAMPLED_ENDS;
+    spin_json_set_string(im->report, "sampled",
+                         o->n_times > 0 ? "times"
+                         : n_evenly > 0 ? "evenly"
+                         : *n > 0       ? "data"
+                                        : "ends");
     if (*n <= 0 && o->output)
         return spin_fail(
             SPIN_E_USAGE,
@@ -244,37 +243,42 @@ static int spread(int k, int most, int n)
 
 static spin_status check_view(struct import *im, int frame, size_t view)
 {
-    struct spin_import_report *report = im->report;
-    struct spin_import_camera *out = &report->camera[report->n_cameras];
     const struct spin_view *v = &im->views.view[view];
+    int number = im->meta.frame[frame].number;
     struct spin_camera_overlay_share share = {0};
-    char *path = NULL;
+    char *path = NULL, file[128];
     spin_status status;
 
-    out->frame = im->meta.frame[frame].number;
-    out->camera = v->camera_id;
-    spin_picture_name(&im->views, view, out->frame, NULL, out->file);
-    SPIN_TRY(spin_path_join(im->o->check_cameras, out->file, &path));
+    spin_picture_name(&im->views, view, number, NULL, file);
+    SPIN_TRY(spin_path_join(im->o->check_cameras, file, &path));
     if (!im->o->force && spin_path_is_taken(path))
         status = spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);
     else
         status = spin_camera_overlay_draw(v, &im->splats, path, &share);
     free(path);
     SPIN_TRY(status);
-    out->in_front = share.in_front;
-    out->inside = share.inside;
-    report->n_cameras++;
+    spin_json_push(spin_json_get(im->report, "cameras"),
+                   json_pack("{s:i, s:i, s:f, s:f, s:o}", "frame", number, "camera", v->camera_id,
+                             "in_front", share.in_front, "inside", share.inside, "file",
+                             spin_json_text_value(file)));
     return SPIN_OK;
 }
 
-/* Where cameras and points do not belong together, few points are in the images. */
-static void judge_cameras(const struct spin_import_report *report)
+/* A number of a camera that was drawn. */
+static double of_camera(const spin_json *cameras, size_t i, const char *key)
 {
+    return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
+}
+
+/* Where cameras and points do not belong together, few points are in the images. */
+static void judge_cameras(const spin_json *cameras)
+{
+    size_t n = spin_json_length(cameras);
     double in_front = 0, inside = 0;
 
-    for (int i = 0; i < report->n_cameras; i++) {
-        in_front += report->camera[i].in_front / report->n_cameras;
-        inside += report->camera[i].inside / report->n_cameras;
+    for (size_t i = 0; i < n; i++) {
+        in_front += of_camera(cameras, i, "in_front") / (double)n;
+        inside += of_camera(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
         spin_warn(
@@ -306,31 +310,31 @@ static int frame_of_row(const struct import *im, int row)
     return frame;
 }
 
-static bool is_drawn(const struct spin_import_report *report, int number, int camera)
+static bool is_drawn(const spin_json *cameras, int number, int camera)
 {
-    for (int i = 0; i < report->n_cameras; i++) {
-        if (report->camera[i].frame == number && report->camera[i].camera == camera)
+    for (size_t i = 0; i < spin_json_length(cameras); i++)
+        if (of_camera(cameras, i, "frame") == number && of_camera(cameras, i, "camera") == camera)
             return true;
-    }
     return false;
 }
 
 /* Report every camera; name those that lie apart, and draw the first few of them. */
 static spin_status report_shares(struct import *im, const struct spin_camera_shares *shares)
 {
-    struct spin_import_report *report = im->report;
+    spin_json *list = spin_json_array();
     int n_apart = 0;
 
-    report->median_in_front = shares->in_front;
-    report->median_inside = shares->inside;
+    spin_json_set(im->report, "shares",
+                  json_pack("{s:f, s:f, s:o}", "in_front", shares->in_front, "inside",
+                            shares->inside, "cameras", list));
     for (size_t k = 0; k < shares->n; k++) {
         const struct spin_camera_share *c = &shares->camera[k];
         const struct spin_view *v = &im->views.view[c->view];
         int frame = frame_of_row(im, v->dataset_frame), number = im->meta.frame[frame].number;
 
-        if (report->n_shares < SPIN_IMPORT_MAX_SHARES)
-            report->share[report->n_shares++] =
-                (struct spin_import_share){v->camera_id, number, c->in_front, c->inside, c->apart};
+        spin_json_push(list, json_pack("{s:i, s:i, s:f, s:f, s:b}", "camera", v->camera_id, "frame",
+                                       number, "least_in_front", c->in_front, "least_inside",
+                                       c->inside, "apart", c->apart));
         if (!c->apart)
             continue;
         spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
@@ -338,7 +342,8 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
                   "pose right",
                   v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
                   100 * shares->inside);
-        if (n_apart++ >= CHECKED_APART || is_drawn(report, number, v->camera_id))
+        if (n_apart++ >= CHECKED_APART ||
+            is_drawn(spin_json_get(im->report, "cameras"), number, v->camera_id))
             continue;
         SPIN_TRY(read_points(im, frame));
         SPIN_TRY(check_view(im, frame, c->view));
@@ -356,6 +361,8 @@ static spin_status check_cameras(struct import *im)
     if (!o->check_cameras || spin_rank() > 0)
         return SPIN_OK;
     SPIN_TRY(spin_output_check_folder(o->check_cameras));
+    spin_json_set_string(im->report, "folder", o->check_cameras);
+    spin_json_set(im->report, "cameras", spin_json_array());
     for (int k = 0; k < n; k++) {
         int frame = spread(k, n, im->meta.n_frames);
         size_t view[CHECKED_VIEWS];
@@ -366,7 +373,7 @@ static spin_status check_cameras(struct import *im)
         for (size_t i = 0; i < n_views; i++)
             SPIN_TRY(check_view(im, frame, view[i]));
     }
-    judge_cameras(im->report);
+    judge_cameras(spin_json_get(im->report, "cameras"));
     status = spin_camera_shares(&im->views, im->rows, im->meta.n_frames, &im->splats, &shares);
     if (status == SPIN_OK)
         status = report_shares(im, &shares);
@@ -376,22 +383,16 @@ static spin_status check_cameras(struct import *im)
 
 /* ---- Reading ----------------------------------------------------------------------------------- */
 
-static void widen_bounds(struct spin_import_report *report, const struct spin_splats *s)
+static void widen_bounds(struct import *im, const struct spin_splats *s)
 {
-    float low[3], high[3];
-
-    memcpy(low, report->bounds_min, sizeof low);
-    memcpy(high, report->bounds_max, sizeof high);
     for (size_t i = 0; i < s->n; i++) {
         for (size_t c = 0; c < 3; c++) {
             float value = s->means[3 * i + c];
 
-            low[c] = value < low[c] ? value : low[c];
-            high[c] = value > high[c] ? value : high[c];
+            im->low[c] = value < im->low[c] ? value : im->low[c];
+            im->high[c] = value > im->high[c] ? value : im->high[c];
         }
     }
-    memcpy(report->bounds_min, low, sizeof low);
-    memcpy(report->bounds_max, high, sizeof high);
 }
 
 /* What frame() promised: the columns that were asked for, with room for n rows. */
@@ -435,7 +436,7 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
                          "says that columns are the same in both",
                          im->importer->name, out->n, i, meta->frame[0].n);
     if (columns & SPIN_COL_MEANS)
-        widen_bounds(im->report, out);
+        widen_bounds(im, out);
     return SPIN_OK;
 }
 
@@ -491,29 +492,30 @@ static spin_status describe_frame(struct import *im, int i)
 /* Rows of every frame: as the importer knows them, else of the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
-    struct spin_import_report *report = im->report;
     const struct spin_sequence_info *t = &im->sequence;
+    size_t least = SIZE_MAX, most = 0;
+    double sum = 0;
     bool known = t->counts && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
-    report->splats_min = SIZE_MAX;
     for (int k = 0; k < n; k++) {
         int i = known ? k : read[k];
         size_t count = !known          ? im->meta.frame[i].n
                        : t->continuous ? t->counts[0]
                                        : t->counts[im->index[i]];
 
-        report->splats_min = count < report->splats_min ? count : report->splats_min;
-        report->splats_max = count > report->splats_max ? count : report->splats_max;
-        report->splats_mean += (double)count;
+        least = count < least ? count : least;
+        most = count > most ? count : most;
+        sum += (double)count;
     }
-    report->splats_mean /= n;
+    spin_json_set(im->report, "splats",
+                  json_pack("{s:I, s:f, s:I}", "min", (json_int_t)least, "mean", sum / n, "max",
+                            (json_int_t)most));
 }
 
 /* An import reads every frame; a description some, as a clip may be many gigabytes. */
 static spin_status read_frames(struct import *im)
 {
-    struct spin_import_report *report = im->report;
     int n_all = im->meta.n_frames, n = n_all, *read = NULL;
     struct spin_progress progress;
     spin_status status = SPIN_OK;
@@ -521,8 +523,8 @@ static spin_status read_frames(struct import *im)
     if (!im->stores && !im->o->full && n > DESCRIBED_FRAMES)
         n = DESCRIBED_FRAMES;
     for (int c = 0; c < 3; c++) {
-        report->bounds_min[c] = FLT_MAX;
-        report->bounds_max[c] = -FLT_MAX;
+        im->low[c] = FLT_MAX;
+        im->high[c] = -FLT_MAX;
     }
     SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
     spin_progress_begin(&progress, im->stores ? "importing" : "reading", "frames", 0, n);
@@ -540,10 +542,10 @@ static spin_status read_frames(struct import *im)
         SPIN_TRY_OUT(describe_frame(im, read[k]));
         spin_progress_set(&progress, k + 1, "%zu splats", im->meta.frame[read[k]].n);
     }
-    report->frames_read = n;
+    spin_json_set_integer(im->report, "frames_read", n);
     count_splats(im, read, n);
     if (!im->stores)
-        spin_column_stats_ranges(&im->describe, report);
+        spin_column_stats_ranges(&im->describe, im->report);
 out:
     spin_progress_end(&progress);
     free(read);
@@ -555,60 +557,71 @@ out:
 /* How the importer was chosen, in words. */
 static void say_why(struct import *im)
 {
-    struct spin_import_report *report = im->report;
+    char text[160] = "";
     struct spin_peek peek;
 
     if (im->o->from) {
-        snprintf(report->recognised, sizeof report->recognised, "named by --from");
+        snprintf(text, sizeof text, "named by --from");
     } else if (im->importer->probe && spin_peek_open(im->input, &peek) == SPIN_OK) {
-        snprintf(report->recognised, sizeof report->recognised,
-                 "by %s, with a certainty of %d in 100",
+        snprintf(text, sizeof text, "by %s, with a certainty of %d in 100",
                  peek.is_folder     ? "the names in the folder and what its files begin with"
                  : *peek.tail_names ? "the names in the archive"
                                     : "its first bytes",
                  im->importer->probe(&peek));
         spin_peek_free(&peek);
     }
+    spin_json_set_string(im->report, "recognised", text);
 }
 
-/* A last note, where there is room. */
-static void hint_at_data(struct import *im)
+/* The importer's notes come as lines; a hint at a data set is the last. */
+static spin_json *notes_json(struct import *im)
 {
-    size_t used = strlen(im->report->notes);
-    char hint[600];
+    char hint[600] = "", *text[] = {im->sequence.notes, hint};
+    spin_json *notes = spin_json_array();
 
-    spin_data_hint(im->input, hint, sizeof hint);
-    if (used + strlen(hint) < sizeof im->report->notes)
-        memcpy(im->report->notes + used, hint, strlen(hint) + 1);
+    if (!im->o->data)
+        spin_data_hint(im->input, hint, sizeof hint);
+    for (int i = 0; i < 2; i++)
+        for (char *line; (line = strsep(&text[i], "\n"));) {
+            if (*line)
+                spin_json_push_string(notes, line);
+        }
+    return notes;
 }
 
 static void fill_report(struct import *im)
 {
-    struct spin_import_report *report = im->report;
+    spin_json *report = im->report;
     const struct spin_bundle_meta *meta = &im->meta;
+    const struct spin_frame_info *first = meta->frame, *last = first + meta->n_frames - 1;
+    struct spin_sequence_info *t = &im->sequence;
+    double low[3], high[3];
 
-    snprintf(report->from, sizeof report->from, "%s", im->importer->name);
-    snprintf(report->upstream, sizeof report->upstream, "%s",
-             im->importer->upstream ? im->importer->upstream : "");
-    memcpy(report->variant, im->sequence.variant, sizeof report->variant);
-    memcpy(report->notes, im->sequence.notes, sizeof report->notes);
-    if (!im->o->data)
-        hint_at_data(im);
-    spin_text_tidy(report->variant, false);
-    spin_text_tidy(report->notes, true);
-    report->frames = meta->n_frames;
-    report->continuous = im->sequence.continuous;
-    report->range_first = im->sequence.time_first;
-    report->range_last = im->sequence.time_last;
-    report->time_first = meta->frame[0].time;
-    report->time_last = meta->frame[meta->n_frames - 1].time;
-    report->sh_degree = im->sequence.columns & SPIN_COL_SH ? im->sequence.sh_degree : -1;
-    report->columns = im->sequence.columns;
-    report->static_columns = im->sequence.static_columns;
-    report->numbered = meta->numbered;
-    report->number_first = meta->frame[0].number;
-    report->number_last = meta->frame[meta->n_frames - 1].number;
+    for (int c = 0; c < 3; c++) {
+        low[c] = (double)im->low[c];
+        high[c] = (double)im->high[c];
+    }
+    spin_json_set_string(report, "variant", t->variant);
+    spin_json_set_string(report, "upstream", im->importer->upstream ? im->importer->upstream : "");
     say_why(im);
+    spin_json_set_integer(report, "frames", meta->n_frames);
+    spin_json_set(report, "times", spin_json_numbers((double[]){first->time, last->time}, 2));
+    spin_json_set_bool(report, "continuous", t->continuous);
+    if (t->continuous)
+        spin_json_set(report, "time_range",
+                      spin_json_numbers((double[]){t->time_first, t->time_last}, 2));
+    spin_json_set_bool(report, "numbered", meta->numbered);
+    spin_json_set(report, "numbers", json_pack("[i, i]", first->number, last->number));
+    spin_json_set(report, "sh_degree",
+                  t->columns & SPIN_COL_SH ? json_integer(t->sh_degree) : json_null());
+    spin_json_set(report, "attributes", spin_column_names(t->columns));
+    spin_json_set(report, "static", spin_column_names(t->static_columns));
+    spin_json_set(report, "bounds",
+                  json_pack("{s:o, s:o}", "min", spin_json_numbers(low, 3), "max",
+                            spin_json_numbers(high, 3)));
+    spin_json_set(report, "notes", notes_json(im));
+    if (im->o->output)
+        spin_json_set_string(report, "output", im->o->output);
 }
 
 static spin_status check_frame_times(const struct spin_import_options *o)
@@ -659,6 +672,7 @@ static spin_status run_import(struct import *im)
     im->input = im->below ? im->below : o->input;
     SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));
     im->values.pairs = o->plugin_pairs;
+    spin_json_set_string(im->report, "from", im->importer->name);
     SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
     SPIN_TRY(check_track(im));
     if (im->below)
@@ -694,13 +708,11 @@ static spin_status run_import(struct import *im)
     return SPIN_OK;
 }
 
-spin_status spin_import(const struct spin_import_options *o, struct spin_import_report *report)
+spin_status spin_import(const struct spin_import_options *o, char **report)
 {
-    struct import im = {.o = o, .report = report};
-    spin_status status;
+    struct import im = {.o = o, .report = spin_json_object()};
+    spin_status status = run_import(&im);
 
-    memset(report, 0, sizeof *report);
-    status = run_import(&im);
     if (im.writing)
         spin_bundle_writer_abandon(&im.writer);
     if (im.importer && im.importer->close && im.self)
@@ -716,6 +728,11 @@ spin_status spin_import(const struct spin_import_options *o, struct spin_import_
     free(im.index);
     free(im.data);
     free(im.below);
+    if (report)
+        *report = NULL;
+    if (status == SPIN_OK && report)
+        return spin_json_finish(im.report, report);
+    spin_json_free(im.report);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot import '%s'", o->input);
     return status;

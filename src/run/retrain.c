@@ -12,7 +12,9 @@
 #include "base/mem.h"
 #include "base/text.h"
 #include "io/output_lock.h"
+#include "io/json.h"
 #include "io/ranks.h"
+#include "run/run.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
 #include "train/output.h"
@@ -572,7 +574,7 @@ static void close_all(struct run *r)
     free(r->fingerprint);
 }
 
-spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retrain_report *report)
+spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report)
 {
     struct run r;
     spin_status status;
@@ -592,4 +594,59 @@ spin_status spin_retrain(const struct spin_retrain_options *o, struct spin_retra
     }
     close_all(&r);
     return status;
+}
+
+/* ---- The report ---------------------------------------------------------------------------------- */
+
+static spin_json *quality_json(const struct spin_quality *q)
+{
+    return !q->valid ? json_null()
+                     : json_pack("{s:o, s:o, s:o, s:o}", "psnr", spin_json_number_value(q->psnr),
+                                 "ssim", spin_json_number_value(q->ssim), "psnr_channel_mean",
+                                 spin_json_number_value(q->psnr_channel_mean), "psnr_colour_fitted",
+                                 spin_json_number_value(q->psnr_colour_fitted));
+}
+
+spin_status spin_retrain(const struct spin_retrain_options *o, char **report)
+{
+    static const char *const method[] = {"network", "frames", "tracks"};
+    struct spin_retrain_report r;
+    spin_json *j;
+
+    *report = NULL;
+    SPIN_TRY(spin_train(o, &r));
+    j = spin_json_object();
+    spin_json_set_string(j, "method", method[o->method]);
+    spin_json_set_string(j, "preset", o->preset);
+    spin_json_set_integer(j, "iterations", r.iterations);
+    spin_json_set_integer(j, "densify_every", r.densify_every);
+    spin_json_set_integer(j, "refine", o->refine);
+    spin_json_set_integer(j, "frames", r.frames);
+    spin_json_set_number(j, "splats_mean", r.splats_mean);
+    spin_json_set_string(j, "device", r.device);
+    spin_json_set_number(j, "outside_ball", r.outside_ball);
+    spin_json_set_integer(j, "bytes_needed", (int64_t)r.bytes_needed);
+    spin_json_set_integer(j, "bytes_available", (int64_t)r.bytes_available);
+    if (o->dry_run) {
+        spin_json_set_bool(j, "dry_run", true);
+        spin_json_set_bool(j, "full", o->max_points > 0 && r.splats_mean >= o->max_points);
+        spin_json_set_bool(j, "fits", !r.bytes_available || r.bytes_needed <= r.bytes_available);
+        spin_json_set_string(j, "fitting", r.fitting);
+        spin_json_set_number(j, "seconds_estimated", r.seconds_estimated);
+        spin_json_set_integer(j, "ranks", r.ranks);
+        spin_json_set_number(j, "bytes_sent", r.bytes_sent);
+    } else {
+        spin_json_set_number(j, "seconds", r.seconds);
+        spin_json_set_number(j, "seconds_per_iteration", r.seconds_per_iteration);
+        spin_json_set_number(j, "loss", r.loss_last);
+        spin_json_set_integer(j, "bytes_peak", (int64_t)r.bytes_peak);
+        if (o->refine > 0) {
+            spin_json_set_number(j, "refine_seconds", r.refine_seconds);
+            spin_json_set(j, "refined", quality_json(&r.refined));
+        }
+        spin_json_set(j, "test", quality_json(&r.test));
+        spin_json_set(j, "before", quality_json(&r.before));
+        spin_json_set_string(j, "output", o->output);
+    }
+    return spin_json_finish(j, report);
 }

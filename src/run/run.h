@@ -1,10 +1,13 @@
-/* Calls whose findings are structs, for who needs them to the bit. */
+/* spin_retrain(), spin_eval() and spin_export(), with the findings as they are. */
 #ifndef SPIN_RUN_RUN_H
 #define SPIN_RUN_RUN_H
 
 #include "spin_run.h"
 
-/* spin_eval() with the findings as they are. Free the report. */
+spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report);
+spin_status spin_export_clip(const struct spin_export_options *o,
+                             struct spin_export_report *report);
+/* Free the report. */
 spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report);
 
 #endif

@@ -79,16 +79,12 @@ def both(command, *args):
 # ---- How figures are written ----------------------------------------------------------------------
 
 
-def size(n, first="B", digits="%.1f", most=1000):
-    """Bytes in powers of 1000: as reports have them, or with three digits as lines on stderr have."""
+def size(n):
+    """Bytes in powers of 1000, with three digits."""
     u = 0
-    while n >= most:
+    while n >= 999.5:
         n, u = n / 1000, u + 1
-    return (digits if u or digits == "%.3g" else "%.0f") % n + " " + [first, "kB", "MB", "GB", "TB"][u]
-
-
-def size3(n):
-    return size(n, "bytes", "%.3g", 999.5)
+    return "%.3g %s" % (math.floor(n) if u == 0 else n, ["bytes", "kB", "MB", "GB", "TB"][u])
 
 
 def mean(x):
@@ -414,12 +410,12 @@ def text_bundle(j, has_table):
             if s[key]:
                 t += ["            held-out views %s: %.2f dB, SSIM %.4f" % (when, s[key]["psnr"], s[key]["ssim"])]
         t += text_options(s["options"]).split("\n")
-    line = "size        " + size3(j["bytes"]["file"])
+    line = "size        " + size(j["bytes"]["file"])
     for key, name in (("source", "source"), ("refined", "refined"), ("positions", "values of frames"),
                       ("tracks", "tracks"), ("table", "table"), ("heads", "heads")):
         if j["bytes"][key]:
-            line += ", %s %s" % (name, size3(j["bytes"][key]))
-    return t + [line + ("; unpacked " + size3(j["bytes_unpacked"]["file"]) if j["bytes_unpacked"]["file"] !=
+            line += ", %s %s" % (name, size(j["bytes"][key]))
+    return t + [line + ("; unpacked " + size(j["bytes_unpacked"]["file"]) if j["bytes_unpacked"]["file"] !=
                         j["bytes"]["file"] else "")]
 
 
@@ -944,12 +940,12 @@ def check_folder(name, fmt, frames, counts, retrained, *args):
     ok(got and got.group(1) == some(len(frames), "frame") and got.group(2) == out, fmt + ": says what it writes", told)
     if got and not got.group(3):
         of_json = 2048 * len(frames) if fmt == "gltf" else 0
-        ok(got.group(4) in [size3(written + n) for n in range(0, of_json + 1, 64)], fmt + ": and how much",
-           got.group(4), size3(written))
+        ok(got.group(4) in [size(written + n) for n in range(0, of_json + 1, 64)], fmt + ": and how much",
+           got.group(4), size(written))
     elif got:
         most, unit = got.group(4).split()
         most = float(most) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
-        ok(0.4 * most < written < 1.005 * most, fmt + ": and how much at most", got.group(4), size3(written))
+        ok(0.4 * most < written < 1.005 * most, fmt + ": and how much at most", got.group(4), size(written))
     rounds = re.search("^%s rounds values; error, rms \\(largest\\): (.*)$" % fmt, told, re.M)
     if rounds:
         pairs = re.findall(r"(position|log scale|rotation|opacity|colour|sh) ([0-9.e-]+)(?: deg)? \(([0-9.e-]+)(?: deg)?\)",

@@ -42,7 +42,7 @@ for name in plain still; do
         run "$bin/spin-import" "$work/points.csv" --size 0.05 --data "$clip" --data-from panoptic $option \
             -o "$work/$name/$columns.spin" --json
         is "$code" 0 "$name: imports $columns"
-        sed '/"static": \[\]/d; /"output"/d; /"static"/,/]/d' "$work/out" >"$work/$name/$columns.import"
+        sed '/"static"/d; /"output"/d' "$work/out" >"$work/$name/$columns.import"
         run "$bin/spin-retrain" "$work/$name/$columns.spin" -o "$work/$name/$columns.net" --preset paper \
             --iterations 4 --batch 1 --levels 2 --hash-log2 8 --hidden 16 --scale 0.5 --device cpu
         is "$code" 0 "$name: retrains $columns"

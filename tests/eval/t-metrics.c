@@ -167,7 +167,7 @@ static void write_cloud(const char *name, int number, const char *values)
 static void make_clip(void)
 {
     struct spin_import_options o = {.output = bundle, .data = data};
-    struct spin_import_report r;
+    char *r;
 
     mkdir(in("far", 0, 0), 0777);
     mkdir(in("other", 0, 0), 0777);
@@ -194,34 +194,41 @@ static void make_clip(void)
     snprintf(bundle, sizeof bundle, "%s/far.spin", folder);
     snprintf(data, sizeof data, "%s/data", folder);
     o.input = in("far", 0, 0);
-    if (!ok(spin_import(&o, &r) == SPIN_OK && r.frames == ROWS && r.number_first == FIRST,
+    if (!ok(spin_import(&o, &r) == SPIN_OK && check_report(r, "frames") == ROWS &&
+                check_report(r, "numbers.0") == FIRST,
             "a clip of three frames, numbered as the pictures"))
         printf("#   %s\n", spin_last_error());
-    ok(r.bounds_min[0] == 10000 && r.bounds_min[1] == 20000 - ROWS + 1 &&
-           r.bounds_min[2] == 30000 && r.bounds_max[0] == 10000 + ROWS - 1 &&
-           r.bounds_max[1] == 20000 && r.bounds_max[2] == 30000,
+    ok(check_report(r, "bounds.min.0") == 10000 &&
+           check_report(r, "bounds.min.1") == 20000 - ROWS + 1 &&
+           check_report(r, "bounds.min.2") == 30000 &&
+           check_report(r, "bounds.max.0") == 10000 + ROWS - 1 &&
+           check_report(r, "bounds.max.1") == 20000 && check_report(r, "bounds.max.2") == 30000,
        "the box around all of its frames");
+    free(r);
     o.input = in("other", 0, 0);
     o.force = true;
     o.output = in("other.spin", 0, 0);
-    ok(spin_import(&o, &r) == SPIN_E_USAGE, "other numbers do not meet those of the pictures");
+    ok(spin_import(&o, NULL) == SPIN_E_USAGE, "other numbers do not meet those of the pictures");
     o.pair = "order";
-    ok(spin_import(&o, &r) == SPIN_OK && r.number_first == 0, "unless paired by order");
+    ok(spin_import(&o, &r) == SPIN_OK && check_report(r, "numbers.0") == 0,
+       "unless paired by order");
+    free(r);
 }
 
 /* --check-cameras: every picture is of its own frame and camera, darkened. */
 static void check_overlays(void)
 {
     struct spin_import_options o = {.data = data};
-    struct spin_import_report r;
-    char overlays[600];
+    char overlays[600], *r;
     int good = 0;
 
     snprintf(overlays, sizeof overlays, "%s/overlays", folder);
     o.input = in("far", 0, 0);
     o.check_cameras = overlays;
-    if (!ok(spin_import(&o, &r) == SPIN_OK && r.n_cameras == ROWS * CAMERAS, "nine overlays"))
+    if (!ok(spin_import(&o, &r) == SPIN_OK && check_report(r, "cameras") == ROWS * CAMERAS,
+            "nine overlays"))
         return;
+    free(r);
     for (int row = 0; row < ROWS; row++)
         for (int k = 0; k < CAMERAS; k++) {
             uint8_t *rgb = NULL;
@@ -329,7 +336,8 @@ static void check_eval(const struct spin_eval_options *o, size_t n_views, const 
 
     for (int c = 0; c < 3; c++)
         drawn[c] = fminf(fmaxf(o->background[c], 0), 1);
-    if (!ok(spin_evaluate(o, &r) == SPIN_OK && r.n_views == n_views, "%s: %zu views", what, n_views)) {
+    if (!ok(spin_evaluate(o, &r) == SPIN_OK && r.n_views == n_views, "%s: %zu views", what,
+            n_views)) {
         printf("#   %zu, %s\n", r.n_views, spin_last_error());
         return;
     }
@@ -414,7 +422,7 @@ static void check_tints(void)
     o.batch = 1;
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.01;
-    if (!ok(spin_retrain(&o, &r) == SPIN_E_MALFORMED &&
+    if (!ok(spin_train(&o, &r) == SPIN_E_MALFORMED &&
                 strstr(spin_last_error(), "no splat is visible") &&
                 spin_npz_open(part, &state) == SPIN_OK,
             "learns colours of cameras that see nothing: %s", spin_last_error()))
@@ -431,7 +439,6 @@ static void check_tints(void)
 static void check_black(void)
 {
     struct spin_import_options import = {.data = data};
-    struct spin_import_report imported;
     struct spin_retrain_options o;
     struct spin_retrain_report r;
     struct spin_bundle b;
@@ -450,7 +457,7 @@ static void check_black(void)
     o.iterations = o.warmup = o.batch = 1;
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.01;
-    if (!ok(spin_import(&import, &imported) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK &&
+    if (!ok(spin_import(&import, NULL) == SPIN_OK && spin_train(&o, &r) == SPIN_OK &&
                 spin_bundle_open(o.output, &b) == SPIN_OK,
             "learns the exposure of cameras before a black splat"))
         return;
@@ -496,7 +503,7 @@ static void check_first_loss(void)
     o.background[0] = 0.9f;
     o.background[1] = 0.1f;
     o.background[2] = 0.6f;
-    if (!ok(spin_retrain(&o, &r) == SPIN_E_MALFORMED &&
+    if (!ok(spin_train(&o, &r) == SPIN_E_MALFORMED &&
                 strstr(spin_last_error(), "no splat is visible"),
             "one step over a background"))
         return;
@@ -522,7 +529,6 @@ static void train(void)
 {
     struct spin_import_options i = {.input = "fixtures/court-mini/params.npz",
                                     .data = "fixtures/court-mini"};
-    struct spin_import_report ir;
     struct spin_retrain_options o;
     struct spin_retrain_report r;
     struct spin_eval_options e = {.image_scale = 0.1, .device = "cpu", .n_threads = 1};
@@ -532,7 +538,7 @@ static void train(void)
     snprintf(source, sizeof source, "%s/court.spin", folder);
     snprintf(trained, sizeof trained, "%s/trained.spin", folder);
     i.output = source;
-    if (spin_import(&i, &ir) != SPIN_OK)
+    if (spin_import(&i, NULL) != SPIN_OK)
         exit(1);
     spin_retrain_preset("paper", &o);
     o.precision = SPIN_PRECISION_FULL;
@@ -547,7 +553,7 @@ static void train(void)
     o.residual = SPIN_RESIDUAL_SOURCE;
     o.hash_init_range = 0.3; /* places and times differ */
     o.background[1] = e.background[1] = 0.7f;
-    if (!ok(spin_retrain(&o, &r) == SPIN_OK, "frames refined, and a network"))
+    if (!ok(spin_train(&o, &r) == SPIN_OK, "frames refined, and a network"))
         printf("#   %s\n", spin_last_error());
     e.input = trained;
     ok(spin_evaluate(&e, &er) == SPIN_OK && er.n_views == 12 && er.trained, "measured again");
@@ -586,7 +592,7 @@ static void check_log(void)
     o.lr_table = o.lr_position = o.lr_head_factor = 0;
     e.input = output;
     e.split = SPIN_SPLIT_TRAIN;
-    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_evaluate(&e, &er) == SPIN_OK, "learns nothing"))
+    if (!ok(spin_train(&o, &r) == SPIN_OK && spin_evaluate(&e, &er) == SPIN_OK, "learns nothing"))
         return;
     f = fopen(path, "r");
     while (f && fgets(line, sizeof line, f)) {
@@ -662,7 +668,7 @@ static bool run_until_saved(const struct spin_retrain_options *o, char *part)
         alarm(120);
         if (pthread_create(&thread, NULL, cancel_once_saved, part) != 0)
             _exit(2);
-        _exit(spin_retrain(o, &r) == SPIN_E_CANCELLED ? 0 : 1);
+        _exit(spin_train(o, &r) == SPIN_E_CANCELLED ? 0 : 1);
     }
     return child > 0 && waitpid(child, &status, 0) == child && status == 0;
 }
@@ -745,7 +751,6 @@ static void check_weights(void)
 {
     struct spin_import_options i = {
         .input = "fixtures/court-mini", .data = "fixtures/court-mini", .positions_only = true};
-    struct spin_import_report ir;
     struct spin_retrain_options o;
     struct spin_retrain_report r;
     double slope[4] = {0}, without[4], scale[4], opacity[4], extent;
@@ -769,7 +774,7 @@ static void check_weights(void)
     o.init_log_scale = -3;
     o.lr_table = o.lr_position = o.lr_head_factor = 0;
     o.force = true;
-    if (!ok(spin_import(&i, &ir) == SPIN_OK && spin_retrain(&o, &r) == SPIN_OK,
+    if (!ok(spin_import(&i, NULL) == SPIN_OK && spin_train(&o, &r) == SPIN_OK,
             "what a network begins with"))
         return;
     extent = mean_slopes(output, slope);
@@ -914,10 +919,10 @@ static void check_before(void)
     snprintf(all, sizeof all, "%s/all", folder);
     snprintf(one, sizeof one, "%s/one", folder);
     o.output = all;
-    ok(spin_export(&o, &r) == SPIN_OK && r.frames == 6, "draws all frames as imported");
+    ok(spin_export_clip(&o, &r) == SPIN_OK && r.frames == 6, "draws all frames as imported");
     o.output = one;
     o.range = (struct spin_range){true, 3, 4, 1};
-    ok(spin_export(&o, &r) == SPIN_OK && r.frames == 1, "or one of them");
+    ok(spin_export_clip(&o, &r) == SPIN_OK && r.frames == 1, "or one of them");
     if (spin_image_read(in("all/cam_15_frame_%05d.png", 3, 0), NULL, &w, &h, &rgb[0]) != SPIN_OK ||
         spin_image_read(in("one/cam_15_frame_%05d.png", 3, 0), NULL, &w, &h, &rgb[1]) != SPIN_OK ||
         spin_image_read(in("all/cam_15_frame_%05d.png", 0, 0), NULL, &w, &h, &rgb[2]) != SPIN_OK)

@@ -3,6 +3,7 @@
 #include "tests/importers/expected_clouds.h"
 
 #include "spin_run.h"
+#include "run/run.h"
 #include "formats/splat.h"
 #include "io/webp.h"
 #include "io/zip.h"
@@ -273,7 +274,7 @@ static void test_written(void)
                                         .plugin_pairs = w->out_options};
         struct spin_export_report r;
 
-        if (!ok(spin_export(&o, &r) == SPIN_OK, "%s: is written", w->output)) {
+        if (!ok(spin_export_clip(&o, &r) == SPIN_OK, "%s: is written", w->output)) {
             printf("#   %s\n", spin_last_error());
             continue;
         }
@@ -293,7 +294,7 @@ static void write_frames(const char *output, const char *to, int first, int last
                                     .plugin_pairs = options};
     struct spin_export_report r;
 
-    if (spin_export(&o, &r) != SPIN_OK)
+    if (spin_export_clip(&o, &r) != SPIN_OK)
         exit(1);
 }
 

@@ -1,8 +1,9 @@
-/* What spin_export() hands to an exporter, of a clip whose numbers and times are known: names, sequence.json,
+/* What spin_export_clip() hands to an exporter, of a clip whose numbers and times are known: names, sequence.json,
  * frames a second, the splats of each frame; and that --check sees what few bits lose.
  * K: export sequence */
 #include "io/json.h"
 #include "spin_run.h"
+#include "run/run.h"
 #include "io/ply.h"
 #include "scene/bundle.h"
 #include "tests/check.h"
@@ -108,7 +109,7 @@ static void check_sequence(const char *name, struct spin_range range, int first,
     bool plys = true, entries = true;
 
     snprintf(folder, sizeof folder, "%s.%s", bundle, name);
-    if (!ok(spin_export(&o, &r) == SPIN_OK && r.frames == n, "%s: %d frames", what, n)) {
+    if (!ok(spin_export_clip(&o, &r) == SPIN_OK && r.frames == n, "%s: %d frames", what, n)) {
         printf("#   %s\n", spin_last_error());
         return;
     }
@@ -142,7 +143,7 @@ static void check_check(void)
     struct spin_export_report r;
 
     snprintf(folder, sizeof folder, "%s-spz", bundle);
-    if (!ok(spin_export(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check reads all back"))
+    if (!ok(spin_export_clip(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check reads all back"))
         return;
     near(r.check.largest[1], 0.03, 1e-4, "--check sees the error of the scales");
     near(r.check.rms[1], 0.03, 1e-4, "and its mean");
@@ -163,7 +164,7 @@ static void check_empty(bool all)
     for (int f = 0; f < FRAMES; f++)
         counts[f] = all || f == 2 ? 0 : SPLATS;
     write_named(all ? "empty" : "gap");
-    ok(spin_export(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check of empty frames");
+    ok(spin_export_clip(&o, &r) == SPIN_OK && r.check.frames == FRAMES, "--check of empty frames");
     if (all)
         ok(r.check.rendered == -1 && isnan(r.check.psnr), "no picture, and no figure of one");
     else
@@ -198,12 +199,12 @@ static void check_small(float now, size_t n, double least)
     for (int f = 0; f < FRAMES; f++)
         counts[f] = n;
     write_named(n == 1 ? "one" : now < 1 ? "small" : "large");
-    ok(spin_export(&o, &r) == SPIN_OK && isfinite(r.check.psnr) && r.check.psnr > 5,
+    ok(spin_export_clip(&o, &r) == SPIN_OK && isfinite(r.check.psnr) && r.check.psnr > 5,
        "--check sees %zu splats of size %g", n, (double)now);
     o = (struct spin_export_options){
         .input = bundle, .output = folder, .to = "images", .device = "cpu", .plugin_pairs = orbit};
     snprintf(folder, sizeof folder, "%s-orbit", bundle);
-    ok(spin_export(&o, &r) == SPIN_OK, "four pictures around it");
+    ok(spin_export_clip(&o, &r) == SPIN_OK, "four pictures around it");
     for (int p = 0; p < FRAMES; p++) {
         char path[800];
 

@@ -5,6 +5,7 @@
 
 #include "train/options.h"
 #include "spin_run.h"
+#include "run/run.h"
 #include "tests/tap.h"
 
 /* Every field in its order and by no name: a new field does not compile until its defaults stand here. */
@@ -218,7 +219,7 @@ static struct spin_retrain_options o;
 static void is_refused(bool want, const char *field)
 {
     struct spin_retrain_report report;
-    spin_status status = spin_retrain(&o, &report);
+    spin_status status = spin_train(&o, &report);
     char name[40];
 
     snprintf(name, sizeof name, "%.*s", (int)strcspn(field, "["), field);

@@ -3,6 +3,7 @@
  * K: long refine explicit retrain options */
 #include "scene/lens.h"
 #include "spin_run.h"
+#include "run/run.h"
 #include "eval/dynamic_mask.h"
 #include "render/image_store.h"
 #include "train/refine.h"
@@ -199,7 +200,7 @@ static void compare(const struct spin_retrain_options *o, const char *what)
     struct spin_clip clip;
     struct spin_bundle bundle;
 
-    if (!ok(spin_retrain(o, &r) == SPIN_OK, "%s: refines two frames", what) ||
+    if (!ok(spin_train(o, &r) == SPIN_OK, "%s: refines two frames", what) ||
         spin_bundle_open(out, &bundle) != SPIN_OK) {
         printf("#   %s\n", spin_last_error());
         return;
@@ -241,7 +242,7 @@ static void compare_colours(void)
     o.iterations = 1;
     o.hash_log2 = 10;
     o.residual = SPIN_RESIDUAL_POINTS;
-    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
+    if (!ok(spin_train(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
             "refines, then a network"))
         return;
     if (open_clip(&o, &clip)) {
@@ -280,7 +281,7 @@ static void another_key(struct spin_retrain_options o, const char *what)
     const char *key;
     bool new = true;
 
-    if (!ok(spin_retrain(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
+    if (!ok(spin_train(&o, &r) == SPIN_OK && spin_bundle_open(out, &bundle) == SPIN_OK,
             "refines with another %s", what))
         exit(tap_done());
     frames = spin_json_get(spin_json_get(bundle.json, "refined"), "frames");
@@ -299,7 +300,6 @@ static void compare_keys(void)
     struct spin_retrain_options base = explicit_options(1), o;
     struct spin_import_options i = {
         .input = clip_path, .from = "d3dgs", .data = clip_path, .positions_only = true};
-    struct spin_import_report r;
     char bare[620];
 
     base.image_scale = 0.1;
@@ -326,7 +326,7 @@ static void compare_keys(void)
     o = base, o.range.first = 1, another_key(o, "frame");
     snprintf(bare, sizeof bare, "%s.bare", in);
     i.output = bare;
-    if (!ok(spin_import(&i, &r) == SPIN_OK, "imports positions alone"))
+    if (!ok(spin_import(&i, NULL) == SPIN_OK, "imports positions alone"))
         return;
     o = base, o.input = bare, another_key(o, "input");
 }
@@ -335,13 +335,12 @@ TAP_MAIN
 {
     struct spin_import_options i = {.input = clip_path, .from = "d3dgs", .data = clip_path};
     struct spin_retrain_options o = explicit_options(136);
-    struct spin_import_report r;
 
     spin_log_set_level(-2);
     snprintf(in, sizeof in, "%s/in.spin", check_folder());
     snprintf(out, sizeof out, "%s/out.spin", check_folder());
     i.output = in;
-    if (!ok(spin_import(&i, &r) == SPIN_OK, "imports the clip"))
+    if (!ok(spin_import(&i, NULL) == SPIN_OK, "imports the clip"))
         return;
     o.seed = 5;
     o.max_points = 2950;

@@ -3,6 +3,7 @@
 
 #include "io/file.h"
 #include "spin_run.h"
+#include "run/run.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -19,7 +20,6 @@ int statvfs(const char *restrict path, struct statvfs *restrict fs)
 TAP_MAIN
 {
     struct spin_import_options in = {.from = "d3dgs"};
-    struct spin_import_report read;
     struct spin_retrain_options o;
     struct spin_retrain_report report;
     char bundle[300], output[300];
@@ -30,7 +30,7 @@ TAP_MAIN
     n_free = (uint64_t)1 << 40;
     in.input = in.data = clip;
     in.output = bundle;
-    if (!ok(clip && spin_import(&in, &read) == SPIN_OK, "imports the clip"))
+    if (!ok(clip && spin_import(&in, NULL) == SPIN_OK, "imports the clip"))
         return;
     spin_set_verbosity(-1);
     spin_retrain_preset("paper", &o);
@@ -44,13 +44,13 @@ TAP_MAIN
     o.hidden = 8;
     o.n_threads = 1;
     n_free = 4 * 3 * sizeof(float) * 2940 * 6; /* the positions, but no network */
-    ok(spin_retrain(&o, &report) == SPIN_E_IO && strstr(spin_last_error(), output) &&
+    ok(spin_train(&o, &report) == SPIN_E_IO && strstr(spin_last_error(), output) &&
            strstr(spin_last_error(), "the disk has 847 kB free"),
        "too small a disk is an error");
     ok(!spin_path_exists(output) && report.iterations == 1 && report.seconds == 0,
        "before the first step");
     n_free += 1 << 20;
-    ok(spin_retrain(&o, &report) == SPIN_OK && spin_path_exists(output), "with more it goes on");
+    ok(spin_train(&o, &report) == SPIN_OK && spin_path_exists(output), "with more it goes on");
 
     spin_retrain_preset("quick", &o); /* no table, and splats share what they have */
     o.input = bundle;
@@ -59,7 +59,7 @@ TAP_MAIN
     o.iterations = 1;
     o.force = true;
     n_free = 4 * (3 + 11) * sizeof(float) * 2940;
-    ok(spin_retrain(&o, &report) == SPIN_OK, "without a network one frame's values are enough");
+    ok(spin_train(&o, &report) == SPIN_OK, "without a network one frame's values are enough");
     n_free--;
-    ok(spin_retrain(&o, &report) == SPIN_E_IO, "and less is not");
+    ok(spin_train(&o, &report) == SPIN_E_IO, "and less is not");
 }
