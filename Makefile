@@ -206,7 +206,7 @@ $(LIB): $(LIB_O)
 	$(Q)rm -f $@ && $(AR) rcsD $@ $(LIB_O)
 
 # The shared library shows what the public headers declare, and nothing else.
-$(LIB_SO): $(LIB_O) src/spin.h src/spin_run.h
+$(LIB_SO): $(LIB_O) src/spin.h src/spin_train.h src/spin_run.h
 	$(SAY) LINK $@
 	$(Q){ echo '{ global: spin_importers; spin_exporters;'; \
 	    $(CC) $(SPIN_CPPFLAGS) -E -P src/spin_run.h | grep -o 'spin_[a-z0-9_]*(' | sort -u | tr '(' ';'; \
@@ -438,7 +438,7 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 	install -m 644 $(SHIMS) $(DESTLIB)/spin4d
 	install -m 644 $(LIB) $(LIB_SO) $(DESTLIB)
 	for link in $(filter-out $(notdir $(LIB_SO)),$(SHARED)); do ln -sf $(notdir $(LIB_SO)) $(DESTLIB)/$$link; done
-	install -m 644 src/spin.h src/spin_run.h $(DEST)/include/spin4d
+	install -m 644 src/spin.h src/spin_train.h src/spin_run.h $(DEST)/include/spin4d
 	sed -e 's|@PREFIX@|$(PREFIX)|; s|@LIBDIR@|$(LIBDIR:$(PREFIX)/%=$${prefix}/%)|' -e 's|@VERSION@|$(VERSION)|' \
 	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
 	install -d $(DESTDIR)$(PYTHONDIR)
@@ -453,7 +453,7 @@ install: all $(LIB) ## into PREFIX, libraries into LIBDIR, all of it below DESTD
 
 uninstall: ## take away what install put there, with the same PREFIX, LIBDIR, PYTHONDIR and DESTDIR
 	rm -f $(addprefix $(DEST)/,$(COMMANDS:%=bin/%) $(BASH) $(ZSH)) $(addprefix $(DESTLIB)/,$(SHARED) libspin.a pkgconfig/spin4d.pc spin4d/spin-*.so)
-	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_run.h) $(DESTDIR)$(PYTHONDIR)/spin4d.py
+	rm -f $(addprefix $(DEST)/,include/spin4d/spin.h include/spin4d/spin_train.h include/spin4d/spin_run.h) $(DESTDIR)$(PYTHONDIR)/spin4d.py
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d

@@ -429,6 +429,41 @@ spin_status spin_image_load(const char *path, int width, int height, const float
                             float *out);
 spin_status spin_image_save(const char *path, int width, int height, const float *image, bool sync);
 
+/* ---- 7. Calls and programs ------------------------------------------------------------------- */
+
+/* Half-open frame numbers A:B:STEP; {0} means all. */
+struct spin_range {
+    bool given;
+    int first, last, step;
+};
+
+enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
+
+/* Which pixels count as dynamic when an evaluation measures dynamic regions apart. */
+enum spin_dynamic_from {
+    SPIN_DYNAMIC_AUTO,   /* masks where every view has one, else the images */
+    SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
+    SPIN_DYNAMIC_IMAGES, /* pixels that differ from the median over time of their camera */
+    SPIN_DYNAMIC_OFF
+};
+
+/* For programs: catch SIGBUS, which reading from a mapped file raises when somebody cuts it short. One
+ * line that begins with `command` then names the file on stderr, what is half-written is removed, and
+ * the process ends with exit code 1. Without this call the signal ends it. */
+void spin_catch_cut_files(const char *command);
+
+/* For programs that MPI's mpirun starts as several processes, which share the work of one call of spin_run.h (rank 0 has
+ * the report). A process that was started alone is rank 0 of 1, and loads nothing. */
+/* This process's rank, as its environment says; -1: it was started alone. Good before the begin. */
+int spin_ranks_place(void);
+/* Before the call, in the thread that will make it: join the others. */
+spin_status spin_ranks_begin(void);
+/* After the call: with its status, or the failure of another rank. speaks: this process prints the report, or the
+ * error. */
+spin_status spin_ranks_end(spin_status status, bool *speaks);
+/* When all is printed. With a code that is not 0 the other processes are ended, if they do not end by themselves. */
+void spin_ranks_exit(int code);
+
 #ifdef __cplusplus
 }
 #endif

@@ -7,7 +7,7 @@
 #ifndef SPIN_EVAL_DYNAMIC_MASK_H
 #define SPIN_EVAL_DYNAMIC_MASK_H
 
-#include "spin_run.h"
+#include "spin.h"
 #include "scene/clip.h"
 
 struct spin_dynamic_mask {

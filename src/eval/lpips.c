@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_run.h"
+#include "spin.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/conv.h"

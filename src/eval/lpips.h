@@ -8,6 +8,9 @@
 
 #include "spin.h"
 
+/* LPIPS networks, and the place of each in arrays. */
+enum { SPIN_LPIPS_VGG, SPIN_LPIPS_ALEX, SPIN_N_LPIPS };
+
 enum { SPIN_LPIPS_STAGES = 5, SPIN_LPIPS_SMALLEST = 32 /* pixels on a side */ };
 
 struct spin_lpips;

@@ -2,10 +2,46 @@
 #ifndef SPIN_EVAL_METRICS_H
 #define SPIN_EVAL_METRICS_H
 
-#include "spin_run.h"
 #include "eval/lpips.h"
 #include "eval/dynamic_mask.h"
 #include "render/player.h"
+
+/* Means over views; what was not measured is NaN. */
+struct spin_quality {
+    bool valid;
+    double psnr, ssim, psnr_channel_mean;
+    double
+        psnr_colour_fitted; /* after one gain and offset a channel were fitted to the camera's photographs */
+    double psnr_dynamic,
+        psnr_static; /* in and outside the dynamic regions, of views that have both */
+    double dynamic;  /* share of the pixels */
+    double lpips[SPIN_N_LPIPS];
+};
+
+struct spin_eval_view {
+    int frame, camera;     /* the source's frame number, camera_id */
+    struct spin_quality q; /* of this view */
+};
+
+struct spin_eval_report {
+    struct spin_quality mean;
+    struct spin_eval_view *view; /* [n_views] */
+    size_t n_views;
+    int n_frames;
+    int n_bundle_frames;            /* storage is of these, whichever were measured */
+    bool trained, refined;          /* what was measured; neither: the source */
+    enum spin_dynamic_from dynamic; /* where the dynamic regions came from; OFF: nowhere */
+    uint64_t left_out;              /* splats that cannot be drawn, over all frames */
+    double seconds_decode;          /* one frame: positions and network to splats */
+    double seconds_draw;            /* one view of a decoded frame */
+    struct spin_bundle_bytes storage, unpacked;
+};
+
+void spin_eval_report_free(struct spin_eval_report *report);
+/* Means over the views of one frame, of one camera, of both or (NULL, NULL) of all. What was measured
+ * in some views only is the mean over these. valid is false when there is no such view. */
+struct spin_quality spin_eval_mean(const struct spin_eval_report *report, const int *frame,
+                                   const int *camera);
 
 struct spin_metrics {
     struct spin_player *player;

@@ -7,7 +7,7 @@
 #ifndef SPIN_IO_RANKS_H
 #define SPIN_IO_RANKS_H
 
-#include "spin_run.h"
+#include "spin.h"
 #include "io/ranks_shim.h"
 
 int spin_rank(void);

@@ -3,7 +3,7 @@
  * the process. It takes no lock, as a thread that holds one may be the one that fell. */
 #include "io/watch.h"
 
-#include "spin_run.h"
+#include "spin.h"
 
 #include <pthread.h>
 #include <signal.h>

@@ -1,12 +1,145 @@
-/* Outliers by median and median absolute deviation: up to half of the views may be wrong. */
+/* Points over images, each a square of its own colour, the nearest wins; the image behind them is darkened, so that
+ * where they do not fit a double picture shows. And outliers by median and median absolute deviation: up to half of
+ * the views may be wrong. */
 #include "run/camera_check.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "run/camera_overlay.h"
+#include "math/sh.h"
+
+#define DARKEN 0.45f
+/* One pixel, and one more on each side for every so many pixels of width. */
+#define PIXELS_PER_RADIUS 900
+
+struct canvas {
+    int width, height;
+    float *image; /* [3][h][w] */
+    float *depth; /* [h][w] of what is drawn */
+};
+
+static float clamp01(float value) { return value > 0 ? (value < 1 ? value : 1) : 0; }
+
+static void colour_of(const struct spin_splats *s, size_t i, float rgb[3])
+{
+    static const float orange[3] = {1, 0.5f, 0};
+    size_t side = (size_t)(s->sh_degree + 1);
+
+    for (int c = 0; c < 3; c++) {
+        if (s->rgb)
+            rgb[c] = clamp01(s->rgb[3 * i + (size_t)c]);
+        else if (s->sh)
+            rgb[c] = clamp01(0.5f + (float)SPIN_SH_C0 * s->sh[3 * side * side * i + (size_t)c]);
+        else
+            rgb[c] = orange[c];
+    }
+}
+
+static void square(struct canvas *canvas, int u, int v, float depth, const float rgb[3])
+{
+    int radius = canvas->width / PIXELS_PER_RADIUS;
+    size_t plane = (size_t)canvas->width * (size_t)canvas->height;
+
+    for (int y = v - radius; y <= v + radius; y++) {
+        for (int x = u - radius; x <= u + radius; x++) {
+            size_t at = (size_t)y * (size_t)canvas->width + (size_t)x;
+
+            if (x < 0 || y < 0 || x >= canvas->width || y >= canvas->height ||
+                canvas->depth[at] <= depth)
+                continue;
+            canvas->depth[at] = depth;
+            for (size_t c = 0; c < 3; c++)
+                canvas->image[c * plane + at] = rgb[c];
+        }
+    }
+}
+
+/* Every stride-th point; canvas NULL: only counted. */
+static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
+                        const struct spin_splats *s, size_t stride,
+                        struct spin_camera_overlay_share *out)
+{
+    const double *m = camera->w2c;
+    size_t n = 0, in_front = 0, inside = 0;
+
+    for (size_t i = 0; i < s->n; i += stride, n++) {
+        const float *p = s->means + 3 * i;
+        double x = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+        double y = m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7];
+        double z = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11], u, v;
+        float rgb[3];
+
+        if (!(z > 0))
+            continue;
+        in_front++;
+        u = camera->fx * x / z + camera->cx;
+        v = camera->fy * y / z + camera->cy;
+        if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))
+            continue;
+        inside++;
+        if (!canvas)
+            continue;
+        colour_of(s, i, rgb);
+        square(canvas, (int)u, (int)v, (float)z, rgb);
+    }
+    out->in_front = n ? (double)in_front / (double)n : 0;
+    out->inside = n ? (double)inside / (double)n : 0;
+}
+
+static void measure(const struct spin_camera *camera, const struct spin_splats *s, size_t most,
+                    struct spin_camera_overlay_share *out)
+{
+    draw_points(NULL, camera, s, s->n / most + 1, out);
+}
+
+spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
+                                     const char *path, struct spin_camera_overlay_share *out)
+{
+    struct canvas canvas = {.width = view->camera.width, .height = view->camera.height};
+    size_t plane = (size_t)canvas.width * (size_t)canvas.height;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), (void **)&canvas.image));
+    SPIN_TRY_OUT(spin_alloc(plane, sizeof(float), (void **)&canvas.depth));
+    SPIN_TRY_OUT(spin_image_load(view->path, canvas.width, canvas.height, NULL, canvas.image));
+    for (size_t i = 0; i < 3 * plane; i++)
+        canvas.image[i] *= DARKEN;
+    for (size_t i = 0; i < plane; i++)
+        canvas.depth[i] = FLT_MAX;
+    draw_points(&canvas, &view->camera, s, 1, out);
+    SPIN_TRY_OUT(spin_image_save(path, canvas.width, canvas.height, canvas.image, false));
+out:
+    free(canvas.image);
+    free(canvas.depth);
+    return status;
+}
+
+static size_t row_of(const struct spin_views *views, int row, size_t *first)
+{
+    size_t n = 0;
+
+    *first = 0;
+    while (*first < views->n && views->view[*first].dataset_frame < row)
+        (*first)++;
+    while (*first + n < views->n && views->view[*first + n].dataset_frame == row)
+        n++;
+    return n;
+}
+
+size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
+                                  size_t *index)
+{
+    size_t first, n = row_of(views, row, &first), chosen = n < most ? n : most;
+
+    for (size_t i = 0; i < chosen; i++)
+        index[i] = first + i * n / chosen;
+    return chosen;
+}
+
+/* ---- Cameras that lie apart -------------------------------------------------------------------- */
 
 /* Points that are looked at, evenly from all of them. */
 #define POINTS 4096
@@ -73,12 +206,12 @@ static size_t look_at(const struct spin_views *views, const int *rows, int n_row
     size_t n = 0;
 
     for (int r = 0; r < n_rows; r++) {
-        size_t first, n_views = spin_overlay_row(views, rows[r], &first);
+        size_t first, n_views = row_of(views, rows[r], &first);
 
         for (size_t v = first; v < first + n_views && n < views->n; v++) {
             struct spin_camera_overlay_share share;
 
-            spin_overlay_measure(&views->view[v].camera, s, POINTS, &share);
+            measure(&views->view[v].camera, s, POINTS, &share);
             look[n++] = (struct look){v, {share.in_front, share.inside}};
         }
     }

@@ -1,9 +1,23 @@
-/* What share of a frame's points each camera of a data set sees, and which camera sees far fewer than
- * the others: its pose or size is probably wrong, though the mean over many cameras hardly shows it. */
+/* A clip's points drawn over the images of its data set: a wrong axis or pairing is seen at once. And what share of a
+ * frame's points each camera sees, and which camera sees far fewer than the others: its pose or size is probably
+ * wrong, though the mean over many cameras hardly shows it. */
 #ifndef SPIN_RUN_CAMERA_CHECK_H
 #define SPIN_RUN_CAMERA_CHECK_H
 
 #include "scene/dataset.h"
+
+struct spin_camera_overlay_share {
+    double in_front, inside; /* of the points: before the camera; in the image, too. 0..1 */
+};
+
+/* Draw the points of a frame (means; colours when there are rgb or sh) over the view's image, darkened,
+ * into a PNG of that name. */
+spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct spin_splats *s,
+                                     const char *path, struct spin_camera_overlay_share *out);
+
+/* At most `most` of the views of one row, evenly from all of them: indices into views->view. Returns how many. */
+size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
+                                  size_t *index);
 
 /* One camera, in the view in which it sees the fewest. */
 struct spin_camera_share {

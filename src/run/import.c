@@ -16,7 +16,6 @@
 #include "scene/clip.h"
 #include "run/column_stats.h"
 #include "run/data_hint.h"
-#include "run/camera_overlay.h"
 #include "run/import_frames.h"
 #include "run/share_splats.h"
 #include "io/output_lock.h"

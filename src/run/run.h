@@ -3,6 +3,7 @@
 #define SPIN_RUN_RUN_H
 
 #include "spin_run.h"
+#include "train/plan.h"
 
 spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report);
 spin_status spin_export_clip(const struct spin_export_options *o,

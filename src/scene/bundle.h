@@ -14,7 +14,7 @@
 #ifndef SPIN_SCENE_BUNDLE_H
 #define SPIN_SCENE_BUNDLE_H
 
-#include "spin_run.h"
+#include "spin.h"
 #include "io/npy.h"
 #include "scene/bundle_meta.h"
 #include "scene/bundle_pack.h"
@@ -39,7 +39,17 @@ struct spin_bundle {
     struct spin_bundle_refined refined;
     size_t *trained_n; /* [frames] splats of the network's frames where these are others; or NULL */
     struct spin_bundle_keys keys; /* of packed series */
-    bool told_not_finite; /* a warning said how many splats cannot be drawn */
+    bool told_not_finite;         /* a warning said how many splats cannot be drawn */
+};
+
+/* Bytes of a bundle, by what they are for: as they lie in the file, or unpacked. */
+struct spin_bundle_bytes {
+    uint64_t file;         /* the whole file */
+    uint64_t source;       /* as imported, positions and attributes */
+    uint64_t refined;      /* frames refined on their own */
+    uint64_t positions;    /* retrained positions and residual values, frame by frame */
+    uint64_t tracks;       /* values that frames share, and which splat has which */
+    uint64_t table, heads; /* of the network */
 };
 
 /* Whether a file is a zip with a meta.json, as bundles are and what importers read is not. */

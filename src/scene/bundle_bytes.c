@@ -3,7 +3,7 @@
 
 #include "scene/bundle.h"
 
-#include "spin_run.h"
+#include "spin.h"
 
 static bool begins(const char *text, const char *with)
 {

@@ -3,7 +3,7 @@
 #ifndef SPIN_SCENE_CLIP_H
 #define SPIN_SCENE_CLIP_H
 
-#include "spin_run.h"
+#include "spin.h"
 #include "scene/bundle.h"
 #include "scene/dataset.h"
 #include "scene/image_cache.h"

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "spin_run.h"
+#include "spin_train.h"
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"

@@ -74,7 +74,7 @@ struct row {
      {{network}, {refinement}}},
 
 static const struct row rows[] = {
-#include "spin_run.h"
+#include "spin_train.h"
 #include "train/options.def"
 };
 static const struct row *const end = rows + sizeof rows / sizeof *rows;

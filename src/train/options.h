@@ -2,7 +2,7 @@
 #ifndef SPIN_TRAIN_OPTIONS_H
 #define SPIN_TRAIN_OPTIONS_H
 
-#include "spin_run.h"
+#include "spin_train.h"
 #include "io/json.h"
 
 /* Every option lies within its limits; else SPIN_E_USAGE, which names the first that does not. */

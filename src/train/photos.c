@@ -3,7 +3,7 @@
 
 #include <stdlib.h>
 
-#include "spin_run.h"
+#include "spin_train.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "io/image.h"

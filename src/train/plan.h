@@ -3,10 +3,33 @@
 #ifndef SPIN_TRAIN_PLAN_H
 #define SPIN_TRAIN_PLAN_H
 
-#include "spin_run.h"
+#include "spin_train.h"
+#include "eval/metrics.h"
 #include "device/device.h"
 #include "model/field.h"
 #include "scene/lens.h"
+
+struct spin_retrain_report {
+    struct spin_retrain_options
+        options; /* as given, with the numbers that were chosen for the clip */
+    int iterations;
+    int densify_every; /* iterations between densifications of the clip; 0: none */
+    double seconds,
+        seconds_per_iteration; /* NAN: no frame was left to refine, and nothing else done */
+    int frames;
+    double splats_mean;
+    char device[64];
+    struct spin_quality before, refined, test;
+    double refine_seconds;                /* part of seconds */
+    double outside_ball;                  /* share of points outside the unit ball at the encoder */
+    size_t bytes_needed, bytes_available; /* available 0: it is not known */
+    char fitting[96];  /* options that would fit, when these do not; empty: none were found */
+    size_t bytes_peak; /* of this process, when the work is done */
+    double seconds_estimated; /* dry run */
+    int ranks;                /* processes that share the work */
+    double bytes_sent;        /* dry run: by all of them in a step, at most */
+    double loss_last; /* smoothed; of frames refined now, their mean, or NAN: there were none */
+};
 
 struct spin_plan {
     struct spin_retrain_options

@@ -2,7 +2,7 @@
 #ifndef SPIN_TRAIN_TEST_VIEWS_H
 #define SPIN_TRAIN_TEST_VIEWS_H
 
-#include "spin_run.h"
+#include "spin_train.h"
 #include "eval/metrics.h"
 #include "train/photos.h"
 

@@ -30,7 +30,7 @@ for path in $(find src importers exporters -name '*.h' | sort); do
     esac
     try "$CC -std=gnu11 -x c -DSPIN_CPU_PATH=base"
     case $header in
-    spin.h | spin_run.h) try "$CXX -std=c++17 -x c++" ;;
+    spin.h | spin_train.h | spin_run.h) try "$CXX -std=c++17 -x c++" ;;
     math/*)
         try "$CXX -std=c++17 -x c++"
         try "$CXX -std=c++17 -x c++ $nvcc -Wno-unused-function"

@@ -15,28 +15,30 @@
 #     base                 -> spin.h base
 #     math                 -> math
 #
-# spin.h includes nothing of ours; spin_run.h goes with it for cmd, run, train, eval, render, scene and io. Tests may include anything of ours.
+# spin.h includes nothing of ours; spin_train.h goes with it for train and run, spin_run.h for run and cmd alone. Tests
+# may include anything of ours.
 
 # file, pattern of what it may include of ours
 ours() {
     case $1 in
     src/spin.h) echo '^$' ;;
-    src/spin_run.h) echo '^spin\.h$' ;;
+    src/spin_train.h) echo '^spin\.h$' ;;
+    src/spin_run.h) echo '^spin_train\.h$' ;;
     src/cmd/*) echo '^(spin(_run)?\.h|base/text\.h|io/(json|template)\.h|cmd/.*|train/options\.def)$' ;;
     importers/*) echo '^(spin\.h|(formats|io|math|base|importers)/.*)$' ;;
     exporters/*) echo '^(spin\.h|(formats|io|math|base|exporters)/.*)$' ;;
     src/run/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|io|math|base|run)/.*)$' ;;
-    src/train/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|io|math|base|train)/.*)$' ;;
-    src/eval/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(render|model|scene|io|math|base|eval)/.*)$' ;;
-    src/render/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(model|scene|io|math|base|render)/.*)$' ;;
+    src/train/*) echo '^(spin(_train)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|io|math|base|train)/.*)$' ;;
+    src/eval/*) echo '^(spin\.h|device/[a-z_]+\.h|(render|model|scene|io|math|base|eval)/.*)$' ;;
+    src/render/*) echo '^(spin\.h|device/[a-z_]+\.h|(model|scene|io|math|base|render)/.*)$' ;;
     src/model/*) echo '^(spin\.h|device/[a-z_]+\.h|(io|math|base|model)/.*)$' ;;
     src/formats/*) echo '^(spin\.h|(io|math|base|formats)/.*)$' ;;
-    src/scene/*) echo '^(spin(_run)?\.h|(io|base|scene)/.*)$' ;;
+    src/scene/*) echo '^(spin\.h|(io|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
     src/device/cpu/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cpu/.*|(math|base)/.*)$' ;;
     src/device/cuda/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cuda/.*|(math|base)/.*)$' ;;
     src/device/*.h) echo '^(spin\.h|device/device\.h|(math|base)/.*)$' ;;
-    src/io/*) echo '^(spin(_run)?\.h|(base|io)/.*)$' ;;
+    src/io/*) echo '^(spin\.h|(base|io)/.*)$' ;;
     src/base/*) echo '^(spin\.h|base/.*)$' ;;
     src/math/*) echo '^math/.*$' ;;
     *) echo '.' ;;

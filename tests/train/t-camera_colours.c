@@ -2,6 +2,7 @@
  * which all is known. One camera has white where the wall is bright, one is dark in red, one sees a plate that hides the
  * wall from it alone, one sees the wall's edge only.
  * K: lens falloff exposure */
+#include "spin_run.h"
 #include "train/camera_colours.h"
 
 #include <math.h>

@@ -2,8 +2,7 @@
 #ifndef SPIN_EVAL_REPORT_MOTION_CROPS_H
 #define SPIN_EVAL_REPORT_MOTION_CROPS_H
 
-#include "spin_run.h"
-#include "scene/clip.h"
+#include "eval/metrics.h"
 
 struct spin_crop {
     size_t pair;              /* index into the pairs */

@@ -254,7 +254,7 @@ static spin_status draw_pair(struct pictures *p, size_t i)
         if (!player[k])
             continue;
         SPIN_TRY(spin_player_show(player[k], p->r->clip->frame[pair->frame]));
-        SPIN_TRY(spin_player_draw(player[k], c, p->r->options->background, p->picture[k + 1]));
+        SPIN_TRY(spin_player_draw(player[k], c, p->r->background, p->picture[k + 1]));
     }
     for (size_t k = 0; k < 3 * (size_t)c->width * (size_t)c->height; k++)
         p->picture[3][k] = GAIN * fabsf(fminf(fmaxf(p->picture[2][k], 0), 1) - p->picture[0][k]);
@@ -374,8 +374,8 @@ static void add_storage(spin_json *page, const spin_json *after)
 static spin_status fill_page(const struct spin_report *r, spin_json *page)
 {
     static const char *const split[] = {"test ", "training ", " "};
-    const spin_json *report[2] = {spin_eval_json(r->after, r->options->split),
-                                  r->before ? spin_eval_json(r->before, r->options->split) : NULL};
+    const spin_json *report[2] = {spin_eval_json(r->after, r->split),
+                                  r->before ? spin_eval_json(r->before, r->split) : NULL};
     spin_json *trained = spin_json_get(r->clip->bundle.json, "trained");
     char *settings = spin_json_text(spin_json_get(trained, "options"), true);
 
@@ -383,9 +383,9 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
     if (report[1])
         spin_json_set(page, "before", (spin_json *)(uintptr_t)report[1]);
     spin_json_set_string(page, "version", SPIN_VERSION);
-    spin_json_set_string(page, "name", spin_path_name(r->options->input));
+    spin_json_set_string(page, "name", spin_path_name(r->input));
     spin_json_set_string(page, "variant", r->clip->bundle.meta.variant);
-    spin_json_set_string(page, "split", split[r->options->split]);
+    spin_json_set_string(page, "split", split[r->split]);
     if (r->after->trained && settings) {
         json_object_set(page, "trained", trained);
         spin_json_set_string(page, "settings", settings);

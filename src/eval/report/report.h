@@ -2,14 +2,15 @@
 #ifndef SPIN_EVAL_REPORT_REPORT_H
 #define SPIN_EVAL_REPORT_REPORT_H
 
-#include "spin_run.h"
+#include "eval/metrics.h"
 #include "io/json.h"
-#include "render/player.h"
 
 struct spin_report {
     const char *path, *log; /* the page; what spin-retrain --log wrote, or NULL */
     bool force;
-    const struct spin_eval_options *options;
+    const char *input; /* the bundle, as it was given */
+    enum spin_split split;
+    const float *background; /* [3] */
     const struct spin_clip *clip;
     struct spin_image_cache *pixels;
     const struct spin_pair *pairs; /* [n_views] of what was measured */
