@@ -56,7 +56,7 @@ has_numpy() { "$1" -c 'import numpy' 2>/dev/null; }
 # What only tests need: without it some are skipped.
 missing_for_tests() {
     for pair in libavformat-dev:libavformat/avformat.h libavcodec-dev:libavcodec/avcodec.h \
-        libswscale-dev:libswscale/swscale.h libdnnl-dev:oneapi/dnnl/dnnl.hpp; do
+        libswscale-dev:libswscale/swscale.h; do
         has_header "${pair#*:}" || echo "${pair%%:*}"
     done
     has_numpy python3 || has_numpy /usr/bin/python3 || echo python3-numpy
@@ -83,13 +83,6 @@ report() {
         printf '%-12s %s\n' "$tool:" "$found"
     done
     lacking=" $(missing_headers) "
-    if printf '#include <oneapi/dnnl/dnnl_version.h>\n' | "$CXX" -E -x c++ - >/dev/null 2>&1; then
-        found=$(version_of oneapi/dnnl/dnnl_version.h \
-            'DNNL_VERSION_MAJOR.DNNL_VERSION_MINOR.DNNL_VERSION_PATCH')
-    else
-        found='not found: package libdnnl-dev, if LPIPS is to be measured; all else does without'
-    fi
-    printf '%-12s %s\n' oneDNN: "$found"
     while read -r name package header macro; do
         case $lacking in
         *" $package "*) found="not found: package $package" ;;

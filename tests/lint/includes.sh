@@ -52,7 +52,6 @@ foreign() {
     src/io/json.c) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
     src/io/gltf_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
-    src/io/conv_dnnl.cpp) echo '^(oneapi/dnnl/dnnl\.hpp|omp\.h|[a-z_]+)$' ;;
     src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
     src/io/ranks_mpi.c) echo '^mpi\.h$' ;;
     src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;
