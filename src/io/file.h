@@ -22,6 +22,16 @@ spin_status spin_map_check(const struct spin_map *map);
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 /* The same of bytes that are known to lie in a map. */
 void spin_map_rest(const void *bytes, size_t n);
+/* The checksum of zip and gzip: of all the bytes so far, from that of those before (0: none). */
+uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
+
+/* What a file is told by: its bytes, not its name or time. */
+struct spin_imprint {
+    uint64_t size;
+    uint32_t crc; /* of all bytes */
+};
+struct spin_imprint spin_map_imprint(const struct spin_map *map);
+
 /* At most the first n bytes of a file, n_out of them. Errors as of spin_map_open(). */
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 

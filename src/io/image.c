@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "io/file.h"
 #include "io/image_shim.h"
 #include "base/shim.h"
 #include "io/video.h"
@@ -160,7 +159,7 @@ static spin_status inspect(const char *path, bool whole, const char **format,
                       : strcmp(*format, "png") == 0 ? png_ends(&map)
                                                     : map.size > 0);
     if (imprint)
-        *imprint = (struct spin_imprint){map.size, spin_crc32(0, map.data, map.size)};
+        *imprint = spin_map_imprint(&map);
     spin_map_close(&map);
     if (!ends)
         return spin_fail(SPIN_E_MALFORMED, "cannot read image '%s': the file is cut short", path);

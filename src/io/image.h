@@ -4,8 +4,7 @@
 #ifndef SPIN_IO_IMAGE_H
 #define SPIN_IO_IMAGE_H
 
-#include "io/crc.h"
-#include "spin.h"
+#include "io/file.h"
 
 /* Wherever a path is taken, it may also name a frame of a video, as io/video.h has it. */
 

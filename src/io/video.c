@@ -11,7 +11,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/file.h"
 #include "base/shim.h"
 #include "io/video_shim.h"
 
@@ -243,7 +242,7 @@ static spin_status take_imprint(const char *file, struct spin_imprint *out)
     SPIN_TRY(find_video(file, &v));
     if (v->imprint.size == 0) {
         SPIN_TRY(spin_map_open(file, &map));
-        v->imprint = (struct spin_imprint){map.size, spin_crc32(0, map.data, map.size)};
+        v->imprint = spin_map_imprint(&map);
         spin_map_close(&map);
     }
     *out = v->imprint;

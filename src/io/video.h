@@ -13,8 +13,7 @@
 #ifndef SPIN_IO_VIDEO_H
 #define SPIN_IO_VIDEO_H
 
-#include "io/crc.h"
-#include "spin.h"
+#include "io/file.h"
 
 /* "cam00.mp4#12": length of the file's name and the number. Only .mp4, .mov, .m4v, .mkv and .webm;
  * .avi, whose frames have no times, is known by name to be refused by name. */

@@ -8,7 +8,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/crc.h"
 #include "io/zip_format.h"
 
 enum {

@@ -10,7 +10,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/crc.h"
 #include "scene/bundle_meta.h"
 
 /* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
@@ -288,7 +287,7 @@ uint32_t spin_bundle_values_crc(const struct spin_bundle_values *v)
     const size_t most = sizeof piece / sizeof *piece;
 
     if (v->n_planes == 0 && v->n_key == 0)
-        return spin_crc32_whole(v->bytes, 4 * (size_t)v->count);
+        return spin_crc32(0, v->bytes, 4 * (size_t)v->count);
     for (uint64_t first = 0; first < v->count; first += most) {
         size_t n = v->count - first < most ? (size_t)(v->count - first) : most;
 

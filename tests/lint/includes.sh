@@ -46,8 +46,7 @@ ours() {
 # file, pattern of what it may include besides libc and POSIX
 foreign() {
     case $1 in
-    src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
-    src/io/crc.c) echo '^(zlib|immintrin)\.h$' ;;
+    src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
     src/io/json.c) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
