@@ -3,7 +3,7 @@
 #ifndef SPIN_IMPORTERS_LIB_HUFFMAN_H
 #define SPIN_IMPORTERS_LIB_HUFFMAN_H
 
-#include "io/pickle_value.h"
+#include "io/pickle.h"
 
 struct huffman_node {
     uint32_t child[2]; /* 0: none */

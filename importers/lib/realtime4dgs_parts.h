@@ -2,7 +2,7 @@
 #ifndef SPIN_IMPORTERS_LIB_REALTIME4DGS_PARTS_H
 #define SPIN_IMPORTERS_LIB_REALTIME4DGS_PARTS_H
 
-#include "io/pickle_value.h"
+#include "io/pickle.h"
 
 /* NULL: not there. */
 struct realtime4dgs_parts {

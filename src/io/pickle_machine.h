@@ -1,10 +1,9 @@
 /* Inside of the pickle machine: its stack, memo and storages, plain values and containers. pickle_types.c
- * knows the whitelisted globals and makes tensors and arrays of them, pickle_run.c runs the opcodes,
- * pickle_legacy.c reads the stream of torch before 1.6; pickle.c puts them together. */
+ * knows the whitelisted globals and makes tensors and arrays of them, pickle.c runs the opcodes. */
 #ifndef SPIN_IO_PICKLE_MACHINE_H
 #define SPIN_IO_PICKLE_MACHINE_H
 
-#include "io/pickle_value.h"
+#include "io/pickle.h"
 
 /* Values may take this much beyond the bytes of the input. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
@@ -41,8 +40,6 @@ struct spin_pickle_machine {
     size_t n_storages, storage_capacity;
     size_t n_ops;
     int level; /* 1: inside _load_from_bytes */
-    /* torch.storage._load_from_bytes: a whole legacy stream in a bytes object, pushed as one storage */
-    spin_status (*load_from_bytes)(struct spin_pickle_machine *m, const struct spin_value *args);
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -97,5 +94,19 @@ spin_status spin_pickle_append(struct spin_pickle_machine *m, struct spin_value 
                                struct spin_value *const *from, size_t n);
 spin_status spin_pickle_append_items(struct spin_pickle_machine *m, size_t at);
 spin_status spin_pickle_set_items(struct spin_pickle_machine *m, size_t at);
+
+/* pickle_types.c: what the opcodes make of globals; each takes its arguments from the stack or the input. */
+spin_status spin_pickle_op_global(struct spin_pickle_machine *m);
+spin_status spin_pickle_op_stack_global(struct spin_pickle_machine *m);
+spin_status spin_pickle_op_persistent_id(struct spin_pickle_machine *m);
+spin_status spin_pickle_op_reduce(struct spin_pickle_machine *m);
+spin_status spin_pickle_op_newobj(struct spin_pickle_machine *m);
+spin_status spin_pickle_op_build(struct spin_pickle_machine *m);
+/* The key of a storage: up to 20 digits. */
+bool spin_pickle_is_key(const struct spin_value *v);
+
+/* pickle.c: torch.storage._load_from_bytes, a whole legacy stream in a bytes object, pushed as one storage. */
+spin_status spin_pickle_load_from_bytes(struct spin_pickle_machine *m,
+                                        const struct spin_value *args);
 
 #endif

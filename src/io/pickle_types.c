@@ -1,6 +1,6 @@
 /* The globals that a pickle may name, and what REDUCE, NEWOBJ and BUILD make of them: tensors, numpy
  * arrays, dicts, plain objects. Every other name is refused. */
-#include "io/pickle_types.h"
+#include "io/pickle_machine.h"
 
 #include <limits.h>
 #include <string.h>
@@ -529,7 +529,7 @@ static spin_status call(struct spin_pickle_machine *m, struct spin_value *of,
     case G_ENCODE:
         return make_encoded(m, args);
     case G_LOAD_FROM_BYTES:
-        return m->load_from_bytes(m, args);
+        return spin_pickle_load_from_bytes(m, args);
     case G_OBJECT:
         if (args->n == 0)
             return make_instance(m, of);

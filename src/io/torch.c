@@ -12,7 +12,6 @@
 
 #include "base/err.h"
 #include "base/log.h"
-#include "io/pickle_legacy.h"
 #include "io/zip.h"
 
 /* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes. */
