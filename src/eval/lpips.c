@@ -67,18 +67,9 @@ struct spin_lpips {
 
 static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
 {
-    struct spin_array tensor;
     const struct spin_value *v = spin_value_get(t->root, key);
 
-    if (!v || v->kind != SPIN_VALUE_TENSOR)
-        return false;
-    tensor = v->tensor;
-    if (tensor.n_dims != n_dims)
-        return false;
-    for (int d = 0; d < n_dims; d++)
-        if (tensor.shape[d] != (uint64_t)shape[d])
-            return false;
-    return true;
+    return v && v->kind == SPIN_VALUE_TENSOR && spin_array_has_shape(&v->tensor, n_dims, shape);
 }
 
 /* The network whose convolutions these are, -1: none that we know. */

@@ -16,7 +16,8 @@ struct spin_npz {
     struct spin_zip zip;
     void **owned; /* inflated members */
     size_t n_owned;
-    const char *prefix, *prefix_there; /* keys that begin with the first lie under the second; or NULL */
+    const char *prefix,
+        *prefix_there; /* keys that begin with the first lie under the second; or NULL */
 };
 spin_status spin_npz_open(const char *path, struct spin_npz *out);
 void spin_npz_close(struct spin_npz *npz);

@@ -99,12 +99,8 @@ spin_status spin_pickle_room_for(struct spin_pickle_machine *m, void **array, si
 
 spin_status spin_pickle_push(struct spin_pickle_machine *m, struct spin_value *v)
 {
-    void *array = m->stack;
-    spin_status status =
-        spin_pickle_room_for(m, &array, m->n_stack, &m->stack_capacity, sizeof *m->stack);
-
-    m->stack = array;
-    SPIN_TRY(status);
+    SPIN_TRY(spin_pickle_room_for(m, (void **)&m->stack, m->n_stack, &m->stack_capacity,
+                                  sizeof *m->stack));
     m->stack[m->n_stack++] = v;
     return SPIN_OK;
 }
@@ -119,12 +115,8 @@ spin_status spin_pickle_need(const struct spin_pickle_machine *m, size_t n)
 
 spin_status spin_pickle_push_mark(struct spin_pickle_machine *m)
 {
-    void *array = m->mark;
-    spin_status status =
-        spin_pickle_room_for(m, &array, m->n_marks, &m->mark_capacity, sizeof *m->mark);
-
-    m->mark = array;
-    SPIN_TRY(status);
+    SPIN_TRY(
+        spin_pickle_room_for(m, (void **)&m->mark, m->n_marks, &m->mark_capacity, sizeof *m->mark));
     m->mark[m->n_marks++] = m->n_stack;
     return SPIN_OK;
 }
@@ -143,12 +135,8 @@ spin_status spin_pickle_put_memo(struct spin_pickle_machine *m, uint64_t slot)
     if (slot > m->n_ops)
         return spin_pickle_bad(m, "a memo slot far beyond those used so far");
     while (m->n_memo <= slot) {
-        void *array = m->memo;
-        spin_status status =
-            spin_pickle_room_for(m, &array, m->n_memo, &m->memo_capacity, sizeof *m->memo);
-
-        m->memo = array;
-        SPIN_TRY(status);
+        SPIN_TRY(spin_pickle_room_for(m, (void **)&m->memo, m->n_memo, &m->memo_capacity,
+                                      sizeof *m->memo));
         m->memo[m->n_memo++] = NULL;
     }
     m->memo[slot] = m->stack[m->n_stack - 1];

@@ -205,8 +205,6 @@ spin_status spin_pickle_op_persistent_id(struct spin_pickle_machine *m)
     struct spin_value *id;
     struct spin_storage *row;
     struct spin_pickle_node *node;
-    void *array = m->storage;
-    spin_status status;
     uint64_t count, bytes;
     int type;
 
@@ -223,10 +221,8 @@ spin_status spin_pickle_op_persistent_id(struct spin_pickle_machine *m)
     if (!count_of(id->item[4], &count) ||
         __builtin_mul_overflow(count, (uint64_t)globals[type].item_size, &bytes))
         return spin_pickle_bad(m, "a storage with an impossible count");
-    status =
-        spin_pickle_room_for(m, &array, m->n_storages, &m->storage_capacity, sizeof *m->storage);
-    m->storage = array;
-    SPIN_TRY(status);
+    SPIN_TRY(spin_pickle_room_for(m, (void **)&m->storage, m->n_storages, &m->storage_capacity,
+                                  sizeof *m->storage));
     row = &m->storage[m->n_storages++];
     *row = (struct spin_storage){.key = id->item[2]->text,
                                  .kind = globals[type].kind,
@@ -305,27 +301,21 @@ static spin_status make_tensor(struct spin_pickle_machine *m, const struct spin_
 /* dtype(code, align, copy): the byte order comes with BUILD. */
 static spin_status make_dtype(struct spin_pickle_machine *m, const struct spin_value *args)
 {
-    static const struct {
-        char kind;
-        const char *sizes;
-    } known[] = {{'f', "248"}, {'i', "1248"}, {'u', "1248"}, {'b', "1"}};
     const char *code = args->n > 0 ? spin_value_text(args->item[0]) : NULL;
+    struct spin_array type = {0};
     struct spin_pickle_node *node;
     char name[100];
 
     if (!code)
         return spin_pickle_bad(m, "a numpy dtype without a name");
-    for (size_t i = 0; i < sizeof known / sizeof *known && strlen(code) == 2; i++) {
-        if (code[0] != known[i].kind || !strchr(known[i].sizes, code[1]))
-            continue;
-        SPIN_TRY(spin_pickle_new_node(m, SPIN_VALUE_OBJECT, DTYPE, &node));
-        node->v.text = "numpy.dtype";
-        node->v.tensor.kind = code[0];
-        node->v.tensor.item_size = code[1] - '0';
-        return spin_pickle_push(m, &node->v);
-    }
-    return spin_fail(SPIN_E_UNSUPPORTED, "cannot read '%s': numpy dtype '%s' is not a plain number",
-                     m->what, spin_pickle_shown(code, strlen(code), name));
+    if (!spin_array_set_type(&type, code))
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "cannot read '%s': numpy dtype '%s' is not a plain number", m->what,
+                         spin_pickle_shown(code, strlen(code), name));
+    SPIN_TRY(spin_pickle_new_node(m, SPIN_VALUE_OBJECT, DTYPE, &node));
+    node->v.text = "numpy.dtype";
+    node->v.tensor = type;
+    return spin_pickle_push(m, &node->v);
 }
 
 static spin_status build_dtype(struct spin_pickle_machine *m, struct spin_value *dtype,
