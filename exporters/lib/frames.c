@@ -51,7 +51,6 @@ void spin_frames_free(struct spin_frames *x)
 {
     if (x->format->end)
         x->format->end(x);
-    spin_commit_queue_free(x->commits);
     spin_output_folder_end(&x->folder);
     spin_splat_filter_end(&x->rows);
     free(x->entry);
@@ -115,7 +114,6 @@ static spin_status begin(struct spin_frames *x, const struct spin_export_job *jo
     SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
     if (x->format->ready)
         x->format->ready(x, job);
-    SPIN_TRY(spin_commit_queue_create(&x->commits));
     if (!x->file)
         SPIN_TRY(open_folder(x, job));
     say_size(x, job);
@@ -256,7 +254,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     SPIN_TRY_OUT(spin_frames_add(x, info, x->rows.n_kept));
     if (x->rows.report)
         x->rows.report->bytes += length;
-    return spin_commit_queue_add(x->commits, &out);
+    return spin_out_commit(&out);
 out:
     spin_out_abandon(&out);
     return status;
@@ -267,7 +265,6 @@ spin_status spin_frames_end(void *self)
     struct spin_frames *x = self;
     spin_status status;
 
-    SPIN_TRY_OUT(spin_commit_queue_wait(x->commits));
     if (x->format->finish && !x->file)
         SPIN_TRY_OUT(x->format->finish(x));
     if (!x->file)
@@ -288,8 +285,6 @@ void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
 
-    spin_commit_queue_free(x->commits);
-    x->commits = NULL;
     spin_output_folder_abandon(&x->folder);
     spin_frames_free(x);
 }

@@ -8,7 +8,6 @@
 
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/splat_filter.h"
-#include "io/commit_queue.h"
 #include "io/output_folder.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
@@ -62,7 +61,6 @@ struct spin_frames {
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_quant_error quant; /* of the clip */
-    struct spin_commit_queue *commits;
     bool force;
     const struct spin_export_job *job;
     const char *source;
