@@ -48,6 +48,8 @@ foreign() {
     case $1 in
     src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
+    src/io/webp.c) echo '^webp/(de|en)code\.h$' ;;
+    src/io/zstd.c) echo '^zstd\.h$' ;;
     src/io/json.c) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
     src/io/gltf_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
