@@ -8,7 +8,7 @@
 
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/splat_filter.h"
-#include "io/output_folder.h"
+#include "io/output.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
     {                                                                                              \
@@ -16,7 +16,7 @@
     }
 #define SPIN_FRAMES_OPTION_FPS                                                                     \
     {                                                                                              \
-        "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL                \
+        "fps", "F", "frames per second of the sequence; otherwise the bundle's", NULL              \
     }
 #define SPIN_FRAMES_OPTIONS(pattern) SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS
 

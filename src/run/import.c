@@ -20,8 +20,8 @@
 #include "run/exported_frames.h"
 #include "run/frame_times.h"
 #include "run/share_splats.h"
-#include "io/output_lock.h"
-#include "io/picture_name.h"
+#include "io/output.h"
+#include "io/image.h"
 #include "io/ranks.h"
 #include "scene/probe.h"
 
