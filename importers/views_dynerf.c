@@ -210,7 +210,7 @@ static spin_status add_video_frames(struct set *set, char **names)
         if (camera < 0 || !spin_video_is_name(names[i]))
             continue;
         SPIN_TRY(spin_path_join(set->folder, names[i], &file));
-        status = spin_video_info(file, &width, &height, &n);
+        status = spin_video_info(file, &width, &height, &n, NULL);
         free(file);
         SPIN_TRY(status);
         for (int64_t f = 0; f < n; f++) {

@@ -175,7 +175,7 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 
     SPIN_TRY(find_video(path, &file, &frame));
     if (file) {
-        spin_status status = spin_video_info(file, width, height, &frame);
+        spin_status status = spin_video_info(file, width, height, &frame, NULL);
 
         free(file);
         *channels = 3;
@@ -192,11 +192,11 @@ static spin_status look_at_video(const char *file, int64_t frame, int *width, in
 {
     int64_t n_frames;
 
-    SPIN_TRY(spin_video_info(file, width, height, &n_frames));
+    SPIN_TRY(spin_video_info(file, width, height, &n_frames, imprint));
     if (frame >= n_frames)
         return spin_fail(SPIN_E_NOT_FOUND, "video '%s' has no frame %lld, only 0 to %lld", file,
                          (long long)frame, (long long)n_frames - 1);
-    return spin_video_imprint(file, imprint);
+    return SPIN_OK;
 }
 
 spin_status spin_image_look(const char *path, int *width, int *height, struct spin_imprint *imprint)

@@ -105,13 +105,13 @@ spin_status spin_video_start(void)
     return spin_shim_need(&where, (const void **)&shim);
 }
 
-static spin_status fail_video(enum spin_video_result result, const char *file, const char *why)
+static spin_status fail_video(enum spin_video_result result, const char *file)
 {
     spin_status code = result == SPIN_VIDEO_TOO_LARGE   ? SPIN_E_UNSUPPORTED
                        : result == SPIN_VIDEO_NO_MEMORY ? SPIN_E_MEMORY
                                                         : SPIN_E_MALFORMED;
 
-    return spin_fail(code, "cannot read video '%s': %s", file, why);
+    return spin_fail(code, "cannot read video '%s': %s", file, shim->why());
 }
 
 /* ---- Known videos ---------------------------------------------------------------------------- */
@@ -119,7 +119,6 @@ static spin_status fail_video(enum spin_video_result result, const char *file, c
 static spin_status add_video(const char *file, struct video **out)
 {
     struct video *new = NULL;
-    char why[256] = "";
     enum spin_video_result result;
     static bool closes;
     struct spin_map map;
@@ -134,9 +133,9 @@ static spin_status add_video(const char *file, struct video **out)
     new->at = -1;
     (void)stat(file, &new->was);
     SPIN_TRY_OUT(spin_strdup(file, &new->file));
-    result = shim->index(file, MAX_PIXELS, &new->index, why, sizeof why);
+    result = shim->index(file, MAX_PIXELS, &new->index);
     if (result != SPIN_VIDEO_OK) {
-        status = fail_video(result, file, why);
+        status = fail_video(result, file);
         goto out;
     }
     *out = video[n_videos++] = new;
@@ -206,55 +205,44 @@ static void make_room(size_t bytes)
 
 static spin_status open_stream(struct video *v)
 {
-    char why[256] = "";
     enum spin_video_result result;
 
     v->used = ++clock_now;
     if (v->stream)
         return SPIN_OK;
     make_room(cost_of(v));
-    result = shim->open(v->file, &v->index, &v->stream, why, sizeof why);
+    result = shim->open(v->file, &v->index, &v->stream);
     v->at = -1;
-    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file, why);
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames)
+static spin_status take_info(const char *file, int *width, int *height, int64_t *n_frames,
+                             struct spin_imprint *imprint)
 {
-    struct video *v;
-    spin_status status;
-
-    pthread_mutex_lock(&mutex);
-    status = find_video(file, &v);
-    if (status == SPIN_OK) {
-        *width = v->index.width;
-        *height = v->index.height;
-        *n_frames = v->index.n;
-    }
-    pthread_mutex_unlock(&mutex);
-    return status;
-}
-
-static spin_status take_imprint(const char *file, struct spin_imprint *out)
-{
-    struct video *v;
     struct spin_map map;
+    struct video *v;
 
     SPIN_TRY(find_video(file, &v));
-    if (v->imprint.size == 0) {
+    if (imprint && v->imprint.size == 0) {
         SPIN_TRY(spin_map_open(file, &map));
         v->imprint = spin_map_imprint(&map);
         spin_map_close(&map);
     }
-    *out = v->imprint;
+    *width = v->index.width;
+    *height = v->index.height;
+    *n_frames = v->index.n;
+    if (imprint)
+        *imprint = v->imprint;
     return SPIN_OK;
 }
 
-spin_status spin_video_imprint(const char *file, struct spin_imprint *out)
+spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
+                            struct spin_imprint *imprint)
 {
     spin_status status;
 
     pthread_mutex_lock(&mutex);
-    status = take_imprint(file, out);
+    status = take_info(file, width, height, n_frames, imprint);
     pthread_mutex_unlock(&mutex);
     return status;
 }
@@ -270,10 +258,9 @@ static int64_t key_before(const struct video *v, int64_t frame)
 
 static spin_status convert(struct video *v, uint8_t *rgb)
 {
-    char why[256] = "";
-    enum spin_video_result result = shim->rgb(v->stream, rgb, why, sizeof why);
+    enum spin_video_result result = shim->rgb(v->stream, rgb);
 
-    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file, why);
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
 /* From where the stream is, or from the key frame before, to the frame; rgb is filled with it, and
@@ -282,19 +269,18 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
                          uint8_t *rgb)
 {
     int64_t key = key_before(v, frame);
-    char why[256] = "";
     enum spin_video_result result = SPIN_VIDEO_OK;
 
     if (v->at == frame) /* it is still there */
         return convert(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;
-        result = shim->seek(v->stream, key, why, sizeof why);
+        result = shim->seek(v->stream, key);
     }
     while (result == SPIN_VIDEO_OK) {
         int64_t now;
 
-        result = shim->next(v->stream, &now, why, sizeof why);
+        result = shim->next(v->stream, &now);
         if (result != SPIN_VIDEO_OK)
             break;
         if (now < key) /* shown before the key frame but coded after it: may lack what it needs */
@@ -311,7 +297,7 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
         }
     }
     v->at = -1;
-    return fail_video(result, v->file, why);
+    return fail_video(result, v->file);
 }
 
 static spin_status read_frame(const char *file, int64_t frame,

@@ -24,10 +24,10 @@ bool spin_video_is_name(const char *name);
 /* Load the shim now. Errors say what to install. */
 spin_status spin_video_start(void);
 
-/* Size and number of frames of a video file: its packets are counted, nothing is decoded. */
-spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames);
-/* Of the whole file; read once, and remembered while the file stays as it is. */
-spin_status spin_video_imprint(const char *file, struct spin_imprint *out);
+/* Size and number of frames of a video file: its packets are counted, nothing is decoded. imprint, or NULL: of the
+ * whole file; read once, and remembered while the file stays as it is. */
+spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
+                            struct spin_imprint *imprint);
 
 /* Who is offered frames on the way to the one asked for. */
 struct spin_video_passer {

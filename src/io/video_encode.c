@@ -49,7 +49,6 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
                                          "libavformat-dev, libavcodec-dev and libswscale-dev"};
     const char *format = format_of(path);
     struct spin_video_out *v = NULL;
-    char why[256] = "";
     spin_status status;
 
     *out = NULL;
@@ -64,9 +63,8 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     v->out.sync = sync;
-    if (shim->open(v->out.temporary, format, width, height, fps, quality, &v->writer, codec, why,
-                   sizeof why) != 0) {
-        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, why);
+    if (shim->open(v->out.temporary, format, width, height, fps, quality, &v->writer, codec) != 0) {
+        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, shim->why());
         spin_out_abandon(&v->out);
         goto out;
     }
@@ -80,7 +78,6 @@ out:
 spin_status spin_video_put(struct spin_video_out *v, const float *image)
 {
     size_t n = (size_t)v->width * (size_t)v->height;
-    char why[256] = "";
 
     for (size_t c = 0; c < 3; c++)
         for (size_t i = 0; i < n; i++) {
@@ -88,18 +85,17 @@ spin_status spin_video_put(struct spin_video_out *v, const float *image)
 
             v->rgb[3 * i + c] = (uint8_t)(x > 0 ? (x < 1 ? x : 1) * 255.0f + 0.5f : 0);
         }
-    if (shim->put(v->writer, v->rgb, why, sizeof why) != 0)
-        return spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, why);
+    if (shim->put(v->writer, v->rgb) != 0)
+        return spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, shim->why());
     return SPIN_OK;
 }
 
 spin_status spin_video_commit(struct spin_video_out *v)
 {
-    char why[256] = "";
     spin_status status;
 
-    if (shim->end(v->writer, why, sizeof why) != 0) {
-        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, why);
+    if (shim->end(v->writer) != 0) {
+        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, shim->why());
         spin_out_abandon(&v->out);
     } else {
         status = spin_out_commit(&v->out);

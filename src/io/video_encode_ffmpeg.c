@@ -23,13 +23,15 @@ struct spin_video_writer {
     int64_t next;
 };
 
-static int fail(int error, const char *what, char *why, size_t n_why)
+static _Thread_local char why[256]; /* the last call failed */
+
+static int fail(int error, const char *what)
 {
     char text[AV_ERROR_MAX_STRING_SIZE] = "";
 
     if (error != 0)
         av_strerror(error, text, sizeof text);
-    snprintf(why, n_why, "%s%s%s", what, error ? ": " : "", text);
+    snprintf(why, sizeof why, "%s%s%s", what, error ? ": " : "", text);
     return -1;
 }
 
@@ -136,8 +138,7 @@ static int open_frame(struct spin_video_writer *w)
 }
 
 static int video_open(const char *path, const char *format, int width, int height, double fps,
-                      int quality, struct spin_video_writer **out, const char **name, char *why,
-                      size_t n_why)
+                      int quality, struct spin_video_writer **out, const char **name)
 {
     struct spin_video_writer *w = calloc(1, sizeof *w);
     const AVCodec *codec = choose(format);
@@ -147,7 +148,7 @@ static int video_open(const char *path, const char *format, int width, int heigh
     av_log_set_level(AV_LOG_QUIET);
     if (!w || !codec) {
         free(w);
-        return fail(0, w ? "this FFmpeg has no encoder for it" : "not enough memory", why, n_why);
+        return fail(0, w ? "this FFmpeg has no encoder for it" : "not enough memory");
     }
     w->width = width;
     w->height = height;
@@ -165,7 +166,7 @@ static int video_open(const char *path, const char *format, int width, int heigh
     av_dict_free(&options);
     if (error < 0) {
         close_writer(w);
-        return fail(error, "cannot begin", why, n_why);
+        return fail(error, "cannot begin");
     }
     *name = codec->name;
     *out = w;
@@ -209,7 +210,7 @@ static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
     return w->even;
 }
 
-static int video_put(struct spin_video_writer *w, const uint8_t *rgb, char *why, size_t n_why)
+static int video_put(struct spin_video_writer *w, const uint8_t *rgb)
 {
     const uint8_t *planes[4] = {make_even(w, rgb), NULL, NULL, NULL};
     int lines[4] = {3 * w->codec->width, 0, 0, 0};
@@ -225,10 +226,10 @@ static int video_put(struct spin_video_writer *w, const uint8_t *rgb, char *why,
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
         error = drain(w);
-    return error < 0 ? fail(error, "a frame cannot be written", why, n_why) : 0;
+    return error < 0 ? fail(error, "a frame cannot be written") : 0;
 }
 
-static int video_end(struct spin_video_writer *w, char *why, size_t n_why)
+static int video_end(struct spin_video_writer *w)
 {
     int error = avcodec_send_frame(w->codec, NULL);
 
@@ -238,8 +239,10 @@ static int video_end(struct spin_video_writer *w, char *why, size_t n_why)
         error = av_write_trailer(w->file);
     if (error >= 0)
         error = avio_closep(&w->file->pb);
-    return error < 0 ? fail(error, "its end cannot be written", why, n_why) : 0;
+    return error < 0 ? fail(error, "its end cannot be written") : 0;
 }
 
-const struct spin_video_encode_shim spin_video_encode_table = {SPIN_VIDEO_ENCODE_ABI, video_open,
-                                                               video_put, video_end, close_writer};
+static const char *last_why(void) { return why; }
+
+const struct spin_video_encode_shim spin_video_encode_table = {
+    SPIN_VIDEO_ENCODE_ABI, last_why, video_open, video_put, video_end, close_writer};
