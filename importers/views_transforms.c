@@ -30,6 +30,7 @@
 #include "base/log.h"
 #include "base/option.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "importers/lib/views_check.h"
 #include "io/file.h"
 
@@ -303,13 +304,6 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
 
 /* ---- Rows and times -------------------------------------------------------------------------- */
 
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 /* Times closer than this share of the whole are one frame: files are written with six digits. */
 #define SAME_TIME 1e-6
 
@@ -323,7 +317,7 @@ static spin_status set_rows(struct spin_views *views, size_t first, enum time_ru
     SPIN_TRY(spin_alloc(n, sizeof *times, (void **)&times));
     for (size_t i = 0; i < n; i++)
         times[i] = view[i].time;
-    qsort(times, n, sizeof *times, by_value);
+    qsort(times, n, sizeof *times, spin_by_double);
     low = times[0];
     high = times[n - 1];
     for (size_t i = 0; i < n; i++) {

@@ -10,6 +10,7 @@
 #include "spin_run.h"
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "scene/columns.h"
 
 /* Values kept of one series, for its median. */
@@ -110,13 +111,6 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
     }
 }
 
-static int by_value(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 void spin_column_stats_ranges(struct spin_column_stats *d, struct spin_import_report *report)
 {
     for (int k = 0; k < N_KINDS; k++) {
@@ -125,7 +119,7 @@ void spin_column_stats_ranges(struct spin_column_stats *d, struct spin_import_re
 
         if (series->n == 0)
             continue;
-        qsort(series->sample, series->n_sample, sizeof(float), by_value);
+        qsort(series->sample, series->n_sample, sizeof(float), spin_by_float);
         snprintf(out->name, sizeof out->name, "%s", kinds[k].name);
         out->not_finite = (double)series->n_not_finite / (double)series->n;
         out->min = out->median = out->max = NAN;
