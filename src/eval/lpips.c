@@ -13,6 +13,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "base/product.h"
 #include "io/file.h"
 #include "io/torch.h"
 
@@ -285,51 +286,11 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
  * output is one sum in the order of the terms, whatever the number of threads. */
 enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
 
-/* Four rows of sums [4][COLUMNS] += weights [4][n], `terms` apart, x patches [n][COLUMNS]. */
-typedef void rows_fn(const float *weights, size_t terms, int n, const float *patches, float *sums);
-
-#define ROWS_FN(name, lanes, target)                                                               \
-    target static void name(const float *weights, size_t terms, int n, const float *patches,       \
-                            float *sums)                                                           \
-    {                                                                                              \
-        typedef float vec __attribute__((vector_size(lanes * 4), aligned(4), may_alias));          \
-                                                                                                   \
-        for (int at = 0; at < COLUMNS; at += 3 * lanes) {                                          \
-            vec sum[4][3];                                                                         \
-                                                                                                   \
-            for (int i = 0; i < 12; i++)                                                           \
-                sum[i / 3][i % 3] = *(vec *)(sums + i / 3 * COLUMNS + at + i % 3 * lanes);         \
-            for (int k = 0; k < n; k++)                                                            \
-                for (int i = 0; i < 12; i++)                                                       \
-                    sum[i / 3][i % 3] +=                                                           \
-                        weights[(size_t)(i / 3) * terms + (size_t)k] *                             \
-                        *(const vec *)(patches + k * COLUMNS + at + i % 3 * lanes);                \
-            for (int i = 0; i < 12; i++)                                                           \
-                *(vec *)(sums + i / 3 * COLUMNS + at + i % 3 * lanes) = sum[i / 3][i % 3];         \
-        }                                                                                          \
-    }
-
-ROWS_FN(rows_base, 4, )
-#ifdef __x86_64__
-ROWS_FN(rows_v3, 8, __attribute__((target("avx2,fma"))))
-ROWS_FN(rows_v4, 16, __attribute__((target("avx512f"))))
-
-static rows_fn *choose_rows(void)
-{
-    return __builtin_cpu_supports("avx512f")                                 ? rows_v4
-           : __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? rows_v3
-                                                                             : rows_base;
-}
-#else
-static rows_fn *choose_rows(void) { return rows_base; }
-#endif
-
 struct convolution {
     const struct layer *layer;
     const float *weights, *bias, *in; /* in [n_in][in_height][in_width], with its border of zeros */
     float *out, *scratch;
     size_t in_width, in_height, out_width, plane; /* plane: pixels that come out */
-    rows_fn *rows;
 };
 
 /* What term k meets at pixels [first, first + n) of the output. */
@@ -359,19 +320,16 @@ static void convolve_block(void *context, int task, int worker)
     size_t terms = (size_t)(c->layer->n_in * c->layer->kernel * c->layer->kernel);
     size_t n = rest < COLUMNS ? rest : COLUMNS;
 
-    for (size_t i = 0; i < n_out * COLUMNS; i++)
-        sums[i] = c->bias[i / COLUMNS];
     for (size_t k = 0; k < terms; k += DEPTH) {
         size_t depth = terms - k < DEPTH ? terms - k : DEPTH;
 
         for (size_t i = 0; i < depth; i++)
             take_patches(c, k + i, first, n, patches + i * COLUMNS);
-        for (size_t row = 0; row < n_out; row += 4)
-            c->rows(c->weights + row * terms + k, terms, (int)depth, patches, sums + row * COLUMNS);
+        spin_multiply_add((int)n_out, COLUMNS, (int)depth, c->weights + k, terms, patches,
+                          k == 0 ? c->bias : NULL, k + depth == terms, sums);
     }
     for (size_t row = 0; row < n_out; row++)
-        for (size_t i = 0; i < n; i++)
-            c->out[row * c->plane + first + i] = fmaxf(0, sums[row * COLUMNS + i]);
+        memcpy(c->out + row * c->plane + first, sums + row * COLUMNS, n * sizeof *sums);
 }
 
 /* Layer i with its ReLU, of a picture of this size. */
@@ -389,8 +347,7 @@ static void convolve(struct spin_lpips *l, int i, int width, int height, const f
                             .in_width = w + 2 * pad,
                             .in_height = h + 2 * pad,
                             .out_width = (size_t)l->out_width[i],
-                            .plane = (size_t)l->out_width[i] * (size_t)l->out_height[i],
-                            .rows = choose_rows()};
+                            .plane = (size_t)l->out_width[i] * (size_t)l->out_height[i]};
 
     memset(l->padded, 0, (size_t)a->n_in * c.in_width * c.in_height * sizeof *l->padded);
     for (size_t row = 0; row < (size_t)a->n_in * h; row++)
