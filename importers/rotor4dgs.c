@@ -11,6 +11,7 @@
 
 #include "base/err.h"
 #include "base/option.h"
+#include "base/text.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/notes.h"
 #include "importers/lib/run_config.h"
@@ -77,13 +78,6 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static bool ends_with(const char *text, const char *tail)
-{
-    size_t n = strlen(text), m = strlen(tail);
-
-    return n >= m && strcmp(text + n - m, tail) == 0;
-}
-
 /* Keys have one of several prefixes; that of quats1 goes for all. */
 static spin_status find_prefix(struct model *m)
 {
@@ -95,8 +89,8 @@ static spin_status find_prefix(struct model *m)
 
         if (!key)
             continue;
-        splatfacto = splatfacto || ends_with(key, ".means");
-        if (ends_with(key, "quats1") && strlen(key) < sizeof m->prefix) {
+        splatfacto = splatfacto || spin_text_ends(key, ".means");
+        if (spin_text_ends(key, "quats1") && strlen(key) < sizeof m->prefix) {
             memcpy(m->prefix, key, strlen(key) - 6);
             return SPIN_OK;
         }

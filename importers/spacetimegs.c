@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model_folder.h"
 #include "importers/lib/notes.h"
@@ -71,13 +72,6 @@ static bool in_head(const struct spin_peek *peek, const char *word)
     return memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
 }
 
-static bool ends_with(const char *text, const char *end)
-{
-    size_t n = strlen(text), n_end = strlen(end);
-
-    return n >= n_end && strcmp(text + n - n_end, end) == 0;
-}
-
 static int probe(const struct spin_peek *peek)
 {
     bool cloud = false;
@@ -87,7 +81,7 @@ static int probe(const struct spin_peek *peek)
         in_head(peek, "property float omega_3"))
         return 100;
     if (!peek->is_folder && in_head(peek, "mlp1.weight") && in_head(peek, "mlp2.weight") &&
-        ends_with(peek->path, ".pt"))
+        spin_text_ends(peek->path, ".pt"))
         return 80;
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++)
         cloud = cloud || strcmp(peek->names[i], "point_cloud") == 0;
@@ -365,9 +359,9 @@ static spin_status find_files(const char *path, const char *wanted, struct model
     size_t n = strlen(path);
 
     if (!spin_path_is_folder(path)) {
-        bool network = ends_with(path, ".pt");
+        bool network = spin_text_ends(path, ".pt");
 
-        if (!network && !ends_with(path, ".ply"))
+        if (!network && !spin_text_ends(path, ".ply"))
             return spin_fail(SPIN_E_USAGE, "'%s' is neither the model's folder nor a PLY of it",
                              path);
         n -= network ? 3 : 4;

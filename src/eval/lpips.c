@@ -14,6 +14,7 @@
 #include "base/mem.h"
 #include "base/pool.h"
 #include "base/product.h"
+#include "base/text.h"
 #include "io/file.h"
 #include "io/torch.h"
 
@@ -221,13 +222,6 @@ static spin_status look_at(const char *path, struct found *found)
     return SPIN_OK;
 }
 
-static bool ends(const char *name, const char *with)
-{
-    size_t n = strlen(name), k = strlen(with);
-
-    return n >= k && strcmp(name + n - k, with) == 0;
-}
-
 static spin_status search(const char *folder, int depth, struct found *found)
 {
     char **names = NULL;
@@ -240,7 +234,8 @@ static spin_status search(const char *folder, int depth, struct found *found)
         status = spin_path_join(folder, names[i], &path);
         if (status == SPIN_OK && depth > 0 && spin_path_is_folder(path))
             status = search(path, depth - 1, found);
-        else if (status == SPIN_OK && (ends(names[i], ".pth") || ends(names[i], ".pt")))
+        else if (status == SPIN_OK &&
+                 (spin_text_ends(names[i], ".pth") || spin_text_ends(names[i], ".pt")))
             status = look_at(path, found);
         free(path);
     }
