@@ -1,5 +1,5 @@
-/* Inside of the pickle machine: its stack, memo and storages, plain values and containers. pickle_types.c
- * knows the whitelisted globals and makes tensors and arrays of them, pickle.c runs the opcodes. */
+/* Inside of the pickle machine: its stack, memo and storages. pickle_types.c knows the whitelisted globals and makes
+ * tensors and arrays of them, pickle.c does all else. */
 #ifndef SPIN_IO_PICKLE_MACHINE_H
 #define SPIN_IO_PICKLE_MACHINE_H
 
@@ -59,9 +59,6 @@ static inline struct spin_value *spin_pickle_pop(struct spin_pickle_machine *m)
     return m->stack[--m->n_stack];
 }
 
-void spin_pickle_release(struct spin_pickle_machine *m);
-/* The storages, sorted, each once; a key always means the same. */
-spin_status spin_pickle_keep_storages(struct spin_pickle_machine *m, struct spin_pickle *out);
 spin_status spin_pickle_fail_at(const struct spin_pickle_machine *m, spin_status code,
                                 const char *why);
 spin_status spin_pickle_bad(const struct spin_pickle_machine *m, const char *why);
@@ -73,27 +70,16 @@ spin_status spin_pickle_room_for(struct spin_pickle_machine *m, void **array, si
                                  size_t *capacity, size_t size);
 spin_status spin_pickle_push(struct spin_pickle_machine *m, struct spin_value *v);
 spin_status spin_pickle_need(const struct spin_pickle_machine *m, size_t n);
-spin_status spin_pickle_push_mark(struct spin_pickle_machine *m);
-spin_status spin_pickle_pop_mark(struct spin_pickle_machine *m, size_t *at);
-spin_status spin_pickle_put_memo(struct spin_pickle_machine *m, uint64_t slot);
-spin_status spin_pickle_get_memo(struct spin_pickle_machine *m, uint64_t slot);
 spin_status spin_pickle_push_int(struct spin_pickle_machine *m, int64_t value);
 spin_status spin_pickle_push_float(struct spin_pickle_machine *m, double value);
 spin_status spin_pickle_push_constant(struct spin_pickle_machine *m, struct spin_value **kept,
                                       enum spin_value_kind kind, int value);
-spin_status spin_pickle_push_long(struct spin_pickle_machine *m, const unsigned char *p, size_t n);
 spin_status spin_pickle_copy_text(struct spin_pickle_machine *m, const void *text, size_t n,
                                   const char **out);
-spin_status spin_pickle_push_text(struct spin_pickle_machine *m, enum spin_value_kind kind,
-                                  const unsigned char *p, size_t n);
 spin_status spin_pickle_deepen(struct spin_pickle_machine *m, struct spin_pickle_node *parent,
                                struct spin_value *child);
-spin_status spin_pickle_make_tuple(struct spin_pickle_machine *m, size_t at);
-spin_status spin_pickle_push_empty(struct spin_pickle_machine *m, enum spin_value_kind kind);
 spin_status spin_pickle_append(struct spin_pickle_machine *m, struct spin_value *to, size_t have,
                                struct spin_value *const *from, size_t n);
-spin_status spin_pickle_append_items(struct spin_pickle_machine *m, size_t at);
-spin_status spin_pickle_set_items(struct spin_pickle_machine *m, size_t at);
 
 /* pickle_types.c: what the opcodes make of globals; each takes its arguments from the stack or the input. */
 spin_status spin_pickle_op_global(struct spin_pickle_machine *m);
