@@ -254,8 +254,7 @@ $(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
 	$(SHIM_DONE)
 
 FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
-$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_encode_ffmpeg.c \
-    src/io/video_encode_shim.h
+$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_encode_ffmpeg.c src/io/video_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CC) $(COMPILE_SHIM) -shared -o $@ $(filter %.c,$^) $(FFMPEG)

@@ -17,7 +17,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/watch.h"
 
 enum { OUT_BUFFER = 1 << 20 };
 

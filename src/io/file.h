@@ -3,6 +3,8 @@
 #ifndef SPIN_IO_FILE_H
 #define SPIN_IO_FILE_H
 
+#include <sys/stat.h>
+
 #include "spin.h"
 
 /* A file mapped for reading. Empty files give data == "" and size 0. */
@@ -73,5 +75,19 @@ spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 /* The file's length so far, buffer included. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
+
+/* ---- watch.c: files that others cut short while they are mapped, and what must not be left behind then ---- */
+
+/* What spin_map_open() and spin_map_close() tell. */
+void spin_watch_map(const void *data, const char *path, const struct stat *st);
+void spin_unwatch_map(const void *data);
+/* SPIN_E_IO when the file behind a map that is watched has another size or time by now. One that was
+ * removed or replaced is still whole in the map. */
+spin_status spin_watch_check(const void *data);
+
+/* A temporary file, or a new folder, to be removed when the process ends because of a cut file. The
+ * pointer is kept. */
+void spin_watch_out(const char *path);
+void spin_unwatch_out(const char *path);
 
 #endif

@@ -4,7 +4,6 @@
 
 #include "io/array.h"
 #include "io/zip.h"
-#include "io/zip_writer.h"
 
 /* Parse the bytes of one .npy; `what` is the name for messages. Object and string dtypes are
  * SPIN_E_UNSUPPORTED; data shorter than the header says is SPIN_E_MALFORMED. */

@@ -12,7 +12,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/watch.h"
 
 spin_status spin_output_check_file(const char *path, bool force)
 {

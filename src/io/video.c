@@ -98,11 +98,18 @@ spin_status spin_video_start(void)
                                      .override = "SPIN_VIDEO_SHIM",
                                      .symbol = SPIN_VIDEO_SHIM_SYMBOL,
                                      .abi = SPIN_VIDEO_SHIM_ABI,
-                                     .lacking = "videos cannot be read: the FFmpeg shim",
+                                     .lacking = "videos need FFmpeg: the shim",
                                      .debian =
                                          "libavformat-dev, libavcodec-dev and libswscale-dev"};
 
     return spin_shim_need(&where, (const void **)&shim);
+}
+
+spin_status spin_video_shim(const struct spin_video_shim **out)
+{
+    SPIN_TRY(spin_video_start());
+    *out = shim;
+    return SPIN_OK;
 }
 
 static spin_status fail_video(enum spin_video_result result, const char *file)

@@ -1,7 +1,7 @@
 /* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of functions
- * (video_encode_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8. Colours
+ * (video_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8. Colours
  * are BT.709, and the file says so. */
-#include "io/video_encode_shim.h"
+#include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
@@ -23,15 +23,9 @@ struct spin_video_writer {
     int64_t next;
 };
 
-static _Thread_local char why[256]; /* the last call failed */
-
 static int fail(int error, const char *what)
 {
-    char text[AV_ERROR_MAX_STRING_SIZE] = "";
-
-    if (error != 0)
-        av_strerror(error, text, sizeof text);
-    snprintf(why, sizeof why, "%s%s%s", what, error ? ": " : "", text);
+    spin_video_because(error, what);
     return -1;
 }
 
@@ -242,7 +236,5 @@ static int video_end(struct spin_video_writer *w)
     return error < 0 ? fail(error, "its end cannot be written") : 0;
 }
 
-static const char *last_why(void) { return why; }
-
-const struct spin_video_encode_shim spin_video_encode_table = {
-    SPIN_VIDEO_ENCODE_ABI, last_why, video_open, video_put, video_end, close_writer};
+const struct spin_video_encoder spin_video_encoder_table = {video_open, video_put, video_end,
+                                                            close_writer};

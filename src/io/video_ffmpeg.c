@@ -26,16 +26,19 @@ struct spin_video_stream {
 
 static _Thread_local char why[256]; /* the last call failed */
 
-static enum spin_video_result fail(enum spin_video_result result, int error, const char *what)
+void spin_video_because(int error, const char *what)
 {
     char text[AV_ERROR_MAX_STRING_SIZE] = "";
 
-    if (error == AVERROR(ENOMEM))
-        result = SPIN_VIDEO_NO_MEMORY;
     if (error != 0)
         av_strerror(error, text, sizeof text);
     snprintf(why, sizeof why, "%s%s%s", what, error ? ": " : "", text);
-    return result;
+}
+
+static enum spin_video_result fail(enum spin_video_result result, int error, const char *what)
+{
+    spin_video_because(error, what);
+    return error == AVERROR(ENOMEM) ? SPIN_VIDEO_NO_MEMORY : result;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -331,5 +334,5 @@ static const char *last_why(void) { return why; }
 
 const struct spin_video_shim spin_video_shim_table = {
     SPIN_VIDEO_SHIM_ABI, LIBAVCODEC_IDENT, last_why,  video_index, video_open,
-    video_seek,          video_next,       video_rgb, video_close,
+    video_seek,          video_next,       video_rgb, video_close, &spin_video_encoder_table,
 };

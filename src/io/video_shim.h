@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SPIN_VIDEO_SHIM_ABI 2
+#define SPIN_VIDEO_SHIM_ABI 3
 #define SPIN_VIDEO_SHIM_SYMBOL "spin_video_shim_table"
 
 enum spin_video_result {
@@ -28,6 +28,20 @@ struct spin_video_index {
     struct spin_video_entry *entry; /* [n], sorted by pts; malloc'ed */
 };
 
+struct spin_video_writer;
+
+/* format: "mp4" or "webm". quality: 0 (best) to 51 (least), as x264 counts. Calls return 0, or -1. */
+struct spin_video_encoder {
+    /* codec: what was taken, static. */
+    int (*open)(const char *path, const char *format, int width, int height, double fps,
+                int quality, struct spin_video_writer **out, const char **codec);
+    /* One frame more, interleaved 8-bit RGB [height][width][3]. */
+    int (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
+    /* Write what is still to come. */
+    int (*end)(struct spin_video_writer *writer);
+    void (*close)(struct spin_video_writer *writer);
+};
+
 struct spin_video_stream;
 
 struct spin_video_shim {
@@ -48,8 +62,12 @@ struct spin_video_shim {
     /* The frame that next() gave as interleaved 8-bit RGB [height][width][3]. */
     enum spin_video_result (*rgb)(struct spin_video_stream *stream, uint8_t *out);
     void (*close)(struct spin_video_stream *stream);
+    const struct spin_video_encoder *encoder;
 };
 
 extern const struct spin_video_shim spin_video_shim_table;
+extern const struct spin_video_encoder spin_video_encoder_table;
+/* Text, with FFmpeg's error number when it is not 0, becomes why() of this thread. */
+void spin_video_because(int error, const char *what);
 
 #endif
