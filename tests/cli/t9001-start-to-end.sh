@@ -36,6 +36,9 @@ fails 2 spin-eval "half of the weights of LPIPS"
 run "$bin/spin-eval" --source "$work/court.spin" --lpips "$work"
 fails 1 spin-eval "LPIPS without weights"
 err_has 'holds no weights' "says what is missing"
+run "$bin/spin-eval" --source "$work/court.spin" --lpips-backbone x.pth --lpips-lin x.pth
+fails 1 spin-eval "weights that are not there"
+err_has "x.pth" "says which"
 
 run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --preset paper --device cpu --iterations 300 \
     --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \
