@@ -86,12 +86,6 @@ BINS     := $(COMMANDS:%=$(B)/bin/%)
 LIB      := $(B)/libspin.a
 LIB_SO   := $(B)/libspin.so.$(VERSION)
 SHIMS    := $(B)/lib/spin-image.so $(B)/lib/spin-gltf.so
-# Only LPIPS needs oneDNN; a build without it does all else.
-DNNL     ?= $(shell printf '\043if __has_include(<oneapi/dnnl/dnnl.hpp>)\nfound\n\043endif\n' | \
-            $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c++ - 2>/dev/null)
-ifneq ($(filter found 1,$(DNNL)),)
-SHIMS    += $(B)/lib/spin-conv.so
-endif
 
 # Several machines are for who has MPI: MPICC= does without.
 MPICC    ?= $(shell command -v mpicc)
@@ -263,12 +257,6 @@ $(B)/lib/spin-gltf.so: src/formats/glb_tiny.cpp src/formats/glb_shim.h
 	$(Q)$(COMPILE_CXX) -shared -o $@ $< -ltinygltf
 	$(SHIM_DONE)
 
-$(B)/lib/spin-conv.so: src/io/conv_dnnl.cpp src/io/conv_shim.h
-	@mkdir -p $(@D)
-	$(SAY) SHIM $@
-	$(Q)$(COMPILE_CXX) -fopenmp -shared -o $@ $< -ldnnl
-	$(SHIM_DONE)
-
 $(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
@@ -276,8 +264,7 @@ $(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
 	$(SHIM_DONE)
 
 FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
-$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_shim.h src/io/video_encode_ffmpeg.c \
-    src/io/video_encode_shim.h
+$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_encode_ffmpeg.c src/io/video_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CC) $(COMPILE_SHIM) -shared -o $@ $(filter %.c,$^) $(FFMPEG)

@@ -21,6 +21,7 @@
 #include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"
 #include "exporters/lib/sort_rows.h"
+#include "io/file.h"
 #include "io/json.h"
 
 #define DEFAULT_FPS 30

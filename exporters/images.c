@@ -9,8 +9,8 @@
 #include "base/mem.h"
 #include "base/option.h"
 #include "exporters/lib/camera_path.h"
-#include "io/output_folder.h"
-#include "io/picture_name.h"
+#include "io/output.h"
+#include "io/image.h"
 
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},

@@ -12,7 +12,7 @@
 #include "base/option.h"
 #include "formats/sog.h"
 #include "io/webp.h"
-#include "io/zip_writer.h"
+#include "io/zip.h"
 #include "math/sh.h"
 
 #define KEEP_BOOK 1.1 /* times an own book's error, squared */

@@ -17,7 +17,6 @@
 #include "io/gzip.h"
 #include "io/zstd.h"
 
-#define BATCH 16  /* blocks of rows coded at a time */
 #define MAX_SH 45 /* coefficients */
 
 static const struct spin_plugin_option options[] = {
@@ -35,17 +34,17 @@ struct export
 {
     struct spin_frames frames;
     int version, level;
-    struct spin_gzip *gzip; /* of version 3 */
-    int fraction;           /* fractional bits of the places */
-    unsigned char *packed;  /* [n_packed_room] a stream of version 4 */
+    int fraction;          /* fractional bits of the places */
+    unsigned char *packed; /* [n_packed_room] a stream of version 4, or all */
     size_t n_packed_room;
-    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* likewise */
-
-    /* The batch at hand: of version 4 the whole stream. */
-    int stream;
-    size_t width, first;  /* bytes a row; block */
-    unsigned char *bytes; /* [n_bytes_room] */
+    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* of version 4 */
+    unsigned char *bytes; /* [n_bytes_room] what is packed in one go */
     size_t n_bytes_room;
+
+    /* The stream at hand. */
+    int stream;
+    size_t width;      /* bytes a row */
+    unsigned char *to; /* [n_kept][width] */
 };
 
 /* ---- Streams --------------------------------------------------------------------------------- */
@@ -96,9 +95,8 @@ static void code_block(void *context, int task, int worker)
 {
     const struct export *x = context;
     const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t b = x->first + (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
-    size_t before = spin_splat_filter_before(rows, b) - spin_splat_filter_before(rows, x->first);
-    unsigned char *out = x->bytes + before * x->width;
+    size_t b = (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
+    unsigned char *out = x->to + spin_splat_filter_before(rows, b) * x->width;
 
     (void)worker;
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
@@ -110,43 +108,28 @@ static void code_block(void *context, int task, int worker)
     spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
-/* One attribute of all rows, some blocks at a time. */
-static spin_status write_gzip(struct export *x)
+/* One attribute of all rows; its bytes. */
+static size_t code_stream(struct export *x, int stream, unsigned char *to)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t n_blocks = spin_splat_filter_blocks(rows);
 
-    for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
-        size_t end = x->first + BATCH < n_blocks ? x->first + BATCH : n_blocks;
-        size_t n = (end < n_blocks ? spin_splat_filter_before(rows, end) : rows->n_kept) -
-                   spin_splat_filter_before(rows, x->first);
-
-        spin_pool_run(rows->pool, (int)(end - x->first), code_block, x);
-        SPIN_TRY(spin_gzip_write(x->gzip, x->bytes, n * x->width));
-    }
-    return SPIN_OK;
+    x->stream = stream;
+    x->width = spin_spz_width(stream, rows->sh_degree);
+    x->to = to;
+    spin_pool_run(rows->pool, (int)spin_splat_filter_blocks(rows), code_block, x);
+    return rows->n_kept * x->width;
 }
 
-/* One attribute of all rows, which becomes a frame of zstd, and its entry of the table of contents. */
-static spin_status write_zstd(struct export *x, struct spin_out *out)
+/* One attribute as a frame of zstd, and its entry of the table of contents. */
+static spin_status write_stream(struct export *x, int stream, struct spin_out *out)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t n = rows->n_kept * x->width, n_packed;
+    size_t n = code_stream(x, stream, x->bytes), n_packed;
 
     if (n == 0)
         return SPIN_OK;
-    x->first = 0;
-    spin_pool_run(rows->pool, (int)spin_splat_filter_blocks(rows), code_block, x);
     SPIN_TRY(spin_zstd_write(x->bytes, n, x->level, &x->packed, &x->n_packed_room, &n_packed));
-    spin_spz_code_toc_entry(n_packed, n, x->toc + (size_t)x->stream * SPIN_SPZ_TOC_ENTRY);
+    spin_spz_code_toc_entry(n_packed, n, x->toc + (size_t)stream * SPIN_SPZ_TOC_ENTRY);
     return spin_out_write(out, x->packed, n_packed);
-}
-
-static spin_status write_stream(struct export *x, int stream, struct spin_out *out)
-{
-    x->stream = stream;
-    x->width = spin_spz_width(stream, x->frames.rows.sh_degree);
-    return x->version == 4 ? write_zstd(x, out) : write_gzip(x);
 }
 
 /* The most fractional bits, at most those of the frame before, with which all places fit. */
@@ -187,13 +170,13 @@ static struct spin_spz_header header_of(const struct export *x)
 static spin_status write_version_3(struct export *x, struct spin_out *out)
 {
     const struct spin_spz_header header = header_of(x);
-    unsigned char bytes[SPIN_SPZ_HEADER_4];
+    size_t n = spin_spz_code_header(&header, x->bytes), n_packed;
 
-    SPIN_TRY(spin_gzip_begin(x->gzip, out));
-    SPIN_TRY(spin_gzip_write(x->gzip, bytes, spin_spz_code_header(&header, bytes)));
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
-        SPIN_TRY(write_stream(x, stream, out));
-    return spin_gzip_end(x->gzip);
+        n += code_stream(x, stream, x->bytes + n);
+    SPIN_TRY(spin_gzip_write(x->frames.rows.pool, x->level, x->bytes, n, &x->packed,
+                             &x->n_packed_room, &n_packed));
+    return spin_out_write(out, x->packed, n_packed);
 }
 
 /* The table of contents is written twice: its place, and what it says. */
@@ -212,16 +195,20 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
     return spin_out_write_at(out, SPIN_SPZ_HEADER_4, x->toc, n_toc);
 }
 
-/* Room for a batch of rows, or for all of the frame. */
+/* Room for the largest stream of the frame; of version 3 for all of it. */
 static spin_status reserve(struct export *x)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t n = x->version == 4 ? rows->n_kept : (size_t)BATCH * SPIN_ROWS_BLOCK, width = 9;
+    size_t n = SPIN_SPZ_HEADER_4;
 
-    width = spin_n_rest(rows->sh_degree) > width ? spin_n_rest(rows->sh_degree) : width;
-    if (n * width > x->n_bytes_room) {
-        SPIN_TRY(spin_grow(n, width, (void **)&x->bytes));
-        x->n_bytes_room = n * width;
+    for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {
+        size_t bytes = rows->n_kept * spin_spz_width(stream, rows->sh_degree);
+
+        n = x->version == 3 ? n + bytes : bytes > n ? bytes : n;
+    }
+    if (n > x->n_bytes_room) {
+        SPIN_TRY(spin_grow(n, 1, (void **)&x->bytes));
+        x->n_bytes_room = n;
     }
     return SPIN_OK;
 }
@@ -259,15 +246,13 @@ static spin_status begin(void *self, const struct spin_export_job *job)
                          "--axes rub assumes that y points down: give it or --up, not both");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
-    return x->version == 4 ? spin_zstd_need()
-                           : spin_gzip_create(x->level, job->n_threads, &x->gzip);
+    return x->version == 4 ? spin_zstd_need() : SPIN_OK;
 }
 
 static void end(void *self)
 {
     struct export *x = self;
 
-    spin_gzip_free(x->gzip);
     free(x->bytes);
     free(x->packed);
 }

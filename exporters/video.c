@@ -8,7 +8,7 @@
 #include "base/option.h"
 #include "base/mem.h"
 #include "exporters/lib/camera_path.h"
-#include "io/video_encode.h"
+#include "io/video.h"
 
 static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,

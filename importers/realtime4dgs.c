@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/option.h"
+#include "base/number.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
@@ -507,7 +508,7 @@ static double median_extent(const struct rows *rows, bool older)
             largest = value[k] > largest ? value[k] : largest;
         extent[n_used++] = largest;
     }
-    qsort(extent, n_used, sizeof *extent, spin_compare_times);
+    qsort(extent, n_used, sizeof *extent, spin_by_double);
     return sqrt(extent[n_used / 2]);
 }
 

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/option.h"
+#include "base/text.h"
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
@@ -71,8 +72,8 @@ static spin_status find_prefix(struct spin_model *m)
 
         if (!key)
             continue;
-        splatfacto = splatfacto || spin_file_has_suffix(key, ".means");
-        if (spin_file_has_suffix(key, "quats1") && strlen(key) < 256)
+        splatfacto = splatfacto || spin_text_ends(key, ".means");
+        if (spin_text_ends(key, "quats1") && strlen(key) < 256)
             return spin_model_text(m, &m->prefix, "%.*s", (int)strlen(key) - 6, key);
     }
     return spin_fail(SPIN_E_UNSUPPORTED,

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/option.h"
+#include "base/text.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
@@ -78,7 +79,7 @@ static int probe(const struct spin_peek *peek)
         spin_peek_says(peek, "property float omega_3"))
         return 100;
     if (!peek->is_folder && spin_peek_says(peek, "mlp1.weight") &&
-        spin_peek_says(peek, "mlp2.weight") && spin_file_has_suffix(peek->path, ".pt"))
+        spin_peek_says(peek, "mlp2.weight") && spin_text_ends(peek->path, ".pt"))
         return 80;
     /* An option of the method. */
     return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "trbfslinit=") ? 90 : 0;
@@ -348,9 +349,9 @@ static spin_status find_files(const char *path, struct model *m, const char **sa
     int n = (int)strlen(path);
 
     if (!spin_path_is_folder(path)) {
-        bool network = spin_file_has_suffix(path, ".pt");
+        bool network = spin_text_ends(path, ".pt");
 
-        if (!network && !spin_file_has_suffix(path, ".ply"))
+        if (!network && !spin_text_ends(path, ".ply"))
             return spin_fail(SPIN_E_USAGE, "'%s' is neither the model's folder nor a PLY of it",
                              path);
         n -= network ? 3 : 4;

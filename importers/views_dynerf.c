@@ -175,7 +175,7 @@ static spin_status add_video_frames(struct set *set, char **names)
         if (camera < 0 || !spin_video_is_name(names[i]))
             continue;
         SPIN_TRY(spin_model_join(&set->base, &file, set->base.path, "%s", names[i]));
-        SPIN_TRY(spin_video_info(file, &width, &height, &n));
+        SPIN_TRY(spin_video_info(file, &width, &height, &n, NULL));
         for (int64_t f = 0; f < n; f++) {
             snprintf(name, sizeof name, "%s#%lld", names[i], (long long)f);
             SPIN_TRY(add_image(set, set->base.path, name, camera, (int)f));

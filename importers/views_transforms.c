@@ -25,6 +25,7 @@
 #include <unistd.h>
 
 #include "base/option.h"
+#include "base/number.h"
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 
@@ -298,7 +299,7 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     SPIN_TRY(spin_model_alloc(m, n, sizeof *times, (void **)&times));
     for (size_t i = 0; i < n; i++)
         times[i] = view[i].time;
-    qsort(times, n, sizeof *times, spin_compare_times);
+    qsort(times, n, sizeof *times, spin_by_double);
     low = times[0];
     high = times[n - 1];
     for (size_t i = 0; i < n; i++) {

@@ -31,6 +31,8 @@ missing_headers() {
     printf '%s\n' '#if !__has_include(<zlib.h>)' zlib1g-dev '#endif' \
         '#if !__has_include(<lzma.h>)' liblzma-dev '#endif' \
         '#if !__has_include(<jansson.h>)' libjansson-dev '#endif' \
+        '#if !__has_include(<webp/encode.h>)' libwebp-dev '#endif' \
+        '#if !__has_include(<zstd.h>)' libzstd-dev '#endif' \
         '#if !__has_include(<OpenImageIO/imageio.h>)' libopenimageio-dev '#endif' \
         '#if !__has_include(<tiny_gltf.h>)' libtinygltf-dev '#endif' \
         ${video:+"#if !__has_include(<libavformat/avformat.h>)" "libavformat-dev" "#endif"} \
@@ -46,7 +48,7 @@ missing_packages() {
         echo "build-essential $(missing_headers)"
     else
         echo build-essential zlib1g-dev liblzma-dev libjansson-dev libopenimageio-dev libtinygltf-dev \
-            "$video"
+            libwebp-dev libzstd-dev "$video"
     fi
 }
 
@@ -56,7 +58,7 @@ has_numpy() { "$1" -c 'import numpy' 2>/dev/null; }
 # What only tests need: without it some are skipped.
 missing_for_tests() {
     for pair in libavformat-dev:libavformat/avformat.h libavcodec-dev:libavcodec/avcodec.h \
-        libswscale-dev:libswscale/swscale.h libdnnl-dev:oneapi/dnnl/dnnl.hpp; do
+        libswscale-dev:libswscale/swscale.h; do
         has_header "${pair#*:}" || echo "${pair%%:*}"
     done
     has_numpy python3 || has_numpy /usr/bin/python3 || echo python3-numpy
@@ -83,13 +85,6 @@ report() {
         printf '%-12s %s\n' "$tool:" "$found"
     done
     lacking=" $(missing_headers) "
-    if printf '#include <oneapi/dnnl/dnnl_version.h>\n' | "$CXX" -E -x c++ - >/dev/null 2>&1; then
-        found=$(version_of oneapi/dnnl/dnnl_version.h \
-            'DNNL_VERSION_MAJOR.DNNL_VERSION_MINOR.DNNL_VERSION_PATCH')
-    else
-        found='not found: package libdnnl-dev, if LPIPS is to be measured; all else does without'
-    fi
-    printf '%-12s %s\n' oneDNN: "$found"
     while read -r name package header macro; do
         case $lacking in
         *" $package "*) found="not found: package $package" ;;
@@ -102,9 +97,9 @@ liblzma liblzma-dev lzma.h LZMA_VERSION_STRING
 jansson libjansson-dev jansson.h JANSSON_VERSION
 OpenImageIO libopenimageio-dev OpenImageIO/oiioversion.h OIIO_VERSION_STRING
 tinygltf libtinygltf-dev tiny_gltf.h found
+libwebp libwebp-dev webp/encode.h found
+zstd libzstd-dev zstd.h ZSTD_VERSION_MAJOR.ZSTD_VERSION_MINOR.ZSTD_VERSION_RELEASE
 LIST
-    zstd=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null | sed -n 's/^[[:space:]]*\(libzstd\.so\.1\) .*/\1/p' | head -n 1)
-    printf '%-12s %s\n' zstd: "${zstd:-libzstd.so.1 not found; only needed to read SPZ of version 4}"
     ffmpeg=$(printf '#include <libavutil/avutil.h>\n#include <libavformat/avformat.h>\n%s\n' \
         '#include <libswscale/swscale.h>' | $CC -E -P -x c - >/dev/null 2>&1 && echo found)
     printf '%-12s %s\n' MPI: "$(have mpicc && mpicc --showme:version 2>/dev/null ||

@@ -9,7 +9,7 @@
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
 #include "exporters/lib/splat_filter.h"
-#include "io/output_folder.h"
+#include "io/output.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
     {                                                                                              \

@@ -6,19 +6,13 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "math/project.h"
 
 #define FRONT_FOVY_DEG 50.0
 
 /* Of the determinant of the mean of I - d d^T, which is 0 where all axes are parallel: some 3 degrees of spread. */
 #define LEAST_SPREAD 2e-3
-
-static int by_value(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
 {
@@ -32,7 +26,7 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
         for (size_t i = 0; i < s->n; i++)
             if (isfinite(s->means[3 * i + (size_t)c]))
                 value[n++] = s->means[3 * i + (size_t)c];
-        qsort(value, n, sizeof *value, by_value);
+        qsort(value, n, sizeof *value, spin_by_float);
         middle[c] = n ? (double)value[n / 2] : 0;
         if (n)
             *size = fmax(*size, 0.5 * ((double)value[n - 1 - n / 20] - (double)value[n / 20]));
@@ -127,13 +121,6 @@ static int sum_axes(const struct spin_views *views, int row, double a[3][3], dou
     return n;
 }
 
-static int by_size(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
                              double *median)
 {
@@ -161,7 +148,7 @@ bool spin_initial_view_pivot(const struct spin_views *views, int row, double piv
         n_behind += along <= 0;
         away[n_away++] = sqrt(square);
     }
-    qsort(away, (size_t)n, sizeof *away, by_size);
+    qsort(away, (size_t)n, sizeof *away, spin_by_double);
     if (2 * n_behind < n) {
         memcpy(pivot, at, sizeof at);
         *median = away[n / 2];

@@ -6,6 +6,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "io/gzip.h"
 #include "math/morton.h"
 
 #define NONE UINT32_MAX
@@ -31,7 +32,6 @@ void spin_page_group_free(struct spin_page_group *g)
     free(g->shared);
     free(g->key);
     free(g->number);
-    spin_gzip_free(g->gzip);
     memset(g, 0, sizeof *g);
 }
 
@@ -468,26 +468,6 @@ static spin_status join(struct blocks *b, size_t *start)
     return SPIN_OK;
 }
 
-static spin_status pack(struct blocks *b, char **bytes, size_t *n_bytes)
-{
-    struct spin_page_group *g = b->g;
-    struct spin_out memory = {.path = (char *)"a block", .file = open_memstream(bytes, n_bytes)};
-    spin_status status;
-
-    if (!memory.file)
-        return spin_fail(SPIN_E_MEMORY, "not enough memory for a block of the page");
-    status = g->gzip ? SPIN_OK : spin_gzip_create(6, spin_pool_n_threads(g->pool), &g->gzip);
-    if (status == SPIN_OK)
-        status = spin_gzip_begin(g->gzip, &memory);
-    if (status == SPIN_OK)
-        status = spin_gzip_write(g->gzip, b->packed.data, b->packed.n);
-    if (status == SPIN_OK)
-        status = spin_gzip_end(g->gzip);
-    if (fclose(memory.file) != 0 && status == SPIN_OK)
-        status = spin_fail(SPIN_E_MEMORY, "not enough memory for a block of the page");
-    return status;
-}
-
 static spin_status write_block(struct blocks *b, spin_page_sink sink, void *context)
 {
     struct spin_page_group *g = b->g;
@@ -495,14 +475,15 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
                                     .n_shared = g->n_shared,
                                     .n_still = g->n_still,
                                     .n_own = g->frame[b->frame].n_own};
-    size_t start[2 * SPIN_PAGE_COLUMNS], n_again = 0;
-    char *bytes = NULL;
+    size_t start[2 * SPIN_PAGE_COLUMNS], n_room = 0, n_again = 0;
+    unsigned char *bytes = NULL;
     spin_status status;
 
     SPIN_TRY(join(b, start));
     b->start = start;
-    status = pack(b, &bytes, &block.n_bytes);
-    block.data = (const uint8_t *)bytes;
+    status =
+        spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes);
+    block.data = bytes;
     if (status == SPIN_OK)
         status = spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again);
     if (status == SPIN_OK && n_again != b->packed.n)

@@ -9,7 +9,6 @@
 #include "exporters/lib/page_values.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
-#include "io/gzip.h"
 
 enum { SPIN_PAGE_MOST_FRAMES = 256 };
 
@@ -25,7 +24,6 @@ struct spin_page_frame {
 struct spin_page_group {
     struct spin_page_space space;
     struct spin_pool *pool;
-    struct spin_gzip *gzip;
     int n_sh, most_frames;
 
     struct spin_page_frame frame[SPIN_PAGE_MOST_FRAMES];

@@ -6,78 +6,14 @@
 
 #include "base/mem.h"
 #include "base/pool.h"
+#include "base/product.h"
 #include "math/ntc.h"
-
-typedef float mlp_vec __attribute__((vector_size(4 * MLP_LANES), aligned(4), may_alias));
-
-/* `rows` is a constant where it is inlined, so the sums live in registers. */
-MLP_INLINE void mlp_tile(const struct mlp_layer *l, int rows, int row, const float *in, float *out,
-                         bool relu)
-{
-    const float *w = l->weight + (size_t)row * (size_t)l->n_in;
-    mlp_vec sum[4][MLP_TILE_VECS];
-    size_t n_in = (size_t)l->n_in;
-
-    for (int r = 0; r < rows; r++)
-        for (int v = 0; v < MLP_TILE_VECS; v++)
-            sum[r][v] = (mlp_vec){0} + (l->bias ? l->bias[row + r] : 0.0f);
-    for (size_t i = 0; i < n_in; i++) {
-        mlp_vec x[MLP_TILE_VECS];
-
-        for (int v = 0; v < MLP_TILE_VECS; v++)
-            x[v] = *(const mlp_vec *)(in + i * MLP_BLOCK + v * MLP_LANES);
-        for (int r = 0; r < rows; r++)
-            for (int v = 0; v < MLP_TILE_VECS; v++)
-                sum[r][v] += w[(size_t)r * n_in + i] * x[v];
-    }
-    for (int r = 0; r < rows; r++) {
-        float *to = out + (size_t)(row + r) * MLP_BLOCK;
-
-        for (int v = 0; v < MLP_TILE_VECS; v++)
-            *(mlp_vec *)(to + v * MLP_LANES) = sum[r][v];
-        for (int p = 0; relu && p < MLP_TILE_VECS * MLP_LANES; p++)
-            to[p] = to[p] < 0 ? 0 : to[p];
-    }
-}
-
-MLP_INLINE void mlp_layer(const struct mlp_layer *l, const float *in, float *out, bool relu)
-{
-    for (int p = 0; p < MLP_BLOCK; p += MLP_TILE_VECS * MLP_LANES) {
-        int row = 0;
-
-        for (; row + 4 <= l->n_out; row += 4)
-            mlp_tile(l, 4, row, in + p, out + p, relu);
-        for (; row < l->n_out; row++)
-            mlp_tile(l, 1, row, in + p, out + p, relu);
-    }
-}
-
-__attribute__((noinline, unused)) static void
-mlp_layer_plain(const struct mlp_layer *l, const float *in, float *out, bool relu)
-{
-    mlp_layer(l, in, out, relu);
-}
-
-#if defined(__x86_64__) && !defined(__AVX2__)
-
-__attribute__((target("avx2,fma"), noinline, unused)) static void
-mlp_layer_avx2(const struct mlp_layer *l, const float *in, float *out, bool relu)
-{
-    mlp_layer(l, in, out, relu);
-}
-
-#endif
 
 /* out [n_out][MLP_BLOCK] = W in + b, negative values to 0 when `relu`. in and out differ. */
 static void mlp_linear(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
-#if defined(__x86_64__) && !defined(__AVX2__)
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
-        mlp_layer_avx2(l, in, out, relu);
-        return;
-    }
-#endif
-    mlp_layer_plain(l, in, out, relu);
+    spin_multiply_add(l->n_out, MLP_BLOCK, l->n_in, l->weight, (size_t)l->n_in, in, l->bias, relu,
+                      out);
 }
 
 int spin_mlp_n_out(const struct mlp_net *net) { return net->layer[net->n - 1].n_out; }

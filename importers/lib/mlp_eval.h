@@ -1,8 +1,7 @@
 /* Small networks of foreign methods, evaluated for blocks of points.
  *
  * The activations of a block are stored by channel, [channel][MLP_BLOCK]: the loops below go over
- * points, so a layer is a broadcast and a multiply-add whatever its width. Register tiles of 4
- * outputs x 16 points; x86-64 also gets them compiled for AVX2, chosen at run time. */
+ * points, so a layer is a broadcast and a multiply-add whatever its width. */
 #ifndef SPIN_IMPORTERS_LIB_MLP_EVAL_H
 #define SPIN_IMPORTERS_LIB_MLP_EVAL_H
 
@@ -10,8 +9,6 @@
 
 enum {
     MLP_BLOCK = 32,    /* points */
-    MLP_LANES = 8,     /* of a vector */
-    MLP_TILE_VECS = 2, /* vectors of points in a tile */
     MLP_MAX_WIDTH = 8192,
     MLP_MAX_LAYERS = 34
 };

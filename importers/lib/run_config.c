@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/number.h"
 
 /* ---- cfg_args -------------------------------------------------------------------------------- */
 
@@ -344,13 +345,6 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
     return SPIN_OK;
 }
 
-int spin_compare_times(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* The central 98% of the Gaussians' own times, narrowed about its middle and rounded. Methods
  * spread initial times beyond the clip: `spread` is how much wider than it. */
 static spin_status guess_times(const double *time, size_t n, double spread, struct clip_times *out)
@@ -359,7 +353,7 @@ static spin_status guess_times(const double *time, size_t n, double spread, stru
 
     SPIN_TRY(spin_alloc(n, sizeof *sorted, (void **)&sorted));
     memcpy(sorted, time, n * sizeof *sorted);
-    qsort(sorted, n, sizeof *sorted, spin_compare_times);
+    qsort(sorted, n, sizeof *sorted, spin_by_double);
     low = sorted[(size_t)(0.01 * (double)(n - 1))];
     high = sorted[(size_t)(0.99 * (double)(n - 1) + 0.5)];
     free(sorted);

@@ -148,9 +148,10 @@ static const void *find(struct spin_shim *shim)
     return s.table;
 }
 
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+
 spin_status spin_shim_need(struct spin_shim *shim, const void **table)
 {
-    static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
     bool found;
 
     pthread_mutex_lock(&mutex);
@@ -164,4 +165,31 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     return spin_fail(SPIN_E_UNSUPPORTED,
                      "%s '%s' is missing or does not load%s%s (Debian: install %s, then make)",
                      shim->lacking, shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
+}
+
+static void load_library(struct spin_library *library)
+{
+    const char *name = getenv(library->override);
+    void *object = dlopen(name ? name : library->file, RTLD_NOW | RTLD_LOCAL);
+
+    if (!object)
+        snprintf(library->why, sizeof library->why, "%s", dlerror());
+    for (const struct spin_library_function *f = library->function; object && f->name; f++) {
+        *(void **)f->into = dlsym(object, f->name);
+        if (!*(void **)f->into)
+            snprintf(library->why, sizeof library->why, "it lacks %s", f->name);
+    }
+}
+
+spin_status spin_library_need(struct spin_library *library)
+{
+    pthread_mutex_lock(&mutex);
+    if (!library->tried)
+        load_library(library);
+    library->tried = true;
+    pthread_mutex_unlock(&mutex);
+    if (!*library->why)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_UNSUPPORTED, "%s needs the library '%s': %s", library->user,
+                     library->file, library->why);
 }

@@ -1,5 +1,5 @@
-/* Shared objects of ours that stand before a C++ library, loaded when first needed: who does not need
- * them pays neither for their start-up nor for a C++ runtime. */
+/* Shared objects that are loaded when first needed. Those of ours stand before a C++ library: who does not need
+ * them pays neither for their start-up nor for a C++ runtime. Those of the system may be missing. */
 #ifndef SPIN_BASE_SHIM_H
 #define SPIN_BASE_SHIM_H
 
@@ -20,5 +20,21 @@ struct spin_shim {
  * beside the bin/ of the program (of the build, and of a prefix), and in spin4d/ of the LIBDIR of the build; takes
  * none that others can write, or whose folder they can. By any thread. */
 spin_status spin_shim_need(struct spin_shim *shim, const void **table);
+
+/* A library of the system. Its header has the types of the functions. */
+struct spin_library {
+    const char *file;     /* "libzstd.so.1" */
+    const char *override; /* environment variable that may name another file */
+    const char *user;     /* "zstd", for the message */
+    const struct spin_library_function {
+        const char *name;
+        void *into; /* points to the pointer to the function */
+    } * function;   /* ended by a NULL name */
+    bool tried;
+    char why[256]; /* it is not there */
+};
+
+/* Loads it once and fills in the functions; else SPIN_E_UNSUPPORTED. By any thread. */
+spin_status spin_library_need(struct spin_library *library);
 
 #endif

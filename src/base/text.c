@@ -1,5 +1,7 @@
 #include "base/text.h"
 
+#include <string.h>
+
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n)
 {
     static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -82,6 +84,13 @@ void spin_text_json(FILE *to, const char *text)
             fputc(c, to);
     }
     fputc('"', to);
+}
+
+bool spin_text_ends(const char *text, const char *with)
+{
+    size_t n = strlen(text), n_with = strlen(with);
+
+    return n >= n_with && strcmp(text + n - n_with, with) == 0;
 }
 
 const char *spin_text_bytes(uint64_t bytes, char text[32])

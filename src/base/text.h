@@ -15,6 +15,8 @@ void spin_text_json(FILE *to, const char *text);
  * line feeds stay. */
 void spin_text_tidy(char *text, bool lines);
 
+bool spin_text_ends(const char *text, const char *with);
+
 /* Powers of 1000, as disks are sold: "12.3 MB". Returns text. */
 const char *spin_text_bytes(uint64_t bytes, char text[32]);
 /* "2:36:12" or "4:05". Returns text. */

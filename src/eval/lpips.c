@@ -12,7 +12,9 @@
 #include "spin.h"
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/conv.h"
+#include "base/pool.h"
+#include "base/product.h"
+#include "base/text.h"
 #include "io/file.h"
 #include "io/torch.h"
 
@@ -52,31 +54,24 @@ static const struct network {
 } networks[SPIN_N_LPIPS] = {{"VGG", vgg, 13}, {"AlexNet", alex, 5}};
 
 struct spin_lpips {
-    int network, n_threads;
+    int network;
+    struct spin_pool *pool;
     float *weights[MOST_LAYERS], *bias[MOST_LAYERS];
     float *lin[STAGES];
-    int width, height; /* of the pictures that the plan below is for */
-    struct spin_conv conv[MOST_LAYERS];
+    int width, height; /* of the pictures that the following is for */
+    int out_width[MOST_LAYERS], out_height[MOST_LAYERS];
     float *feature[2][STAGES]; /* of the two pictures */
-    float *work[2];
+    float *work[2], *padded;
+    float *scratch; /* [threads][SCRATCH] */
 };
 
 /* ---- Weights ------------------------------------------------------------------------------------ */
 
 static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const int64_t *shape)
 {
-    struct spin_array tensor;
     const struct spin_value *v = spin_value_get(t->root, key);
 
-    if (!v || v->kind != SPIN_VALUE_TENSOR)
-        return false;
-    tensor = v->tensor;
-    if (tensor.n_dims != n_dims)
-        return false;
-    for (int d = 0; d < n_dims; d++)
-        if (tensor.shape[d] != (uint64_t)shape[d])
-            return false;
-    return true;
+    return v && v->kind == SPIN_VALUE_TENSOR && spin_array_has_shape(&v->tensor, n_dims, shape);
 }
 
 /* The network whose convolutions these are, -1: none that we know. */
@@ -190,9 +185,8 @@ spin_status spin_lpips_open(const char *backbone, const char *lin, int n_threads
 {
     spin_status status;
 
-    SPIN_TRY(spin_conv_start());
     SPIN_TRY(spin_alloc(1, sizeof **out, (void **)out));
-    (*out)->n_threads = n_threads;
+    SPIN_TRY_OUT(spin_pool_create(n_threads, &(*out)->pool));
     SPIN_TRY_OUT(read_file(backbone, *out, read_backbone));
     SPIN_TRY_OUT(read_file(lin, *out, read_lin));
     return SPIN_OK;
@@ -228,13 +222,6 @@ static spin_status look_at(const char *path, struct found *found)
     return SPIN_OK;
 }
 
-static bool ends(const char *name, const char *with)
-{
-    size_t n = strlen(name), k = strlen(with);
-
-    return n >= k && strcmp(name + n - k, with) == 0;
-}
-
 static spin_status search(const char *folder, int depth, struct found *found)
 {
     char **names = NULL;
@@ -247,7 +234,8 @@ static spin_status search(const char *folder, int depth, struct found *found)
         status = spin_path_join(folder, names[i], &path);
         if (status == SPIN_OK && depth > 0 && spin_path_is_folder(path))
             status = search(path, depth - 1, found);
-        else if (status == SPIN_OK && (ends(names[i], ".pth") || ends(names[i], ".pt")))
+        else if (status == SPIN_OK &&
+                 (spin_text_ends(names[i], ".pth") || spin_text_ends(names[i], ".pt")))
             status = look_at(path, found);
         free(path);
     }
@@ -286,12 +274,87 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
     return status;
 }
 
-/* ---- The plan for pictures of one size ------------------------------------------------------------ */
+/* ---- Convolution ---------------------------------------------------------------------------------- */
+
+/* Out [n_out][pixels] = weights [n_out][terms] x patches [terms][pixels], a term being an input channel and a place in
+ * the kernel. A task is COLUMNS pixels; terms are taken DEPTH at a time, so that their patches stay in the cache. Every
+ * output is one sum in the order of the terms, whatever the number of threads. */
+enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
+
+struct convolution {
+    const struct layer *layer;
+    const float *weights, *bias, *in; /* in [n_in][in_height][in_width], with its border of zeros */
+    float *out, *scratch;
+    size_t in_width, in_height, out_width, plane; /* plane: pixels that come out */
+};
+
+/* What term k meets at pixels [first, first + n) of the output. */
+static void take_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
+{
+    size_t side = (size_t)c->layer->kernel, stride = (size_t)c->layer->stride;
+    const float *corner =
+        c->in + (k / (side * side) * c->in_height + k / side % side) * c->in_width + k % side;
+
+    while (n > 0) {
+        size_t x = first % c->out_width, run = c->out_width - x < n ? c->out_width - x : n;
+        const float *from = corner + stride * (first / c->out_width * c->in_width + x);
+
+        for (size_t i = 0; i < run; i++)
+            to[i] = from[i * stride];
+        to += run;
+        first += run;
+        n -= run;
+    }
+}
+
+static void convolve_block(void *context, int task, int worker)
+{
+    const struct convolution *c = context;
+    float *patches = c->scratch + (size_t)worker * SCRATCH, *sums = patches + DEPTH * COLUMNS;
+    size_t first = (size_t)task * COLUMNS, rest = c->plane - first, n_out = (size_t)c->layer->n_out;
+    size_t terms = (size_t)(c->layer->n_in * c->layer->kernel * c->layer->kernel);
+    size_t n = rest < COLUMNS ? rest : COLUMNS;
+
+    for (size_t k = 0; k < terms; k += DEPTH) {
+        size_t depth = terms - k < DEPTH ? terms - k : DEPTH;
+
+        for (size_t i = 0; i < depth; i++)
+            take_patches(c, k + i, first, n, patches + i * COLUMNS);
+        spin_multiply_add((int)n_out, COLUMNS, (int)depth, c->weights + k, terms, patches,
+                          k == 0 ? c->bias : NULL, k + depth == terms, sums);
+    }
+    for (size_t row = 0; row < n_out; row++)
+        memcpy(c->out + row * c->plane + first, sums + row * COLUMNS, n * sizeof *sums);
+}
+
+/* Layer i with its ReLU, of a picture of this size. */
+static void convolve(struct spin_lpips *l, int i, int width, int height, const float *in,
+                     float *out)
+{
+    const struct layer *a = &networks[l->network].layer[i];
+    size_t pad = (size_t)a->pad, w = (size_t)width, h = (size_t)height;
+    struct convolution c = {.layer = a,
+                            .weights = l->weights[i],
+                            .bias = l->bias[i],
+                            .in = l->padded,
+                            .out = out,
+                            .scratch = l->scratch,
+                            .in_width = w + 2 * pad,
+                            .in_height = h + 2 * pad,
+                            .out_width = (size_t)l->out_width[i],
+                            .plane = (size_t)l->out_width[i] * (size_t)l->out_height[i]};
+
+    memset(l->padded, 0, (size_t)a->n_in * c.in_width * c.in_height * sizeof *l->padded);
+    for (size_t row = 0; row < (size_t)a->n_in * h; row++)
+        memcpy(l->padded + (row / h * c.in_height + pad + row % h) * c.in_width + pad, in + row * w,
+               w * sizeof *in);
+    spin_pool_run(l->pool, (int)((c.plane + COLUMNS - 1) / COLUMNS), convolve_block, &c);
+}
+
+/* ---- Room for pictures of one size ---------------------------------------------------------------- */
 
 static void drop_plan(struct spin_lpips *l)
 {
-    for (int i = 0; i < MOST_LAYERS; i++)
-        spin_conv_close(&l->conv[i]);
     for (int k = 0; k < 2; k++) {
         for (int s = 0; s < STAGES; s++) {
             free(l->feature[k][s]);
@@ -300,6 +363,9 @@ static void drop_plan(struct spin_lpips *l)
         free(l->work[k]);
         l->work[k] = NULL;
     }
+    free(l->padded);
+    free(l->scratch);
+    l->padded = l->scratch = NULL;
     l->width = l->height = 0;
 }
 
@@ -308,23 +374,17 @@ static int pooled(int n, int window) { return window ? (n - window) / 2 + 1 : n;
 static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 {
     const struct network *net = &networks[l->network];
-    size_t most = 3 * (size_t)width * (size_t)height;
+    size_t most = 3 * (size_t)width * (size_t)height, most_padded = 0;
     int stage = 0;
 
     for (int i = 0; i < net->n_layers; i++) {
         const struct layer *a = &net->layer[i];
-        struct spin_conv_shape shape = {.n_in = a->n_in,
-                                        .height = pooled(height, a->pool),
-                                        .width = pooled(width, a->pool),
-                                        .n_out = a->n_out,
-                                        .kernel = a->kernel,
-                                        .stride = a->stride,
-                                        .pad = a->pad};
-        size_t n;
+        int w = pooled(width, a->pool) + 2 * a->pad, h = pooled(height, a->pool) + 2 * a->pad;
+        size_t n = (size_t)a->n_in * (size_t)w * (size_t)h;
 
-        SPIN_TRY(spin_conv_open(&shape, l->weights[i], l->bias[i], l->n_threads, &l->conv[i]));
-        width = l->conv[i].out_width;
-        height = l->conv[i].out_height;
+        most_padded = n > most_padded ? n : most_padded;
+        l->out_width[i] = width = (w - a->kernel) / a->stride + 1;
+        l->out_height[i] = height = (h - a->kernel) / a->stride + 1;
         n = (size_t)a->n_out * (size_t)width * (size_t)height;
         most = n > most ? n : most;
         if (!a->stage)
@@ -335,7 +395,9 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
     }
     for (int k = 0; k < 2; k++)
         SPIN_TRY(spin_alloc(most, sizeof(float), (void **)&l->work[k]));
-    return SPIN_OK;
+    SPIN_TRY(spin_alloc(most_padded, sizeof(float), (void **)&l->padded));
+    return spin_alloc((size_t)spin_pool_n_threads(l->pool), SCRATCH * sizeof(float),
+                      (void **)&l->scratch);
 }
 
 static spin_status plan(struct spin_lpips *l, int width, int height)
@@ -358,6 +420,7 @@ void spin_lpips_close(struct spin_lpips *l)
     if (!l)
         return;
     drop_plan(l);
+    spin_pool_free(l->pool);
     for (int i = 0; i < MOST_LAYERS; i++) {
         free(l->weights[i]);
         free(l->bias[i]);
@@ -388,7 +451,7 @@ static void max_pool(int n, int width, int height, int window, const float *in, 
             }
 }
 
-static spin_status run_network(struct spin_lpips *l, const float *image, float *const *feature)
+static void run_network(struct spin_lpips *l, const float *image, float *const *feature)
 {
     const struct network *net = &networks[l->network];
     size_t plane = (size_t)l->width * (size_t)l->height;
@@ -404,13 +467,15 @@ static spin_status run_network(struct spin_lpips *l, const float *image, float *
 
         if (a->pool) {
             max_pool(a->n_in, width, height, a->pool, now, next);
+            width = pooled(width, a->pool);
+            height = pooled(height, a->pool);
             keep = now;
             now = next;
             next = keep;
         }
-        SPIN_TRY(spin_conv_run(&l->conv[i], now, next));
-        width = l->conv[i].out_width;
-        height = l->conv[i].out_height;
+        convolve(l, i, width, height, now, next);
+        width = l->out_width[i];
+        height = l->out_height[i];
         keep = now;
         now = next;
         next = keep;
@@ -418,7 +483,6 @@ static spin_status run_network(struct spin_lpips *l, const float *image, float *
             memcpy(feature[stage++], now,
                    (size_t)a->n_out * (size_t)width * (size_t)height * sizeof(float));
     }
-    return SPIN_OK;
 }
 
 /* Sum over a block of pixels; planes are `plane` apart. */
@@ -472,11 +536,11 @@ spin_status spin_lpips_compare(struct spin_lpips *l, int width, int height, cons
 
     *distance = NAN;
     SPIN_TRY(plan(l, width, height));
-    SPIN_TRY(run_network(l, image, l->feature[0]));
-    SPIN_TRY(run_network(l, truth, l->feature[1]));
+    run_network(l, image, l->feature[0]);
+    run_network(l, truth, l->feature[1]);
     *distance = 0;
     for (int i = 0; i < net->n_layers; i++) {
-        size_t plane = (size_t)l->conv[i].out_width * (size_t)l->conv[i].out_height;
+        size_t plane = (size_t)l->out_width[i] * (size_t)l->out_height[i];
         double d;
 
         if (!net->layer[i].stage)

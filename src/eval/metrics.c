@@ -10,7 +10,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "eval/colour_fit.h"
-#include "io/picture_name.h"
+#include "io/image.h"
 #include "io/ranks.h"
 #include "math/loss.h"
 

@@ -6,19 +6,13 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "base/number.h"
 
 #define BINS 4096     /* of the histogram that the first places come from */
 #define MOST_STEPS 60 /* of Lloyd's algorithm */
 #define CUT_STEPS 6   /* of 2-means */
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
-
-static int by_value(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
 
 /* How many of n rising values are below v. */
 static size_t count_below(const float *sorted, size_t n, double v)
@@ -90,7 +84,7 @@ spin_status spin_codebook_make(const float *values, size_t n, float book[SPIN_CO
     SPIN_TRY_OUT(spin_alloc(n + 1, sizeof *before, (void **)&before));
     if (n > 0) {
         memcpy(sorted, values, n * sizeof *sorted);
-        qsort(sorted, n, sizeof *sorted, by_value);
+        qsort(sorted, n, sizeof *sorted, spin_by_float);
         for (size_t i = 0; i < n; i++)
             before[i + 1] = before[i] + (double)sorted[i];
         first_places(sorted, n, place);

@@ -199,18 +199,37 @@ const float *spin_array_f32(const struct spin_array *a)
     return (const float *)(const void *)p;
 }
 
+bool spin_array_set_type(struct spin_array *a, const char *code)
+{
+    static const struct {
+        char kind;
+        const char *sizes;
+    } known[] = {{'f', "248"}, {'i', "1248"}, {'u', "1248"}, {'b', "1"}};
+
+    for (size_t i = 0; i < sizeof known / sizeof known[0] && strlen(code) == 2; i++)
+        if (code[0] == known[i].kind && strchr(known[i].sizes, code[1])) {
+            a->kind = code[0];
+            a->item_size = code[1] - '0';
+            return true;
+        }
+    return false;
+}
+
+bool spin_array_has_shape(const struct spin_array *a, int n_dims, const int64_t *shape)
+{
+    for (int i = 0; i < n_dims && a->n_dims == n_dims; i++)
+        if (shape[i] >= 0 && a->shape[i] != (uint64_t)shape[i])
+            return false;
+    return a->n_dims == n_dims;
+}
+
 void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text)
 {
-    size_t n = 0;
+    size_t n = (size_t)snprintf(text, n_text, "[");
 
-    if (n_text == 0)
-        return;
-    text[0] = '\0';
-    for (int i = 0; i <= n_dims && n < n_text; i++) {
-        int more = i == n_dims ? snprintf(text + n, n_text - n, n_dims ? "]" : "[]")
-                               : snprintf(text + n, n_text - n, "%s%llu", i ? ", " : "[",
-                                          (unsigned long long)shape[i]);
-
-        n += (size_t)more;
-    }
+    for (int i = 0; i < n_dims && n < n_text; i++)
+        n += (size_t)snprintf(text + n, n_text - n, shape[i] == UINT64_MAX ? "%s*" : "%s%llu",
+                              i ? ", " : "", (unsigned long long)shape[i]);
+    if (n < n_text)
+        snprintf(text + n, n_text - n, "]");
 }

@@ -36,7 +36,11 @@ void spin_array_to_i64(const struct spin_array *a, uint64_t first, uint64_t coun
 /* The values in place, when they are native contiguous float32 at an aligned address; else NULL. */
 const float *spin_array_f32(const struct spin_array *a);
 
-/* "[3, 500, 4]" into text. */
+/* Kind and size of "f4" and its like; false when it is no plain number. */
+bool spin_array_set_type(struct spin_array *a, const char *code);
+/* Whether its shape is this one; a -1 matches anything. */
+bool spin_array_has_shape(const struct spin_array *a, int n_dims, const int64_t *shape);
+/* "[3, 500, 4]" into text; a size of -1, which matches anything, is *. */
 void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text);
 
 #endif

@@ -13,10 +13,10 @@
 #include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
+#include <zlib.h>
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/watch.h"
 
 enum { OUT_BUFFER = 1 << 20 };
 
@@ -135,6 +135,16 @@ void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n)
 
     if (map->size > 0 && first >= base && first + n <= base + map->size)
         spin_map_rest(bytes, n);
+}
+
+uint32_t spin_crc32(uint32_t crc, const void *data, size_t n)
+{
+    return n > 0 ? (uint32_t)crc32_z(crc, data, n) : crc;
+}
+
+struct spin_imprint spin_map_imprint(const struct spin_map *map)
+{
+    return (struct spin_imprint){map->size, spin_crc32(0, map->data, map->size)};
 }
 
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out)

@@ -3,6 +3,8 @@
 #ifndef SPIN_IO_FILE_H
 #define SPIN_IO_FILE_H
 
+#include <sys/stat.h>
+
 #include "spin.h"
 
 /* A file mapped for reading. Empty files give data == "" and size 0. */
@@ -22,6 +24,16 @@ spin_status spin_map_check(const struct spin_map *map);
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 /* The same of bytes that are known to lie in a map. */
 void spin_map_rest(const void *bytes, size_t n);
+/* The checksum of zip and gzip: of all the bytes so far, from that of those before (0: none). */
+uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
+
+/* What a file is told by: its bytes, not its name or time. */
+struct spin_imprint {
+    uint64_t size;
+    uint32_t crc; /* of all bytes */
+};
+struct spin_imprint spin_map_imprint(const struct spin_map *map);
+
 /* At most the first n bytes of a file, n_out of them. Errors as of spin_map_open(). */
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 
@@ -63,5 +75,19 @@ spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 /* The file's length so far, buffer included. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
+
+/* ---- watch.c: files that others cut short while they are mapped, and what must not be left behind then ---- */
+
+/* What spin_map_open() and spin_map_close() tell. */
+void spin_watch_map(const void *data, const char *path, const struct stat *st);
+void spin_unwatch_map(const void *data);
+/* SPIN_E_IO when the file behind a map that is watched has another size or time by now. One that was
+ * removed or replaced is still whole in the map. */
+spin_status spin_watch_check(const void *data);
+
+/* A temporary file, or a new folder, to be removed when the process ends because of a cut file. The
+ * pointer is kept. */
+void spin_watch_out(const char *path);
+void spin_unwatch_out(const char *path);
 
 #endif

@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "base/err.h"
-#include "io/file.h"
 #include "io/image_shim.h"
 #include "base/shim.h"
 #include "io/video.h"
@@ -160,7 +159,7 @@ static spin_status inspect(const char *path, bool whole, const char **format,
                       : strcmp(*format, "png") == 0 ? png_ends(&map)
                                                     : map.size > 0);
     if (imprint)
-        *imprint = (struct spin_imprint){map.size, spin_crc32(0, map.data, map.size)};
+        *imprint = spin_map_imprint(&map);
     spin_map_close(&map);
     if (!ends)
         return spin_fail(SPIN_E_MALFORMED, "cannot read image '%s': the file is cut short", path);
@@ -176,7 +175,7 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 
     SPIN_TRY(find_video(path, &file, &frame));
     if (file) {
-        spin_status status = spin_video_info(file, width, height, &frame);
+        spin_status status = spin_video_info(file, width, height, &frame, NULL);
 
         free(file);
         *channels = 3;
@@ -193,11 +192,11 @@ static spin_status look_at_video(const char *file, int64_t frame, int *width, in
 {
     int64_t n_frames;
 
-    SPIN_TRY(spin_video_info(file, width, height, &n_frames));
+    SPIN_TRY(spin_video_info(file, width, height, &n_frames, imprint));
     if (frame >= n_frames)
         return spin_fail(SPIN_E_NOT_FOUND, "video '%s' has no frame %lld, only 0 to %lld", file,
                          (long long)frame, (long long)n_frames - 1);
-    return spin_video_imprint(file, imprint);
+    return SPIN_OK;
 }
 
 spin_status spin_image_look(const char *path, int *width, int *height, struct spin_imprint *imprint)
@@ -283,4 +282,28 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 out:
     free(bytes);
     return status;
+}
+
+/* ---- Names ------------------------------------------------------------------------------------- */
+
+void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
+                       char name[SPIN_PICTURE_NAME])
+{
+    const struct spin_view *v = &views->view[view];
+    char twin[16] = "";
+    size_t first = view;
+
+    /* views are sorted by row, then camera */
+    while (first > 0 && views->view[first - 1].dataset_frame == v->dataset_frame &&
+           views->view[first - 1].camera_id == v->camera_id)
+        first--;
+    if (first < view)
+        snprintf(twin, sizeof twin, "_%d", (int)(view - first + 1));
+    snprintf(name, SPIN_PICTURE_NAME, "cam_%02d%s_frame_%05d%s%s.png", v->camera_id, twin, number,
+             label ? "_" : "", label ? label : "");
+}
+
+void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME])
+{
+    snprintf(name, SPIN_PICTURE_NAME, "%s_frame_%05d.png", path, number);
 }

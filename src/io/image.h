@@ -4,8 +4,7 @@
 #ifndef SPIN_IO_IMAGE_H
 #define SPIN_IO_IMAGE_H
 
-#include "io/crc.h"
-#include "spin.h"
+#include "io/file.h"
 
 /* Wherever a path is taken, it may also name a frame of a video, as io/video.h has it. */
 
@@ -34,5 +33,14 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
 /* Write interleaved 8-bit RGB as PNG (write, then rename; sync: wait for the disk between). */
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb,
                              bool sync);
+
+/* Of a picture drawn from a view, the same wherever pictures are written: "cam_07_frame_00012.png".
+ * label: goes before the ending, or NULL. The second camera that a row has with the same number, which happens, is
+ * "cam_07_2". */
+enum { SPIN_PICTURE_NAME = 128 };
+void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
+                       char name[SPIN_PICTURE_NAME]);
+/* The same of a camera that moves: the number is the picture's, "orbit_frame_00012.png". */
+void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);
 
 #endif

@@ -103,23 +103,12 @@ static bool take_number(struct text *t, uint64_t *out)
 /* "<f4": byte order, kind, bytes. */
 static spin_status read_dtype(const struct text *t, const char *descr, struct spin_array *out)
 {
-    static const struct {
-        char kind;
-        const char *sizes;
-    } known[] = {{'f', "248"}, {'i', "1248"}, {'u', "1248"}, {'b', "1"}};
     char order = descr[0];
 
-    if (strlen(descr) == 3 && strchr("<>|=", order)) {
-        for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
-            if (descr[1] != known[i].kind || !strchr(known[i].sizes, descr[2]))
-                continue;
-            if (order == '|' && descr[2] != '1')
-                continue;
-            out->kind = descr[1];
-            out->item_size = descr[2] - '0';
-            out->big_endian = order == '>' && out->item_size > 1;
-            return SPIN_OK;
-        }
+    if (strlen(descr) == 3 && strchr("<>|=", order) && (order != '|' || descr[2] == '1') &&
+        spin_array_set_type(out, descr + 1)) {
+        out->big_endian = order == '>' && out->item_size > 1;
+        return SPIN_OK;
     }
     return spin_fail(SPIN_E_UNSUPPORTED, "array '%s' has dtype '%s', which is not a plain number",
                      t->what, descr);
@@ -414,31 +403,15 @@ spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc
     return read_data(npz, key, check_crc, out);
 }
 
-/* "[*, 3]": a shape where -1 stands for anything. */
-static void pattern_text(int n_dims, const int64_t *shape, char *text, size_t n_text)
-{
-    size_t n = (size_t)snprintf(text, n_text, "[");
-
-    for (int i = 0; i < n_dims && n < n_text; i++)
-        n += (size_t)(shape[i] < 0 ? snprintf(text + n, n_text - n, i ? ", *" : "*")
-                                   : snprintf(text + n, n_text - n, i ? ", %lld" : "%lld",
-                                              (long long)shape[i]));
-    if (n < n_text)
-        snprintf(text + n, n_text - n, "]");
-}
-
 spin_status spin_array_check_shape(const char *key, const struct spin_array *a, int n_dims,
                                    const int64_t *shape)
 {
     char got[192], want[192];
-    bool same = a->n_dims == n_dims;
 
-    for (int i = 0; same && i < n_dims; i++)
-        same = shape[i] < 0 || a->shape[i] == (uint64_t)shape[i];
-    if (same)
+    if (spin_array_has_shape(a, n_dims, shape))
         return SPIN_OK;
     spin_array_shape_text(a->n_dims, a->shape, got, sizeof got);
-    pattern_text(n_dims, shape, want, sizeof want);
+    spin_array_shape_text(n_dims, (const uint64_t *)shape, want, sizeof want);
     return spin_fail(SPIN_E_MALFORMED, "array '%s' has shape %s, expected %s", key, got, want);
 }
 

@@ -4,7 +4,6 @@
 
 #include "io/array.h"
 #include "io/zip.h"
-#include "io/zip_writer.h"
 
 /* Parse the bytes of one .npy; `what` is the name for messages. Object and string dtypes are
  * SPIN_E_UNSUPPORTED; data shorter than the header says is SPIN_E_MALFORMED. */
@@ -16,7 +15,8 @@ struct spin_npz {
     struct spin_zip zip;
     void **owned; /* inflated members */
     size_t n_owned;
-    const char *prefix, *prefix_there; /* keys that begin with the first lie under the second; or NULL */
+    const char *prefix,
+        *prefix_there; /* keys that begin with the first lie under the second; or NULL */
 };
 spin_status spin_npz_open(const char *path, struct spin_npz *out);
 void spin_npz_close(struct spin_npz *npz);

@@ -74,18 +74,6 @@ static spin_status fail_line(const struct header *h, const char *why, struct wor
                      word_text(w, text));
 }
 
-/* Double the room of an array when it is full. */
-static spin_status make_room(size_t n, size_t *capacity, size_t size, void **block)
-{
-    size_t wanted = *capacity ? *capacity * 2 : 16;
-
-    if (n < *capacity)
-        return SPIN_OK;
-    SPIN_TRY(spin_grow(wanted, size, block));
-    *capacity = wanted;
-    return SPIN_OK;
-}
-
 static spin_status copy_name(const struct header *h, struct word w, char name[64])
 {
     if (w.n == 0 || w.n > 63 || memchr(w.text, '\0', w.n))
@@ -161,7 +149,7 @@ static spin_status parse_element(struct header *h, const char *at, const char *e
         return fail_line(h, "the count of an element is not a number it can have:", count);
     if (spin_ply_find_element(ply, e.name))
         return fail_line(h, "a second element", name);
-    SPIN_TRY(make_room(ply->n_elements, &h->element_capacity, sizeof e, (void **)&ply->element));
+    SPIN_TRY(spin_room(ply->n_elements, &h->element_capacity, sizeof e, (void **)&ply->element));
     ply->element[ply->n_elements++] = e;
     h->property_capacity = 0;
     return SPIN_OK;
@@ -197,7 +185,7 @@ static spin_status parse_property(struct header *h, const char *at, const char *
     p.offset = e->stride;
     e->has_list |= p.is_list;
     e->stride += p.is_list ? 0 : (size_t)type_size[p.type];
-    SPIN_TRY(make_room(e->n_properties, &h->property_capacity, sizeof p, (void **)&e->property));
+    SPIN_TRY(spin_room(e->n_properties, &h->property_capacity, sizeof p, (void **)&e->property));
     e->property[e->n_properties++] = p;
     return SPIN_OK;
 }
@@ -213,7 +201,7 @@ static spin_status parse_comment(struct header *h, const char *at, const char *e
     while (end > at && is_blank(end[-1]))
         end--;
     n = (size_t)(end - at);
-    SPIN_TRY(make_room(ply->n_comments, &h->comment_capacity, sizeof *ply->comment,
+    SPIN_TRY(spin_room(ply->n_comments, &h->comment_capacity, sizeof *ply->comment,
                        (void **)&ply->comment));
     SPIN_TRY(spin_alloc(n + 1, 1, &text));
     memcpy(text, at, n);

@@ -12,7 +12,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
-#include "io/pickle_legacy.h"
+#include "io/xz.h"
 #include "io/zip.h"
 
 /* Of data.pkl when it is deflated: real ones are kilobytes, one with tables in it some megabytes. */
@@ -64,10 +64,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
         what = "the file is empty";
     else if (begins(map, "<!doctype") || begins(map, "<html"))
         what = "it is an HTML page, not the checkpoint that it was to be downloaded from";
-    else if (map->size >= 6 && memcmp(p,
-                                      "\xfd"
-                                      "7zXZ\0",
-                                      6) == 0)
+    else if (spin_xz_looks_like(p, map->size))
         what = "it is an xz file, not a PyTorch checkpoint";
     else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
         what = "it is a bare pickle, not a PyTorch checkpoint";
@@ -349,35 +346,17 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
     return out->storage ? bind(torch, out) : SPIN_OK;
 }
 
-/* "[-1, 3]" as "[N, 3]" */
-static void wanted_text(int n_dims, const int64_t *shape, char *text, size_t n_text)
-{
-    size_t n = 0;
-
-    n += (size_t)snprintf(text, n_text, "[");
-    for (int i = 0; i < n_dims && n < n_text; i++)
-        n += (size_t)(shape[i] < 0 ? snprintf(text + n, n_text - n, "%s*", i ? ", " : "")
-                                   : snprintf(text + n, n_text - n, "%s%lld", i ? ", " : "",
-                                              (long long)shape[i]));
-    if (n < n_text)
-        snprintf(text + n, n_text - n, "]");
-}
-
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
                                  const char *what, int n_dims, const int64_t *shape,
                                  struct spin_array *out)
 {
     char got[160], wanted[160];
-    bool fits;
 
     SPIN_TRY(spin_torch_tensor(torch, v, what, out));
-    fits = out->n_dims == n_dims;
-    for (int i = 0; fits && i < n_dims; i++)
-        fits = shape[i] < 0 || (uint64_t)shape[i] == out->shape[i];
-    if (fits)
+    if (spin_array_has_shape(out, n_dims, shape))
         return SPIN_OK;
     spin_array_shape_text(out->n_dims, out->shape, got, sizeof got);
-    wanted_text(n_dims, shape, wanted, sizeof wanted);
+    spin_array_shape_text(n_dims, (const uint64_t *)shape, wanted, sizeof wanted);
     return spin_fail(SPIN_E_MALFORMED, "cannot read '%s': tensor '%s' has shape %s, expected %s",
                      torch->file->path, what, got, wanted);
 }

@@ -11,7 +11,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/file.h"
 #include "base/shim.h"
 #include "io/video_shim.h"
 
@@ -99,20 +98,27 @@ spin_status spin_video_start(void)
                                      .override = "SPIN_VIDEO_SHIM",
                                      .symbol = SPIN_VIDEO_SHIM_SYMBOL,
                                      .abi = SPIN_VIDEO_SHIM_ABI,
-                                     .lacking = "videos cannot be read: the FFmpeg shim",
+                                     .lacking = "videos need FFmpeg: the shim",
                                      .debian =
                                          "libavformat-dev, libavcodec-dev and libswscale-dev"};
 
     return spin_shim_need(&where, (const void **)&shim);
 }
 
-static spin_status fail_video(enum spin_video_result result, const char *file, const char *why)
+spin_status spin_video_shim(const struct spin_video_shim **out)
+{
+    SPIN_TRY(spin_video_start());
+    *out = shim;
+    return SPIN_OK;
+}
+
+static spin_status fail_video(enum spin_video_result result, const char *file)
 {
     spin_status code = result == SPIN_VIDEO_TOO_LARGE   ? SPIN_E_UNSUPPORTED
                        : result == SPIN_VIDEO_NO_MEMORY ? SPIN_E_MEMORY
                                                         : SPIN_E_MALFORMED;
 
-    return spin_fail(code, "cannot read video '%s': %s", file, why);
+    return spin_fail(code, "cannot read video '%s': %s", file, shim->why());
 }
 
 /* ---- Known videos ---------------------------------------------------------------------------- */
@@ -120,7 +126,6 @@ static spin_status fail_video(enum spin_video_result result, const char *file, c
 static spin_status add_video(const char *file, struct video **out)
 {
     struct video *new = NULL;
-    char why[256] = "";
     enum spin_video_result result;
     static bool closes;
     struct spin_map map;
@@ -135,9 +140,9 @@ static spin_status add_video(const char *file, struct video **out)
     new->at = -1;
     (void)stat(file, &new->was);
     SPIN_TRY_OUT(spin_strdup(file, &new->file));
-    result = shim->index(file, MAX_PIXELS, &new->index, why, sizeof why);
+    result = shim->index(file, MAX_PIXELS, &new->index);
     if (result != SPIN_VIDEO_OK) {
-        status = fail_video(result, file, why);
+        status = fail_video(result, file);
         goto out;
     }
     *out = video[n_videos++] = new;
@@ -207,55 +212,44 @@ static void make_room(size_t bytes)
 
 static spin_status open_stream(struct video *v)
 {
-    char why[256] = "";
     enum spin_video_result result;
 
     v->used = ++clock_now;
     if (v->stream)
         return SPIN_OK;
     make_room(cost_of(v));
-    result = shim->open(v->file, &v->index, &v->stream, why, sizeof why);
+    result = shim->open(v->file, &v->index, &v->stream);
     v->at = -1;
-    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file, why);
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames)
+static spin_status take_info(const char *file, int *width, int *height, int64_t *n_frames,
+                             struct spin_imprint *imprint)
 {
-    struct video *v;
-    spin_status status;
-
-    pthread_mutex_lock(&mutex);
-    status = find_video(file, &v);
-    if (status == SPIN_OK) {
-        *width = v->index.width;
-        *height = v->index.height;
-        *n_frames = v->index.n;
-    }
-    pthread_mutex_unlock(&mutex);
-    return status;
-}
-
-static spin_status take_imprint(const char *file, struct spin_imprint *out)
-{
-    struct video *v;
     struct spin_map map;
+    struct video *v;
 
     SPIN_TRY(find_video(file, &v));
-    if (v->imprint.size == 0) {
+    if (imprint && v->imprint.size == 0) {
         SPIN_TRY(spin_map_open(file, &map));
-        v->imprint = (struct spin_imprint){map.size, spin_crc32(0, map.data, map.size)};
+        v->imprint = spin_map_imprint(&map);
         spin_map_close(&map);
     }
-    *out = v->imprint;
+    *width = v->index.width;
+    *height = v->index.height;
+    *n_frames = v->index.n;
+    if (imprint)
+        *imprint = v->imprint;
     return SPIN_OK;
 }
 
-spin_status spin_video_imprint(const char *file, struct spin_imprint *out)
+spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
+                            struct spin_imprint *imprint)
 {
     spin_status status;
 
     pthread_mutex_lock(&mutex);
-    status = take_imprint(file, out);
+    status = take_info(file, width, height, n_frames, imprint);
     pthread_mutex_unlock(&mutex);
     return status;
 }
@@ -271,10 +265,9 @@ static int64_t key_before(const struct video *v, int64_t frame)
 
 static spin_status convert(struct video *v, uint8_t *rgb)
 {
-    char why[256] = "";
-    enum spin_video_result result = shim->rgb(v->stream, rgb, why, sizeof why);
+    enum spin_video_result result = shim->rgb(v->stream, rgb);
 
-    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file, why);
+    return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
 /* From where the stream is, or from the key frame before, to the frame; rgb is filled with it, and
@@ -283,19 +276,18 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
                          uint8_t *rgb)
 {
     int64_t key = key_before(v, frame);
-    char why[256] = "";
     enum spin_video_result result = SPIN_VIDEO_OK;
 
     if (v->at == frame) /* it is still there */
         return convert(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;
-        result = shim->seek(v->stream, key, why, sizeof why);
+        result = shim->seek(v->stream, key);
     }
     while (result == SPIN_VIDEO_OK) {
         int64_t now;
 
-        result = shim->next(v->stream, &now, why, sizeof why);
+        result = shim->next(v->stream, &now);
         if (result != SPIN_VIDEO_OK)
             break;
         if (now < key) /* shown before the key frame but coded after it: may lack what it needs */
@@ -312,7 +304,7 @@ static spin_status go_to(struct video *v, int64_t frame, const struct spin_video
         }
     }
     v->at = -1;
-    return fail_video(result, v->file, why);
+    return fail_video(result, v->file);
 }
 
 static spin_status read_frame(const char *file, int64_t frame,

@@ -13,8 +13,7 @@
 #ifndef SPIN_IO_VIDEO_H
 #define SPIN_IO_VIDEO_H
 
-#include "io/crc.h"
-#include "spin.h"
+#include "io/file.h"
 
 /* "cam00.mp4#12": length of the file's name and the number. Only .mp4, .mov, .m4v, .mkv and .webm;
  * .avi, whose frames have no times, is known by name to be refused by name. */
@@ -24,11 +23,14 @@ bool spin_video_is_name(const char *name);
 
 /* Load the shim now. Errors say what to install. */
 spin_status spin_video_start(void);
+/* The same; *shim is its table. */
+struct spin_video_shim;
+spin_status spin_video_shim(const struct spin_video_shim **shim);
 
-/* Size and number of frames of a video file: its packets are counted, nothing is decoded. */
-spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames);
-/* Of the whole file; read once, and remembered while the file stays as it is. */
-spin_status spin_video_imprint(const char *file, struct spin_imprint *out);
+/* Size and number of frames of a video file: its packets are counted, nothing is decoded. imprint, or NULL: of the
+ * whole file; read once, and remembered while the file stays as it is. */
+spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
+                            struct spin_imprint *imprint);
 
 /* Who is offered frames on the way to the one asked for. */
 struct spin_video_passer {
@@ -42,5 +44,19 @@ struct spin_video_passer {
  * time goes in; others wait. */
 spin_status spin_video_read(const char *file, int64_t frame, const struct spin_video_passer *passer,
                             int *width, int *height, uint8_t **rgb);
+
+/* ---- Writing, frame by frame; the file appears under its name only when whole ------------------- */
+
+struct spin_video_out;
+
+/* path ends in .mp4 or .webm. quality: 0 (best) to 51 (least). sync: as of struct spin_out. codec: what was taken, static. Either
+ * commit or abandon must follow; both free it. */
+spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
+                              double fps, int quality, struct spin_video_out **out,
+                              const char **codec);
+/* Planar [3][height][width] float, clamped to 0..1. */
+spin_status spin_video_put(struct spin_video_out *out, const float *image);
+spin_status spin_video_commit(struct spin_video_out *out);
+void spin_video_abandon(struct spin_video_out *out);
 
 #endif

@@ -1,5 +1,5 @@
 /* Loads the shim, turns planes into pixels, and gives failures our words. */
-#include "io/video_encode.h"
+#include "io/video.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -7,8 +7,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "base/shim.h"
-#include "io/video_encode_shim.h"
+#include "io/video_shim.h"
 
 struct spin_video_out {
     struct spin_out out; /* its temporary name is what FFmpeg writes to */
@@ -17,7 +16,7 @@ struct spin_video_out {
     uint8_t *rgb;
 };
 
-static const struct spin_video_encode_shim *shim;
+static const struct spin_video_shim *shim;
 
 static const char *format_of(const char *path)
 {
@@ -31,7 +30,7 @@ static const char *format_of(const char *path)
 static void release(struct spin_video_out *v)
 {
     if (v->writer)
-        shim->close(v->writer);
+        shim->encoder->close(v->writer);
     free(v->rgb);
     free(v);
 }
@@ -40,23 +39,15 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
                               double fps, int quality, struct spin_video_out **out,
                               const char **codec)
 {
-    static struct spin_shim where = {.file = "spin-video.so",
-                                     .override = "SPIN_VIDEO_SHIM",
-                                     .symbol = SPIN_VIDEO_ENCODE_SYMBOL,
-                                     .abi = SPIN_VIDEO_ENCODE_ABI,
-                                     .lacking = "videos cannot be written: the FFmpeg shim",
-                                     .debian =
-                                         "libavformat-dev, libavcodec-dev and libswscale-dev"};
     const char *format = format_of(path);
     struct spin_video_out *v = NULL;
-    char why[256] = "";
     spin_status status;
 
     *out = NULL;
     if (!format)
         return spin_fail(SPIN_E_USAGE, "video '%s': expected a name that ends in .mp4 or .webm",
                          path);
-    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
+    SPIN_TRY(spin_video_shim(&shim));
     SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
     v->width = width;
     v->height = height;
@@ -64,9 +55,9 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     v->out.sync = sync;
-    if (shim->open(v->out.temporary, format, width, height, fps, quality, &v->writer, codec, why,
-                   sizeof why) != 0) {
-        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, why);
+    if (shim->encoder->open(v->out.temporary, format, width, height, fps, quality, &v->writer,
+                            codec) != 0) {
+        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", path, shim->why());
         spin_out_abandon(&v->out);
         goto out;
     }
@@ -80,7 +71,6 @@ out:
 spin_status spin_video_put(struct spin_video_out *v, const float *image)
 {
     size_t n = (size_t)v->width * (size_t)v->height;
-    char why[256] = "";
 
     for (size_t c = 0; c < 3; c++)
         for (size_t i = 0; i < n; i++) {
@@ -88,18 +78,17 @@ spin_status spin_video_put(struct spin_video_out *v, const float *image)
 
             v->rgb[3 * i + c] = (uint8_t)(x > 0 ? (x < 1 ? x : 1) * 255.0f + 0.5f : 0);
         }
-    if (shim->put(v->writer, v->rgb, why, sizeof why) != 0)
-        return spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, why);
+    if (shim->encoder->put(v->writer, v->rgb) != 0)
+        return spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, shim->why());
     return SPIN_OK;
 }
 
 spin_status spin_video_commit(struct spin_video_out *v)
 {
-    char why[256] = "";
     spin_status status;
 
-    if (shim->end(v->writer, why, sizeof why) != 0) {
-        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, why);
+    if (shim->encoder->end(v->writer) != 0) {
+        status = spin_fail(SPIN_E_IO, "cannot write video '%s': %s", v->out.path, shim->why());
         spin_out_abandon(&v->out);
     } else {
         status = spin_out_commit(&v->out);
@@ -112,7 +101,7 @@ void spin_video_abandon(struct spin_video_out *v)
 {
     if (!v)
         return;
-    shim->close(v->writer);
+    shim->encoder->close(v->writer);
     v->writer = NULL;
     spin_out_abandon(&v->out);
     release(v);

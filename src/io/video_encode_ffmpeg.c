@@ -1,7 +1,7 @@
 /* The far side of video_encode.c: libavcodec, libavformat and libswscale behind a table of functions
- * (video_encode_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8. Colours
+ * (video_shim.h). MP4 is H.264 where there is x264, else MPEG-4; WebM is VP9, else VP8. Colours
  * are BT.709, and the file says so. */
-#include "io/video_encode_shim.h"
+#include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
@@ -23,13 +23,9 @@ struct spin_video_writer {
     int64_t next;
 };
 
-static int fail(int error, const char *what, char *why, size_t n_why)
+static int fail(int error, const char *what)
 {
-    char text[AV_ERROR_MAX_STRING_SIZE] = "";
-
-    if (error != 0)
-        av_strerror(error, text, sizeof text);
-    snprintf(why, n_why, "%s%s%s", what, error ? ": " : "", text);
+    spin_video_because(error, what);
     return -1;
 }
 
@@ -136,8 +132,7 @@ static int open_frame(struct spin_video_writer *w)
 }
 
 static int video_open(const char *path, const char *format, int width, int height, double fps,
-                      int quality, struct spin_video_writer **out, const char **name, char *why,
-                      size_t n_why)
+                      int quality, struct spin_video_writer **out, const char **name)
 {
     struct spin_video_writer *w = calloc(1, sizeof *w);
     const AVCodec *codec = choose(format);
@@ -147,7 +142,7 @@ static int video_open(const char *path, const char *format, int width, int heigh
     av_log_set_level(AV_LOG_QUIET);
     if (!w || !codec) {
         free(w);
-        return fail(0, w ? "this FFmpeg has no encoder for it" : "not enough memory", why, n_why);
+        return fail(0, w ? "this FFmpeg has no encoder for it" : "not enough memory");
     }
     w->width = width;
     w->height = height;
@@ -165,7 +160,7 @@ static int video_open(const char *path, const char *format, int width, int heigh
     av_dict_free(&options);
     if (error < 0) {
         close_writer(w);
-        return fail(error, "cannot begin", why, n_why);
+        return fail(error, "cannot begin");
     }
     *name = codec->name;
     *out = w;
@@ -209,7 +204,7 @@ static const uint8_t *make_even(struct spin_video_writer *w, const uint8_t *rgb)
     return w->even;
 }
 
-static int video_put(struct spin_video_writer *w, const uint8_t *rgb, char *why, size_t n_why)
+static int video_put(struct spin_video_writer *w, const uint8_t *rgb)
 {
     const uint8_t *planes[4] = {make_even(w, rgb), NULL, NULL, NULL};
     int lines[4] = {3 * w->codec->width, 0, 0, 0};
@@ -225,10 +220,10 @@ static int video_put(struct spin_video_writer *w, const uint8_t *rgb, char *why,
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
         error = drain(w);
-    return error < 0 ? fail(error, "a frame cannot be written", why, n_why) : 0;
+    return error < 0 ? fail(error, "a frame cannot be written") : 0;
 }
 
-static int video_end(struct spin_video_writer *w, char *why, size_t n_why)
+static int video_end(struct spin_video_writer *w)
 {
     int error = avcodec_send_frame(w->codec, NULL);
 
@@ -238,8 +233,8 @@ static int video_end(struct spin_video_writer *w, char *why, size_t n_why)
         error = av_write_trailer(w->file);
     if (error >= 0)
         error = avio_closep(&w->file->pb);
-    return error < 0 ? fail(error, "its end cannot be written", why, n_why) : 0;
+    return error < 0 ? fail(error, "its end cannot be written") : 0;
 }
 
-const struct spin_video_encode_shim spin_video_encode_table = {SPIN_VIDEO_ENCODE_ABI, video_open,
-                                                               video_put, video_end, close_writer};
+const struct spin_video_encoder spin_video_encoder_table = {video_open, video_put, video_end,
+                                                            close_writer};

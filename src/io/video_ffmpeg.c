@@ -24,23 +24,26 @@ struct spin_video_stream {
     int draining;
 };
 
-static enum spin_video_result fail(enum spin_video_result result, int error, const char *what,
-                                   char *why, size_t n_why)
+static _Thread_local char why[256]; /* the last call failed */
+
+void spin_video_because(int error, const char *what)
 {
     char text[AV_ERROR_MAX_STRING_SIZE] = "";
 
-    if (error == AVERROR(ENOMEM))
-        result = SPIN_VIDEO_NO_MEMORY;
     if (error != 0)
         av_strerror(error, text, sizeof text);
-    snprintf(why, n_why, "%s%s%s", what, error ? ": " : "", text);
-    return result;
+    snprintf(why, sizeof why, "%s%s%s", what, error ? ": " : "", text);
+}
+
+static enum spin_video_result fail(enum spin_video_result result, int error, const char *what)
+{
+    spin_video_because(error, what);
+    return error == AVERROR(ENOMEM) ? SPIN_VIDEO_NO_MEMORY : result;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static enum spin_video_result open_file(const char *path, AVFormatContext **out, int *place,
-                                        char *why, size_t n_why)
+static enum spin_video_result open_file(const char *path, AVFormatContext **out, int *place)
 {
     AVDictionary *options = NULL;
     size_t n = strlen(path) + 6;
@@ -49,7 +52,7 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
 
     av_log_set_level(AV_LOG_QUIET);
     if (!url)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory", why, n_why);
+        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     snprintf(url, n, "file:%s", path); /* a name with a colon is still a name */
     av_dict_set(&options, "protocol_whitelist", "file", 0);
     av_dict_set(&options, "format_whitelist", "mov,mp4,matroska,webm", 0);
@@ -58,13 +61,13 @@ static enum spin_video_result open_file(const char *path, AVFormatContext **out,
     free(url);
     if (error < 0)
         return fail(SPIN_VIDEO_UNREADABLE, error,
-                    "not an MP4, QuickTime, Matroska or WebM file that can be read", why, n_why);
+                    "not an MP4, QuickTime, Matroska or WebM file that can be read");
     error = avformat_find_stream_info(*out, NULL);
     if (error >= 0)
         error = *place = av_find_best_stream(*out, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
     if (error < 0) {
         avformat_close_input(out);
-        return fail(SPIN_VIDEO_UNREADABLE, error, "no video stream", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, error, "no video stream");
     }
     for (unsigned i = 0; i < (*out)->nb_streams; i++) {
         if ((int)i != *place)
@@ -81,20 +84,20 @@ static int by_pts(const void *a, const void *b)
 }
 
 static enum spin_video_result add_entry(struct spin_video_index *index, int64_t *room,
-                                        const AVPacket *packet, char *why, size_t n_why)
+                                        const AVPacket *packet)
 {
     if (packet->flags & AV_PKT_FLAG_DISCARD) /* cut away by the file's edit list */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no times");
     if (index->n == MAX_FRAMES)
-        return fail(SPIN_VIDEO_TOO_LARGE, 0, "more than four million frames", why, n_why);
+        return fail(SPIN_VIDEO_TOO_LARGE, 0, "more than four million frames");
     if (index->n == *room) {
         int64_t larger = *room ? 2 * *room : 512;
         void *block = realloc(index->entry, (size_t)larger * sizeof *index->entry);
 
         if (!block)
-            return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory", why, n_why);
+            return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
         index->entry = block;
         *room = larger;
     }
@@ -107,49 +110,48 @@ static enum spin_video_result add_entry(struct spin_video_index *index, int64_t 
 }
 
 static enum spin_video_result list_frames(AVFormatContext *file, int place,
-                                          struct spin_video_index *out, char *why, size_t n_why)
+                                          struct spin_video_index *out)
 {
     AVPacket *packet = av_packet_alloc();
     enum spin_video_result result = SPIN_VIDEO_OK;
     int64_t room = 0;
 
     if (!packet)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory", why, n_why);
+        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     while (result == SPIN_VIDEO_OK && av_read_frame(file, packet) >= 0) {
         if (packet->stream_index == place)
-            result = add_entry(out, &room, packet, why, n_why);
+            result = add_entry(out, &room, packet);
         av_packet_unref(packet);
     }
     av_packet_free(&packet);
     if (result == SPIN_VIDEO_OK && out->n == 0)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "it has no frames", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, 0, "it has no frames");
     if (out->n > 0)
         qsort(out->entry, (size_t)out->n, sizeof *out->entry, by_pts);
     if (result == SPIN_VIDEO_OK && !out->entry[0].key)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "it does not begin with a key frame", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, 0, "it does not begin with a key frame");
     return result;
 }
 
 static enum spin_video_result video_index(const char *path, int64_t max_pixels,
-                                          struct spin_video_index *out, char *why, size_t n_why)
+                                          struct spin_video_index *out)
 {
     AVFormatContext *file = NULL;
     enum spin_video_result result;
     int place = 0;
 
     memset(out, 0, sizeof *out);
-    result = open_file(path, &file, &place, why, n_why);
+    result = open_file(path, &file, &place);
     if (result != SPIN_VIDEO_OK)
         return result;
     out->width = file->streams[place]->codecpar->width;
     out->height = file->streams[place]->codecpar->height;
     if (out->width < 1 || out->height < 1)
-        result = fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size", why, n_why);
+        result = fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no size");
     else if (out->width > max_pixels / out->height)
-        result =
-            fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have more pixels than are taken", why, n_why);
+        result = fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have more pixels than are taken");
     else
-        result = list_frames(file, place, out, why, n_why);
+        result = list_frames(file, place, out);
     avformat_close_input(&file);
     if (result != SPIN_VIDEO_OK) {
         free(out->entry);
@@ -170,41 +172,40 @@ static void video_close(struct spin_video_stream *s)
     free(s);
 }
 
-static enum spin_video_result open_codec(struct spin_video_stream *s, char *why, size_t n_why)
+static enum spin_video_result open_codec(struct spin_video_stream *s)
 {
     const AVCodecParameters *parameters = s->file->streams[s->place]->codecpar;
     const AVCodec *codec = avcodec_find_decoder(parameters->codec_id);
     int error;
 
     if (!codec)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "this FFmpeg has no decoder for it", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, 0, "this FFmpeg has no decoder for it");
     s->codec = avcodec_alloc_context3(codec);
     s->packet = av_packet_alloc();
     s->frame = av_frame_alloc();
     if (!s->codec || !s->packet || !s->frame)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory", why, n_why);
+        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     error = avcodec_parameters_to_context(s->codec, parameters);
     s->codec->thread_count = 1; /* more would decode ahead of what is asked for */
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
-    return error < 0 ? fail(SPIN_VIDEO_UNREADABLE, error, "cannot be decoded", why, n_why)
-                     : SPIN_VIDEO_OK;
+    return error < 0 ? fail(SPIN_VIDEO_UNREADABLE, error, "cannot be decoded") : SPIN_VIDEO_OK;
 }
 
 static enum spin_video_result video_open(const char *path, const struct spin_video_index *index,
-                                         struct spin_video_stream **out, char *why, size_t n_why)
+                                         struct spin_video_stream **out)
 {
     struct spin_video_stream *s = calloc(1, sizeof *s);
     enum spin_video_result result;
 
     *out = NULL;
     if (!s)
-        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory", why, n_why);
+        return fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     s->index = index;
-    result = open_file(path, &s->file, &s->place, why, n_why);
+    result = open_file(path, &s->file, &s->place);
     if (result == SPIN_VIDEO_OK)
-        result = open_codec(s, why, n_why);
+        result = open_codec(s);
     if (result == SPIN_VIDEO_OK)
         *out = s;
     else
@@ -214,14 +215,13 @@ static enum spin_video_result video_open(const char *path, const struct spin_vid
 
 /* ---- Decoding -------------------------------------------------------------------------------- */
 
-static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t key, char *why,
-                                         size_t n_why)
+static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t key)
 {
     /* Files are indexed by decoding times. */
     int error = av_seek_frame(s->file, s->place, s->index->entry[key].dts, AVSEEK_FLAG_BACKWARD);
 
     if (error < 0)
-        return fail(SPIN_VIDEO_UNREADABLE, error, "cannot go to a key frame", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, error, "cannot go to a key frame");
     avcodec_flush_buffers(s->codec);
     s->draining = 0;
     return SPIN_VIDEO_OK;
@@ -267,24 +267,23 @@ static int feed(struct spin_video_stream *s)
     return error;
 }
 
-static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *frame, char *why,
-                                         size_t n_why)
+static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *frame)
 {
     for (;;) {
         int error = avcodec_receive_frame(s->codec, s->frame);
 
         if (error == AVERROR_EOF)
-            return fail(SPIN_VIDEO_END, 0, "it ends before that frame", why, n_why);
+            return fail(SPIN_VIDEO_END, 0, "it ends before that frame");
         if (error == AVERROR(EAGAIN)) {
             error = s->draining ? AVERROR_EOF : feed(s);
             if (error < 0)
-                return fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short", why, n_why);
+                return fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
             continue;
         }
         if (error < 0)
-            return fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short", why, n_why);
+            return fail(SPIN_VIDEO_UNREADABLE, error, "damaged or cut short");
         if (s->frame->width != s->index->width || s->frame->height != s->index->height)
-            return fail(SPIN_VIDEO_UNREADABLE, 0, "its frames change their size", why, n_why);
+            return fail(SPIN_VIDEO_UNREADABLE, 0, "its frames change their size");
         *frame = number_of(s->index, s->frame->best_effort_timestamp);
         if (*frame >= 0)
             return SPIN_VIDEO_OK;
@@ -310,8 +309,7 @@ static int colour_matrix(const AVFrame *frame)
     }
 }
 
-static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *out, char *why,
-                                        size_t n_why)
+static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *out)
 {
     const AVFrame *frame = s->frame;
     int full = frame->color_range == AVCOL_RANGE_JPEG;
@@ -323,17 +321,18 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
         frame->height, AV_PIX_FMT_RGB24, SWS_BICUBIC | SWS_ACCURATE_RND | SWS_FULL_CHR_H_INT, NULL,
         NULL, NULL);
     if (!s->scale)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "pixels of a kind that cannot be converted", why,
-                    n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, 0, "pixels of a kind that cannot be converted");
     sws_setColorspaceDetails(s->scale, sws_getCoefficients(colour_matrix(frame)), full,
                              sws_getCoefficients(SWS_CS_ITU709), 1, 0, 1 << 16, 1 << 16);
     if (sws_scale(s->scale, (const uint8_t *const *)frame->data, frame->linesize, 0, frame->height,
                   planes, lines) != frame->height)
-        return fail(SPIN_VIDEO_UNREADABLE, 0, "pixels that cannot be converted", why, n_why);
+        return fail(SPIN_VIDEO_UNREADABLE, 0, "pixels that cannot be converted");
     return SPIN_VIDEO_OK;
 }
 
+static const char *last_why(void) { return why; }
+
 const struct spin_video_shim spin_video_shim_table = {
-    SPIN_VIDEO_SHIM_ABI, LIBAVCODEC_IDENT, video_index, video_open,
-    video_seek,          video_next,       video_rgb,   video_close,
+    SPIN_VIDEO_SHIM_ABI, LIBAVCODEC_IDENT, last_why,  video_index, video_open,
+    video_seek,          video_next,       video_rgb, video_close, &spin_video_encoder_table,
 };

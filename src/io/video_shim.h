@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SPIN_VIDEO_SHIM_ABI 1
+#define SPIN_VIDEO_SHIM_ABI 3
 #define SPIN_VIDEO_SHIM_SYMBOL "spin_video_shim_table"
 
 enum spin_video_result {
@@ -28,30 +28,46 @@ struct spin_video_index {
     struct spin_video_entry *entry; /* [n], sorted by pts; malloc'ed */
 };
 
+struct spin_video_writer;
+
+/* format: "mp4" or "webm". quality: 0 (best) to 51 (least), as x264 counts. Calls return 0, or -1. */
+struct spin_video_encoder {
+    /* codec: what was taken, static. */
+    int (*open)(const char *path, const char *format, int width, int height, double fps,
+                int quality, struct spin_video_writer **out, const char **codec);
+    /* One frame more, interleaved 8-bit RGB [height][width][3]. */
+    int (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
+    /* Write what is still to come. */
+    int (*end)(struct spin_video_writer *writer);
+    void (*close)(struct spin_video_writer *writer);
+};
+
 struct spin_video_stream;
 
-/* Every call fills why (n_why bytes) when it fails. */
 struct spin_video_shim {
     int abi;
     const char *version; /* of libavcodec */
+    /* Why the last call of this thread failed. */
+    const char *(*why)(void);
     /* List the frames, reading packets only. Refuses more than max_pixels a frame. */
     enum spin_video_result (*index)(const char *path, int64_t max_pixels,
-                                    struct spin_video_index *out, char *why, size_t n_why);
+                                    struct spin_video_index *out);
     enum spin_video_result (*open)(const char *path, const struct spin_video_index *index,
-                                   struct spin_video_stream **out, char *why, size_t n_why);
+                                   struct spin_video_stream **out);
     /* Go to a key frame: next() then gives it, perhaps after some shown before it, which may be
      * damaged. */
-    enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key, char *why,
-                                   size_t n_why);
+    enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key);
     /* Decode one more frame; its number. */
-    enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame, char *why,
-                                   size_t n_why);
+    enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame);
     /* The frame that next() gave as interleaved 8-bit RGB [height][width][3]. */
-    enum spin_video_result (*rgb)(struct spin_video_stream *stream, uint8_t *out, char *why,
-                                  size_t n_why);
+    enum spin_video_result (*rgb)(struct spin_video_stream *stream, uint8_t *out);
     void (*close)(struct spin_video_stream *stream);
+    const struct spin_video_encoder *encoder;
 };
 
 extern const struct spin_video_shim spin_video_shim_table;
+extern const struct spin_video_encoder spin_video_encoder_table;
+/* Text, with FFmpeg's error number when it is not 0, becomes why() of this thread. */
+void spin_video_because(int error, const char *what);
 
 #endif

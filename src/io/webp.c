@@ -1,102 +1,39 @@
 #include "io/webp.h"
 
-#include <dlfcn.h>
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <webp/decode.h>
+#include <webp/encode.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/shim.h"
 
-#define LIBRARY "libwebp.so.7"
-/* Of the encoder's interface below. The library refuses a version whose high byte is not its own. */
-#define ENCODER_ABI 0x020e
-
-/* ---- The library's interface, as its encode.h has it at that version -------------------------- */
-
-struct config {
-    int lossless;
-    float quality;
-    int method, image_hint, target_size;
-    float target_psnr;
-    int segments, sns_strength, filter_strength, filter_sharpness, filter_type, autofilter;
-    int alpha_compression, alpha_filtering, alpha_quality, pass, show_compressed, preprocessing;
-    int partitions, partition_limit, emulate_jpeg_size, thread_level, low_memory, near_lossless;
-    int exact; /* colours of transparent pixels stay */
-    int use_delta_palette, use_sharp_yuv, qmin, qmax;
-    int later[32]; /* of versions to come */
-};
-
-struct picture {
-    int use_argb, colorspace, width, height;
-    uint8_t *y, *u, *v;
-    int y_stride, uv_stride;
-    uint8_t *a;
-    int a_stride;
-    uint32_t pad1[2];
-    uint32_t *argb;
-    int argb_stride;
-    uint32_t pad2[3];
-    int (*writer)(const uint8_t *data, size_t size, const struct picture *picture);
-    void *custom;
-    int extra_info_type;
-    uint8_t *extra_info;
-    void *stats;
-    int error_code;
-    void *progress_hook, *user_data;
-    uint32_t pad3[3];
-    uint8_t *pad4, *pad5;
-    uint32_t pad6[8];
-    void *memory, *memory_argb, *pad7[2];
-    void *later[16];
-};
-
-static int (*config_init)(struct config *config, int preset, float quality, int abi);
-static int (*config_lossless)(struct config *config, int level);
-static int (*picture_init)(struct picture *picture, int abi);
-static int (*picture_import)(struct picture *picture, const uint8_t *rgba, int stride);
-static void (*picture_free)(struct picture *picture);
-static int (*encode)(const struct config *config, struct picture *picture);
-static int (*get_info)(const uint8_t *data, size_t size, int *width, int *height);
-static uint8_t *(*decode_into)(const uint8_t *data, size_t size, uint8_t *out, size_t n_out,
-                               int stride);
-
-static pthread_once_t once = PTHREAD_ONCE_INIT;
-static char failure[256]; /* why there is no library */
-
-static void start(void)
-{
-    const struct {
-        const char *name;
-        void *into;
-    } functions[] = {{"WebPConfigInitInternal", &config_init},
-                     {"WebPConfigLosslessPreset", &config_lossless},
-                     {"WebPPictureInitInternal", &picture_init},
-                     {"WebPPictureImportRGBA", &picture_import},
-                     {"WebPPictureFree", &picture_free},
-                     {"WebPEncode", &encode},
-                     {"WebPGetInfo", &get_info},
-                     {"WebPDecodeRGBAInto", &decode_into}};
-    const char *name = getenv("SPIN_WEBP");
-    void *library = dlopen(name ? name : LIBRARY, RTLD_NOW | RTLD_LOCAL);
-
-    if (!library) {
-        snprintf(failure, sizeof failure, "%s", dlerror());
-        return;
-    }
-    for (size_t i = 0; i < sizeof functions / sizeof *functions; i++) {
-        *(void **)functions[i].into = dlsym(library, functions[i].name);
-        if (!*(void **)functions[i].into)
-            snprintf(failure, sizeof failure, "it lacks %s", functions[i].name);
-    }
-}
+static __typeof__(WebPConfigInitInternal) *config_init;
+static __typeof__(WebPConfigLosslessPreset) *config_lossless;
+static __typeof__(WebPPictureInitInternal) *picture_init;
+static __typeof__(WebPPictureImportRGBA) *picture_import;
+static __typeof__(WebPPictureFree) *picture_free;
+static __typeof__(WebPEncode) *encode;
+static __typeof__(WebPGetInfo) *get_info;
+static __typeof__(WebPDecodeRGBAInto) *decode_into;
 
 spin_status spin_webp_need(void)
 {
-    pthread_once(&once, start);
-    if (*failure)
-        return spin_fail(SPIN_E_UNSUPPORTED, "WebP needs the library '" LIBRARY "': %s", failure);
-    return SPIN_OK;
+    static const struct spin_library_function functions[] = {
+        {"WebPConfigInitInternal", &config_init},
+        {"WebPConfigLosslessPreset", &config_lossless},
+        {"WebPPictureInitInternal", &picture_init},
+        {"WebPPictureImportRGBA", &picture_import},
+        {"WebPPictureFree", &picture_free},
+        {"WebPEncode", &encode},
+        {"WebPGetInfo", &get_info},
+        {"WebPDecodeRGBAInto", &decode_into},
+        {0}};
+    static struct spin_library library = {"libwebp.so.7", "SPIN_WEBP", "WebP",
+                                          functions,      false,       ""};
+
+    return spin_library_need(&library);
 }
 
 /* ---- Writing --------------------------------------------------------------------------------- */
@@ -106,9 +43,9 @@ struct sink {
     size_t n, room;
 };
 
-static int take(const uint8_t *data, size_t size, const struct picture *picture)
+static int take(const uint8_t *data, size_t size, const WebPPicture *picture)
 {
-    struct sink *sink = picture->custom;
+    struct sink *sink = picture->custom_ptr;
 
     while (size > sink->room - sink->n) {
         size_t room = sink->room ? 2 * sink->room : 4096 + size;
@@ -122,7 +59,7 @@ static int take(const uint8_t *data, size_t size, const struct picture *picture)
     return 1;
 }
 
-/* The library may be another than the one whose interface stands above: what it made must be the picture. */
+/* The library may be another than that of the header: what it made must be the picture. */
 static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
                                  int height)
 {
@@ -145,23 +82,23 @@ static spin_status check_written(const struct sink *sink, const uint8_t *rgba, i
 spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effort,
                             unsigned char **out, size_t *n_out)
 {
-    struct config config = {0};
-    struct picture picture = {0};
+    WebPConfig config;
+    WebPPicture picture;
     struct sink sink = {0};
     spin_status status = SPIN_OK;
 
     SPIN_TRY(spin_webp_need());
     if (width < 1 || height < 1 || width > SPIN_WEBP_MAX_SIDE || height > SPIN_WEBP_MAX_SIDE)
         return spin_fail(SPIN_E_UNSUPPORTED, "a WebP of %dx%d pixels", width, height);
-    if (!config_init(&config, 0, 75, ENCODER_ABI) || !config_lossless(&config, effort) ||
-        !picture_init(&picture, ENCODER_ABI))
-        return spin_fail(SPIN_E_UNSUPPORTED, "'" LIBRARY "' is of another version");
+    if (!config_init(&config, WEBP_PRESET_DEFAULT, 75, WEBP_ENCODER_ABI_VERSION) ||
+        !config_lossless(&config, effort) || !picture_init(&picture, WEBP_ENCODER_ABI_VERSION))
+        return spin_fail(SPIN_E_UNSUPPORTED, "libwebp is of another version than the build's");
     config.exact = 1;
     picture.use_argb = 1;
     picture.width = width;
     picture.height = height;
     picture.writer = take;
-    picture.custom = &sink;
+    picture.custom_ptr = &sink;
     if (!picture_import(&picture, rgba, 4 * width) || !encode(&config, &picture))
         status = spin_fail(SPIN_E_MEMORY, "libwebp cannot write %dx%d pixels (its error %d)", width,
                            height, picture.error_code);

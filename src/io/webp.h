@@ -1,5 +1,5 @@
 /* Lossless WebP pictures in memory, by the system's libwebp, which comes with OpenImageIO. It is loaded when first
- * needed. SPIN_WEBP names another file than libwebp.so.7. OpenImageIO itself cannot do this: it changes the
+ * needed, as a program that makes no SOG does without. SPIN_WEBP names another file than libwebp.so.7. OpenImageIO itself cannot do this: it changes the
  * colours of what is transparent, and SOG keeps numbers there. */
 #ifndef SPIN_IO_WEBP_H
 #define SPIN_IO_WEBP_H

@@ -14,7 +14,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/crc.h"
 #include "io/zip_format.h"
 
 enum { ENCRYPTED = 1 << 0 }; /* flag of a member */
@@ -445,7 +444,7 @@ spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_memb
     } else {
         return fail_method(zip, member);
     }
-    if (check_crc && spin_crc32_whole(*data, (size_t)member->size) != member->crc) {
+    if (check_crc && spin_crc32(0, *data, (size_t)member->size) != member->crc) {
         free(*owned);
         *owned = NULL;
         *data = NULL;

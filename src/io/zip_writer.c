@@ -1,5 +1,5 @@
 /* Zip archives. Headers of stored members are padded so that the data lie aligned. */
-#include "io/zip_writer.h"
+#include "io/zip.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -8,7 +8,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/crc.h"
 #include "io/zip_format.h"
 
 enum {

@@ -1,49 +1,27 @@
 #include "io/zstd.h"
 
-#include <dlfcn.h>
-#include <pthread.h>
-#include <stdlib.h>
+#include <zstd.h>
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/shim.h"
 
-#define LIBRARY "libzstd.so.1"
-
-/* Of the library's stable interface, in its words. */
-static size_t (*decompress)(void *dst, size_t dst_capacity, const void *src, size_t src_size);
-static size_t (*compress)(void *dst, size_t dst_capacity, const void *src, size_t src_size,
-                          int level);
-static size_t (*compress_bound)(size_t src_size);
-static unsigned (*is_error)(size_t code);
-static const char *(*error_name)(size_t code);
-
-static pthread_once_t once = PTHREAD_ONCE_INIT;
-static char failure[256]; /* why there is no library */
-
-static void start(void)
-{
-    const char *name = getenv("SPIN_ZSTD");
-    void *library = dlopen(name ? name : LIBRARY, RTLD_NOW | RTLD_LOCAL);
-
-    if (!library) {
-        snprintf(failure, sizeof failure, "%s", dlerror());
-        return;
-    }
-    *(void **)&decompress = dlsym(library, "ZSTD_decompress");
-    *(void **)&compress = dlsym(library, "ZSTD_compress");
-    *(void **)&compress_bound = dlsym(library, "ZSTD_compressBound");
-    *(void **)&is_error = dlsym(library, "ZSTD_isError");
-    *(void **)&error_name = dlsym(library, "ZSTD_getErrorName");
-    if (!decompress || !compress || !compress_bound || !is_error || !error_name)
-        snprintf(failure, sizeof failure, "it lacks functions");
-}
+static __typeof__(ZSTD_decompress) *decompress;
+static __typeof__(ZSTD_compress) *compress;
+static __typeof__(ZSTD_compressBound) *compress_bound;
+static __typeof__(ZSTD_isError) *is_error;
+static __typeof__(ZSTD_getErrorName) *error_name;
 
 spin_status spin_zstd_need(void)
 {
-    pthread_once(&once, start);
-    if (*failure)
-        return spin_fail(SPIN_E_UNSUPPORTED, "zstd needs the library '" LIBRARY "': %s", failure);
-    return SPIN_OK;
+    static const struct spin_library_function functions[] = {
+        {"ZSTD_decompress", &decompress},        {"ZSTD_compress", &compress},
+        {"ZSTD_compressBound", &compress_bound}, {"ZSTD_isError", &is_error},
+        {"ZSTD_getErrorName", &error_name},      {0}};
+    static struct spin_library library = {"libzstd.so.1", "SPIN_ZSTD", "zstd",
+                                          functions,      false,       ""};
+
+    return spin_library_need(&library);
 }
 
 spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out)

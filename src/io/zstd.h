@@ -1,5 +1,5 @@
 /* Frames of Zstandard (RFC 8878) in memory, by the system's libzstd. It is loaded when first
- * needed, so that neither a build nor who reads or writes no such file asks for it; Debian and Ubuntu always have
+ * needed, so that who reads or writes no such file does without; Debian and Ubuntu always have
  * it, as dpkg does not do without. SPIN_ZSTD names another file than libzstd.so.1. */
 #ifndef SPIN_IO_ZSTD_H
 #define SPIN_IO_ZSTD_H

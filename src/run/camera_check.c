@@ -9,6 +9,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "math/sh.h"
 
 #define DARKEN 0.45f
@@ -62,28 +63,22 @@ static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
                         const struct spin_splats *s, size_t stride,
                         struct spin_camera_overlay_share *out)
 {
-    const double *m = camera->w2c;
     size_t n = 0, in_front = 0, inside = 0;
 
     for (size_t i = 0; i < s->n; i += stride, n++) {
-        const float *p = s->means + 3 * i;
-        double x = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
-        double y = m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7];
-        double z = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11], u, v;
+        double p[3];
         float rgb[3];
 
-        if (!(z > 0))
+        if (!spin_camera_project(camera, s->means + 3 * i, p))
             continue;
         in_front++;
-        u = camera->fx * x / z + camera->cx;
-        v = camera->fy * y / z + camera->cy;
-        if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))
+        if (!(p[0] >= 0 && p[1] >= 0 && p[0] < camera->width && p[1] < camera->height))
             continue;
         inside++;
         if (!canvas)
             continue;
         colour_of(s, i, rgb);
-        square(canvas, (int)u, (int)v, (float)z, rgb);
+        square(canvas, (int)p[0], (int)p[1], (float)p[2], rgb);
     }
     out->in_front = n ? (double)in_front / (double)n : 0;
     out->inside = n ? (double)inside / (double)n : 0;
@@ -155,16 +150,9 @@ struct look {
     double share[2]; /* in front, inside */
 };
 
-static int by_value(const void *a, const void *b)
-{
-    const double *x = a, *y = b;
-
-    return (*x > *y) - (*x < *y);
-}
-
 static double median(double *values, size_t n)
 {
-    qsort(values, n, sizeof *values, by_value);
+    qsort(values, n, sizeof *values, spin_by_double);
     return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
 }
 

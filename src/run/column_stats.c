@@ -8,6 +8,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "scene/columns.h"
 
 /* Values kept of one series, for its median. */
@@ -107,13 +108,6 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
     }
 }
 
-static int by_value(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 /* What people think in, beside what is stored. */
 static double exponential(double x) { return exp(x); }
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
@@ -136,7 +130,7 @@ void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report)
         if (series->n == 0)
             continue;
         finite = finite && series->n_not_finite == 0;
-        qsort(series->sample, series->n_sample, sizeof(float), by_value);
+        qsort(series->sample, series->n_sample, sizeof(float), spin_by_float);
         if (series->n_sample > 0) {
             value[0] = (double)series->min;
             value[1] = (double)series->sample[series->n_sample / 2];

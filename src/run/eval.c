@@ -9,7 +9,7 @@
 #include "base/mem.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
-#include "io/output_lock.h"
+#include "io/output.h"
 #include "io/ranks.h"
 #include "run/run.h"
 

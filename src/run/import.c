@@ -18,8 +18,8 @@
 #include "run/data_hint.h"
 #include "run/import_frames.h"
 #include "run/share_splats.h"
-#include "io/output_lock.h"
-#include "io/picture_name.h"
+#include "io/output.h"
+#include "io/image.h"
 #include "io/ranks.h"
 #include "scene/probe.h"
 

@@ -11,7 +11,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/text.h"
-#include "io/output_lock.h"
+#include "io/output.h"
 #include "io/json.h"
 #include "io/ranks.h"
 #include "run/run.h"

@@ -9,6 +9,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "scene/columns.h"
 
 #define FORMAT "spin bundle"
@@ -119,13 +120,6 @@ static spin_status read_frame_entry(struct spin_bundle_meta *meta, int i, const 
     return SPIN_OK;
 }
 
-static int by_number(const void *a, const void *b)
-{
-    int x = *(const int *)a, y = *(const int *)b;
-
-    return (x > y) - (x < y);
-}
-
 spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
 {
     spin_status status = SPIN_OK;
@@ -134,7 +128,7 @@ spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n)
     SPIN_TRY(spin_alloc((size_t)n, sizeof *number, (void **)&number));
     for (int i = 0; i < n; i++)
         number[i] = frame[i].number;
-    qsort(number, (size_t)n, sizeof *number, by_number);
+    qsort(number, (size_t)n, sizeof *number, spin_by_int);
     for (int i = 1; i < n && status == SPIN_OK; i++)
         if (number[i] == number[i - 1])
             status = spin_fail(SPIN_E_MALFORMED, "two frames have the number %d", number[i]);

@@ -38,9 +38,8 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
     for (size_t i = 0; i < v.count && status == SPIN_OK; i++)
         if (!isfinite(out->values[i]))
-            status =
-                spin_fail(SPIN_E_MALFORMED, "array 'trained/tracks' is not finite in row %zu",
-                          i / SPIN_TRACK_WIDTH);
+            status = spin_fail(SPIN_E_MALFORMED, "array 'trained/tracks' is not finite in row %zu",
+                               i / SPIN_TRACK_WIDTH);
 out:
     spin_bundle_values_close(&v);
     return status;
@@ -69,9 +68,8 @@ static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int 
         return SPIN_OK;
     SPIN_TRY(spin_bundle_values_open(t->bundle, series, index, 'f', 2, shape, &v));
     if (v.count > (uint64_t)(room_end - out)) {
-        status =
-            spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
-                      name, v.shape[0]);
+        status = spin_fail(SPIN_E_MALFORMED, "array '%s' has %" PRIu64 " rows, more than the frame",
+                           name, v.shape[0]);
     } else {
         spin_bundle_values_get(&v, 0, (size_t)v.count, out);
         *n = (size_t)v.shape[0];
@@ -141,8 +139,7 @@ spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *t, int index, si
         bool none = track[i] == SPIN_NOT_TRACKED;
         const float *shared = none ? NULL : t->values + SPIN_TRACK_WIDTH * (size_t)track[i];
         const float *p = none || track[i] < t->n_moving ? own_pos + 3 * pos++ : NULL;
-        const float *r =
-            none || track[i] < t->n_varying ? own_residual + ROW * residual++ : NULL;
+        const float *r = none || track[i] < t->n_varying ? own_residual + ROW * residual++ : NULL;
 
         for (size_t c = 0; c < 3; c++)
             means[3 * i + c] = (p ? p[c] : 0) + (shared ? shared[c] : 0);

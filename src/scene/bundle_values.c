@@ -1,6 +1,6 @@
 /* Reading arrays of a bundle. Nothing of a header is believed before it is held against what meta.json says
  * and against the bytes that are there. */
-#include "scene/bundle_values.h"
+#include "scene/bundle.h"
 
 #include <float.h>
 #include <inttypes.h>
@@ -10,8 +10,6 @@
 
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/crc.h"
-#include "scene/bundle_meta.h"
 
 /* Checking a CRC reads every byte; larger members that are stored are only checked for being there. */
 #define CRC_LIMIT (64u << 20)
@@ -75,10 +73,10 @@ static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t
 /* ---- Differences -------------------------------------------------------------------------------- */
 
 /* Rows of an array that are differences from the same rows of frame 0. */
-static spin_status difference_rows(const struct spin_bundle_place *b, const char *series, int frame,
+static spin_status difference_rows(struct spin_bundle *b, const char *series, int frame,
                                    uint64_t n_rows, uint64_t *rows)
 {
-    const spin_json *all = spin_json_get(b->meta, "xor_rows"), *list = spin_json_get(all, series);
+    const spin_json *all = spin_json_get(b->json, "xor_rows"), *list = spin_json_get(all, series);
     int64_t value;
 
     *rows = 0;
@@ -96,13 +94,13 @@ static spin_status difference_rows(const struct spin_bundle_place *b, const char
 }
 
 /* The words of frame 0 of a series. */
-static spin_status find_key(const struct spin_bundle_place *b, const char *series, char kind,
-                            int n_dims, const struct spin_bundle_key **out)
+static spin_status find_key(struct spin_bundle *b, const char *series, char kind, int n_dims,
+                            const struct spin_bundle_key **out)
 {
     int64_t any[SPIN_NPY_MAX_DIMS];
     struct spin_bundle_values v;
     struct spin_bundle_key *key;
-    struct spin_bundle_keys *keys = b->keys;
+    struct spin_bundle_keys *keys = &b->keys;
     spin_status status;
 
     for (size_t i = 0; i < keys->n; i++)
@@ -115,7 +113,7 @@ static spin_status find_key(const struct spin_bundle_place *b, const char *serie
     memset(key, 0, sizeof *key);
     for (int d = 0; d < n_dims; d++)
         any[d] = -1;
-    SPIN_TRY(spin_bundle_place_open(b, series, 0, kind, n_dims, any, &v));
+    SPIN_TRY(spin_bundle_values_open(b, series, 0, kind, n_dims, any, &v));
     SPIN_TRY_OUT(spin_alloc((size_t)v.count + 1, sizeof *key->words, (void **)&key->words));
     get_words(&v, 0, (size_t)v.count, key->words);
     key->whole = v.whole;
@@ -131,10 +129,10 @@ out:
 /* ---- Headers ------------------------------------------------------------------------------------ */
 
 /* What one whole number counts for in each column, where meta.json says so. */
-static spin_status find_units(const struct spin_bundle_place *b, const char *series, char kind,
+static spin_status find_units(struct spin_bundle *b, const char *series, char kind,
                               struct spin_bundle_values *out)
 {
-    const spin_json *all = spin_json_get(b->meta, "per_unit"), *list = spin_json_get(all, series);
+    const spin_json *all = spin_json_get(b->json, "per_unit"), *list = spin_json_get(all, series);
 
     if (all && !spin_json_is_object(all))
         return spin_meta_fail("per_unit", "an object");
@@ -158,16 +156,15 @@ static spin_status find_units(const struct spin_bundle_place *b, const char *ser
 }
 
 /* Whether it is packed; its shape without the planes goes to out. */
-static spin_status look_at(const struct spin_bundle_place *b, const char *series, const char *name,
-                           char kind, int n_dims, const int64_t *shape,
-                           struct spin_bundle_values *out)
+static spin_status look_at(struct spin_bundle *b, const char *series, const char *name, char kind,
+                           int n_dims, const int64_t *shape, struct spin_bundle_values *out)
 {
     int64_t wanted[SPIN_NPY_MAX_DIMS] = {-1};
     struct spin_array a;
     bool packed;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY(spin_npz_head(b->npz, name, &a));
+    SPIN_TRY(spin_npz_head(&b->npz, name, &a));
     packed = a.item_size == 1 && (a.kind == 'u' || a.kind == 'i');
     out->columns = packed && a.kind == 'i';
     for (int d = 0; d < n_dims; d++) /* of columns, rows go last */
@@ -192,8 +189,8 @@ static spin_status look_at(const struct spin_bundle_place *b, const char *series
     return out->columns ? find_units(b, series, kind, out) : SPIN_OK;
 }
 
-static spin_status look_at_frame(const struct spin_bundle_place *b, const char *series, int frame,
-                                 char kind, int n_dims, const int64_t *shape, char name[80],
+static spin_status look_at_frame(struct spin_bundle *b, const char *series, int frame, char kind,
+                                 int n_dims, const int64_t *shape, char name[80],
                                  struct spin_bundle_values *out, uint64_t *rows)
 {
     name_of(series, frame, name);
@@ -201,20 +198,20 @@ static spin_status look_at_frame(const struct spin_bundle_place *b, const char *
     return difference_rows(b, series, frame, out->shape[0], rows);
 }
 
-spin_status spin_bundle_place_check(const struct spin_bundle_place *place, const char *series,
-                                    int frame, char kind, int n_dims, const int64_t *shape)
+spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *series, int frame,
+                                     char kind, int n_dims, const int64_t *shape)
 {
     struct spin_bundle_values values;
     uint64_t rows;
     char name[80];
 
-    return look_at_frame(place, series, frame, kind, n_dims, shape, name, &values, &rows);
+    return look_at_frame(bundle, series, frame, kind, n_dims, shape, name, &values, &rows);
 }
 
 /* ---- Values ------------------------------------------------------------------------------------- */
 
-static spin_status take_key(const struct spin_bundle_place *b, const char *series, const char *name,
-                            char kind, uint64_t rows, struct spin_bundle_values *out)
+static spin_status take_key(struct spin_bundle *b, const char *series, const char *name, char kind,
+                            uint64_t rows, struct spin_bundle_values *out)
 {
     const struct spin_bundle_key *key;
     bool same;
@@ -233,9 +230,8 @@ static spin_status take_key(const struct spin_bundle_place *b, const char *serie
     return SPIN_OK;
 }
 
-static spin_status open_values(const struct spin_bundle_place *b, const char *series, int frame,
-                               char kind, int n_dims, const int64_t *shape,
-                               struct spin_bundle_values *out)
+static spin_status open_values(struct spin_bundle *b, const char *series, int frame, char kind,
+                               int n_dims, const int64_t *shape, struct spin_bundle_values *out)
 {
     struct spin_array a;
     char name[80];
@@ -245,7 +241,7 @@ static spin_status open_values(const struct spin_bundle_place *b, const char *se
     if (rows > 0)
         SPIN_TRY(take_key(b, series, name, kind, rows, out));
     bytes = (uint64_t)(out->n_planes ? out->n_planes : 4) * out->count;
-    SPIN_TRY(spin_npz_take(b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
+    SPIN_TRY(spin_npz_take(&b->npz, name, bytes < CRC_LIMIT, &a, &out->owned));
     if (a.n_bytes != bytes)
         return spin_fail(SPIN_E_MALFORMED, "array '%s' has changed while it was read", name);
     out->bytes = a.data;
@@ -254,15 +250,15 @@ static spin_status open_values(const struct spin_bundle_place *b, const char *se
     return SPIN_OK;
 }
 
-spin_status spin_bundle_place_open(const struct spin_bundle_place *place, const char *series,
-                                   int frame, char kind, int n_dims, const int64_t *shape,
-                                   struct spin_bundle_values *out)
+spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
+                                    char kind, int n_dims, const int64_t *shape,
+                                    struct spin_bundle_values *out)
 {
-    spin_status status = open_values(place, series, frame, kind, n_dims, shape, out);
+    spin_status status = open_values(bundle, series, frame, kind, n_dims, shape, out);
 
     if (status != SPIN_OK)
         spin_bundle_values_close(out);
-    return spin_fail_reading(status, place->path);
+    return spin_fail_reading(status, bundle->path);
 }
 
 void spin_bundle_values_get(const struct spin_bundle_values *v, uint64_t first, size_t n, void *out)
@@ -288,7 +284,7 @@ uint32_t spin_bundle_values_crc(const struct spin_bundle_values *v)
     const size_t most = sizeof piece / sizeof *piece;
 
     if (v->n_planes == 0 && v->n_key == 0)
-        return spin_crc32_whole(v->bytes, 4 * (size_t)v->count);
+        return spin_crc32(0, v->bytes, 4 * (size_t)v->count);
     for (uint64_t first = 0; first < v->count; first += most) {
         size_t n = v->count - first < most ? (size_t)(v->count - first) : most;
 

@@ -1,6 +1,11 @@
+/* The plain data of spin.h, parts 2 to 4: columns that grow, lists of views. */
 #include "scene/columns.h"
 
+#include <stdlib.h>
 #include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
 
 static const struct {
     const char *name;
@@ -43,4 +48,89 @@ float **spin_column_of(struct spin_splats *s, unsigned column)
                                         &s->logit_opacities, &s->sh,    &s->rgb};
 
     return of[place_of(column)];
+}
+
+/* Make one column hold n rows of row_bytes, letting go of the old one first: contents do not matter
+ * and two at a time might not fit. */
+static spin_status column_reserve(float **column, size_t *held, size_t n, size_t row_bytes)
+{
+    size_t bytes;
+
+    if (!spin_mul_size(n, row_bytes, &bytes))
+        return spin_fail(SPIN_E_MEMORY, "%zu splats are more than memory can hold", n);
+    if (*column && bytes <= *held)
+        return SPIN_OK;
+    free(*column);
+    *column = NULL;
+    *held = 0;
+    /* An empty frame still has its columns. */
+    SPIN_TRY(spin_alloc(bytes ? bytes : row_bytes, 1, (void **)column));
+    *held = bytes ? bytes : row_bytes;
+    return SPIN_OK;
+}
+
+spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree)
+{
+    if ((columns & SPIN_COL_SH) && (sh_degree < 0 || sh_degree > 3))
+        return spin_fail(SPIN_E_UNSUPPORTED, "SH degree %d is not in 0..3", sh_degree);
+    if (s->mapped)
+        *s = (struct spin_splats){0};
+    s->n = 0;
+    s->sh_degree = sh_degree;
+    s->antialias = false;
+    s->capacity = SIZE_MAX;
+    for (int i = 0; i < SPIN_N_COLUMNS; i++) {
+        float **column = spin_column_of(s, 1u << i);
+        size_t row_bytes = spin_column_width(1u << i, sh_degree) * sizeof(float);
+
+        /* Columns of an earlier call keep up, so that every column there is holds n rows. */
+        if (!*column && !(columns & 1u << i))
+            continue;
+        SPIN_TRY(column_reserve(column, &s->held[i], n, row_bytes));
+        if (s->held[i] / row_bytes < s->capacity)
+            s->capacity = s->held[i] / row_bytes;
+    }
+    if (s->capacity == SIZE_MAX)
+        s->capacity = 0;
+    s->n = n;
+    return SPIN_OK;
+}
+
+void spin_splats_free(struct spin_splats *s)
+{
+    for (int i = 0; i < SPIN_N_COLUMNS && !s->mapped; i++)
+        free(*spin_column_of(s, 1u << i));
+    *s = (struct spin_splats){0};
+}
+
+spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
+{
+    char *path = NULL, *mask = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_room(views->n, &views->capacity, sizeof *views->view, (void **)&views->view));
+    if (v->path)
+        SPIN_TRY_OUT(spin_strdup(v->path, &path));
+    if (v->mask)
+        SPIN_TRY_OUT(spin_strdup(v->mask, &mask));
+    views->view[views->n] = *v;
+    views->view[views->n].path = path;
+    views->view[views->n++].mask = mask;
+    if (v->dataset_frame >= views->n_dataset_frames)
+        views->n_dataset_frames = v->dataset_frame + 1;
+    return SPIN_OK;
+out:
+    free(path);
+    free(mask);
+    return status;
+}
+
+void spin_views_free(struct spin_views *views)
+{
+    for (size_t i = 0; i < views->n; i++) {
+        free(views->view[i].path);
+        free(views->view[i].mask);
+    }
+    free(views->view);
+    *views = (struct spin_views){0};
 }

@@ -2,7 +2,7 @@
 #ifndef SPIN_SCENE_IMAGE_CACHE_H
 #define SPIN_SCENE_IMAGE_CACHE_H
 
-#include "scene/image_fit.h"
+#include "spin.h"
 
 /* Pixels on demand: decoded once, kept as 8-bit while `budget` bytes last, decoded anew after that.
  * Images are box-filtered to the camera's size where they differ by a whole factor or more; an aspect
@@ -22,5 +22,8 @@ void spin_image_cache_close(struct spin_image_cache *pixels);
 spin_status spin_image_cache_get(struct spin_image_cache *pixels, size_t view, float *out);
 /* The same as bytes: interleaved [h][w][3]. */
 spin_status spin_image_cache_get_rgb8(struct spin_image_cache *pixels, size_t view, uint8_t *out);
+
+/* Interleaved 8-bit RGB as planar floats 0..1. */
+void spin_image_floats(const uint8_t *rgb, size_t n_pixels, float *out);
 
 #endif

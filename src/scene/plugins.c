@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/text.h"
 #include "io/file.h"
 
 enum {
@@ -204,10 +205,8 @@ static bool take_object(const char *path, const char *stem, void *object)
 static void stem_of(const char *path, char stem[MAX_NAME + 1])
 {
     const char *name = spin_path_name(path);
-    size_t n = strlen(name);
+    size_t n = strlen(name) - (spin_text_ends(name, ".so") ? 3 : 0);
 
-    if (n > 3 && strcmp(name + n - 3, ".so") == 0)
-        n -= 3;
     snprintf(stem, MAX_NAME + 1, "%.*s", n < MAX_NAME ? (int)n : MAX_NAME, name);
 }
 
@@ -232,13 +231,6 @@ static void load_object(const char *given)
     free(path);
 }
 
-static bool ends_in_so(const char *name)
-{
-    size_t n = strlen(name);
-
-    return n > 3 && strcmp(name + n - 3, ".so") == 0;
-}
-
 static void load_folder(const char *folder)
 {
     char **names = NULL;
@@ -251,7 +243,7 @@ static void load_folder(const char *folder)
     for (size_t i = 0; i < n; i++) {
         char *path = NULL;
 
-        if (ends_in_so(names[i]) && spin_path_join(folder, names[i], &path) == SPIN_OK)
+        if (spin_text_ends(names[i], ".so") && spin_path_join(folder, names[i], &path) == SPIN_OK)
             load_object(path);
         free(path);
     }

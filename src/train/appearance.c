@@ -7,6 +7,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 
 enum {
     FRAMES = 32,      /* of the clip, evenly */
@@ -32,13 +33,10 @@ static uint8_t brightness(const struct spin_camera *camera, const uint8_t *image
     double p[3];
     int x, y, sum = 0;
 
-    for (int r = 0; r < 3; r++)
-        p[r] = camera->w2c[4 * r] * (double)at[0] + camera->w2c[4 * r + 1] * (double)at[1] +
-               camera->w2c[4 * r + 2] * (double)at[2] + camera->w2c[4 * r + 3];
-    if (!(p[2] > 0))
+    if (!spin_camera_project(camera, at, p))
         return NONE;
-    p[0] = floor(camera->fx * p[0] / p[2] + camera->cx);
-    p[1] = floor(camera->fy * p[1] / p[2] + camera->cy);
+    p[0] = floor(p[0]);
+    p[1] = floor(p[1]);
     if (!(p[0] >= 1 && p[1] >= 1 && p[0] < camera->width - 1 && p[1] < camera->height - 1))
         return NONE;
     x = (int)p[0];

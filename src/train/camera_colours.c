@@ -8,6 +8,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "math/exposure.h"
 #include "train/look_fit.h"
 
@@ -47,17 +48,8 @@ static bool project(const struct colours *c, const struct spin_camera *camera, s
     const float *mean = c->splats.means + 3 * splat;
     double p[3];
 
-    for (int i = 0; i < 3; i++) {
-        const double *row = camera->w2c + 4 * i;
-
-        p[i] =
-            row[0] * (double)mean[0] + row[1] * (double)mean[1] + row[2] * (double)mean[2] + row[3];
-    }
-    if (!(p[2] > 0))
-        return false;
-    p[0] = camera->fx * p[0] / p[2] + camera->cx;
-    p[1] = camera->fy * p[1] / p[2] + camera->cy;
-    if (!(p[0] >= 0 && p[0] < camera->width && p[1] >= 0 && p[1] < camera->height))
+    if (!spin_camera_project(camera, mean, p) ||
+        !(p[0] >= 0 && p[0] < camera->width && p[1] >= 0 && p[1] < camera->height))
         return false;
     pixel[0] = (int)p[0];
     pixel[1] = (int)p[1];
@@ -211,13 +203,6 @@ static spin_status look_at_frame(struct colours *c, int frame)
     return take_samples(c);
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* Of the camera whose median is farthest from 0; -1 without such a camera. */
 static double spread_of(struct colours *c, int rgb)
 {
@@ -228,7 +213,7 @@ static double spread_of(struct colours *c, int rgb)
 
         if (c->n[k] < LEAST_POINTS)
             continue;
-        qsort(values, c->n[k], sizeof *values, compare_floats);
+        qsort(values, c->n[k], sizeof *values, spin_by_float);
         most = fmax(most, fabs((double)values[c->n[k] / 2]));
     }
     return most;

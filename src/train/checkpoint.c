@@ -10,6 +10,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "io/npy.h"
 #include "io/ranks.h"
 #include "train/lazy_adam.h"
@@ -188,7 +189,7 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 
 spin_status spin_check_parameters(struct spin_trainer *t)
 {
-    uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a, by values */
+    uint64_t hash = SPIN_HASH_BEGIN;
     struct spin_device *d = t->device;
     size_t n_pieces = 0;
     struct piece *piece = NULL;
@@ -207,8 +208,8 @@ spin_status spin_check_parameters(struct spin_trainer *t)
 
             SPIN_TRY_OUT(d->op->download(d, block, piece[i].at + first, n * sizeof(float)));
             SPIN_TRY_OUT(check_values(t, piece[i].name, first, block, n));
-            for (size_t k = 0; k < n; k++)
-                hash = (hash ^ ((const uint32_t *)block)[k]) * 0x100000001b3u;
+            if (spin_n_ranks() > 1)
+                spin_hash(&hash, block, n * sizeof(float));
         }
     }
     status = compare_ranks(t, hash);

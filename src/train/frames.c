@@ -8,6 +8,7 @@
 #include "spin_train.h"
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "base/pool.h"
 #include "model/residual.h"
 #include "train/cloud.h"
@@ -29,13 +30,6 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
 }
 
 /* ---- The scene transform ------------------------------------------------------------------------ */
-
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
 
 /* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre (docs/method.md
  * 3.1). Only when the options ask for it; else what they say, or the identity. */
@@ -238,7 +232,7 @@ static spin_status measure_spacing(int n_threads, const struct spin_splats *s, d
     SPIN_TRY_OUT(spin_alloc(s->n, sizeof(float), &block));
     d2 = block;
     SPIN_TRY_OUT(spin_knn_mean_dist2(pool, s->n, s->means, d2));
-    qsort(d2, s->n, sizeof *d2, compare_floats);
+    qsort(d2, s->n, sizeof *d2, spin_by_float);
     *log_scale = 0.5 * log(fmax((double)d2[s->n / 2], 1e-7));
 out:
     spin_pool_free(pool);

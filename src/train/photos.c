@@ -6,6 +6,7 @@
 #include "spin_train.h"
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "io/image.h"
 
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan)
@@ -63,21 +64,12 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
 
 /* ---- Numbers for bytes ------------------------------------------------------------------------- */
 
-/* FNV-1a, 64 bits, of more bytes. */
-static void add(uint64_t *hash, const void *data, size_t n)
-{
-    const unsigned char *byte = data;
-
-    for (size_t i = 0; i < n; i++)
-        *hash = (*hash ^ byte[i]) * 0x100000001b3u;
-}
-
-static void add_number(uint64_t *hash, double value) { add(hash, &value, sizeof value); }
+static void add_number(uint64_t *hash, double value) { spin_hash(hash, &value, sizeof value); }
 
 static void add_imprint(uint64_t *hash, const struct spin_imprint *imprint)
 {
-    add(hash, &imprint->size, sizeof imprint->size);
-    add(hash, &imprint->crc, sizeof imprint->crc);
+    spin_hash(hash, &imprint->size, sizeof imprint->size);
+    spin_hash(hash, &imprint->crc, sizeof imprint->crc);
 }
 
 static void add_camera(uint64_t *hash, const struct spin_view *view)
@@ -107,7 +99,7 @@ static spin_status look_at(const struct spin_photos *photos, const struct spin_p
     SPIN_TRY(spin_view_check_size(view, width, height));
     if (!hash)
         return SPIN_OK;
-    *hash = 0xcbf29ce484222325u;
+    *hash = SPIN_HASH_BEGIN;
     add_imprint(hash, &imprint);
     add_camera(hash, view);
     if (photos->dynamic.from != SPIN_DYNAMIC_MASKS)
@@ -151,7 +143,7 @@ uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin
                              int frame)
 {
     size_t median[SPIN_MOVING_ROWS];
-    uint64_t hash = 0xcbf29ce484222325u;
+    uint64_t hash = SPIN_HASH_BEGIN;
 
     for (size_t i = 0; i < plan->n_train; i++) {
         const struct spin_pair *pair = &plan->train[i];
@@ -160,10 +152,10 @@ uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin
         if (frame >= 0 && pair->frame != frame)
             continue;
         add_number(&hash, frame < 0 ? pair->frame : 0);
-        add(&hash, &photos->imprint[pair->view], sizeof *photos->imprint);
+        spin_hash(&hash, &photos->imprint[pair->view], sizeof *photos->imprint);
         n = median_views(photos, plan, plan->clip.views.view[pair->view].camera_id, median);
         for (size_t k = 0; k < n; k++)
-            add(&hash, &photos->imprint[median[k]], sizeof *photos->imprint);
+            spin_hash(&hash, &photos->imprint[median[k]], sizeof *photos->imprint);
     }
     return hash;
 }

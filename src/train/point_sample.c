@@ -7,6 +7,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 
 enum { SAMPLE = 20000 }; /* points of a frame, at most */
 
@@ -30,13 +31,6 @@ void spin_point_sample_add(struct spin_point_sample *sample, const struct spin_s
         memcpy(sample->point + 3 * sample->n++, s->means + 3 * i, 3 * sizeof(float));
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
-
 double spin_point_square_to(const float *point, const float centre[3])
 {
     double d2 = 0;
@@ -54,11 +48,11 @@ float spin_point_sample_enclose(struct spin_point_sample *sample, float centre[3
     for (int c = 0; c < 3; c++) {
         for (size_t i = 0; i < n; i++)
             value[i] = sample->point[3 * i + (size_t)c];
-        qsort(value, n, sizeof *value, compare_floats);
+        qsort(value, n, sizeof *value, spin_by_float);
         centre[c] = value[n / 2];
     }
     for (size_t i = 0; i < n; i++)
         value[i] = (float)sqrt(spin_point_square_to(sample->point + 3 * i, centre));
-    qsort(value, n, sizeof *value, compare_floats);
+    qsort(value, n, sizeof *value, spin_by_float);
     return value[(size_t)(0.9 * (double)(n - 1))];
 }

@@ -17,6 +17,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "base/pool.h"
 #include "base/text.h"
 #include "io/ranks.h"
@@ -59,20 +60,11 @@ static unsigned start_columns(const struct spin_plan *plan)
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
-/* FNV-1a, 64 bits. */
-static uint64_t hash_of(const char *text)
-{
-    uint64_t hash = 0xcbf29ce484222325u;
-
-    for (; *text; text++)
-        hash = (hash ^ (unsigned char)*text) * 0x100000001b3u;
-    return hash;
-}
-
 static spin_status make_key(struct spin_plan *plan, const struct spin_photos *photos, int f,
                             struct spin_refined *refined)
 {
     char images[20], *text;
+    uint64_t hash = SPIN_HASH_BEGIN;
     uint32_t input;
     spin_json *j;
 
@@ -89,7 +81,8 @@ static spin_status make_key(struct spin_plan *plan, const struct spin_photos *ph
     spin_json_free(j);
     if (!text)
         return spin_fail(SPIN_E_MEMORY, "out of memory");
-    snprintf(refined->key, sizeof refined->key, "%016" PRIx64, hash_of(text));
+    spin_hash(&hash, text, strlen(text));
+    snprintf(refined->key, sizeof refined->key, "%016" PRIx64, hash);
     free(text);
     return SPIN_OK;
 }

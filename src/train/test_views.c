@@ -7,7 +7,7 @@
 #include "spin_train.h"
 #include "base/err.h"
 #include "base/mem.h"
-#include "io/picture_name.h"
+#include "io/image.h"
 
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const size_t *live_counts,

@@ -12,6 +12,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "io/json.h"
 #include "math/adam.h"
 #include "tests/bench/bench.h"
@@ -47,13 +48,6 @@ static void time_stage(const struct bench_stage *stage, struct bench_scene *s, s
     stage->run(s);
     t->wall[round] = spin_now_s() - wall;
     t->cpu[round] = bench_cpu_s() - cpu;
-}
-
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
 }
 
 struct row {
@@ -108,8 +102,8 @@ static struct row row_of(const struct bench_stage *stage, struct timing *t, int 
     int at = reference_place(s->n);
     double seconds;
 
-    qsort(t->cpu, (size_t)rounds, sizeof *t->cpu, by_value);
-    qsort(t->wall, (size_t)rounds, sizeof *t->wall, by_value);
+    qsort(t->cpu, (size_t)rounds, sizeof *t->cpu, spin_by_double);
+    qsort(t->wall, (size_t)rounds, sizeof *t->wall, spin_by_double);
     seconds = n_threads == 1 ? t->cpu[0] : t->wall[0];
     row.cpu_ms = 1e3 * t->cpu[0];
     row.cpu_median_ms = 1e3 * t->cpu[rounds / 2];

@@ -8,6 +8,7 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
 #include "train/morton.h"
 #include "math/blend.h"
 #include "math/mlp.h"
@@ -30,13 +31,6 @@ static void make_points(float *pos, size_t n)
     }
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* Move and scale points of any scene into the ball where the synthetic ones lie: medians to 0, the
  * 80th percentile of the distance to 0.8. */
 static spin_status normalise(float *pos, size_t n)
@@ -49,7 +43,7 @@ static spin_status normalise(float *pos, size_t n)
     for (size_t k = 0; k < 3; k++) {
         for (size_t i = 0; i < n; i++)
             value[i] = pos[3 * i + k];
-        qsort(value, n, sizeof *value, compare_floats);
+        qsort(value, n, sizeof *value, spin_by_float);
         size = value[n / 2];
         for (size_t i = 0; i < n; i++)
             pos[3 * i + k] -= size;
@@ -57,7 +51,7 @@ static spin_status normalise(float *pos, size_t n)
     for (size_t i = 0; i < n; i++)
         value[i] = pos[3 * i] * pos[3 * i] + pos[3 * i + 1] * pos[3 * i + 1] +
                    pos[3 * i + 2] * pos[3 * i + 2];
-    qsort(value, n, sizeof *value, compare_floats);
+    qsort(value, n, sizeof *value, spin_by_float);
     size = sqrtf(value[n * 4 / 5]) / 0.8f;
     for (size_t i = 0; i < 3 * n && size > 0; i++)
         pos[i] /= size;

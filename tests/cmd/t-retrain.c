@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "io/image.h"
+#include "base/number.h"
 #include "model/field.h"
 #include "scene/bundle.h"
 #include "scene/dataset.h"
@@ -774,13 +775,6 @@ static double bias_of(const struct run *r)
     return (double)r->heads[r->field.heads.offset[SPIN_HEAD_SCALE + 1] - 1];
 }
 
-static int by_value(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* Median of each axis over both frames, and one over the radius that has nine points of ten. */
 static void norm_of(struct run *r, float centre[3], double *inverse)
 {
@@ -794,7 +788,7 @@ static void norm_of(struct run *r, float centre[3], double *inverse)
     for (size_t c = 0; c < 3; c++) {
         for (size_t i = 0; i < total; i++)
             value[i] = i < n[0] / 3 ? p[0][3 * i + c] : p[1][3 * (i - n[0] / 3) + c];
-        qsort(value, total, sizeof *value, by_value);
+        qsort(value, total, sizeof *value, spin_by_float);
         centre[c] = value[total / 2];
     }
     for (size_t i = 0; i < total; i++) {
@@ -804,7 +798,7 @@ static void norm_of(struct run *r, float centre[3], double *inverse)
                          (x[1] - centre[1]) * (x[1] - centre[1]) +
                          (x[2] - centre[2]) * (x[2] - centre[2]));
     }
-    qsort(value, total, sizeof *value, by_value);
+    qsort(value, total, sizeof *value, spin_by_float);
     *inverse = 1 / (double)value[(size_t)(0.9 * (double)(total - 1))];
     free(value), free(p[0]), free(p[1]);
 }

@@ -6,7 +6,6 @@
 #include "io/json.h"
 #include "io/webp.h"
 #include "io/zip.h"
-#include "io/zip_writer.h"
 #include "formats/sog.h"
 #include "tests/exporters/frame.h"
 

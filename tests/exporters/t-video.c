@@ -138,7 +138,7 @@ static void check_file(const struct spin_export_job *job, const char *what)
     if (!ok(export_clip(&spin_exporter_video, job) == SPIN_OK, "%s: writes: %s", what,
             spin_last_error()))
         return;
-    ok(spin_video_info(job->output, &w, &h, &n) == SPIN_OK && w == W && h == H && n == FRAMES,
+    ok(spin_video_info(job->output, &w, &h, &n, NULL) == SPIN_OK && w == W && h == H && n == FRAMES,
        "%s: %lld frames of %dx%d", what, (long long)n, w, h);
     for (int f = 0; f < FRAMES; f++)
         least = fmin(least, quality(job->output, f, f, 9, 0, 1));
@@ -162,7 +162,7 @@ static void test_files(struct spin_export_job job)
     job.output = named("pair.mp4");
     job.values = &values;
     ok(export_clip(&spin_exporter_video, &job) == SPIN_OK, "two panels, each frame twice");
-    ok(spin_video_info(job.output, &w, &h, &n) == SPIN_OK && w == 2 * W && n == 2 * FRAMES,
+    ok(spin_video_info(job.output, &w, &h, &n, NULL) == SPIN_OK && w == 2 * W && n == 2 * FRAMES,
        "a wide video, twice as long");
     ok(quality(job.output, 3, 6, 4, 0, 2) > 24 && quality(job.output, 3, 7, 9, 1, 2) > 24,
        "before to the left of after");

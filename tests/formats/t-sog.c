@@ -6,7 +6,7 @@
 #include "formats/sog.h"
 #include "io/file.h"
 #include "io/webp.h"
-#include "io/zip_writer.h"
+#include "io/zip.h"
 #include "tests/check.h"
 #include "tests/formats/splats.h"
 

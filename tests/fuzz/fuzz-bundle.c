@@ -1,11 +1,11 @@
 /* Any bytes as a bundle: open, read every frame, and the splats that its network makes of each.  K: fuzz bundle */
+#include "io/file.h"
 #include "render/player.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "io/crc.h"
 
 enum { MOST = 1000 }; /* splats of a frame that the network is asked for */
 

@@ -7,7 +7,7 @@
 
 #include "io/file.h"
 #include "spin_run.h"
-#include "io/output_folder.h"
+#include "io/output.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -5,7 +5,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "io/output_lock.h"
+#include "io/output.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

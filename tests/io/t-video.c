@@ -167,7 +167,7 @@ static void test_damage(const char *path)
     spin_map_close(&map);
     ok(n_refused > 30 && n_read < 5, "files cut short are survived (%d read, %d refused)", n_read,
        n_refused);
-    ok(spin_video_info("no/such.mp4", &w, &h, &n) == SPIN_E_NOT_FOUND &&
+    ok(spin_video_info("no/such.mp4", &w, &h, &n, NULL) == SPIN_E_NOT_FOUND &&
            strstr(spin_last_error(), "no/such.mp4"),
        "a file that is not there");
     snprintf(name, sizeof name, "%s/list.mp4", check_folder());
@@ -177,7 +177,7 @@ static void test_damage(const char *path)
         fprintf(file, "ffconcat version 1.0\nfile '%s'\n", path);
         fclose(file);
     }
-    ok(spin_video_info(name, &w, &h, &n) == SPIN_E_MALFORMED,
+    ok(spin_video_info(name, &w, &h, &n, NULL) == SPIN_E_MALFORMED,
        "a playlist in a video's name leads nowhere");
 }
 
@@ -204,7 +204,7 @@ TAP_MAIN
         int w = 0, h = 0;
         int64_t n = 0;
 
-        ok(spin_video_info(path, &w, &h, &n) == SPIN_OK && w == W && h == H && n == FRAMES,
+        ok(spin_video_info(path, &w, &h, &n, NULL) == SPIN_OK && w == W && h == H && n == FRAMES,
            "size and number of frames");
     }
     test_order(path);

@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include "io/zip.h"
-#include "io/zip_writer.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

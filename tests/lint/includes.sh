@@ -48,13 +48,13 @@ ours() {
 # file, pattern of what it may include besides libc and POSIX
 foreign() {
     case $1 in
-    src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
-    src/io/crc.c) echo '^(zlib|immintrin)\.h$' ;;
+    src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
+    src/io/webp.c) echo '^webp/(de|en)code\.h$' ;;
+    src/io/zstd.c) echo '^zstd\.h$' ;;
     src/io/json.[ch]) echo '^jansson\.h$' ;;
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
     src/formats/glb_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
-    src/io/conv_dnnl.cpp) echo '^(oneapi/dnnl/dnnl\.hpp|omp\.h|[a-z_]+)$' ;;
     src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
     src/io/ranks_mpi.c) echo '^mpi\.h$' ;;
     src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;

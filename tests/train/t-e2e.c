@@ -3,6 +3,7 @@
  * on a device that works late and whose memory the host cannot read.
  * K: golden threads e2e */
 #include "train/step.h"
+#include "base/number.h"
 #include "tests/check.h"
 #include "tests/device/strict.h"
 #include "tests/tap.h"
@@ -306,13 +307,6 @@ static void free_result(struct result *r)
     free(r->g1_heads);
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 static double five_times(const char *key, const char *what)
 {
     char path[96];
@@ -332,7 +326,7 @@ static void check_spread(struct fixture *f, const char *key, const float *got, s
 
     for (size_t i = 0; i < n; i++)
         off[i] = fmax(0, fabs((double)got[i] - want[i]) - 0x1p-22 * fabs(want[i]));
-    qsort(off, n, sizeof *off, compare_doubles);
+    qsort(off, n, sizeof *off, spin_by_double);
     if (!ok(off[n / 2] <= median && off[(size_t)(0.95 * (double)n)] <= p95,
             "%s in the end: median and 95th percentile of the deviation", key))
         printf("#   median %.3g (limit %.3g), p95 %.3g (limit %.3g)\n", off[n / 2], median,

@@ -2,6 +2,7 @@
  * for any number of threads, and what the options promise.
  * K: golden threads refine */
 #include "train/refine.h"
+#include "base/number.h"
 #include "render/image_store.h"
 #include "tests/check.h"
 #include "tests/device/strict.h"
@@ -243,13 +244,6 @@ static spin_status run(struct fixture *f, const struct spin_refine_options *o, c
     return status;
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* Adam turns tiny gradients into whole steps, so a few values may go another way in float32; 95
  * of 100 must not. The manifest allows ten times the worst group's deviation of PyTorch's own
  * float32; here each group is held to ten times its own. `first` and `width` are floats of a
@@ -273,7 +267,7 @@ static void check_group(struct fixture *f, const struct spin_refine_cloud *c, co
     off = malloc(n * sizeof *off);
     for (size_t i = 0; i < n; i++)
         off[i] = fabs(((const float *)&c->point[i / width].p)[first + i % width] - want[i]);
-    qsort(off, n, sizeof *off, compare_doubles);
+    qsort(off, n, sizeof *off, spin_by_double);
     at = (size_t)(0.95 * (double)n);
     if (!ok(off[at] <= 10 * torch_p95 &&
                 off[at] <= check_tolerance("refine.npz", "final_p95_abs", 8.4e-3),

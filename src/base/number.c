@@ -1,0 +1,36 @@
+#include "base/number.h"
+
+#define BY(name, type)                                                                             \
+    int name(const void *a, const void *b)                                                         \
+    {                                                                                              \
+        type x = *(const type *)a, y = *(const type *)b;                                           \
+                                                                                                   \
+        return (x > y) - (x < y);                                                                  \
+    }
+
+BY(spin_by_float, float)
+BY(spin_by_double, double)
+BY(spin_by_int, int)
+
+void spin_hash(uint64_t *hash, const void *data, size_t n)
+{
+    const unsigned char *byte = data;
+
+    for (size_t i = 0; i < n; i++)
+        *hash = (*hash ^ byte[i]) * 0x100000001b3u;
+}
+
+bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) {
+        const double *row = camera->w2c + 4 * i;
+
+        out[i] = row[0] * (double)point[0] + row[1] * (double)point[1] + row[2] * (double)point[2] +
+                 row[3];
+    }
+    if (!(out[2] > 0))
+        return false;
+    out[0] = camera->fx * out[0] / out[2] + camera->cx;
+    out[1] = camera->fy * out[1] / out[2] + camera->cy;
+    return true;
+}

@@ -1,0 +1,19 @@
+/* Numbers that several rooms need in one way: their order, what bytes are told by, where a camera sees a point. */
+#ifndef SPIN_BASE_NUMBER_H
+#define SPIN_BASE_NUMBER_H
+
+#include "spin.h"
+
+/* Rising, for qsort(). */
+int spin_by_float(const void *a, const void *b);
+int spin_by_double(const void *a, const void *b);
+int spin_by_int(const void *a, const void *b);
+
+/* FNV-1a, 64 bits, of more bytes. */
+#define SPIN_HASH_BEGIN 0xcbf29ce484222325u
+void spin_hash(uint64_t *hash, const void *data, size_t n);
+
+/* Pixel and depth of a point; false when it does not lie in front. */
+bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
+
+#endif
