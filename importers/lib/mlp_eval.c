@@ -12,6 +12,8 @@
 /* out [n_out][MLP_BLOCK] = W in + b, negative values to 0 when `relu`. in and out differ. */
 static void mlp_linear(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
+    if (!l->bias)
+        memset(out, 0, (size_t)l->n_out * MLP_BLOCK * sizeof *out);
     spin_multiply_add(l->n_out, MLP_BLOCK, l->n_in, l->weight, (size_t)l->n_in, in, l->bias, relu,
                       out);
 }
