@@ -170,10 +170,10 @@ demo: ## import, retrain, evaluate and export the bundled clip; under five minut
 	@$(MAKE) --no-print-directory -j$(JOBS) all
 	@sh tests/demo.sh $(B)/bin
 
-# What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
 quick: ## the unit tests, a minute: after every change
 	@$(MAKE) --no-print-directory test K=$@
 
+# What only tests need is installed once, or found to be out of reach once; `make setup` tries again.
 test: ## all tests but test-card and test-ranks, JOBS at a time; K='words' selects; SETUP=0 installs nothing
 	@[ "$(SETUP)" = 0 ] || sh tests/setup.sh $(if $(wildcard $(BUILD)/test-needs),,--tests)
 	@[ "$(SETUP)" = 0 ] || { mkdir -p $(BUILD) && touch $(BUILD)/test-needs; }
