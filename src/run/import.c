@@ -462,12 +462,10 @@ static void store_task(void *context, int task, int worker)
         snprintf(im->done[task].why, sizeof im->done[task].why, "%s", spin_last_error());
 }
 
-static spin_status store_frames(struct import *im, struct spin_progress *progress)
+static spin_status store_steps(struct import *im, struct spin_progress *progress)
 {
     int n = im->meta.n_frames;
 
-    if (spin_n_ranks() == 1) /* MPI stays in the thread that began it */
-        SPIN_TRY(spin_pool_create(2, &im->pool));
     for (im->step = 0; im->step <= n; im->step++) {
         if (im->step < n && spin_cancelled())
             return spin_fail_cancelled();
@@ -479,6 +477,17 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
             spin_progress_set(progress, im->step + 1, "%zu splats", im->meta.frame[im->step].n);
     }
     return SPIN_OK;
+}
+
+static spin_status store_frames(struct import *im, struct spin_progress *progress)
+{
+    spin_status status;
+
+    if (spin_n_ranks() == 1) /* MPI stays in the thread that began it */
+        SPIN_TRY(spin_pool_create(2, &im->pool));
+    status = store_steps(im, progress);
+    spin_pool_free(im->pool);
+    return status;
 }
 
 static spin_status describe_frame(struct import *im, int i)
@@ -717,7 +726,6 @@ spin_status spin_import(const struct spin_import_options *o, char **report)
     if (im.importer && im.importer->close && im.self)
         im.importer->close(im.self);
     spin_bundle_meta_free(&im.meta);
-    spin_pool_free(im.pool);
     spin_splats_free(&im.slot[0]);
     spin_splats_free(&im.slot[1]);
     spin_splats_free(&im.splats);
