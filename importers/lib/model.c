@@ -245,21 +245,6 @@ void spin_model_describe(const struct spin_model *m, const size_t *counts, int s
     s->time_last = 1;
 }
 
-void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...)
-{
-    size_t used = strlen(sequence->notes), room = sizeof sequence->notes - used;
-    va_list args;
-    int n;
-
-    va_start(args, fmt);
-    n = vsnprintf(sequence->notes + used, room, fmt, args);
-    va_end(args);
-    if (n < 0 || (size_t)n + 1 >= room)
-        sequence->notes[used] = '\0';
-    else
-        memcpy(sequence->notes + used + n, "\n", 2);
-}
-
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 bool spin_peek_has(const struct spin_peek *peek, const char *name)

@@ -4,6 +4,7 @@
 #define SPIN_IMPORTERS_LIB_MODEL_H
 
 #include "base/err.h"
+#include "base/text.h"
 #include "formats/gs_ply.h"
 #include "importers/lib/mlp_eval.h"
 #include "importers/lib/run_config.h"
@@ -76,8 +77,6 @@ spin_status spin_model_names(struct spin_model *m, const char *folder, char ***n
  * which those in `moved` change. counts: as long as the model, or NULL. */
 void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
                          unsigned moved);
-/* A note, one line, as printf; no newline at the end of fmt. A line that does not fit is dropped. */
-void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 

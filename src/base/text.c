@@ -1,5 +1,6 @@
 #include "base/text.h"
 
+#include <stdarg.h>
 #include <string.h>
 
 void spin_text_base64(FILE *to, const unsigned char *bytes, size_t n)
@@ -135,4 +136,19 @@ const char *spin_text_count(long long n, const char *noun, char text[48])
 {
     snprintf(text, 48, "%lld %s%s", n, noun, n == 1 ? "" : "s");
     return text;
+}
+
+void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...)
+{
+    size_t used = strlen(sequence->notes), room = sizeof sequence->notes - used;
+    va_list args;
+    int n;
+
+    va_start(args, fmt);
+    n = vsnprintf(sequence->notes + used, room, fmt, args);
+    va_end(args);
+    if (n < 0 || (size_t)n + 1 >= room)
+        sequence->notes[used] = '\0';
+    else
+        memcpy(sequence->notes + used + n, "\n", 2);
 }

@@ -88,13 +88,13 @@ static void look_for_frames(struct import *im)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-        spin_add_note(t, "sampled at the %d frames that the run says it has\n", im->n_own);
+        spin_note(t, "sampled at the %d frames that the run says it has", im->n_own);
         return;
     }
     beside = spin_data_beside(im->input);
     if (beside && spin_views_open(beside, NULL, &im->views, from, sizeof from) == SPIN_OK)
-        spin_add_note(t, "sampled at the times of the %d frames of the data set '%s'\n",
-                      im->views.n_dataset_frames, beside);
+        spin_note(t, "sampled at the times of the %d frames of the data set '%s'",
+                  im->views.n_dataset_frames, beside);
     free(beside);
 }
 
@@ -684,7 +684,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
     SPIN_TRY(check_track(im));
     if (im->below)
-        spin_add_note(&im->sequence, "the run is in '%s'\n", im->below);
+        spin_note(&im->sequence, "the run is in '%s'", im->below);
     SPIN_TRY(open_data(im));
     look_for_frames(im);
     SPIN_TRY(choose_frames(im));

@@ -2,28 +2,15 @@
 
 #include <limits.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/err.h"
+#include "base/text.h"
 #include "io/file.h"
 #include "io/json.h"
 
 /* ---- At which times a data set's frames are ---------------------------------------------------- */
-
-void spin_add_note(struct spin_sequence_info *t, const char *fmt, ...)
-{
-    size_t used = strlen(t->notes), room = sizeof t->notes - used;
-    va_list args;
-    int n;
-
-    va_start(args, fmt);
-    n = vsnprintf(t->notes + used, room, fmt, args);
-    va_end(args);
-    if (n < 0 || (size_t)n >= room)
-        t->notes[used] = '\0';
-}
 
 /* A data set without times of its own counts its frames: 0, 1, 2, ..., which leaves the range of a
  * continuous method. */
@@ -50,10 +37,10 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
         all[i].time = time;
     }
     if (!counted)
-        spin_add_note(t,
-                      "the data set's frames are at the method's times 0 to %g, not at their own "
-                      "(--frame-times data)\n",
-                      all[n - 1].time);
+        spin_note(t,
+                  "the data set's frames are at the method's times 0 to %g, not at their own "
+                  "(--frame-times data)",
+                  all[n - 1].time);
 }
 
 /* A data set whose times cover little of the method's range, or reach far beyond it, may count them in
@@ -68,10 +55,10 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     }
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
-        spin_add_note(
+        spin_note(
             t,
             "the data set's times are %g to %g and the method's %g to %g: do both use the same "
-            "unit? (--frame-times)\n",
+            "unit? (--frame-times)",
             first, last, t->time_first, t->time_last);
 }
 
@@ -95,10 +82,9 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     }
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
-    spin_add_note(
-        t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)\n",
-        automatic ? "the data set only counts its frames: " : "the data set's frames: ",
-        all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
+    spin_note(t, "%sthey are spread over the times %g to %g, frame i of n at i/%s (--frame-times)",
+              automatic ? "the data set only counts its frames: " : "the data set's frames: ",
+              all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
 /* ---- What sequence.json says -------------------------------------------------------------------- */

@@ -5,9 +5,6 @@
 
 #include "scene/bundle_meta.h"
 
-/* One line of the notes, with its end, or none where there is no room for it. */
-void spin_add_note(struct spin_sequence_info *t, const char *fmt, ...) SPIN_PRINTF(2, 3);
-
 /* Sets the times of all n frames, which come with the data set's own, by a rule: "data", "unit", "count",
  * or "auto" (NULL too). Methods do not say at which times their frames were, and their readers of one and
  * the same data set differ: i/(n-1) with most, i/n with some. numbered: frames have numbers from file names.
