@@ -9,6 +9,7 @@
 
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
+#include "math/motion.h"
 #include "io/xz.h"
 #include "math/contract.h"
 #include "math/ntc.h"
@@ -44,7 +45,8 @@ struct model {
     struct clip_times times;
     size_t n;
     struct gaussian4d gaussians;
-    float *app; /* [n][6] of the rows of the file */
+    size_t *kept, n_kept; /* those that the last time asked for shows */
+    float *app;           /* [n][6] of the rows of the file */
     struct mlp_net net[N_NETS];
 };
 
@@ -342,12 +344,14 @@ struct pass {
 /* The place that the networks see: the Gaussian's own, or where FTGS has moved it. */
 static spin_vec3 place_of(const struct pass *p, size_t i)
 {
-    const struct gaussian4d *g = &p->m->gaussians;
-    double dt = p->m->moving ? p->time - g->time[i] : 0;
+    const struct spin_splats_4d *s = &p->m->base.splats_4d;
+    double place[3];
     float x[3];
 
+    spin_path_at(s->centres + 3 * i, s->paths + 3 * i, p->m->moving ? 1 : 0,
+                 p->time - (double)s->times[i], place);
     for (size_t c = 0; c < 3; c++)
-        x[c] = spin_contract_axis((float)(g->mean[3 * i + c] + g->velocity[3 * i + c] * dt), 0, 1);
+        x[c] = spin_contract_axis((float)place[c], 0, 1);
     return spin_v3(x[0], x[1], x[2]);
 }
 
@@ -357,7 +361,7 @@ static void encode_block(const struct pass *p, size_t first, int n, float *encod
     float tn = (float)((p->time - t->first) / (t->last - t->first));
 
     for (int b = 0; b < n; b++) {
-        size_t i = p->m->gaussians.kept[first + (size_t)b];
+        size_t i = p->m->kept[first + (size_t)b];
         spin_vec3 u = spin_contract(place_of(p, i));
 
         encode(u.x, encoded + b);
@@ -376,7 +380,7 @@ static void fill_input(const struct pass *p, size_t first, int n, int from, cons
 
     memcpy(in, features, N_FEATURES * MLP_BLOCK * sizeof *in);
     for (int b = 0; b < n; b++) {
-        const float *app = p->m->app + N_APP * g->row[g->kept[first + (size_t)b]] + from;
+        const float *app = p->m->app + N_APP * g->row[p->m->kept[first + (size_t)b]] + from;
 
         for (int c = 0; c < 3; c++)
             in[(N_FEATURES + c) * MLP_BLOCK + b] = spin_half(app[c]);
@@ -403,11 +407,11 @@ static void run_colours(const struct pass *p, size_t first, int n, float *scratc
     fill_input(p, first, n, 3, scratch + FEATURES * MLP_BLOCK, in);
     spin_mlp_run(&m->net[SH], in, hidden, result);
     for (int b = 0; b < n; b++) {
-        size_t k = first + (size_t)b, i = m->gaussians.kept[k];
+        size_t k = first + (size_t)b, i = m->kept[k];
 
         take_rows(result, b, 1, 47, sh[b]);
         /* FTGS's renderer uses the first 16 rows only. */
-        spin_sh_fold(m->moving ? 0 : 2, p->time - m->gaussians.time[i],
+        spin_sh_fold(m->moving ? 0 : 2, p->time - (double)m->base.splats_4d.times[i],
                      m->times.last - m->times.first, sh[b], p->out->sh + 48 * k);
     }
 }
@@ -430,7 +434,7 @@ static void run_block(void *context, size_t first, int n, float *scratch)
 
             p->out->logit_opacities[k] =
                 spin_logit_of(spin_sigmoid_of(result[b]) *
-                              spin_gaussian4d_weight(&m->gaussians, m->gaussians.kept[k], p->time));
+                              spin_splats_4d_weight(&m->base.splats_4d, m->kept[k], p->time));
         }
     }
     if (p->columns & SPIN_COL_SH)
@@ -476,7 +480,7 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
             scale[k] = c->scale[3 * i + k];
             velocity[k] = c->velocity[3 * i + k];
         }
-        spin_gaussian4d_add(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, velocity,
+        spin_gaussian4d_add(&m->base, &m->gaussians, i, c->xyz + 3 * i, c->t[i], 0, velocity,
                             exp(2.0 * c->scale_t[i]), scale, quat);
         return;
     }
@@ -487,7 +491,7 @@ static void add_row(struct model *m, const struct columns *c, size_t i)
     }
     spin_rotation4_of_pair(quat, right, 0, a);
     spin_slice_of(a, scale, &slice);
-    spin_gaussian4d_add_slice(&m->gaussians, i, c->xyz + 3 * i, c->t[i], 1, &slice, 0);
+    spin_gaussian4d_add_slice(&m->base, &m->gaussians, i, c->xyz + 3 * i, c->t[i], 0, &slice, 0);
 }
 
 static spin_status find_times(struct model *m)
@@ -498,7 +502,7 @@ static spin_status find_times(struct model *m)
     if (m->moving) /* fixed in its code, and no formula needs it */
         return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
     SPIN_TRY(spin_model_config(base));
-    SPIN_TRY(spin_run_config_times(&base->settings, asked, m->gaussians.time, m->gaussians.n, 1,
+    SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
         spin_note(
@@ -554,7 +558,7 @@ static spin_status read_pickle(struct model *m)
     SPIN_TRY(load_columns(m, &c));
     for (int net = 0; net < N_NETS; net++)
         SPIN_TRY(load_net(m, net));
-    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->n));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->n, 3, 0));
     for (size_t i = 0; i < m->n; i++)
         add_row(m, &c, i);
     SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->n, 0, "values that are not finite",
@@ -574,9 +578,9 @@ static spin_status open_model(void *self, const char *path)
         spin_pickle_free(&m->pickle);
     }
     SPIN_TRY(spin_fail_reading(status, m->base.path));
-    m->gaussians.sh_degree = 3;
-    m->gaussians.least_weight = m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT;
-    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
+    m->base.splats_4d.least_weight = m->moving ? LEAST_WEIGHT_FTGS : LEAST_WEIGHT;
+    SPIN_TRY(spin_gaussian4d_finish(&m->base, &m->gaussians, 1, &m->times));
+    SPIN_TRY(spin_model_alloc(&m->base, m->gaussians.n, sizeof *m->kept, (void **)&m->kept));
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
     return SPIN_OK;
@@ -593,12 +597,16 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
     struct model *m = self;
     struct pass pass = {m, time, columns, out};
 
-    SPIN_TRY(spin_gaussian4d_frame(&m->base, &m->gaussians, frame, time, columns, NULL, out));
+    SPIN_TRY(spin_model_slice(self, frame, time, columns, out));
     if (!(columns & networks))
         return SPIN_OK;
+    m->n_kept = 0;
+    for (size_t i = 0; i < m->base.splats_4d.n; i++)
+        if (spin_splats_4d_shows(&m->base.splats_4d, i, time))
+            m->kept[m->n_kept++] = i;
     if (!m->base.team.scratch) /* for the first frame that needs it */
         SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
-    spin_mlp_team_run(&m->base.team, m->gaussians.n_kept, run_block, &pass);
+    spin_mlp_team_run(&m->base.team, m->n_kept, run_block, &pass);
     return SPIN_OK;
 }
 

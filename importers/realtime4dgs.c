@@ -69,9 +69,6 @@ struct reading {
     double extra;    /* is added to the variance of time where it weighs only */
 };
 
-/* Of time, for what is there at all times: no square of a time comes near it. */
-#define ALL_TIMES 1e300
-
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
 /* Where a part is: its item in the tuples of a 4-D and of a 3-D model (-1: none), its name in a fork's dict, which
@@ -162,7 +159,7 @@ static void r4_loaded(const struct spin_value *dict, const char *prefix, struct 
 }
 
 /* Finds the parts; *r is zero before. Other methods' checkpoints are refused, with their name where it shows. */
-static spin_status r4_parts(const struct spin_value *root, struct rows *r)
+static spin_status r4_find(const struct spin_value *root, struct rows *r)
 {
     const struct spin_value *m = spin_value_at(root, 0);
 
@@ -238,18 +235,6 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
     spin_array_to_f32(&r->sh[0], 3 * i, 3, out);
     if (width > 0)
         spin_array_to_f32(&r->sh[1], width * i, width, out + 3);
-}
-
-/* Those that are drawn, [(degree+1)^2][3], dt after the row's own time in a clip of such a length. */
-static void r4_colours(const struct rows *r, size_t i, double dt, double length, float *out)
-{
-    float sh[MAX_SH];
-
-    r4_sh(r, i, sh);
-    if (r->degree_t > 0)
-        spin_sh_fold(r->degree_t, dt, length, sh, out);
-    else
-        memcpy(out, sh, 3 * (size_t)((r->degree + 1) * (r->degree + 1)) * sizeof *out);
 }
 
 /* ---- Degrees --------------------------------------------------------------------------------- */
@@ -363,19 +348,18 @@ static void r4_slice(const struct rows *r, size_t i, bool older, spin_slice *out
     spin_slice_of(a, scale, out);
 }
 
-static void add_row(const struct rows *r, size_t i, size_t row, const struct reading *reading,
-                    struct gaussian4d *gaussians)
+static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size_t row,
+                      const struct reading *reading, struct gaussian4d *gaussians)
 {
     static const double still[3] = {0, 0, 0};
-    double opacity = spin_sigmoid_of(r->column[R4_OPACITY][i]), log_scale[3], quat[4];
+    double logit = r->column[R4_OPACITY][i], log_scale[3], quat[4];
 
     if (r->rot_4d) {
         spin_slice s;
 
         r4_slice(r, i, reading->older, &s);
-        spin_gaussian4d_add_slice(gaussians, row, r->column[R4_XYZ] + 3 * i, r->column[R4_T][i],
-                                  opacity, &s, reading->extra);
-        return;
+        return spin_gaussian4d_add_slice(m, gaussians, row, r->column[R4_XYZ] + 3 * i,
+                                         r->column[R4_T][i], logit, &s, reading->extra);
     }
     spin_unit_quat(r->column[R4_ROTATION] + 4 * i, quat);
     for (int k = 0; k < 3; k++) {
@@ -383,41 +367,43 @@ static void add_row(const struct rows *r, size_t i, size_t row, const struct rea
         quat[k + 1] = reading->transposed ? -quat[k + 1] : quat[k + 1];
     }
     /* Here the exponential is the variance itself. */
-    spin_gaussian4d_add(gaussians, row, r->column[R4_XYZ] + 3 * i,
-                        r->moving ? r->column[R4_T][i] : 0, opacity, still,
-                        r->moving ? exp(r->column[R4_SCALING_T][i]) + reading->extra : ALL_TIMES,
-                        log_scale, quat);
-}
-
-static bool has_finite_sh(const struct rows *r, size_t i)
-{
-    float sh[MAX_SH];
-
-    r4_sh(r, i, sh);
-    for (int k = 0; k < 3 * r->n_sh; k++) {
-        if (!isfinite(sh[k]))
-            return false;
-    }
-    return true;
+    return spin_gaussian4d_add(
+        m, gaussians, row, r->column[R4_XYZ] + 3 * i, r->moving ? r->column[R4_T][i] : 0, logit,
+        still, r->moving ? exp(r->column[R4_SCALING_T][i]) + reading->extra : HUGE_VAL, log_scale,
+        quat);
 }
 
 /* Adds all rows, the first as `row`; what is not finite is counted as dropped. Those that do not move are
  * there at all times. Returns how many are nearly transparent. */
-static size_t r4_add(const struct rows *r, size_t row, const struct reading *reading,
-                     struct gaussian4d *gaussians)
+static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
+                     const struct reading *reading, struct gaussian4d *gaussians)
 {
-    size_t n_faint = 0;
+    const struct spin_splats_4d *s = &m->splats_4d;
+    size_t n_faint = 0, width = 3 * (size_t)((r->degree + 1) * (r->degree + 1));
 
     for (size_t i = 0; i < r->n; i++) {
-        if (r->n_sh > 0 && !has_finite_sh(r, i)) {
+        float sh[MAX_SH], *to;
+
+        if (r->n_sh > 0)
+            r4_sh(r, i, sh);
+        if (r->n_sh > 0 && spin_finite_missing(sh, 3 * (size_t)r->n_sh) > 0) {
             gaussians->n_dropped++;
             continue;
         }
         n_faint += spin_sigmoid_of(r->column[R4_OPACITY][i]) < SPIN_FAINT;
-        add_row(r, i, row + i, reading, gaussians);
+        to = add_row(m, r, i, row + i, reading, gaussians);
+        if (!to || r->n_sh == 0)
+            continue;
+        memcpy(to, sh, width * sizeof *sh);
+        if (r->degree_t > 0) /* [16] rows for each cosine */
+            memcpy(s->sh_cos + 2 * (to - s->sh), sh + width,
+                   (size_t)r->degree_t * width * sizeof *sh);
     }
     return n_faint;
 }
+
+/* Which arrays of colours the splats of these rows have. */
+static unsigned r4_parts(const struct rows *r) { return r->degree_t > 0 ? SPIN_4D_SH_COS : 0; }
 
 /* ---- Words ----------------------------------------------------------------------------------- */
 
@@ -558,14 +544,11 @@ static bool is_stale(const struct rows *r)
 /* Rows of the cosines that are all 0 tell a run whose gradients were lost (issue 50 upstream). */
 static bool cosines_are_zero(const struct realtime_model *m)
 {
-    float sh[MAX_SH];
+    const struct spin_splats_4d *s = &m->base.splats_4d;
 
-    for (size_t k = 0; k < m->gaussians.n; k++) {
-        r4_sh(&m->rows, m->gaussians.row[k], sh);
-        for (int i = 48; i < MAX_SH; i++) {
-            if (sh[i] != 0)
-                return false;
-        }
+    for (size_t i = 0; i < 96 * s->n; i++) {
+        if (s->sh_cos[i] != 0)
+            return false;
     }
     return true;
 }
@@ -585,9 +568,8 @@ static void realtime_describe(const struct realtime_model *m)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
     if (!m->stale && r->degree_t > 0 && cosines_are_zero(m))
         spin_note(sequence, "all temporal SH are 0: colours do not change");
-    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     sequence->continuous = r->moving;
-    sequence->counts = r->moving ? NULL : &m->gaussians.n;
+    sequence->counts = r->moving ? NULL : &m->base.splats_4d.n;
     if (m->stale) {
         sequence->columns = SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES;
         sequence->sh_degree = -1;
@@ -609,9 +591,9 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     int rule;
 
     SPIN_TRY(spin_option_word(base->values, "cull", "time|none", &rule));
-    m->gaussians.least_weight = rule == 1 ? -1 : LEAST_WEIGHT;
+    base->splats_4d.least_weight = rule == 1 ? -1 : LEAST_WEIGHT;
     SPIN_TRY(spin_torch_open(base->path, &base->torch));
-    SPIN_TRY(r4_parts(base->torch.root, &m->rows));
+    SPIN_TRY(r4_find(base->torch.root, &m->rows));
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
@@ -624,9 +606,9 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
         SPIN_TRY(choose_convention(m));
     m->reading.transposed = !m->rows.rot_4d && m->rows.moving &&
                             spin_yaml_bool(settings, "compute_cov3D_python", false);
-    SPIN_TRY(spin_gaussian4d_reserve(base, &m->gaussians, m->rows.n));
-    n_faint = r4_add(&m->rows, 0, &m->reading, &m->gaussians);
-    m->gaussians.sh_degree = m->rows.degree;
+    SPIN_TRY(spin_gaussian4d_reserve(base, &m->gaussians, m->rows.n, m->rows.degree,
+                                     r4_parts(&m->rows)));
+    n_faint = r4_add(base, &m->rows, 0, &m->reading, &m->gaussians);
     SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->rows.n, m->stale ? 0 : n_faint,
                                    "values that are not finite", base->sequence));
     if (m->reading.transposed)
@@ -634,8 +616,9 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
                   settings->yaml_path);
     if (m->rows.moving)
         SPIN_TRY(spin_run_config_times(settings, spin_model_option(base, "time-duration"),
-                                       m->gaussians.time, m->gaussians.n, m->ratio, SPREAD,
+                                       base->splats_4d.times, m->gaussians.n, m->ratio, SPREAD,
                                        &m->times));
+    SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, m->ratio, &m->times));
     realtime_describe(m);
     return SPIN_OK;
 }
@@ -651,27 +634,6 @@ static spin_status realtime_open_run(void *self, const char *path)
 }
 
 SPIN_MODEL_OPEN(realtime4dgs_open, struct realtime_model, realtime_open_run)
-
-/* ---- One time -------------------------------------------------------------------------------- */
-
-static void realtime_colour(const void *model, size_t i, double dt, float *out)
-{
-    const struct realtime_model *m = model;
-
-    r4_colours(&m->rows, m->gaussians.row[i], dt, (m->times.last - m->times.first) / m->ratio, out);
-}
-
-static spin_status realtime4dgs_frame(void *self, int frame, double time, unsigned columns,
-                                      struct spin_splats *out)
-{
-    struct realtime_model *m = self;
-
-    if (m->stale)
-        columns &= SPIN_COL_MEANS | SPIN_COL_QUATS | SPIN_COL_LOG_SCALES;
-    return spin_gaussian4d_frame(&m->base, &m->gaussians, frame,
-                                 m->rows.moving ? time / m->ratio : 0, columns, realtime_colour,
-                                 out);
-}
 
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
@@ -690,8 +652,9 @@ const struct spin_importer spin_importer_realtime4dgs = {
     .options = realtime_options,
     .probe = realtime_probe,
     .open = realtime4dgs_open,
-    .frame = realtime4dgs_frame,
+    .frame = spin_model_slice,
     .close = spin_model_close,
+    .splats_4d = spin_model_splats_4d,
 };
 
 /* ---- Hybrid 3D-4DGS -------------------------------------------------------------------------- */
@@ -775,7 +738,6 @@ static spin_status hybrid_read_rows(struct hybrid_model *m)
     }
     if (moving->n == 0 && still->n == 0)
         return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
-    m->gaussians.sh_degree = moving->n > 0 ? moving->degree : still->degree;
     if (moving->n == 0 || still->n == 0)
         return SPIN_OK;
     if (moving->n_sh != still->n_sh)
@@ -796,11 +758,13 @@ static spin_status add_rows(struct hybrid_model *m)
     struct spin_sequence_info *sequence = m->base.sequence;
     size_t n_moving = m->half[MOVING].n, n_still = m->half[STILL].n, n_faint, n_dropped;
 
-    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, n_moving + n_still));
-    n_faint = r4_add(&m->half[MOVING], 0, &reading, &m->gaussians);
+    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, n_moving + n_still,
+                                     m->half[n_moving > 0 ? MOVING : STILL].degree,
+                                     r4_parts(&m->half[MOVING])));
+    n_faint = r4_add(&m->base, &m->half[MOVING], 0, &reading, &m->gaussians);
     m->n_moving = m->gaussians.n;
     n_dropped = m->gaussians.n_dropped;
-    n_faint += r4_add(&m->half[STILL], n_moving, &reading, &m->gaussians);
+    n_faint += r4_add(&m->base, &m->half[STILL], n_moving, &reading, &m->gaussians);
     if (n_dropped > 0)
         spin_note(sequence, "%zu of %zu dynamic Gaussians are dropped: values that are not finite",
                   n_dropped, n_moving);
@@ -821,13 +785,12 @@ static void hybrid_describe(const struct hybrid_model *m)
     struct spin_sequence_info *sequence = m->base.sequence;
     char iteration[48];
 
-    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     sequence->continuous = m->n_moving > 0;
-    sequence->counts = m->n_moving > 0 ? NULL : &m->gaussians.n;
+    sequence->counts = m->n_moving > 0 ? NULL : &m->base.splats_4d.n;
     snprintf(sequence->variant, sizeof sequence->variant,
              "Hybrid 3D-4DGS%s, %zu dynamic and %zu static Gaussians, SH degree %d%s",
-             r4_iteration(moving, iteration), moving->n, m->half[STILL].n, m->gaussians.sh_degree,
-             moving->degree_t > 0 ? " with time" : "");
+             r4_iteration(moving, iteration), moving->n, m->half[STILL].n,
+             m->base.splats_4d.sh_degree, moving->degree_t > 0 ? " with time" : "");
     r4_note(moving, &m->times, sequence);
 }
 
@@ -843,8 +806,9 @@ static spin_status hybrid_open_checkpoint(struct hybrid_model *m)
     SPIN_TRY(add_rows(m));
     if (m->n_moving > 0)
         SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
-                                       m->gaussians.time, m->n_moving, m->ratio, SPREAD,
+                                       base->splats_4d.times, m->n_moving, m->ratio, SPREAD,
                                        &m->times));
+    SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, m->ratio, &m->times));
     hybrid_describe(m);
     return SPIN_OK;
 }
@@ -853,7 +817,7 @@ static spin_status hybrid_open_run(void *self, const char *path)
 {
     struct hybrid_model *m = self;
 
-    m->gaussians.least_weight = LEAST_WEIGHT;
+    m->base.splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(&m->base, path));
     if (!m->base.path)
         return spin_fail(
@@ -867,27 +831,6 @@ static spin_status hybrid_open_run(void *self, const char *path)
 }
 
 SPIN_MODEL_OPEN(hybrid4dgs_open, struct hybrid_model, hybrid_open_run)
-
-/* ---- One time -------------------------------------------------------------------------------- */
-
-static void hybrid_colour(const void *model, size_t i, double dt, float *out)
-{
-    const struct hybrid_model *m = model;
-    size_t row = m->gaussians.row[i], n_moving = m->half[MOVING].n;
-    bool still = row >= n_moving;
-
-    r4_colours(&m->half[still ? STILL : MOVING], still ? row - n_moving : row, dt,
-               (m->times.last - m->times.first) / m->ratio, out);
-}
-
-static spin_status hybrid4dgs_frame(void *self, int frame, double time, unsigned columns,
-                                    struct spin_splats *out)
-{
-    struct hybrid_model *m = self;
-
-    time = m->n_moving > 0 ? time / m->ratio : 0;
-    return spin_gaussian4d_frame(&m->base, &m->gaussians, frame, time, columns, hybrid_colour, out);
-}
 
 static const struct spin_plugin_option hybrid_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
@@ -903,6 +846,7 @@ const struct spin_importer spin_importer_hybrid4dgs = {
     .options = hybrid_options,
     .probe = hybrid_probe,
     .open = hybrid4dgs_open,
-    .frame = hybrid4dgs_frame,
+    .frame = spin_model_slice,
     .close = spin_model_close,
+    .splats_4d = spin_model_splats_4d,
 };

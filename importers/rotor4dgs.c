@@ -28,6 +28,7 @@ struct model {
     double step;      /* of training; -1: not told */
     struct clip_times times;
     struct gaussian4d gaussians;
+    int sh_degree;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -135,19 +136,19 @@ static spin_status bind_sh(struct model *m)
                          m->base.prefix, m->n_rest);
     if (degree == 4)
         spin_note(m->base.sequence, "SH of degree 4 are cut to degree 3");
-    m->gaussians.sh_degree = degree < 3 ? degree : 3;
+    m->sh_degree = degree < 3 ? degree : 3;
     return SPIN_OK;
 }
 
 static size_t sh_width(const struct model *m)
 {
-    return 3 * (size_t)((m->gaussians.sh_degree + 1) * (m->gaussians.sh_degree + 1));
+    return 3 * (size_t)((m->sh_degree + 1) * (m->sh_degree + 1));
 }
 
 static void read_sh(const struct model *m, size_t row, float *out)
 {
     spin_array_to_f32(&m->dc, 3 * row, 3, out);
-    if (m->gaussians.sh_degree > 0)
+    if (m->sh_degree > 0)
         spin_array_to_f32(&m->rest, 3 * m->n_rest * row, sh_width(m) - 3, out + 3);
 }
 
@@ -161,7 +162,7 @@ static const struct {
 } columns_of[N_COLUMNS] = {{"xyz", 3},    {"t", 1},      {"scales_xyz", 3}, {"scales_t", 1},
                            {"quats1", 4}, {"quats2", 4}, {"opacities", 1}};
 
-static void add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
+static float *add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
 {
     double rotor[8], scale[4], matrix[16];
     spin_slice slice;
@@ -173,28 +174,27 @@ static void add_row(struct model *m, float *const c[N_COLUMNS], size_t i)
     }
     spin_matrix4_of_rotor(rotor, matrix);
     spin_slice_of(matrix, scale, &slice);
-    spin_gaussian4d_add_slice(&m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i],
-                              spin_sigmoid_of(c[OPACITIES][i]), &slice, 0);
+    return spin_gaussian4d_add_slice(&m->base, &m->gaussians, i, c[XYZ] + 3 * i, c[TIME][i],
+                                     c[OPACITIES][i], &slice, 0);
 }
 
 static spin_status add_rows(struct model *m, float *const c[N_COLUMNS])
 {
     size_t n_faint = 0, n_bad_sh = 0;
 
-    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->n));
+    SPIN_TRY(spin_gaussian4d_reserve(&m->base, &m->gaussians, m->n, m->sh_degree, 0));
     for (size_t i = 0; i < m->n; i++) {
-        float sh[48];
-        double sum = 0;
+        float sh[48], *to;
 
         read_sh(m, i, sh);
-        for (size_t k = 0; k < sh_width(m); k++)
-            sum += fabs((double)sh[k]);
-        if (!isfinite(sum)) {
+        if (spin_finite_missing(sh, sh_width(m)) > 0) {
             n_bad_sh++;
             continue;
         }
         n_faint += spin_sigmoid_of(c[OPACITIES][i]) < SPIN_FAINT;
-        add_row(m, c, i);
+        to = add_row(m, c, i);
+        if (to)
+            memcpy(to, sh, sh_width(m) * sizeof *sh);
     }
     m->gaussians.n_dropped += n_bad_sh;
     return spin_gaussian4d_check(&m->gaussians, m->n, n_faint,
@@ -267,8 +267,8 @@ static spin_status read_cull(struct model *m)
     int rule;
 
     SPIN_TRY(spin_option_word(m->base.values, "cull", "opacity|time|none", &rule));
-    m->gaussians.least_weight = rule == WEIGHT ? BELL_WEIGHT : FAR_WEIGHT;
-    m->gaussians.least_opacity = rule == OPACITY ? LEAST_OPACITY : 0;
+    m->base.splats_4d.least_weight = rule == WEIGHT ? BELL_WEIGHT : FAR_WEIGHT;
+    m->base.splats_4d.least_opacity = rule == OPACITY ? LEAST_OPACITY : 0;
     return SPIN_OK;
 }
 
@@ -277,12 +277,10 @@ static void describe(const struct model *m)
     struct spin_sequence_info *sequence = m->base.sequence;
     char step[48] = "";
 
-    spin_gaussian4d_describe(&m->base, &m->gaussians, &m->times);
     if (m->step >= 0)
         snprintf(step, sizeof step, ", step %.0f", m->step);
     snprintf(sequence->variant, sizeof sequence->variant,
-             "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n,
-             m->gaussians.sh_degree);
+             "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->sh_degree);
     if (m->times.guessed)
         spin_note(
             sequence,
@@ -311,7 +309,8 @@ static spin_status open_checkpoint(struct model *m)
         SPIN_TRY(load(m, columns_of[k].key, columns_of[k].width, &c[k]));
     SPIN_TRY(add_rows(m, c));
     SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-range"),
-                                   m->gaussians.time, m->gaussians.n, 1, 1, &m->times));
+                                   base->splats_4d.times, m->gaussians.n, 1, 1, &m->times));
+    SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, 1, &m->times));
     SPIN_TRY(note_transform(base));
     describe(m);
     return SPIN_OK;
@@ -326,24 +325,6 @@ static spin_status open_model(void *self, const char *path)
 }
 
 SPIN_MODEL_OPEN(rotor4dgs_open, struct model, open_model)
-
-/* ---- One time -------------------------------------------------------------------------------- */
-
-static void colour(const void *model, size_t i, double dt, float *out)
-{
-    const struct model *m = model;
-
-    (void)dt;
-    read_sh(m, m->gaussians.row[i], out);
-}
-
-static spin_status rotor4dgs_frame(void *self, int frame, double time, unsigned columns,
-                                   struct spin_splats *out)
-{
-    struct model *m = self;
-
-    return spin_gaussian4d_frame(&m->base, &m->gaussians, frame, time, columns, colour, out);
-}
 
 static const struct spin_plugin_option options[] = {
     {"time-range", "A,B", "first and last time of the clip, as in the data set's file", NULL},
@@ -361,6 +342,7 @@ const struct spin_importer spin_importer_rotor4dgs = {
     .options = options,
     .probe = probe,
     .open = rotor4dgs_open,
-    .frame = rotor4dgs_frame,
+    .frame = spin_model_slice,
     .close = spin_model_close,
+    .splats_4d = spin_model_splats_4d,
 };

@@ -148,6 +148,72 @@ struct spin_splats {
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
 
+/* Splats that have a path and a window in time instead of a row in every frame. At time t, with d = t - times[i], row i
+ * is a splat with
+ *
+ *     place      centres + paths[0] d + paths[1] d^2 + paths[2] d^3
+ *     rotation   quats + d spins, of unit length
+ *     scale      log_scales
+ *     opacity    sigmoid(logit_opacities) w(t)
+ *     colour     sh + cos(2 pi d / period) sh_cos[0] + cos(4 pi d / period) sh_cos[1]
+ *
+ * where w is exp(-0.5 (d / sigmas)^2), a bell. With a plateau lo, hi, sigma2 it is 1 from lo to hi, half a bell of sigmas
+ * before lo and one of sigma2 after hi; with a gate g it is g + (1 - g) w; with cuts first, end it is 0 outside
+ * [first, end). Times are in the unit of the clip's frames (struct spin_frame_info).
+ *
+ * What is NULL is left out. A frame is a slice: the rows that its time shows, in their order. The struct owns its
+ * memory: zero it, reserve once, settle when filled, free. */
+struct spin_splats_4d {
+    size_t n;
+    int degree;           /* of the paths, 0..3 */
+    int sh_degree;        /* 0..3 */
+    bool antialias;       /* meant to be drawn antialiased */
+    double least_weight;  /* a time shows a row when w is at least this, */
+    double least_opacity; /* and its opacity then at least that */
+    double period;        /* of sh_cos */
+    double
+        cov2d[2]; /* factors on the covariance on screen that the model was trained with; 0: none */
+    float *centres;         /* [n][3] world units */
+    float *times;           /* [n] */
+    float *quats;           /* [n][4] w, x, y, z */
+    float *log_scales;      /* [n][3] */
+    float *logit_opacities; /* [n] */
+    float *sigmas;          /* [n] above 0; SPIN_FOREVER: w does not fall */
+    float *sh;              /* [n][(sh_degree+1)^2][3] */
+    float *paths;           /* [n][degree][3] or NULL where degree is 0 */
+    float *spins;           /* [n][4] or NULL */
+    float *plateaus;        /* [n][3] lo, hi, sigma2, or NULL */
+    float *cuts;            /* [n][2] first, end, or NULL */
+    float *gates;           /* [n] 0..1, or NULL */
+    float *sh_cos;          /* [n][2][(sh_degree+1)^2][3] or NULL */
+    double *spans;          /* private: [n][2] times that show a row, both ends included */
+};
+#define SPIN_FOREVER 3e38f
+
+enum spin_splats_4d_part { /* those that may be left out, but paths */
+                           SPIN_4D_SPINS = 1 << 0,
+                           SPIN_4D_PLATEAUS = 1 << 1,
+                           SPIN_4D_CUTS = 1 << 2,
+                           SPIN_4D_GATES = 1 << 3,
+                           SPIN_4D_SH_COS = 1 << 4
+};
+/* Sets n and the degrees, and makes all arrays, of zeros. */
+spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degree, int sh_degree,
+                                   unsigned parts);
+void spin_splats_4d_free(struct spin_splats_4d *s);
+/* When all rows are filled: rows with values that are not finite or far out of range, without a rotation or a sigma go,
+ * the others keep their order and get quats of unit length. from: NULL, or [n], gets the place each had. */
+spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);
+/* Fills the columns with the rows that `time` shows. */
+spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, unsigned columns,
+                                 struct spin_splats *out);
+/* Whether a time shows row i; w there. */
+bool spin_splats_4d_shows(const struct spin_splats_4d *s, size_t i, double time);
+double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time);
+/* How many rows each of n times shows. */
+spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *times, size_t n,
+                                  size_t *counts);
+
 /* ---- 3. Cameras and views -------------------------------------------------------------------- */
 
 struct spin_camera {
@@ -184,7 +250,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 6; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 4
+#define SPIN_PLUGIN_ABI 5
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
@@ -228,6 +294,8 @@ struct spin_sequence_info {
     bool antialias;          /* its splats were trained to be drawn antialiased */
     bool continuous;         /* any time may be asked for, in [time_first, time_last] */
     double time_first, time_last;
+    int n_clip_frames;  /* of a continuous one, that its clip has; 0: it does not say */
+    double fps;         /* frames a second of the clip; 0: not known */
     bool half_open;     /* frame i of n of a data set without times is at i/n of it, not i/(n-1) */
     bool counts_frames; /* time t is frame t: frame i of a data set is at i, whatever its times */
     char variant[128];  /* what was recognised, for --info */
@@ -253,6 +321,10 @@ struct spin_importer {
     spin_status (*frame)(void *self, int frame, double time, unsigned columns,
                          struct spin_splats *out);
     void (*close)(void *self);
+
+    /* The same as 4D splats, where that is what it has: settled, and the importer's until close(). *out is NULL when this
+     * input has none. */
+    spin_status (*splats_4d)(void *self, const struct spin_splats_4d **out);
 
     /* Views: append every view of the data set in folder `path`. NULL: no views. */
     spin_status (*views)(const char *path, const struct spin_plugin_values *values,

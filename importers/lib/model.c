@@ -41,6 +41,7 @@ void spin_model_clear(struct spin_model *m)
     spin_torch_close(&m->torch);
     spin_run_config_close(&m->settings);
     spin_splats_free(&m->canonical);
+    spin_splats_4d_free(&m->splats_4d);
     spin_mlp_team_free(&m->team);
     for (struct spin_model_block *b = m->blocks; b; b = b->next)
         free(b->block);
@@ -245,6 +246,37 @@ void spin_model_describe(const struct spin_model *m, const size_t *counts, int s
     s->time_last = 1;
 }
 
+spin_status spin_model_settle_4d(struct spin_model *m)
+{
+    size_t n = m->splats_4d.n, n_dropped;
+
+    SPIN_TRY(spin_splats_4d_settle(&m->splats_4d, &n_dropped, NULL));
+    if (n_dropped == n)
+        return spin_fail(SPIN_E_MALFORMED, "none of the %zu Gaussians has finite values", n);
+    if (n_dropped > 0)
+        spin_note(m->sequence, "%zu of %zu Gaussians are dropped: values that are not finite",
+                  n_dropped, n);
+    spin_model_describe(m, NULL, m->splats_4d.sh_degree, ~0u);
+    m->sequence->identity = false;
+    return SPIN_OK;
+}
+
+spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
+                             struct spin_splats *out)
+{
+    struct spin_model *m = self;
+
+    if (frame < 0)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->path, frame);
+    return spin_splats_4d_slice(&m->splats_4d, time, columns, out);
+}
+
+spin_status spin_model_splats_4d(void *self, const struct spin_splats_4d **out)
+{
+    *out = &((struct spin_model *)self)->splats_4d;
+    return SPIN_OK;
+}
+
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 bool spin_peek_has(const struct spin_peek *peek, const char *name)
@@ -271,27 +303,6 @@ float *spin_model_values(const struct spin_splats *s, int column, size_t *width)
 
     *width = widths[column];
     return values[column];
-}
-
-/* By the bits, whose exponent is all ones; in 32-bit sums, which the compiler turns into vectors. */
-size_t spin_finite_missing(const float *values, size_t n)
-{
-    const uint32_t exponent = 0x7f800000u;
-    size_t bad = 0;
-
-    for (size_t first = 0; first < n; first += 4096) {
-        size_t end = first + 4096 < n ? first + 4096 : n;
-        uint32_t part = 0;
-
-        for (size_t i = first; i < end; i++) {
-            uint32_t bits;
-
-            memcpy(&bits, &values[i], sizeof bits);
-            part += (bits & exponent) == exponent;
-        }
-        bad += part;
-    }
-    return bad;
 }
 
 spin_status spin_model_check(const char *path, double time, unsigned columns,

@@ -4,6 +4,7 @@
 #define SPIN_IMPORTERS_LIB_MODEL_H
 
 #include "base/err.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "formats/gs_ply.h"
 #include "importers/lib/mlp_eval.h"
@@ -23,6 +24,7 @@ struct spin_model {
     const char *prefix;               /* and what their names begin with */
     struct run_config settings;       /* cfg_args, and the YAML of some methods */
     struct spin_splats canonical;
+    struct spin_splats_4d splats_4d;
     struct mlp_team team;
     /* Those of open(), while it runs. */
     const struct spin_plugin_values *values;
@@ -78,6 +80,13 @@ spin_status spin_model_names(struct spin_model *m, const char *folder, char ***n
 void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
                          unsigned moved);
 
+/* Models that are 4D splats fill m->splats_4d, and call this: they are settled, and described as any time from 0 to 1
+ * without identity. Their frame() and splats_4d() are the two below. */
+spin_status spin_model_settle_4d(struct spin_model *m);
+spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
+                             struct spin_splats *out);
+spin_status spin_model_splats_4d(void *self, const struct spin_splats_4d **out);
+
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 /* Whether a folder has an entry of this name; whether a word stands in the first bytes. */
@@ -89,9 +98,6 @@ bool spin_peek_says(const struct spin_peek *peek, const char *word);
 /* Of splats by number, in the order of enum spin_column, from means to SH: values and floats of a row. */
 enum { SPIN_MODEL_COLUMNS = 5 };
 float *spin_model_values(const struct spin_splats *s, int column, size_t *width);
-/* How many of some values are NaN or infinite, at the speed of memory: importers look at every value of every
- * frame. */
-size_t spin_finite_missing(const float *values, size_t n);
 /* The columns of a frame: arithmetic can leave the range of floats where the file did not. */
 spin_status spin_model_check(const char *path, double time, unsigned columns,
                              const struct spin_splats *s);

@@ -347,15 +347,16 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
 
 /* The central 98% of the Gaussians' own times, narrowed about its middle and rounded. Methods
  * spread initial times beyond the clip: `spread` is how much wider than it. */
-static spin_status guess_times(const double *time, size_t n, double spread, struct clip_times *out)
+static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
-    double *sorted, low, high, half, step;
+    double low, high, half, step;
+    float *sorted;
 
     SPIN_TRY(spin_alloc(n, sizeof *sorted, (void **)&sorted));
     memcpy(sorted, time, n * sizeof *sorted);
-    qsort(sorted, n, sizeof *sorted, spin_by_double);
-    low = sorted[(size_t)(0.01 * (double)(n - 1))];
-    high = sorted[(size_t)(0.99 * (double)(n - 1) + 0.5)];
+    qsort(sorted, n, sizeof *sorted, spin_by_float);
+    low = (double)sorted[(size_t)(0.01 * (double)(n - 1))];
+    high = (double)sorted[(size_t)(0.99 * (double)(n - 1) + 0.5)];
     free(sorted);
     half = 0.5 * (high - low) / (spread > 1 ? 0.98 * spread : 1);
     step = half > 0 ? pow(10, floor(log10(2 * half))) / 2 : 0;
@@ -371,7 +372,7 @@ static spin_status guess_times(const double *time, size_t n, double spread, stru
     return SPIN_OK;
 }
 
-spin_status spin_run_config_times(const struct run_config *s, const char *asked, const double *time,
+spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out)
 {
     double pair[2];

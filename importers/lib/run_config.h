@@ -71,10 +71,9 @@ void spin_yaml_close(struct run_config *s);
 /* frame_ratio, by which training divided the data set's times: of cfg_args, else of the YAML, else 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
-
 /* What the user says ("A,B"), else the YAML, else a guess that the notes tell. `time` are the
  * Gaussians' own, in the file's unit, which is the data set's divided by `ratio`. */
-spin_status spin_run_config_times(const struct run_config *s, const char *asked, const double *time,
+spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out);
 
 #endif

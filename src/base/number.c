@@ -1,5 +1,7 @@
 #include "base/number.h"
 
+#include <string.h>
+
 #define BY(name, type)                                                                             \
     int name(const void *a, const void *b)                                                         \
     {                                                                                              \
@@ -33,4 +35,25 @@ bool spin_camera_project(const struct spin_camera *camera, const float point[3],
     out[0] = camera->fx * out[0] / out[2] + camera->cx;
     out[1] = camera->fy * out[1] / out[2] + camera->cy;
     return true;
+}
+
+/* By the bits, whose exponent is all ones; in 32-bit sums, which the compiler turns into vectors. */
+size_t spin_finite_missing(const float *values, size_t n)
+{
+    const uint32_t exponent = 0x7f800000u;
+    size_t bad = 0;
+
+    for (size_t first = 0; first < n; first += 4096) {
+        size_t end = first + 4096 < n ? first + 4096 : n;
+        uint32_t part = 0;
+
+        for (size_t i = first; i < end; i++) {
+            uint32_t bits;
+
+            memcpy(&bits, &values[i], sizeof bits);
+            part += (bits & exponent) == exponent;
+        }
+        bad += part;
+    }
+    return bad;
 }

@@ -9,6 +9,9 @@ int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
+/* How many of some values are NaN or infinite, at the speed of memory: every value of every frame is looked at. */
+size_t spin_finite_missing(const float *values, size_t n);
+
 /* FNV-1a, 64 bits, of more bytes. */
 #define SPIN_HASH_BEGIN 0xcbf29ce484222325u
 void spin_hash(uint64_t *hash, const void *data, size_t n);

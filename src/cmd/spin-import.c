@@ -93,6 +93,9 @@ static const char list_text[] =
     "{{splats.min}}{{^splats.min=@splats.max}} to {{splats.max}}{{/}} a frame"                     \
     "{{^splats.min=@splats.max}}, mean {{splats.mean %.1f}}{{/}}"
 #define ATTRIBUTES "{{#attributes}} {{.}}{{/}}{{^sh_degree=}} (SH degree {{sh_degree}}){{/}}\n"
+#define SPLATS_4D                                                                                  \
+    "{{#splats_4d}}4D splats   {{n}}, paths of degree {{degree}}"                                  \
+    "{{#arrays.0}}, with{{#arrays}} {{.}}{{/}}{{/}}: frames are their slices\n{{/}}"
 #define STATIC "{{#static.0}}static     {{#static}} {{.}}{{/}}\n{{/}}"
 /* What --info says, and an import does not. */
 #define RECOGNISED "recognised  {{recognised}}\nupstream    {{upstream}}\n"
@@ -104,7 +107,7 @@ static const char list_text[] =
     "{{#sampled=times}}sampled at the times of --times{{/}}"                                       \
     "{{#sampled=data}}sampled as the data set's frames are{{/}}\n{{/}}"                            \
     "{{^sampled=ends}}frames      {{frames}}" NUMBERS "{{/}}"                                      \
-    "splats      " SPLATS "\nattributes " ATTRIBUTES
+    "splats      " SPLATS "\nattributes " ATTRIBUTES SPLATS_4D
 #define REPORT_FROM_BOUNDS                                                                         \
     "bounds      [{{bounds.min.0 %g}}, {{bounds.min.1 %g}}, {{bounds.min.2 %g}}] to "              \
     "[{{bounds.max.0 %g}}, {{bounds.max.1 %g}}, {{bounds.max.2 %g}}]\n"                            \
@@ -137,7 +140,7 @@ static const char bundle_text[] =
     "bundle      {{bundle}}, by {{generator}}\n" FROM "upstream    {{upstream}}\n"
     "{{#data}}data        {{data}}, {{data_from}}{{^data_there}}: it is not there{{/}}\n{{/}}"
     "frames      {{frames}} of the source's {{source_frames}}" NUMBERS "splats      " SPLATS
-    "\nattributes " ATTRIBUTES STATIC "{{#refined}}refined     " SPLATS
+    "\nattributes " ATTRIBUTES SPLATS_4D STATIC "{{#refined}}refined     " SPLATS
     ", {{options.iterations}} iterations each\n" STAGE "{{#trained}}trained     " SPLATS
     ", {{options.iterations}} iterations on {{device}}"
     "{{^field}}, no network{{/}}{{#field}}; {{levels}} levels of {{features}} features, "

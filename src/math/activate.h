@@ -46,4 +46,14 @@ SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4
         d_r[i] = (float)((d_q[i] - r[i] * k * dot) * k);
 }
 
+/* An opacity and its logit, in double; the logit of one held off 0 and 1, where it has none. */
+SPIN_FN double spin_sigmoid_of(double logit) { return 1 / (1 + exp(-logit)); }
+
+SPIN_FN float spin_logit_of(double opacity)
+{
+    double o = opacity < 1e-6 ? 1e-6 : opacity > 1 - 1e-6 ? 1 - 1e-6 : opacity;
+
+    return (float)log(o / (1 - o));
+}
+
 #endif

@@ -119,6 +119,9 @@ spin_status spin_bundle_describe(const char *path, char **report)
     spin_json_set(root, "times", spin_json_numbers((double[]){first->time, last->time}, 2));
     add_splats(root, &bundle, SPIN_FROM_SOURCE, meta->columns, meta->sh_degree, meta->antialias);
     spin_json_set(root, "static", spin_column_names(meta->static_columns));
+    spin_json_set(root, "splats_4d",
+                  meta->four_d.n ? json_incref(spin_json_get(bundle.json, "splats_4d"))
+                                 : json_null());
     if (bundle.refined.columns)
         add_stage(root, &bundle, "refined", SPIN_FROM_REFINED, bundle.refined.columns,
                   bundle.refined.sh_degree);

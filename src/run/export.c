@@ -147,13 +147,13 @@ static double clip_fps(const struct spin_clip *clip)
 {
     const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
     const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
-    double span = last->time - first->time;
+    double span = last->time - first->time, fps = clip->bundle.meta.fps;
 
     /* A unit of one per frame is a frame number, not seconds, also where --range leaves frames out. */
     if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
         span == last->number - first->number)
-        return 0;
-    return (clip->n_frames - 1) / span;
+        return fps;
+    return fps > 0 ? fps : (clip->n_frames - 1) / span;
 }
 
 static double clip_stride(const struct spin_clip *clip)

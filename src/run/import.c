@@ -22,6 +22,7 @@
 #include "io/image.h"
 #include "io/ranks.h"
 #include "scene/probe.h"
+#include "scene/splats_4d.h"
 
 /* A description reads this many frames, evenly from all of them, unless asked for every one. */
 #define DESCRIBED_FRAMES 16
@@ -43,11 +44,13 @@ struct import {
     struct spin_bundle_writer writer;
     bool stores, writing; /* frames go into a bundle; this process writes it */
     struct spin_splats splats;
-    struct spin_views views; /* of the data set, when one is given */
-    char *data;              /* its absolute path */
-    int n_own;               /* frames that a continuous run has by itself; 0: not asked for */
-    int *rows;               /* [n_frames] row of the data set of each frame */
-    int *index;              /* [n_frames] the importer's number of each frame */
+    const struct spin_splats_4d *four_d; /* what the source has, for slices or to be kept; NULL */
+    bool keeps_4d;                       /* the bundle holds these, not frames */
+    struct spin_views views;             /* of the data set, when one is given */
+    char *data;                          /* its absolute path */
+    int n_own;  /* frames that a continuous run has by itself; 0: not asked for */
+    int *rows;  /* [n_frames] row of the data set of each frame */
+    int *index; /* [n_frames] the importer's number of each frame */
     struct spin_column_stats describe;
     float low[3], high[3]; /* bounds of the positions */
 
@@ -60,6 +63,12 @@ struct import {
         char why[1024]; /* the trail, which belongs to its thread */
     } done[2];          /* read, written */
 };
+
+/* A frame of the source. */
+static spin_status source_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
+{
+    return im->importer->frame(im->self, im->index[i], im->meta.frame[i].time, columns, out);
+}
 
 /* ---- The data set ------------------------------------------------------------------------------ */
 
@@ -84,7 +93,10 @@ static void look_for_frames(struct import *im)
     struct spin_sequence_info *t = &im->sequence;
     char from[sizeof im->meta.data_from], *beside = NULL;
 
-    if (!o->output || !t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
+    if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
+        return;
+    im->n_own = t->n_clip_frames;
+    if (!o->output || im->n_own > 0)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
@@ -96,6 +108,16 @@ static void look_for_frames(struct import *im)
         spin_note(t, "sampled at the times of the %d frames of the data set '%s'",
                   im->views.n_dataset_frames, beside);
     free(beside);
+    if (im->keeps_4d && im->views.n == 0) {
+        double span = t->time_last - t->time_first;
+
+        im->n_own = span > 2 && span < 1e4 ? (int)(30 * span + 0.5) + 1 : 61;
+        spin_note(t,
+                  "the run does not say how many frames its clip has: %d are shown, from time %g "
+                  "to %g; the 4D splats "
+                  "hold any time (--data gives those of a data set)",
+                  im->n_own, t->time_first, t->time_last);
+    }
 }
 
 /* See that the data set's frames can be paired with ours, and remember where it is. */
@@ -295,8 +317,7 @@ static spin_status read_points(struct import *im, int frame)
 {
     unsigned columns = im->sequence.columns & (SPIN_COL_MEANS | SPIN_COL_SH | SPIN_COL_RGB);
 
-    return im->importer->frame(im->self, im->index[frame], im->meta.frame[frame].time, columns,
-                               &im->splats);
+    return source_frame(im, frame, columns, &im->splats);
 }
 
 /* The frame that a row of the data set shows. */
@@ -424,7 +445,7 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
         return SPIN_OK;
     }
     if (rank == spin_rank()) {
-        SPIN_TRY(im->importer->frame(im->self, im->index[i], meta->frame[i].time, columns, out));
+        SPIN_TRY(source_frame(im, i, columns, out));
         SPIN_TRY(check_frame(im, i, columns, out));
     }
     SPIN_TRY(spin_share_splats(out, columns, rank));
@@ -490,6 +511,36 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
     return status;
 }
 
+/* The 4D splats as they are. Frames are their slices: only how many splats each has is found out. */
+static spin_status store_4d(struct import *im)
+{
+    struct spin_bundle_meta *meta = &im->meta;
+    const struct spin_splats_4d *s = im->four_d;
+    size_t n = (size_t)meta->n_frames, *counts = NULL;
+    double *times = NULL;
+    spin_status status;
+
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *times, (void **)&times));
+    SPIN_TRY_OUT(spin_alloc(n, sizeof *counts, (void **)&counts));
+    for (size_t i = 0; i < n; i++)
+        times[i] = meta->frame[i].time;
+    SPIN_TRY_OUT(spin_splats_4d_counts(s, times, n, counts));
+    for (size_t i = 0; i < n; i++)
+        meta->frame[i].n = counts[i];
+    for (size_t i = 0; i < s->n;
+         i++) /* where it is at its own time, which is in the middle of its path */
+        for (size_t c = 0; c < 3; c++) {
+            im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
+            im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
+        }
+    if (im->writing)
+        status = spin_bundle_write_4d(&im->writer, s, meta);
+out:
+    free(counts);
+    free(times);
+    return status;
+}
+
 static spin_status describe_frame(struct import *im, int i)
 {
     SPIN_TRY(read_frame(im, i, spin_rank(), im->sequence.columns, &im->splats));
@@ -538,7 +589,9 @@ static spin_status read_frames(struct import *im)
     spin_progress_begin(&progress, im->stores ? "importing" : "reading", "frames", 0, n);
     for (int k = 0; k < n; k++)
         read[k] = n < n_all ? spread(k, n, n_all) : k;
-    if (im->stores)
+    if (im->keeps_4d && im->stores)
+        SPIN_TRY_OUT(store_4d(im));
+    else if (im->stores)
         SPIN_TRY_OUT(store_frames(im, &progress));
     else
         SPIN_TRY_OUT(spin_column_stats_open(&im->describe, n));
@@ -624,6 +677,9 @@ static void fill_report(struct import *im)
                   t->columns & SPIN_COL_SH ? json_integer(t->sh_degree) : json_null());
     spin_json_set(report, "attributes", spin_column_names(t->columns));
     spin_json_set(report, "static", spin_column_names(t->static_columns));
+    spin_json_set(report, "splats_4d",
+                  im->keeps_4d ? spin_bundle_4d_json(im->four_d, spin_splats_4d_parts(im->four_d))
+                               : json_null());
     spin_json_set(report, "bounds",
                   json_pack("{s:o, s:o}", "min", spin_json_numbers(low, 3), "max",
                             spin_json_numbers(high, 3)));
@@ -666,6 +722,22 @@ static spin_status check_track(const struct import *im)
     return SPIN_OK;
 }
 
+/* 4D splats are kept as such, unless the user asks for less or for their frames. */
+static spin_status find_4d(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    bool sampled = o->n_frames > 0 || o->n_times > 0;
+
+    if (im->importer->splats_4d)
+        SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
+    im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
+                   (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
+    if (im->four_d && sampled && o->output)
+        spin_note(&im->sequence,
+                  "sampled, as --frames or --times ask for: the 4D splats themselves are not kept");
+    return SPIN_OK;
+}
+
 static spin_status run_import(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -683,6 +755,7 @@ static spin_status run_import(struct import *im)
     spin_json_set_string(im->report, "from", im->importer->name);
     SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
     SPIN_TRY(check_track(im));
+    SPIN_TRY(find_4d(im));
     if (im->below)
         spin_note(&im->sequence, "the run is in '%s'", im->below);
     SPIN_TRY(open_data(im));
@@ -691,6 +764,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));
     SPIN_TRY(check_cameras(im));
+    meta->fps = im->sequence.fps;
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
     snprintf(meta->upstream, sizeof meta->upstream, "%s",
              im->importer->upstream ? im->importer->upstream : "");

@@ -11,6 +11,8 @@
 
 #include "base/err.h"
 #include "base/mem.h"
+#include "base/number.h"
+#include "scene/splats_4d.h"
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
@@ -75,11 +77,28 @@ static void forget_all(const struct spin_bundle *b, int n_looked_at)
         spin_map_forget(map, map->data, map->size);
 }
 
+/* An array of the source's 4D splats: open in out, or with NULL looked at. */
+static spin_status find_4d(struct spin_bundle *b, int k, struct spin_bundle_values *out)
+{
+    const struct spin_splats_4d *s = &b->meta.four_d;
+    int64_t shape[2] = {(int64_t)s->n, (int64_t)spin_array_4d_width(s, k)};
+    char name[64];
+
+    snprintf(name, sizeof name, "source/4d/%s", spin_array_4d_name(k));
+    return out ? spin_bundle_values_open(b, name, -1, 'f', 2, shape, out)
+               : spin_bundle_values_check(b, name, -1, 'f', 2, shape);
+}
+
 static spin_status check_source(struct spin_bundle *b)
 {
     struct group source = group_of(b, SPIN_FROM_SOURCE);
     int n_looked_at = 0;
 
+    for (int k = 0; b->meta.four_d.n && k < SPIN_N_ARRAYS_4D; k++)
+        if (spin_array_4d_in(&b->meta.four_d, k, b->meta.parts))
+            SPIN_TRY(find_4d(b, k, NULL));
+    if (b->meta.four_d.n)
+        return SPIN_OK;
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         bool still = (b->meta.static_columns & column) != 0;
 
@@ -255,6 +274,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_bundle_meta_free(&bundle->meta);
     free(bundle->refined.n);
     free(bundle->trained_n);
+    spin_splats_4d_free(&bundle->four_d);
     spin_bundle_keys_free(&bundle->keys);
     free(bundle->path);
     memset(bundle, 0, sizeof *bundle);
@@ -331,12 +351,67 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
     return SPIN_OK;
 }
 
+static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
+{
+    const struct spin_splats_4d *meta = &b->meta.four_d;
+    size_t n_dropped;
+
+    SPIN_TRY(spin_splats_4d_reserve(s, meta->n, meta->degree, meta->sh_degree, b->meta.parts));
+    s->antialias = meta->antialias;
+    s->least_weight = meta->least_weight;
+    s->least_opacity = meta->least_opacity;
+    s->period = meta->period;
+    memcpy(s->cov2d, meta->cov2d, sizeof s->cov2d);
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
+        struct spin_bundle_values v;
+
+        if (!*spin_array_4d_of(s, k))
+            continue;
+        SPIN_TRY(find_4d(b, k, &v));
+        spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_array_4d_of(s, k));
+        spin_bundle_values_close(&v);
+    }
+    SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
+    return n_dropped ? spin_fail(SPIN_E_MALFORMED,
+                                 "source/4d: %zu of %zu rows have values that are not finite or no "
+                                 "rotation",
+                                 n_dropped, meta->n)
+                     : SPIN_OK;
+}
+
+spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_splats_4d **out)
+{
+    *out = bundle->meta.four_d.n ? &bundle->four_d : NULL;
+    if (!*out || bundle->four_d.n)
+        return SPIN_OK;
+    SPIN_TRY(spin_map_check(&bundle->npz.zip.map));
+    return spin_fail_reading(load_4d(bundle, &bundle->four_d), bundle->path);
+}
+
+/* A frame of 4D splats. How many it has stands in meta.json, too. */
+static spin_status slice(struct spin_bundle *b, int frame, unsigned columns,
+                         struct spin_splats *out)
+{
+    const struct spin_frame_info *info = &b->meta.frame[frame];
+    const struct spin_splats_4d *s;
+
+    SPIN_TRY(spin_bundle_splats_4d(b, &s));
+    SPIN_TRY(spin_splats_4d_slice(s, info->time, columns, out));
+    return out->n == info->n ? SPIN_OK
+                             : spin_fail(SPIN_E_MALFORMED,
+                                         "'%s': meta.json says %zu splats of frame %d, its time "
+                                         "%g shows %zu",
+                                         b->path, info->n, frame, info->time, out->n);
+}
+
 static spin_status read_frame(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
                               unsigned columns, struct spin_splats *out)
 {
     struct group group;
 
     SPIN_TRY(find_group(bundle, frame, from, columns, &group));
+    if (from == SPIN_FROM_SOURCE && bundle->meta.four_d.n)
+        return slice(bundle, frame, columns, out);
     return read_group(bundle, &group, frame, columns, out);
 }
 
@@ -359,6 +434,8 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
     struct group group;
 
     SPIN_TRY(find_group(bundle, frame, from, columns, &group));
+    if (from == SPIN_FROM_SOURCE && bundle->meta.four_d.n)
+        return slice(bundle, frame, columns, out);
     view.n = view.capacity = count_of(bundle, &group, frame);
     view.sh_degree = group.sh_degree < 0 ? 0 : group.sh_degree;
     view.antialias = group.antialias;
@@ -401,12 +478,31 @@ size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_
     return bundle->meta.frame[frame].n;
 }
 
+static spin_status checksum_slice(struct spin_bundle *b, int frame, unsigned columns, uint32_t *out)
+{
+    struct spin_splats splats = {0};
+    uint64_t hash = SPIN_HASH_BEGIN;
+    spin_status status;
+
+    SPIN_TRY_OUT(slice(b, frame, columns, &splats));
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
+        if (columns & column)
+            spin_hash(&hash, *spin_column_of(&splats, column),
+                      splats.n * spin_column_width(column, splats.sh_degree) * sizeof(float));
+    *out = (uint32_t)(hash ^ hash >> 32);
+out:
+    spin_splats_free(&splats);
+    return status;
+}
+
 spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,
                                  uint32_t *out)
 {
     struct group source = group_of(bundle, SPIN_FROM_SOURCE);
 
     *out = 0;
+    if (bundle->meta.four_d.n)
+        return checksum_slice(bundle, frame, columns & bundle->meta.columns, out);
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
         struct spin_bundle_values v;
         uint32_t crc;
@@ -562,6 +658,34 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
                                     unsigned static_columns, const struct spin_splats *splats)
 {
     return write_group(w, "source", index, columns, static_columns, splats);
+}
+
+spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
+                                 struct spin_bundle_meta *meta)
+{
+    struct spin_splats_4d of = *s;
+
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
+        uint64_t shape[2] = {s->n, spin_array_4d_width(s, k)};
+        char name[64];
+
+        if (!*spin_array_4d_of(&of, k))
+            continue;
+        snprintf(name, sizeof name, "source/4d/%s", spin_array_4d_name(k));
+        SPIN_TRY(spin_bundle_write_array(w, name, -1, "<f4", 2, shape, *spin_array_4d_of(&of, k)));
+    }
+    meta->four_d = (struct spin_splats_4d){.n = s->n,
+                                           .degree = s->degree,
+                                           .least_weight = s->least_weight,
+                                           .least_opacity = s->least_opacity,
+                                           .period = s->period,
+                                           .cov2d = {s->cov2d[0], s->cov2d[1]}};
+    meta->parts = spin_splats_4d_parts(s);
+    meta->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    meta->static_columns = 0;
+    meta->sh_degree = s->sh_degree;
+    meta->antialias = s->antialias;
+    return SPIN_OK;
 }
 
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,

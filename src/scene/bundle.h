@@ -3,6 +3,7 @@
  *   meta.json
  *   source/<column>/<index, 5 digits>.npy    one frame of a column, or
  *   source/<column>.npy                      a column that is the same in every frame
+ *   source/4d/<array>.npy                    instead of both: 4D splats, of which frames are slices
  *   refined/<column>/<index>.npy             one frame of splats refined on their own
  *   trained/means/<index>.npy                positions after retraining
  *   trained/residual/<index>.npy             what the network's outputs are added to, if anything
@@ -63,6 +64,7 @@ struct spin_bundle {
     struct spin_bundle_refined refined;
     size_t *trained_n; /* [frames] splats of the network's frames where these are others; or NULL */
     struct spin_bundle_keys keys; /* of packed series */
+    struct spin_splats_4d four_d; /* private: see spin_bundle_splats_4d() */
     bool told_not_finite;         /* a warning said how many splats cannot be drawn */
 };
 
@@ -104,6 +106,8 @@ void spin_bundle_values_close(struct spin_bundle_values *values);
 /* The source's columns of one frame. */
 spin_status spin_bundle_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                               struct spin_splats *out);
+/* The source as 4D splats, read at the first call, and the bundle's; *out is NULL where it is frames. */
+spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_splats_4d **out);
 /* Columns of a refined frame. SPIN_E_NOT_FOUND when they are not there. */
 spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, unsigned columns,
                                       struct spin_splats *out);
@@ -132,6 +136,9 @@ spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
 /* Columns in `columns` of frame `index`; those in static_columns are written at index 0 only. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
                                     unsigned static_columns, const struct spin_splats *splats);
+/* The source as 4D splats, instead of its frames; sets four_d, parts, columns and SH degree of meta. */
+spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
+                                 struct spin_bundle_meta *meta);
 /* Columns of refined frame `index`; the core describes them in meta.json's "refined". */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);

@@ -11,10 +11,11 @@
 #include "base/mem.h"
 #include "base/number.h"
 #include "scene/columns.h"
+#include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* Arrays as they are; packed, which the first readers cannot read. */
-enum { VERSION = 1, VERSION_PACKED = 4 };
+/* Arrays as they are; packed, or of 4D splats, which the first readers cannot read. */
+enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
 {
@@ -171,6 +172,57 @@ static spin_status read_data(struct spin_bundle_meta *meta, const spin_json *roo
     return spin_strdup(path, &meta->data_path);
 }
 
+static spin_status read_number(const spin_json *object, const char *key, double *out)
+{
+    const spin_json *value = spin_json_get(object, key);
+
+    return !value || (spin_json_number(value, out) && isfinite(*out))
+               ? SPIN_OK
+               : spin_meta_fail(key, "a number");
+}
+
+/* "splats_4d": how many rows, and what stands beside their arrays. */
+static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
+{
+    const spin_json *json = spin_json_get(root, "splats_4d"), *list;
+    struct spin_splats_4d *s = &meta->four_d;
+    int64_t n, degree;
+
+    if (!json)
+        return SPIN_OK;
+    if (!spin_json_is_object(json))
+        return spin_meta_fail("splats_4d", "an object");
+    SPIN_TRY(spin_meta_integer(json, "n", 1, UINT32_MAX, &n));
+    SPIN_TRY(spin_meta_integer(json, "degree", 0, 3, &degree));
+    if (meta->columns != (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES) || meta->static_columns)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "meta.json: 'columns' of 4D splats are other than all attributes");
+    *s = (struct spin_splats_4d){.n = (size_t)n,
+                                 .degree = (int)degree,
+                                 .sh_degree = meta->sh_degree,
+                                 .antialias = meta->antialias};
+    SPIN_TRY(read_number(json, "least_weight", &s->least_weight));
+    SPIN_TRY(read_number(json, "least_opacity", &s->least_opacity));
+    SPIN_TRY(read_number(json, "period", &s->period));
+    list = spin_json_get(json, "cov2d");
+    for (size_t c = 0; list && c < 2; c++)
+        if (!spin_json_number(spin_json_at(list, c), &s->cov2d[c]) || !(s->cov2d[c] > 0) ||
+            !isfinite(s->cov2d[c]))
+            return spin_meta_fail("cov2d", "two numbers above 0");
+    list = spin_json_get(json, "arrays");
+    for (size_t i = 0; i < spin_json_length(list); i++) {
+        const char *name = spin_json_string(spin_json_at(list, i));
+        unsigned part = name ? spin_array_4d_part(name) : 0;
+
+        if (!part)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "meta.json: 'arrays' names '%.40s', which this version does not know",
+                             name ? name : "");
+        meta->parts |= part;
+    }
+    return SPIN_OK;
+}
+
 spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const char *format = spin_json_string(spin_json_get(root, "format"));
@@ -179,10 +231,10 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     if (!format || strcmp(format, FORMAT) != 0)
         return spin_meta_fail("format", "'" FORMAT "'");
     SPIN_TRY(spin_meta_integer(root, "version", 1, INT_MAX, &version));
-    if (version > VERSION_PACKED)
+    if (version > VERSION_4D)
         return spin_fail(SPIN_E_UNSUPPORTED,
                          "it is of version %lld, this program reads versions %d to %d",
-                         (long long)version, VERSION, VERSION_PACKED);
+                         (long long)version, VERSION, VERSION_4D);
     read_text(root, "from", meta->from, sizeof meta->from);
     read_text(root, "upstream", meta->upstream, sizeof meta->upstream);
     read_text(root, "variant", meta->variant, sizeof meta->variant);
@@ -194,6 +246,10 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     if (meta->static_columns & ~meta->columns)
         return spin_fail(SPIN_E_MALFORMED,
                          "meta.json: 'static_columns' names columns that 'columns' does not");
+    SPIN_TRY(read_4d(meta, root));
+    SPIN_TRY(read_number(root, "fps", &meta->fps));
+    if (meta->fps < 0)
+        return spin_meta_fail("fps", "a number above 0");
     SPIN_TRY(read_data(meta, root));
     return read_frames(meta, root);
 }
@@ -227,12 +283,31 @@ static spin_json *frames_json(const struct spin_bundle_meta *meta)
     return list;
 }
 
+spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts)
+{
+    spin_json *json = spin_json_object(), *list = spin_json_array();
+
+    spin_json_set_integer(json, "n", (int64_t)s->n);
+    spin_json_set_integer(json, "degree", s->degree);
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++)
+        if (spin_array_4d_part(spin_array_4d_name(k)) & parts)
+            spin_json_push_string(list, spin_array_4d_name(k));
+    spin_json_set(json, "arrays", list);
+    spin_json_set_number(json, "least_weight", s->least_weight);
+    spin_json_set_number(json, "least_opacity", s->least_opacity);
+    if (parts & SPIN_4D_SH_COS)
+        spin_json_set_number(json, "period", s->period);
+    if (s->cov2d[0] > 0)
+        spin_json_set(json, "cov2d", spin_json_numbers(s->cov2d, 2));
+    return json;
+}
+
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra)
 {
     spin_json *root = extra ? extra : spin_json_object();
 
     spin_json_set_string(root, "format", FORMAT);
-    spin_json_set_integer(root, "version", VERSION);
+    spin_json_set_integer(root, "version", meta->four_d.n ? VERSION_4D : VERSION);
     spin_json_set_string(root, "generator", "spin4d " SPIN_VERSION);
     spin_json_set_string(root, "from", meta->from);
     spin_json_set_string(root, "upstream", meta->upstream);
@@ -241,6 +316,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     spin_json_set_bool(root, "numbered", meta->numbered);
     spin_json_set(root, "columns", spin_column_names(meta->columns));
     spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
+    if (meta->fps > 0)
+        spin_json_set_number(root, "fps", meta->fps);
     if (meta->identity)
         spin_json_set_bool(root, "identity", true);
     if (meta->pair[0])
@@ -257,12 +334,15 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     } else {
         spin_json_set_null(root, "data");
     }
+    if (meta->four_d.n)
+        spin_json_set(root, "splats_4d", spin_bundle_4d_json(&meta->four_d, meta->parts));
     spin_json_set(root, "frames", frames_json(meta));
     return root;
 }
 
 void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer)
 {
-    spin_json_set_integer(root, "version", VERSION_PACKED);
+    if (!spin_json_get(root, "splats_4d"))
+        spin_json_set_integer(root, "version", VERSION_PACKED);
     spin_packer_json(packer, root);
 }

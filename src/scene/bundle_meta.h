@@ -14,9 +14,14 @@ struct spin_bundle_meta {
     struct spin_frame_info *frame; /* [n_frames] */
     int *source_index;             /* [n_frames] place in the whole source clip */
     int n_source_frames;           /* frames of the source clip before any range */
+    double fps;                    /* frames a second, where the source says; 0 */
     bool numbered;                 /* frame numbers are the source's own */
     unsigned columns, static_columns;
-    bool identity;       /* row i is the same Gaussian in every frame */
+    bool identity; /* row i is the same Gaussian in every frame */
+    /* The source is 4D splats, of which frames are slices, when n is not 0: without the arrays, whose optional ones are
+     * named in parts. */
+    struct spin_splats_4d four_d;
+    unsigned parts;
     int sh_degree;       /* -1: none */
     bool antialias;      /* meant to be drawn antialiased */
     char *data_path;     /* as stored: relative to the bundle's folder, or absolute; NULL */
@@ -34,6 +39,8 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
 /* The object to be written: our keys go into extra, if any, so a caller's key of the same name does not
  * survive. extra is taken. */
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra);
+/* 4D splats with these parts as meta.json and reports tell of them. */
+spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts);
 /* What makes it that of a packed bundle. */
 void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer);
 /* The names of these columns, as meta.json lists them. */

@@ -278,15 +278,19 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
 
 /* The source's columns, those kept of refined frames, the network. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
-                                const struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
+                                struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
                                 bool *same_rows)
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
     struct spin_splats splats = {0};
+    const struct spin_splats_4d *four_d;
     spin_status status = SPIN_OK;
 
-    for (int f = 0; f < plan->clip.n_frames; f++) {
+    SPIN_TRY(spin_bundle_splats_4d(&plan->clip.bundle, &four_d));
+    if (four_d)
+        SPIN_TRY(spin_bundle_write_4d(w, four_d, meta));
+    for (int f = 0; !four_d && f < plan->clip.n_frames; f++) {
         SPIN_TRY_OUT(spin_bundle_frame(&plan->clip.bundle, spin_plan_index(plan, f), meta->columns,
                                        &splats));
         SPIN_TRY_OUT(spin_bundle_write_frame(w, f, meta->columns, meta->static_columns, &splats));
@@ -330,6 +334,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
         meta->source_index[f] = from->source_index[spin_plan_index(output->plan, f)];
     }
     meta->n_source_frames = from->n_source_frames;
+    meta->fps = from->fps;
     meta->numbered = from->numbered;
     meta->columns = from->columns;
     meta->static_columns = from->static_columns;

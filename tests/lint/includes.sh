@@ -8,7 +8,7 @@
 #     eval                 -> spin.h render model scene device/*.h io math base eval
 #     render               -> spin.h model scene device/*.h io math base render
 #     model                -> spin.h device/*.h io math base model
-#     scene                -> spin.h io base scene
+#     scene                -> spin.h io math base scene
 #     formats              -> spin.h io math base formats
 #     device               -> spin.h device math base;  a device sees device.h and its own folder
 #     io                   -> spin.h base io
@@ -33,7 +33,7 @@ ours() {
     src/render/*) echo '^(spin\.h|device/[a-z_]+\.h|(model|scene|io|math|base|render)/.*)$' ;;
     src/model/*) echo '^(spin\.h|device/[a-z_]+\.h|(io|math|base|model)/.*)$' ;;
     src/formats/*) echo '^(spin\.h|(io|math|base|formats)/.*)$' ;;
-    src/scene/*) echo '^(spin\.h|(io|base|scene)/.*)$' ;;
+    src/scene/*) echo '^(spin\.h|(io|math|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
     src/device/cpu/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cpu/.*|(math|base)/.*)$' ;;
     src/device/cuda/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cuda/.*|(math|base)/.*)$' ;;

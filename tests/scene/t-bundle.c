@@ -316,7 +316,7 @@ static void test_lies(void)
         {"", "meta.json", "an empty meta.json"},
         {"[]", "format", "a list for an object"},
         {"{\"format\":\"other\"}", "format", "another format"},
-        {"{\"format\":\"spin bundle\",\"version\":5}", "version 5", "a later version"},
+        {"{\"format\":\"spin bundle\",\"version\":6}", "version 6", "a later version"},
         {"{\"format\":\"spin bundle\",\"version\":1e99}", "version", "an absurd version"},
         {HEAD COLUMNS TAIL(""), "frames", "no frames"},
         {HEAD COLUMNS TAIL("7"), "number", "a frame that is a number"},

@@ -1,0 +1,90 @@
+/* A 4D splat in time: the path of its centre, and the window that says how much of its opacity it shows. Each formula
+ * with its adjoint. */
+#ifndef SPIN_MATH_MOTION_H
+#define SPIN_MATH_MOTION_H
+
+#include "math/portable.h"
+
+/* centre + path[0] d + path[1] d^2 + path[2] d^3, with `degree` terms; d is the time since the splat's own. */
+SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, double d,
+                          double out[3])
+{
+    for (int c = 0; c < 3; c++) {
+        double sum = 0;
+
+        for (int k = degree - 1; k >= 0; k--)
+            sum = (sum + (double)path[3 * k + c]) * d;
+        out[c] = (double)centre[c] + sum;
+    }
+}
+
+/* What a slope g of the place gives to those of the path, [degree][3]; that of the centre is g itself. Returns the
+ * slope of the splat's own time. */
+SPIN_FN double spin_path_adj(const float *path, int degree, double d, const double g[3],
+                             double *g_path)
+{
+    double power = 1, g_time = 0;
+
+    for (int k = 0; k < degree; k++) {
+        for (int c = 0; c < 3; c++) {
+            g_time -= (k + 1) * power * (double)path[3 * k + c] * g[c];
+            g_path[3 * k + c] = power * d * g[c];
+        }
+        power *= d;
+    }
+    return g_time;
+}
+
+/* 1 from lo to hi; before and after it half a bell of standard deviation sigma, sigma2 falls to the floor `gate`.
+ * A bell is lo = hi and sigma = sigma2. Outside [first, end) there is nothing. */
+struct spin_window {
+    double lo, hi, sigma, sigma2, gate, first, end;
+};
+
+SPIN_FN double spin_window_at(const struct spin_window *w, double t)
+{
+    double x = t < w->lo ? (t - w->lo) / w->sigma : t > w->hi ? (t - w->hi) / w->sigma2 : 0;
+
+    return t >= w->first && t < w->end ? w->gate + (1 - w->gate) * exp(-0.5 * x * x) : 0;
+}
+
+/* Slopes of the window at t where that of its weight is g: of a bell's own time those of lo and hi together, of its
+ * sigma those of sigma and sigma2. Where the window is cut does not learn. */
+struct spin_window_slopes {
+    double lo, hi, sigma, sigma2, gate;
+};
+
+SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
+                             struct spin_window_slopes *out)
+{
+    int before = w->lo > t, after = w->hi < t;
+    double sigma = before ? w->sigma : w->sigma2;
+    double x = before ? (t - w->lo) / sigma : after ? (t - w->hi) / sigma : 0;
+    double bell = exp(-0.5 * x * x), seen = t >= w->first && t < w->end ? g : 0;
+    double slope = seen * (1 - w->gate) * bell * x / sigma;
+
+    out->lo = before ? slope : 0;
+    out->hi = after ? slope : 0;
+    out->sigma = before ? slope * x : 0;
+    out->sigma2 = after ? slope * x : 0;
+    out->gate = seen * (1 - bell);
+}
+
+/* The times, both ends included, at which the weight is at least so; span[0] > span[1]: never. */
+SPIN_FN void spin_window_span(const struct spin_window *w, double least, double span[2])
+{
+    double bell = w->gate < 1 ? (least - w->gate) / (1 - w->gate) : least > 1 ? 2 : 0;
+    double reach = bell > 0 && bell <= 1 ? sqrt(-2 * log(bell)) : HUGE_VAL;
+    double last = nextafter(w->end, -HUGE_VAL);
+
+    span[0] = reach < HUGE_VAL ? w->lo - w->sigma * reach : -HUGE_VAL;
+    span[1] = reach < HUGE_VAL ? w->hi + w->sigma2 * reach : HUGE_VAL;
+    span[0] = span[0] > w->first ? span[0] : w->first;
+    span[1] = span[1] < last ? span[1] : last;
+    if (bell > 1) {
+        span[0] = HUGE_VAL;
+        span[1] = -HUGE_VAL;
+    }
+}
+
+#endif
