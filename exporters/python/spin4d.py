@@ -34,6 +34,7 @@ class Clip:
                "log_gain" and "offset", of r, g and b; empty without --learn-exposure
     data       the data set's folder, or None
     versions   what frame() can give, the default first: of "retrained", "frames", "source"
+    splats_4d  what stands beside the source's 4D splats, of which slice() gives any time; None: it is frames
     meta       meta.json
     """
 
@@ -44,12 +45,13 @@ class Clip:
             self.meta = json.loads(bytes(self._zip["meta.json"]))
         except (ValueError, KeyError, IndexError, AttributeError) as e:
             raise ValueError(f"{self._path}: not a bundle of spin4d ({e})") from e
-        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3, 4):
-            raise ValueError(f"{self._path}: not a bundle of version 1 to 4")
+        if self.meta.get("format") != "spin bundle" or self.meta.get("version") not in (1, 2, 3, 4, 5):
+            raise ValueError(f"{self._path}: not a bundle of version 1 to 5")
         self._was = "trained/"
         if "network" in self.meta:
             self._modernise()
         self._trained = self.meta.get("trained")
+        self.splats_4d = self.meta.get("splats_4d")
         self._field = (self._trained or {}).get("field")
         self._refined = self.meta.get("refined")
         self._kept = {}
@@ -78,6 +80,8 @@ class Clip:
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self._path}: no frame {index}, only {len(self)}")
         index %= len(self)
+        if version == "source" and self.splats_4d:
+            return self.slice(self.times[index], torch)
         if version == "retrained":
             means, log_scales, quats, sh, logits = self._retrained(index)
         else:
@@ -85,6 +89,45 @@ class Clip:
             means, log_scales, quats, sh, logits = (
                 self._column(group, name, index)
                 for name in ("means", "log_scales", "quats", "sh", "logit_opacities"))
+        return self._finished(means, quats, log_scales, logits, sh, torch)
+
+    def slice(self, time, torch=False):
+        """The source's 4D splats at any time, in the unit of `times`; see spin-bundle(5)."""
+        if not self.splats_4d:
+            raise ValueError(f"{self._path}: the source is frames, not 4D splats")
+        s = {name: self._once(f"source/4d/{name}").astype(np.float64) for name in
+             ["centres", "times", "quats", "log_scales", "logit_opacities", "sigmas", "sh"]
+             + ["paths"] * (self.splats_4d["degree"] > 0) + self.splats_4d["arrays"]}
+        n = len(s["times"])
+        d = float(time) - s["times"][:, 0]
+        sigma = s["sigmas"][:, 0]
+        lo, hi, after = s["plateaus"].T if "plateaus" in s else (s["times"][:, 0],) * 2 + (sigma,)
+        x = np.where(time < lo, (time - lo) / sigma, np.where(time > hi, (time - hi) / after, 0))
+        w = np.exp(-0.5 * x * x)
+        if "gates" in s:
+            w = s["gates"][:, 0] + (1 - s["gates"][:, 0]) * w
+        if "cuts" in s:
+            w = w * ((time >= s["cuts"][:, 0]) & (time < s["cuts"][:, 1]))
+        opacity = w / (1 + np.exp(-s["logit_opacities"][:, 0]))
+        seen = (w >= self.splats_4d["least_weight"]) & (opacity >= self.splats_4d["least_opacity"])
+        if "cuts" in s:
+            seen &= w > 0
+        means = s["centres"].copy()
+        for k in range(self.splats_4d["degree"]):
+            means += s["paths"].reshape(n, -1, 3)[:, k] * d[:, None] ** (k + 1)
+        quats = s["quats"] + (s["spins"] * d[:, None] if "spins" in s else 0)
+        sh = s["sh"].reshape(n, -1, 3)
+        if "sh_cos" in s:
+            turn = 2 * np.pi * d[:, None, None] / self.splats_4d["period"]
+            cosines = s["sh_cos"].reshape(n, 2, -1, 3)
+            sh = sh + np.cos(turn) * cosines[:, 0] + np.cos(2 * turn) * cosines[:, 1]
+        opacity = np.clip(opacity, 1e-6, 1 - 1e-6)
+        means, quats, scales, logits, sh = (a[seen].astype(np.float32) for a in (
+            means, quats, s["log_scales"], np.log(opacity / (1 - opacity)), sh))
+        return self._finished(means, quats, scales, logits, sh, torch)
+
+    @staticmethod
+    def _finished(means, quats, log_scales, logits, sh, torch):
         length = np.linalg.norm(quats, axis=1, keepdims=True)
         out = Frame(means, (quats / np.maximum(length, 1e-12)).astype(np.float32),
                     np.exp(np.minimum(log_scales, 20)).astype(np.float32),

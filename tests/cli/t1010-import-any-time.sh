@@ -21,8 +21,26 @@ run "$bin/spin-import" --info --json "$run_in"
 is "$code" 0 "a run is described without a word on where to sample it"
 is "$(member from)" realtime4dgs "from realtime4dgs"
 out_has "assumed the one used since September 2024" "the notes say what was assumed"
-run "$bin/spin-import" "$run_in" -o "$work/none.spin"
-fails 2 spin-import "an import needs to know where"
+run "$bin/spin-import" "$run_in" -o "$work/any.spin" --json
+is "$code $(member frames)" "0 61" "4D splats are kept for any time, and frames are shown"
+out_has "does not say how many frames its clip has" "of which a note says that their number is a guess"
+run "$bin/spin-import" "$run_in" -o "$work/sampled.spin" --frames 61 --json
+out_has "the 4D splats themselves are not kept" "with --frames they are sampled, and a note says so"
+for kept in any sampled; do
+    "$bin/spin-export" "$work/$kept.spin" --to ply -o "$work/$kept" -q
+done
+is "$(ls "$work/any"/*.ply | wc -l)" 61 "a frame of slices for each"
+for ply in "$work/any"/*.ply; do
+    cmp -s "$ply" "$work/sampled/${ply##*/}" || break
+done
+ok $? "the same bytes as those of sampled frames"
+"$bin/spin-import" --info "$work/any.spin" | grep -q "^4D splats   [0-9]* *, paths of degree 1"
+ok $? "a bundle of them says so"
+is "$("$bin/spin-import" --info "$work/any.spin" --json | tr -d ' \n' | grep -c '"splats_4d":{"n":')" 1 "as JSON too"
+is "$("$bin/spin-import" --info "$work/sampled.spin" --json | tr -d ' \n' | grep -c '"splats_4d":null')" 1 \
+    "and one of frames does not"
+run "$bin/spin-import" fixtures/deformable3dgs/real_small/model -o "$work/none.spin"
+fails 2 spin-import "a network's import needs to know where"
 err_has "continuous in time, from 0 to 1, and .* with --frames, --times or --data" "and says how to tell, and the range"
 nothing_at "$work/none" "nothing was written"
 
@@ -40,8 +58,8 @@ is "$(member frames) $(grep -c 'sampled at the times' "$work/out")" "4 0" "--fra
 run "$bin/spin-import" "$work/beside/run" -o "$work/beside1.spin" --times 0.5 --json
 is "$(member frames) $(grep -c 'sampled at the times' "$work/out")" "1 0" "so does --times"
 cp -r "$work/beside/court" "$work/beside/court2"
-run "$bin/spin-import" "$work/beside/run" -o "$work/none.spin"
-fails 2 spin-import "two data sets beside it"
+run "$bin/spin-import" "$work/beside/run" -o "$work/two.spin" --json
+is "$code $(member frames)" "0 61" "two data sets beside it tell nothing"
 run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
 is "$code $(member frames)" "0 30" "a run that counts its frames"
 is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run says it has.*/\1/p' "$work/out")" "$(member frames)" \

@@ -11,11 +11,11 @@ complain() {
 
 functions_of() { # FIRST LAST: names that are declared between these headings
     sed -n "/---- $1\\. /,/---- $2\\. /p" src/spin.h | sed 's/^#define.*//' |
-        $CC -fpreprocessed -E -P -x c - 2>/dev/null | grep -o 'spin_[a-z_]*(' | tr -d '('
+        $CC -fpreprocessed -E -P -x c - 2>/dev/null | grep -o 'spin_[a-z0-9_]*(' | tr -d '('
 }
 
 wanted=$({ functions_of 1 5; functions_of 6 7; } | LC_ALL=C sort -u)
-listed=$(sed -n 's/^ *\(spin_[a-z_]*\);$/\1/p' src/plugin.sym)
+listed=$(sed -n 's/^ *\(spin_[a-z0-9_]*\);$/\1/p' src/plugin.sym)
 n=$(echo "$listed" | wc -l)
 [ "$wanted" = "$listed" ] || complain "src/plugin.sym does not list the functions of src/spin.h:
 $(printf '%s\n' "$wanted" "$listed" | LC_ALL=C sort | uniq -u)"
