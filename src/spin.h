@@ -385,6 +385,9 @@ struct spin_export_job {
     spin_status (*again)(void *context, int frame, const struct spin_splats **out);
     void *context;
 
+    const double *times; /* [n_frames] of the frames, in the source's unit */
+    /* The clip, for exporters with splats_4d; NULL: it is frames. Times are those of `times`. */
+    const struct spin_splats_4d *splats_4d;
     double stride; /* frame numbers from one frame to the next, on average; 0: as 1 */
 
     /* How the frames are paired with a data set, for who imports them again. */
@@ -408,6 +411,7 @@ struct spin_exporter {
     bool checks;    /* can read back what it wrote */
     bool
         antialias; /* what it writes says, or shows, when splats are meant to be drawn antialiased */
+    bool splats_4d; /* where the clip is 4D splats they are used, and no frame comes */
     bool needs_renderer;
     bool looks_at_views; /* job->views are used; else the data set is not opened */
 

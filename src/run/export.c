@@ -122,6 +122,8 @@ struct export
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index;
+    double *times;                          /* [n_frames] */
+    const struct spin_splats_4d *splats_4d; /* what is written instead of frames; NULL */
     void *self;
 };
 
@@ -274,17 +276,23 @@ static spin_status begin_export(struct export *x)
     double sum = 0;
     spin_status status;
 
+    if (x->from == SPIN_FROM_SOURCE && x->exporter->splats_4d)
+        SPIN_TRY(spin_bundle_splats_4d(&x->clip.bundle, &x->splats_4d));
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
+    SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->times, (void **)&x->times));
     for (int f = 0; f < x->clip.n_frames; f++) {
         x->counts[f] = spin_bundle_count(&x->clip.bundle, x->clip.frame[f], x->from);
         x->source_index[f] = x->clip.bundle.meta.source_index[x->clip.frame[f]];
+        x->times[f] = x->clip.bundle.meta.frame[x->clip.frame[f]].time;
         sum += (double)x->counts[f];
     }
     job.counts = x->counts;
     job.source_index = x->source_index;
+    job.times = x->times;
+    job.splats_4d = x->splats_4d;
     x->report->frames = x->clip.n_frames;
     x->report->splats_mean = sum / x->clip.n_frames;
     if (job.antialias && !x->exporter->antialias)
@@ -292,10 +300,10 @@ static spin_status begin_export(struct export *x)
                   "switch it on in the viewer",
                   o->to);
     if (spin_rank() > 0)
-        return write_frames(x);
+        return x->splats_4d ? SPIN_OK : write_frames(x);
     spin_out_sweep(o->output);
     SPIN_TRY(x->exporter->begin(&job, &x->self));
-    status = write_frames(x);
+    status = x->splats_4d ? SPIN_OK : write_frames(x);
     if (status != SPIN_OK) {
         x->exporter->abort(x->self);
         return status;
@@ -366,6 +374,7 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     spin_clip_close(&x.clip);
     free(x.counts);
     free(x.source_index);
+    free(x.times);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)
         return spin_fail_context(status, "cannot export '%s'", o->input);
     return status;
