@@ -23,6 +23,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     omg4) echo omg4/comp_xz ;;
     ply) echo ply/inria_sh3 ;;
     realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
+    freetimegs) echo freetimegs/still_sh0_no_optimizers ;;
     rotor4dgs) echo rotor4dgs/old_names ;;
     spacetimegs) echo spacetimegs/full_techni/model ;;
     ksplat) echo splats/ksplat ;;

@@ -125,6 +125,7 @@ modecgs modecgs/default_like/model
 motiongs motiongs/dynerf_6dof_small/model
 omg4 omg4/comp_xz
 realtime4dgs realtime4dgs/rot4d_noshfs
+freetimegs freetimegs/still_sh0_no_optimizers
 rotor4dgs rotor4dgs/old_names
 spacetimegs spacetimegs/full_techni/model
 tc3dgs tc3dgs/trained

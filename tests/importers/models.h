@@ -61,7 +61,10 @@ struct pth_tensor {
 struct pth {
     struct pth_tensor tensor[160];
     int n;
-    bool pair; /* a tuple of two dicts */
+    bool pair;                /* a tuple of two dicts */
+    const char *within;       /* the dict is the value of this key of another, */
+    const char *key, *text;   /* which has this text too, */
+    const char *number, *yes; /* a number of -1, and a True; NULL: none */
 };
 
 static inline void pth_free(struct pth *pth)
@@ -232,6 +235,10 @@ static inline void pth_save(const struct pth *pth, const char *path)
     struct bytes b = {NULL, 0, 0};
 
     put_op(&b, "\x80\x02");
+    if (pth->within) {
+        put_op(&b, "}(");
+        put_text(&b, pth->within);
+    }
     for (int dict = 0; dict < (pth->pair ? 2 : 1); dict++) {
         put_op(&b, "}(");
         for (int i = 0; i < pth->n; i++) {
@@ -242,6 +249,20 @@ static inline void pth_save(const struct pth *pth, const char *path)
         }
         put_op(&b, "u");
     }
+    if (pth->key) {
+        put_text(&b, pth->key);
+        put_text(&b, pth->text);
+    }
+    if (pth->number) {
+        put_text(&b, pth->number);
+        put_int(&b, (uint64_t)-1);
+    }
+    if (pth->yes) {
+        put_text(&b, pth->yes);
+        put_op(&b, "\x88");
+    }
+    if (pth->within)
+        put_op(&b, "u");
     put_op(&b, pth->pair ? "\x86." : ".");
     if (spin_zip_writer_open(path, true, &w) != SPIN_OK)
         exit(1);

@@ -26,6 +26,8 @@ static const struct known runs[] = {
     {"ex4dgs/small/model/point_cloud/iteration_40000", "ex4dgs"},
     {"ex4dgs/small/model/point_cloud/iteration_40000/point_cloud.ply", "ex4dgs"},
     {"ex4dgs/small/model/point_cloud/iteration_40000/dynamic_point_cloud.ply", "ex4dgs"},
+    {"freetimegs/*", "freetimegs"},
+    {"ftgs_ply/*/scene.ftgs.ply", "freetimegs"},
     {"grid4d/*/model", "grid4d"},
     {"hybrid4dgs/*/model", "hybrid4dgs"},
     {"hybrid4dgs/small/model/chkpnt6000.pth", "hybrid4dgs"},

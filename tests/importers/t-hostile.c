@@ -255,6 +255,7 @@ static const struct run_files {
     {"tc3dgs/trained", {"params.npz"}},
     {"realtime4dgs/rot4d_noshfs", {"*.pth"}},
     {"rotor4dgs/old_names", {"*.ckpt"}},
+    {"freetimegs/still_sh0_no_optimizers", {"ckpts/*.pt"}},
     {"hybrid4dgs/small/model", {"*.pth"}},
     {"ex4dgs/small/model", {"*.pth"}},
     {"omg4/comp_xz", {"comp.xz"}},
@@ -428,8 +429,8 @@ static void finds(const char *name, const char *const *importers)
 
 TAP_MAIN
 {
-    static const char *const of_torch[] = {"realtime4dgs", "hybrid4dgs", "ex4dgs",
-                                           "rotor4dgs",    "omg4",       NULL};
+    static const char *const of_torch[] = {"realtime4dgs", "hybrid4dgs", "ex4dgs", "rotor4dgs",
+                                           "omg4",         "freetimegs", NULL};
     static const char *const of_npz[] = {"d3dgs", "tc3dgs", NULL};
     static const char *const of_ply[] = {"ply", NULL};
     static const char *const of_xz[] = {"omg4", NULL};

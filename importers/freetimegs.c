@@ -1,0 +1,410 @@
+/* FreeTimeGS (Wang et al., CVPR 2025) as FreeTimeGsVanilla and its kin train it: ckpts/ckpt_<step>.pt, and the same
+ * model as one .ftgs.ply. Splats on straight lines with a bell of opacity in time, so they are 4D splats exactly.
+ *
+ * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities count in clips. The renderer keeps every
+ * splat at an opacity of 1e-4 at least, which no rasteriser draws; here what is below 1/255 is not shown. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/option.h"
+#include "importers/lib/chkpnt.h"
+#include "math/sh.h"
+
+#define LEAST_SIGMA 0.02 /* of a checkpoint: its code holds durations there */
+#define USUAL_FRAMES 300
+#define MOST_FRAMES 1000000
+
+struct model {
+    struct spin_model base;
+    double step;     /* -1: a PLY */
+    double n_frames; /* 0: not told */
+    bool moves;      /* use_velocity */
+    double least_sigma;
+};
+
+/* ---- Recognising ----------------------------------------------------------------------------- */
+
+/* N of ckpt_<N>.pt, else -1. */
+static long long step_of(const char *name)
+{
+    char *end = NULL;
+    long long n = strncmp(name, "ckpt_", 5) == 0 && name[5] >= '0' && name[5] <= '9'
+                      ? strtoll(name + 5, &end, 10)
+                      : -1;
+
+    return end && strcmp(end, ".pt") == 0 ? n : -1;
+}
+
+static int probe(const struct spin_peek *peek)
+{
+    if (spin_peek_says(peek, "comment ftgs_version") ||
+        (spin_peek_says(peek, "property float log_duration") &&
+         spin_peek_says(peek, "property float time\n")))
+        return 100;
+    if (peek->is_folder)
+        for (size_t i = 0; peek->names && peek->names[i]; i++)
+            if (step_of(peek->names[i]) >= 0)
+                return 80;
+    if (peek->is_folder)
+        return spin_peek_has(peek, "ckpts") ? 60 : 0;
+    return spin_peek_says(peek, "durations") && spin_peek_says(peek, "velocities") ? 95
+           : step_of(spin_path_name(peek->path)) >= 0                              ? 40
+                                                                                   : 0;
+}
+
+/* The checkpoint of the greatest step in a folder, or in the ckpts in it. */
+static spin_status find_file(struct spin_model *m, const char *path)
+{
+    const char *folder, *best = NULL;
+    char **names;
+    size_t n;
+
+    if (!spin_path_is_folder(path))
+        return spin_model_text(m, &m->path, "%s", path);
+    SPIN_TRY(spin_model_find(m, &folder, path, "ckpts"));
+    folder = folder ? folder : path;
+    SPIN_TRY(spin_model_names(m, folder, &names, &n));
+    for (size_t i = 0; i < n; i++)
+        if (step_of(names[i]) > (best ? step_of(best) : -1))
+            best = names[i];
+    return best ? spin_model_join(m, &m->path, folder, "%s", best)
+                : spin_fail(SPIN_E_NOT_FOUND, "'%s' holds no ckpt_<step>.pt", folder);
+}
+
+/* ---- The splats ------------------------------------------------------------------------------ */
+
+static const struct {
+    const char *key;
+    int width;
+} columns[] = {{"means", 3},      {"scales", 3}, {"quats", 4},    {"opacities", 1},
+               {"velocities", 3}, {"times", 1},  {"durations", 1}};
+enum { MEANS, SCALES, QUATS, OPACITIES, VELOCITIES, TIMES, DURATIONS, N_COLUMNS };
+
+static spin_status reserve(struct model *m, size_t n, int sh_degree)
+{
+    struct spin_splats_4d *s = &m->base.splats_4d;
+
+    s->least_opacity = 1 / 255.0;
+    return spin_splats_4d_reserve(s, n, m->moves ? 1 : 0, sh_degree, 0);
+}
+
+static float *column_of(struct model *m, int column)
+{
+    struct spin_splats_4d *s = &m->base.splats_4d;
+
+    return (float *[N_COLUMNS]){s->centres, s->log_scales, s->quats, s->logit_opacities,
+                                s->paths,   s->times,      s->sigmas}[column];
+}
+
+/* Durations are logarithms of sigma, below which it is never; no file says it for less than none. */
+static spin_status finish(struct model *m)
+{
+    struct spin_splats_4d *s = &m->base.splats_4d;
+    struct spin_sequence_info *sequence = m->base.sequence;
+    size_t n_short = 0, n = s->n;
+    char step[40] = "";
+
+    for (size_t i = 0; i < n; i++) {
+        double sigma = exp((double)s->sigmas[i]);
+
+        n_short += sigma < m->least_sigma;
+        s->sigmas[i] = (float)(sigma < m->least_sigma ? m->least_sigma : sigma);
+    }
+    SPIN_TRY(spin_model_settle_4d(&m->base));
+    sequence->fps = 30;
+    sequence->n_clip_frames = (int)(m->n_frames > 0 ? m->n_frames : USUAL_FRAMES);
+    sequence->time_first = 0;
+    sequence->time_last = 1;
+    if (m->step >= 0)
+        snprintf(step, sizeof step, ", step %.0f", m->step);
+    snprintf(sequence->variant, sizeof sequence->variant,
+             "FreeTimeGS%s, %zu Gaussians, SH degree %d%s", step, n, s->sh_degree,
+             m->moves ? "" : ", without motion");
+    if (m->n_frames == 0)
+        spin_note(sequence,
+                  "the file does not say how many frames the clip has: %d, as is usual; --n-frames",
+                  USUAL_FRAMES);
+    spin_note(sequence, "the file does not say its frame rate: 30 a second");
+    if (n_short > 0)
+        spin_note(sequence,
+                  "%zu of %zu Gaussians last for less than %g of the clip, and are held there as "
+                  "the method's renderer does",
+                  n_short, n, m->least_sigma);
+    return SPIN_OK;
+}
+
+/* ---- Out of a checkpoint --------------------------------------------------------------------- */
+
+/* What some writer may say, and only one value of which is read. */
+static spin_status check_said(const struct spin_value *root)
+{
+    static const char *const words[][2] = {{"time_units", "normalized"},
+                                           {"duration_activation", "exp"}};
+    static const char *const switches[] = {"use_marginal_gating", "use_color_velocity"};
+
+    for (int i = 0; i < 2; i++) {
+        const char *text = spin_value_text(spin_value_get(root, words[i][0]));
+        const struct spin_value *on = spin_value_get(root, switches[i]);
+
+        if (spin_value_get(root, words[i][0]) && (!text || strcmp(text, words[i][1]) != 0))
+            return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is '%.40s', expected '%s'", words[i][0],
+                             text ? text : "no text", words[i][1]);
+        if (on && on->integer != 0)
+            return spin_fail(SPIN_E_UNSUPPORTED, "'%s' is on, which is another model", switches[i]);
+    }
+    return SPIN_OK;
+}
+
+/* Exactly the nine names: one more is another model. */
+static spin_status check_names(const struct spin_value *splats)
+{
+    if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
+        !spin_value_get(splats, "velocities"))
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "'splats' lacks times, durations or velocities: a checkpoint of gsplat "
+                         "without time, or of another method");
+    for (size_t i = 0; i < splats->n; i++) {
+        const char *key = spin_value_text(splats->item[2 * i]);
+        bool known = key && (strcmp(key, "sh0") == 0 || strcmp(key, "shN") == 0);
+
+        for (int c = 0; c < N_COLUMNS && key; c++)
+            known = known || strcmp(key, columns[c].key) == 0;
+        if (!known)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "'splats' has '%.40s', which FreeTimeGS has not: it is another model",
+                             key ? key : "a key that is no text");
+    }
+    return SPIN_OK;
+}
+
+/* A tensor [n][width], or [n] for one of width 1. */
+static spin_status bind(struct model *m, const char *key, int n_dims, int64_t shape[3],
+                        struct spin_array *out)
+{
+    const struct spin_value *v = spin_value_get(m->base.tensors, key);
+
+    if (!v || v->kind != SPIN_VALUE_TENSOR)
+        return spin_fail(SPIN_E_MALFORMED, "'splats' has no tensor '%s'", key);
+    if (shape[1] == 1 && v->tensor.n_dims == 1)
+        n_dims = 1;
+    return spin_chkpnt_bind(&m->base.torch, v, key, n_dims, shape, out);
+}
+
+static spin_status load_sh(struct model *m, struct spin_array sh[2])
+{
+    struct spin_splats_4d *s = &m->base.splats_4d;
+    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+
+    for (size_t i = 0; i < s->n; i++) {
+        spin_array_to_f32(&sh[0], 3 * i, 3, s->sh + width * i);
+        if (width > 3)
+            spin_array_to_f32(&sh[1], (width - 3) * i, width - 3, s->sh + width * i + 3);
+    }
+    return SPIN_OK;
+}
+
+static spin_status read_checkpoint(struct spin_model *base)
+{
+    struct model *m = (struct model *)base;
+    const struct spin_value *root = base->torch.root, *moves = spin_value_get(root, "use_velocity");
+    int64_t places[3] = {-1, 3}, dc[3] = {-1, 1, 3}, rest[3] = {-1, -1, 3};
+    struct spin_array t, sh[2];
+    int degree = 0;
+
+    base->tensors = spin_value_get(root, "splats");
+    if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
+        return spin_fail(SPIN_E_MALFORMED, "the checkpoint has no dict 'splats'");
+    SPIN_TRY(check_names(base->tensors));
+    SPIN_TRY(check_said(root));
+    spin_value_number(spin_value_get(root, "step"), &m->step);
+    m->step = m->step > 0 ? m->step : 0;
+    if (spin_value_get(root, "n_frames") &&
+        (!spin_value_number(spin_value_get(root, "n_frames"), &m->n_frames) ||
+         !(m->n_frames >= 1 && m->n_frames <= MOST_FRAMES)))
+        return spin_fail(SPIN_E_MALFORMED, "'n_frames' is %g, expected 1 to %d", m->n_frames,
+                         MOST_FRAMES);
+    m->moves = !moves || moves->integer != 0;
+    SPIN_TRY(bind(m, "means", 2, places, &t));
+    if (t.shape[0] == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 Gaussians");
+    dc[0] = rest[0] = (int64_t)t.shape[0];
+    SPIN_TRY(bind(m, "sh0", 3, dc, &sh[0]));
+    SPIN_TRY(bind(m, "shN", 3, rest, &sh[1]));
+    while (degree < 3 && spin_sh_count(degree) < (int)sh[1].shape[1] + 1)
+        degree++;
+    if (spin_sh_count(degree) != (int)sh[1].shape[1] + 1)
+        return spin_fail(SPIN_E_MALFORMED, "shN has %llu rows, expected 0, 3, 8 or 15",
+                         (unsigned long long)sh[1].shape[1]);
+    SPIN_TRY(reserve(m, (size_t)t.shape[0], degree));
+    for (int c = 0; c < N_COLUMNS; c++) {
+        int64_t shape[3] = {(int64_t)base->splats_4d.n, columns[c].width};
+
+        SPIN_TRY(bind(m, columns[c].key, 2, shape, &t));
+        if (column_of(m, c))
+            spin_array_to_f32(&t, 0, t.count, column_of(m, c));
+    }
+    return load_sh(m, sh);
+}
+
+/* ---- Out of a PLY ---------------------------------------------------------------------------- */
+
+/* What the comment `key` says, or NULL. Of two the last counts. */
+static const char *comment_of(const struct spin_ply *ply, const char *key)
+{
+    size_t n = strlen(key);
+    const char *value = NULL;
+
+    for (size_t i = 0; i < ply->n_comments; i++) {
+        const char *text = ply->comment[i] + strspn(ply->comment[i], " \t");
+
+        if (strncmp(text, key, n) == 0 && (text[n] == ' ' || text[n] == '\t'))
+            value = text + n + strspn(text + n, " \t");
+    }
+    return value;
+}
+
+static spin_status read_comment(const struct spin_ply *ply, const char *key, double least,
+                                double most, double *out)
+{
+    const char *text = comment_of(ply, key);
+    char *end = NULL;
+
+    if (!text)
+        return spin_fail(SPIN_E_MALFORMED, "no comment '%s', which a .ftgs.ply must have", key);
+    *out = strtod(text, &end);
+    end += strspn(end, " \t\r");
+    if (end == text || *end || !(*out >= least && *out <= most))
+        return spin_fail(SPIN_E_MALFORMED, "comment '%s' is '%.40s', expected %g to %g", key, text,
+                         least, most);
+    return SPIN_OK;
+}
+
+static spin_status check_header(const struct spin_ply *ply, struct model *m, int *sh_degree)
+{
+    const char *units = comment_of(ply, "time_units");
+    double version, degree, moves, floor_of;
+
+    SPIN_TRY(read_comment(ply, "ftgs_version", 1, 1e9, &version));
+    if (version != 1)
+        return spin_fail(SPIN_E_UNSUPPORTED, "it is of ftgs_version %g, this program reads 1",
+                         version);
+    if (!units || strncmp(units, "normalized", 10) != 0 || units[10 + strspn(units + 10, " \t\r")])
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "comment 'time_units' is '%.40s', expected 'normalized'",
+                         units ? units : "missing");
+    SPIN_TRY(read_comment(ply, "sh_degree", 0, 3, &degree));
+    SPIN_TRY(read_comment(ply, "use_velocity", 0, 1, &moves));
+    SPIN_TRY(read_comment(ply, "min_duration", 1e-30, 1e30, &m->least_sigma));
+    SPIN_TRY(read_comment(ply, "opacity_floor", 0, 0.999999, &floor_of));
+    if (comment_of(ply, "n_frames"))
+        SPIN_TRY(read_comment(ply, "n_frames", 1, MOST_FRAMES, &m->n_frames));
+    if (degree != floor(degree) || moves != floor(moves) || m->n_frames != floor(m->n_frames))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "sh_degree, use_velocity and n_frames are not whole numbers");
+    if (floor_of >= 1 / 255.0)
+        spin_note(m->base.sequence,
+                  "its reader shows every Gaussian at an opacity of %g at all times, which is left "
+                  "out here",
+                  floor_of);
+    m->moves = moves != 0;
+    *sh_degree = (int)degree;
+    return SPIN_OK;
+}
+
+/* Properties of a column, in the order of enum above. */
+static const char *const property_of[N_COLUMNS][4] = {
+    {"x", "y", "z"},
+    {"scale_0", "scale_1", "scale_2"},
+    {"rot_0", "rot_1", "rot_2", "rot_3"},
+    {"opacity"},
+    {"velocity_0", "velocity_1", "velocity_2"},
+    {"time"},
+    {"log_duration"},
+};
+
+static spin_status read_ply(struct model *m)
+{
+    const struct spin_ply *ply = &m->base.ply;
+    const struct spin_ply_element *e;
+    struct spin_ply_target target[16 + 48];
+    size_t n = 0, n_sh;
+    int sh_degree = 0;
+
+    SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
+    SPIN_TRY(spin_fail_reading(check_header(ply, m, &sh_degree), m->base.path));
+    if (ply->n_elements != 1 || e->has_list || ply->ascii || ply->big_endian)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': not one element of little-endian numbers",
+                         m->base.path);
+    SPIN_TRY(reserve(m, (size_t)e->count, sh_degree));
+    n_sh = (size_t)spin_sh_count(sh_degree);
+    for (int c = 0; c < N_COLUMNS; c++)
+        for (int k = 0; k < columns[c].width && column_of(m, c); k++)
+            target[n++] = (struct spin_ply_target){spin_ply_find(e, property_of[c][k]),
+                                                   column_of(m, c) + k, (size_t)columns[c].width};
+    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then all rows of red, of green, of blue */
+        bool dc = k < 3;
+        size_t channel = dc ? k : (k - 3) / (n_sh - 1), row = dc ? 0 : 1 + (k - 3) % (n_sh - 1);
+        char name[24];
+
+        snprintf(name, sizeof name, dc ? "f_dc_%zu" : "f_rest_%zu", dc ? k : k - 3);
+        target[n++] = (struct spin_ply_target){spin_ply_find(e, name),
+                                               m->base.splats_4d.sh + 3 * row + channel, 3 * n_sh};
+        if (target[n - 1].property < 0)
+            return spin_fail(SPIN_E_MALFORMED, "'%s': element 'vertex' has no property '%s'",
+                             m->base.path, name);
+    }
+    for (size_t t = 0; t < n; t++) {
+        if (target[t].property < 0)
+            return spin_fail(
+                SPIN_E_MALFORMED,
+                "'%s': element 'vertex' lacks a property of a .ftgs.ply: x y z opacity "
+                "scale_0..2 rot_0..3 time log_duration velocity_0..2",
+                m->base.path);
+        if (e->property[target[t].property].type != SPIN_PLY_F32)
+            return spin_fail(SPIN_E_MALFORMED, "'%s': property '%s' is no float", m->base.path,
+                             e->property[target[t].property].name);
+    }
+    spin_ply_columns(ply, e, target, n);
+    return SPIN_OK;
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static spin_status open_model(void *self, const char *path)
+{
+    struct model *m = self;
+    struct spin_model *base = &m->base;
+
+    m->moves = true;
+    m->least_sigma = LEAST_SIGMA;
+    m->step = -1;
+    SPIN_TRY(find_file(base, path));
+    if (spin_text_ends(base->path, ".ply"))
+        SPIN_TRY(read_ply(m));
+    else
+        SPIN_TRY(spin_model_torch(base, base->path, read_checkpoint));
+    if (spin_model_option(base, "n-frames"))
+        SPIN_TRY(spin_option_number(base->values, "n-frames", 1, MOST_FRAMES, &m->n_frames));
+    return spin_fail_reading(finish(m), base->path);
+}
+
+SPIN_MODEL_OPEN(freetimegs_open, struct model, open_model)
+
+static const struct spin_plugin_option options[] = {
+    {"n-frames", "N", "frames of the clip, where the file does not say", NULL},
+    {NULL, NULL, NULL, NULL},
+};
+
+const struct spin_importer spin_importer_freetimegs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "freetimegs",
+    .summary = "FreeTimeGS: ckpt_<step>.pt, the folder of the run, or .ftgs.ply",
+    .upstream = "raiscui/FreeTimeGsVanilla ff48035, OpsiClear-4DGS/FreeTimeGsVanilla 662a832",
+    .options = options,
+    .probe = probe,
+    .open = freetimegs_open,
+    .frame = spin_model_slice,
+    .close = spin_model_close,
+    .splats_4d = spin_model_splats_4d,
+};

@@ -1,0 +1,243 @@
+/* freetimegs: checkpoints and .ftgs.ply, every time of every fixture against the method's own numbers, what another
+ * writer says, and files that lie.
+ * K: freetimegs ftgs_ply ftgs import 4d */
+#include "tests/importers/models.h"
+#include "tests/importers/slices.h"
+
+#define FROM "freetimegs"
+
+/* f_rest of the expected values is all of red, all of green, all of blue. */
+static void compare_sh(const struct table *rest, const size_t *row, const struct spin_splats *s,
+                       const char *what)
+{
+    size_t k = rest->width / 3, width = 3 * (k + 1);
+    float *got = malloc(s->n * (width + 1) * sizeof *got);
+
+    for (size_t i = 0; i < s->n; i++)
+        for (size_t c = 0; c < 3 * k; c++)
+            got[3 * k * i + c] = s->sh[width * i + 3 * (1 + c % k) + c / k];
+    compare_rows(rest, 0, row, s->n, got, 3 * k, 1e-6, 1e-6, what);
+    free(got);
+}
+
+static void compare_fixture(const char *path, const char *folder, const char *name)
+{
+    const char *keys[] = {"xyz", "opacity", "cov6", "f_dc", "times", "f_rest"};
+    struct table t[6] = {0};
+    struct spin_npz npz;
+    struct run run;
+    spin_json *manifest = load_manifest(folder);
+    double n_frames = 300;
+
+    bounds_of = folder;
+    spin_json_number(spin_json_get(manifest, "n_frames"), &n_frames);
+    if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK ||
+        !ok(open_with(NULL, path, NULL, &run) == SPIN_OK && !strcmp(run.importer->name, FROM),
+            "%s is recognised and opens", name)) {
+        printf("# %s\n", spin_last_error());
+        exit(1);
+    }
+    for (int k = 0; k < 6; k++)
+        if (k < 5 || spin_npz_has(&npz, keys[k]))
+            t[k] = table_load(&npz, keys[k], k < 2);
+    ok(run.sequence.continuous && run.sequence.n_clip_frames == (int)n_frames &&
+           run.sequence.time_first == 0 && run.sequence.time_last == 1,
+       "%s: %g frames from 0 to 1", name, n_frames);
+    for (size_t b = 0; b < t[4].n_rows; b++) {
+        size_t *row = malloc(t[0].n_rows * sizeof *row), n = 0;
+        struct spin_splats s = {0};
+        char what[100];
+
+        for (size_t i = 0; i < t[0].n_rows; i++)
+            if (t[1].value[b * t[1].n_rows + i] >= 1 / 255.0)
+                row[n++] = i;
+        snprintf(what, sizeof what, "%s at %g", name, t[4].value[b]);
+        if (run.importer->frame(run.self, 0, t[4].value[b], run.sequence.columns, &s) != SPIN_OK ||
+            !ok(s.n == n, "%s: %zu Gaussians are seen", what, n)) {
+            printf("# %zu, %s\n", s.n, spin_last_error());
+        } else {
+            compare_rows(&t[0], b, row, n, s.means, 3, bound("xyz").abs, bound("xyz").rel, what);
+            compare_opacities(&t[1], b, row, &s, 1e-5, what);
+            compare_covariances(&t[2], 0, row, &s, what);
+            compare_rows(&t[3], 0, row, n, s.sh,
+                         3 * (size_t)((s.sh_degree + 1) * (s.sh_degree + 1)), 1e-6, 1e-6, what);
+            if (t[5].width >= 3)
+                compare_sh(&t[5], row, &s, what);
+            check_sane(&s, run.sequence.columns, what);
+        }
+        spin_splats_free(&s);
+        free(row);
+    }
+    for (int k = 0; k < 6; k++)
+        free(t[k].value);
+    spin_json_free(manifest);
+    spin_npz_close(&npz);
+    run_close(&run);
+}
+
+/* ---- Checkpoints that lie -------------------------------------------------------------------- */
+
+static void load(const char *path, struct pth *pth)
+{
+    struct spin_torch torch;
+
+    memset(pth, 0, sizeof *pth);
+    if (spin_torch_open(path, &torch) != SPIN_OK)
+        exit(1);
+    pth_load_dict(&torch, spin_value_get(torch.root, "splats"), 0, pth);
+    pth->within = "splats";
+    spin_torch_close(&torch);
+}
+
+static void test_checkpoint(const char *from)
+{
+    static const struct {
+        const char *drop, *put;
+        int n_dims;
+        uint64_t shape[3]; /* 0: of all Gaussians */
+        const char *key, *text, *number, *yes, *word, *what;
+    } lies[] = {
+        {"velocities", NULL, 0, {0}, 0, 0, 0, 0, "gsplat without time", "no velocities"},
+        {"means", NULL, 0, {0}, 0, 0, 0, 0, "'means'", "no means"},
+        {NULL, "marginal_gates", 2, {0, 1}, 0, 0, 0, 0, "marginal_gates", "a tenth tensor"},
+        {NULL, "shN", 3, {0, 4, 3}, 0, 0, 0, 0, "shN has 4 rows", "SH of no degree"},
+        {NULL, "scales", 2, {7, 3}, 0, 0, 0, 0, "scales", "another number of scales"},
+        {NULL, "quats", 2, {0, 3}, 0, 0, 0, 0, "quats", "quaternions of three"},
+        {NULL, NULL, 0, {0}, "time_units", "seconds", 0, 0, "'seconds'", "times in seconds"},
+        {NULL,
+         NULL,
+         0,
+         {0},
+         "duration_activation",
+         "softplus",
+         0,
+         0,
+         "'softplus'",
+         "durations of another kind"},
+        {NULL, NULL, 0, {0}, 0, 0, "n_frames", 0, "'n_frames' is -1", "frames below 1"},
+        {NULL, NULL, 0, {0}, 0, 0, 0, "use_marginal_gating", "use_marginal_gating", "gates"},
+    };
+    const char *path = path_in(new_folder(), "ckpt_7.pt");
+    struct pth pth;
+    struct run run;
+    size_t n;
+
+    for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
+        uint64_t shape[3];
+
+        load(from, &pth);
+        n = pth_find(&pth, "means")->shape[0];
+        for (int d = 0; d < 3; d++)
+            shape[d] = d == 0 && lies[i].shape[0] == 0 ? n : lies[i].shape[d];
+        if (lies[i].drop)
+            pth_drop(&pth, lies[i].drop);
+        if (lies[i].put)
+            pth_put(&pth, lies[i].put, lies[i].n_dims, shape);
+        pth.key = lies[i].key;
+        pth.text = lies[i].text;
+        pth.number = lies[i].number;
+        pth.yes = lies[i].yes;
+        pth_save(&pth, path);
+        fails(FROM, path, lies[i].word, lies[i].what);
+        pth_free(&pth);
+    }
+    load(from, &pth);
+    pth_find(&pth, "means")->values[0] = NAN;
+    memset(pth_find(&pth, "quats")->values + 4, 0, 4 * sizeof(float));
+    pth_find(&pth, "durations")->values[2] = 200;
+    pth_find(&pth, "durations")->values[3] = -INFINITY;
+    pth_find(&pth, "durations")->n_dims = 1;
+    pth_save(&pth, path);
+    pth_free(&pth);
+    ok(run_open(NULL, path, &run) == SPIN_OK && !strcmp(run.importer->name, FROM) &&
+           strstr(run.sequence.notes, "3 of ") != NULL,
+       "NaN, no rotation and a duration beyond floats are dropped and counted; durations may be "
+       "flat");
+    printf("# %s\n", run.sequence.notes);
+    run_close(&run);
+    ok(read_truncations(FROM, from) == 0, "no truncation of a checkpoint can be read");
+    survive_flips(FROM, from);
+}
+
+/* ---- PLYs that lie --------------------------------------------------------------------------- */
+
+/* The file with one line of its header another. */
+static const char *with_line(const char *path, const char *line, const char *other)
+{
+    const char *copy = path_in(new_folder(), "scene.ftgs.ply");
+    struct spin_map map;
+    FILE *out = fopen(copy, "wb");
+    const char *at;
+
+    if (!out || spin_map_open(path, &map) != SPIN_OK ||
+        !(at = memmem(map.data, map.size, line, strlen(line))))
+        exit(1);
+    fwrite(map.data, 1, (size_t)(at - (const char *)map.data), out);
+    fputs(other, out);
+    at += strlen(line);
+    fwrite(at, 1, map.size - (size_t)(at - (const char *)map.data), out);
+    fclose(out);
+    spin_map_close(&map);
+    return copy;
+}
+
+static void test_ply(const char *path)
+{
+    static const struct {
+        const char *line, *other, *word, *what;
+    } lies[] = {
+        {"comment ftgs_version 1\n", "", "no comment 'ftgs_version'", "no version"},
+        {"ftgs_version 1", "ftgs_version 2", "ftgs_version 2", "a later version"},
+        {"units normalized", "units seconds", "'seconds'", "another unit of time"},
+        {"sh_degree ", "sh_degree 9 ", "'sh_degree'", "a degree that is none"},
+        {"min_duration ", "min_duration 0 ", "'min_duration'", "no least duration"},
+        {"min_duration ", "min_duration -", "'min_duration'", "a least duration below 0"},
+        {"opacity_floor ", "opacity_floor 1", "'opacity_floor'", "a floor that is a ceiling"},
+        {"comment use_velocity ", "comment use_speed ", "'use_velocity'", "not said if it moves"},
+        {"property float log_duration", "property float lag_duration", "log_duration",
+         "a property of another name"},
+        {"property float rot_3", "property int rot_3", "'rot_3'", "a property of another type"},
+        {"property float f_dc_2", "property float f_dd_2", "'f_dc_2'", "no blue"},
+        {"n_frames ", "n_frames 1e12 ", "'n_frames'", "more frames than there can be"},
+    };
+
+    for (size_t i = 0; i < sizeof lies / sizeof *lies; i++)
+        fails(NULL, with_line(path, lies[i].line, lies[i].other), lies[i].word, lies[i].what);
+    ok(read_truncations(FROM, path) == 0, "no truncation of a PLY can be read");
+    survive_flips(FROM, path);
+}
+
+TAP_MAIN
+{
+    const char **names = check_cases("freetimegs", "expected.npz");
+    const char **clouds = check_cases("ftgs_ply", "expected.npz");
+    const char *root = check_fixture("freetimegs"), *plys = check_fixture("ftgs_ply"), *file = NULL;
+
+    spin_log_set_level(-2);
+    fails(FROM, new_folder(), "holds no ckpt_<step>.pt", "a folder without checkpoints");
+    if (!root || !plys) {
+        skip("freetimegs fixtures", "there are none here");
+        return;
+    }
+    for (size_t i = 0; names[i]; i++)
+        compare_fixture(path_in(root, names[i]), path_in(root, names[i]), names[i]);
+    for (size_t i = 0; clouds[i]; i++) {
+        file = path_in(path_in(plys, clouds[i]), "scene.ftgs.ply");
+        compare_fixture(file, path_in(plys, clouds[i]), clouds[i]);
+    }
+    if (file && spin_path_exists(path_in(plys, "sh1_clamped/scene.ftgs.ply")))
+        test_ply(path_in(plys, "sh1_clamped/scene.ftgs.ply"));
+    if (names[0]) {
+        const char *folder = path_in(path_in(root, names[0]), "ckpts"), *first = NULL;
+        char **entries;
+        size_t n;
+
+        if (spin_folder_list(folder, &entries, &n) != SPIN_OK || n == 0)
+            exit(1);
+        first = path_in(folder, entries[n - 1]);
+        test_checkpoint(first);
+        spin_folder_list_free(entries);
+    }
+    free(names);
+    free(clouds);
+}
