@@ -2,6 +2,7 @@
 #include "spin.h"
 
 extern const struct spin_exporter spin_exporter_compressed_ply;
+extern const struct spin_exporter spin_exporter_ftgs;
 extern const struct spin_exporter spin_exporter_gltf;
 extern const struct spin_exporter spin_exporter_html;
 extern const struct spin_exporter spin_exporter_images;
@@ -14,6 +15,7 @@ extern const struct spin_exporter spin_exporter_video;
 
 const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_compressed_ply,
+    &spin_exporter_ftgs,
     &spin_exporter_gltf,
     &spin_exporter_html,
     &spin_exporter_images,

@@ -84,6 +84,7 @@ static const char text[] =
 static const char *exporter_of(const char *output)
 {
     static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
+                                             {".ftgs.ply", "ftgs"},
                                              {".ply", "ply"},
                                              {".glb", "gltf"},
                                              {".sog", "sog"},

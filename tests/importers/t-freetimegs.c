@@ -189,6 +189,7 @@ static void test_ply(const char *path)
         {"comment ftgs_version 1\n", "", "no comment 'ftgs_version'", "no version"},
         {"ftgs_version 1", "ftgs_version 2", "ftgs_version 2", "a later version"},
         {"units normalized", "units seconds", "'seconds'", "another unit of time"},
+        {"units normalized", "units normalized2", "'normalized2", "and one that begins alike"},
         {"sh_degree ", "sh_degree 9 ", "'sh_degree'", "a degree that is none"},
         {"min_duration ", "min_duration 0 ", "'min_duration'", "no least duration"},
         {"min_duration ", "min_duration -", "'min_duration'", "a least duration below 0"},

@@ -1,0 +1,91 @@
+#!/bin/sh
+# K: 4d ftgs export import freetimegs
+# 4D splats out as files of 4D splats and back: what returns is what went, and what a file cannot hold is said.
+. tests/cli/lib.sh
+
+run_in=fixtures/realtime4dgs/rot4d_noshfs
+ftgs=fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply
+
+# Frames of two bundles: the same splats in the same order, to rounding. Times of the second are TO times those of
+# the first.
+same_frames() { # BUNDLE BUNDLE NAME
+    if ! python3 -c 'import numpy' 2>/dev/null; then
+        skip "$3" "no python3 with numpy"
+        return
+    fi
+    PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=exporters/python python3 - "$1" "$2" 2>"$work/err" <<'P'
+import sys
+import numpy as np
+import spin4d
+a, b = (spin4d.load(p) for p in sys.argv[1:3])
+assert len(a) == len(b) and a.splats_4d["n"] == b.splats_4d["n"]
+for i in range(0, len(a), max(1, len(a) // 7)):
+    x, y = a.frame(i), b.frame(i)
+    # what is at the edge of being seen may be so in one alone
+    assert abs(len(x.means) - len(y.means)) <= 1, (i, len(x.means), len(y.means))
+    if len(x.means) == len(y.means):
+        for name in x._fields:
+            assert np.allclose(getattr(x, name), getattr(y, name), rtol=2e-5, atol=2e-5), (i, name)
+P
+    ok $? "$3"
+}
+
+run "$bin/spin-import" "$ftgs" -o "$work/a.spin"
+is "$code" 0 "a .ftgs.ply comes in"
+run "$bin/spin-export" "$work/a.spin" -o "$work/a.ftgs.ply" --json
+is "$code $(member to) $(member bytes)" "0 ftgs $(wc -c <"$work/a.ftgs.ply")" "goes out by its ending"
+run "$bin/spin-import" "$work/a.ftgs.ply" -o "$work/b.spin" --json
+is "$code $(member from) $(member frames)" "0 freetimegs 181" "and comes back"
+same_frames "$work/a.spin" "$work/b.spin" "as what it was"
+run "$bin/spin-import" "$ftgs" -o "$work/part.spin" --range 60:121
+is "$code" 0 "a part of the clip comes in"
+run "$bin/spin-export" "$work/part.spin" -o "$work/part.ftgs.ply"
+is "$code" 0 "goes out"
+run "$bin/spin-import" "$work/part.ftgs.ply" -o "$work/part-back.spin" --json
+is "$code $(member frames)" "0 61" "and comes back as a clip of its own"
+same_frames "$work/part.spin" "$work/part-back.spin" "of the same frames at other times"
+run "$bin/spin-export" "$work/a.spin" -o "$work/a.ftgs.ply"
+fails 1 spin-export "a file that is there"
+
+run "$bin/spin-import" fixtures/freetimegs/still_sh0_no_optimizers --n-frames 12 -o "$work/twelve.spin" --json
+is "$code $(member frames)" "0 12" "as many frames as are asked for"
+run "$bin/spin-import" fixtures/freetimegs/still_sh0_no_optimizers --n-frames 0 -o "$work/none.spin"
+fails 2 spin-import "no frames"
+
+# Times of Realtime-4DGS are another unit.
+run "$bin/spin-import" "$run_in" --time-duration -0.5,4.5 -o "$work/r.spin"
+is "$code" 0 "a run of Realtime-4DGS"
+run "$bin/spin-export" "$work/r.spin" --to ftgs -o "$work/r.ftgs.ply"
+is "$code" 0 "goes out"
+run "$bin/spin-import" "$work/r.ftgs.ply" -o "$work/rb.spin"
+is "$code" 0 "and comes back"
+for bundle in r rb; do
+    "$bin/spin-export" "$work/$bundle.spin" --to ply -o "$work/$bundle" -q
+done
+is "$(ls "$work/rb" | wc -l)" "$(ls "$work/r" | wc -l)" "with as many frames"
+run "$bin/spin-export" --json "$work/r.spin" --to ply -o "$work/r2" --range 0:150:50
+mean=$(member splats_mean)
+run "$bin/spin-export" --json "$work/rb.spin" --to ply -o "$work/rb2" --range 0:150:50
+greater "$(member splats_mean)" "$(echo "$mean" | awk '{ print $1 * 0.999 }')"
+ok $? "that show as many splats, and those too that the method itself hides"
+greater "$(echo "$mean" | awk '{ print $1 * 1.2 }')" "$(member splats_mean)"
+ok $? "which are few"
+
+# What it cannot hold.
+run "$bin/spin-import" "$run_in" --frames 3 -o "$work/frames.spin"
+run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.ftgs.ply"
+fails 1 spin-export "frames"
+err_has "this clip is frames" "are refused by their name"
+nothing_at "$work/frames.ftgs" "nothing was written"
+run "$bin/spin-import" "$run_in" --range 0:1 -o "$work/one.spin"
+run "$bin/spin-export" "$work/one.spin" -o "$work/one.ftgs.ply"
+fails 1 spin-export "one frame"
+err_has "this is one frame" "has no length"
+nothing_at "$work/one.ftgs" "nothing was written"
+if [ -d "$fixtures/realtime4dgs/rot4d_sht" ]; then
+    "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin" -q
+    run "$bin/spin-export" "$work/sht.spin" -o "$work/sht.ftgs.ply"
+    is "$code" 0 "colours in time"
+    err_has "colours change in time" "are frozen with a warning"
+fi
+done_testing
