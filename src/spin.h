@@ -395,6 +395,9 @@ struct spin_export_job {
     int n_source_frames;     /* of that clip */
     bool numbered;           /* frame numbers are the source's own */
     const char *pair;        /* as spin-import --pair; "" or NULL: nothing was said */
+    const char *data;        /* the data set's folder, absolute, and who reads it; NULL: none */
+    const char *data_from;
+    bool identity; /* row i is the same splat in every frame */
 };
 
 struct spin_frame_info {

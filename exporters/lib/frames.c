@@ -195,6 +195,30 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return status;
 }
 
+/* What belongs to the clip still: a data set, where the scene was not turned away from its cameras, and that rows are the
+ * same splats. */
+static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
+{
+    bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9, same = x->job->identity && !x->format->order;
+    char *folder = NULL, *path = NULL;
+    spin_status status = SPIN_OK;
+
+    for (size_t i = 1; i < x->n_entries; i++)
+        same = same && x->entry[i].n == x->entry[0].n;
+    for (int k = 0; k < SPIN_ROWS_REASONS; k++)
+        same = same && x->rows.n_left_out[k] == 0;
+    spin_json_set_bool(root, "identity", same);
+    if (!x->job->data || turned)
+        return SPIN_OK;
+    SPIN_TRY_OUT(spin_path_absolute(x->folder.path, &folder));
+    SPIN_TRY_OUT(spin_path_relative(folder, x->job->data, &path));
+    spin_json_set(root, "data", json_pack("{s:s, s:s}", "path", path, "from", x->job->data_from));
+out:
+    free(folder);
+    free(path);
+    return status;
+}
+
 static spin_status write_sequence(struct spin_frames *x)
 {
     spin_json *root = spin_json_object(), *turn = spin_json_array(), *list = spin_json_array();
@@ -215,6 +239,7 @@ static spin_status write_sequence(struct spin_frames *x)
     }
     if (x->job->pair && *x->job->pair)
         spin_json_set_string(root, "pair", x->job->pair);
+    SPIN_TRY_OUT(add_belongings(x, root));
     spin_json_set(root, "frames", list);
     SPIN_TRY_OUT(entries_json(x, list));
     text = spin_json_text(root, true);

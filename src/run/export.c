@@ -122,6 +122,7 @@ struct export
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index;
+    char *data;                             /* the data set that the bundle names */
     double *times;                          /* [n_frames] */
     const struct spin_splats_4d *splats_4d; /* what is written instead of frames; NULL */
     void *self;
@@ -255,6 +256,8 @@ static spin_status begin_export(struct export *x)
         .n_source_frames = x->clip.bundle.meta.n_source_frames,
         .numbered = x->clip.bundle.meta.numbered,
         .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
+        .data_from = x->clip.bundle.meta.data_from,
+        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity,
         .source = x->clip.bundle.meta.from,
         .sh_degree = sh_degree_of(x),
         .antialias = is_antialiased(x),
@@ -289,6 +292,8 @@ static spin_status begin_export(struct export *x)
         x->times[f] = x->clip.bundle.meta.frame[x->clip.frame[f]].time;
         sum += (double)x->counts[f];
     }
+    SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));
+    job.data = x->data && spin_path_exists(x->data) ? x->data : NULL;
     job.counts = x->counts;
     job.source_index = x->source_index;
     job.times = x->times;
@@ -373,6 +378,7 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     spin_splats_free(&x.received);
     spin_clip_close(&x.clip);
     free(x.counts);
+    free(x.data);
     free(x.source_index);
     free(x.times);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED)

@@ -72,17 +72,52 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
 
 /* ---- The data set ------------------------------------------------------------------------------ */
 
+/* Work goes on without the data set of an exported clip, which nobody asked for. */
+static void forget_data(struct import *im)
+{
+    spin_warn("the data set of the exported clip is not used: %s", spin_last_error());
+    spin_views_free(&im->views);
+    free(im->data);
+    im->data = NULL;
+    im->meta.data_from[0] = '\0';
+}
+
+/* The one that spin-export wrote down beside its frames. */
+static spin_status find_exported_data(struct import *im, char **from)
+{
+    char *path = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_exported_data(im->input, &path, from));
+    status = path ? spin_path_absolute(path, &im->data) : SPIN_OK;
+    free(path);
+    return status;
+}
+
 /* Read the data set first: its frames may be where a continuous method is sampled. */
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
+    char *from = NULL;
+    spin_status status = SPIN_OK;
 
-    if (!o->data)
-        return SPIN_OK;
-    SPIN_TRY(spin_path_absolute(o->data, &im->data));
-    SPIN_TRY(spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
-                             sizeof im->meta.data_from));
-    return spin_views_check_cameras(&im->views);
+    if (o->data)
+        SPIN_TRY(spin_path_absolute(o->data, &im->data));
+    else if (!im->sequence.continuous)
+        SPIN_TRY(find_exported_data(im, &from));
+    if (im->data)
+        status = spin_views_open(im->data, o->data ? o->data_from : from, &im->views,
+                                 im->meta.data_from, sizeof im->meta.data_from);
+    free(from);
+    if (im->data && status == SPIN_OK)
+        status = spin_views_check_cameras(&im->views);
+    if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
+        forget_data(im);
+        status = SPIN_OK;
+    }
+    if (im->data && !o->data)
+        spin_note(&im->sequence, "the data set is that of the exported clip: '%s'", im->data);
+    return status;
 }
 
 /* What a continuous run may be sampled at when nobody says where: its own frames, where its times count those,
@@ -127,12 +162,17 @@ static spin_status attach_data(struct import *im)
     char *folder = NULL;
     spin_status status;
 
-    if (!o->data)
+    if (!im->data)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)im->meta.n_frames, sizeof(int), (void **)&im->rows));
     if (o->pair)
         snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair);
-    SPIN_TRY(spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows));
+    status = spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows);
+    if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
+        forget_data(im);
+        return SPIN_OK;
+    }
+    SPIN_TRY(status);
     if (!o->output)
         return SPIN_OK;
     SPIN_TRY_OUT(spin_path_folder(o->output, &folder));
@@ -640,7 +680,7 @@ static spin_json *notes_json(struct import *im)
     char hint[600] = "", *text[] = {im->sequence.notes, hint};
     spin_json *notes = spin_json_array();
 
-    if (!im->o->data)
+    if (!im->data)
         spin_data_hint(im->input, hint, sizeof hint);
     for (int i = 0; i < 2; i++)
         for (char *line; (line = strsep(&text[i], "\n"));) {
@@ -764,7 +804,8 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));
     SPIN_TRY(check_cameras(im));
-    meta->fps = im->sequence.fps;
+    if (im->sequence.fps > 0)
+        meta->fps = im->sequence.fps;
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
     snprintf(meta->upstream, sizeof meta->upstream, "%s",
              im->importer->upstream ? im->importer->upstream : "");
@@ -773,7 +814,7 @@ static spin_status run_import(struct import *im)
     if (o->positions_only)
         meta->columns &= SPIN_COL_MEANS | SPIN_COL_RGB;
     meta->static_columns = im->sequence.static_columns & meta->columns;
-    meta->identity = im->sequence.identity;
+    meta->identity |= im->sequence.identity;
     meta->sh_degree = meta->columns & SPIN_COL_SH ? im->sequence.sh_degree : -1;
     meta->antialias = im->sequence.antialias && meta->columns & SPIN_COL_ATTRIBUTES;
     im->stores = o->output != NULL;

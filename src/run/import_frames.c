@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/err.h"
+#include "base/mem.h"
 #include "base/text.h"
 #include "io/file.h"
 #include "io/json.h"
@@ -111,7 +112,7 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
     bool numbered, placed = spin_json_integer(spin_json_get(root, "source_frames"), &n_source) &&
                             n_source > 0 && n_source <= INT_MAX &&
                             spin_json_bool(spin_json_get(root, "numbered"), &numbered);
-    double time;
+    double time, fps;
 
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < n; i++) {
@@ -127,31 +128,77 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
                 place[i] = placed ? (int)at : i;
             }
         }
+    spin_json_bool(spin_json_get(root, "identity"), &meta->identity);
+    if (spin_json_number(spin_json_get(root, "fps"), &fps) && isfinite(fps) && fps > 0)
+        meta->fps = fps;
     meta->n_source_frames = placed ? (int)n_source : meta->n_source_frames;
     meta->numbered = placed ? numbered : meta->numbered;
     snprintf(meta->pair, sizeof meta->pair, "%s", pair ? pair : "");
     return true;
 }
 
+/* Beside exported frames, and written by spin-export; NULL: there is none. */
+static spin_status open_sequence(const char *input, char **path, spin_json **root)
+{
+    const char *generator;
+
+    *path = NULL;
+    *root = NULL;
+    if (!spin_path_is_folder(input))
+        return SPIN_OK;
+    SPIN_TRY(spin_path_join(input, "sequence.json", path));
+    if (!spin_path_exists(*path) || spin_json_load(*path, root) != SPIN_OK)
+        return SPIN_OK;
+    generator = spin_json_string(spin_json_get(*root, "generator"));
+    if (generator && strncmp(generator, "spin4d ", 7) == 0)
+        return SPIN_OK;
+    spin_json_free(*root);
+    *root = NULL;
+    return SPIN_OK;
+}
+
 spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
                                  int *place, struct spin_bundle_meta *meta)
 {
-    const char *generator;
-    spin_json *root = NULL;
-    char *path = NULL;
+    spin_json *root;
+    char *path;
 
-    if (!spin_path_is_folder(input))
-        return SPIN_OK;
-    SPIN_TRY(spin_path_join(input, "sequence.json", &path));
-    if (spin_path_exists(path) && spin_json_load(path, &root) == SPIN_OK) {
-        generator = spin_json_string(spin_json_get(root, "generator"));
-        if (generator && strncmp(generator, "spin4d ", 7) == 0 &&
-            !take(root, frame, n, place, meta))
-            spin_warn("'%s' does not fit the frames beside it: their times and places in the "
-                      "exported clip are not used",
-                      path);
-    }
+    SPIN_TRY(open_sequence(input, &path, &root));
+    if (root && !take(root, frame, n, place, meta))
+        spin_warn("'%s' does not fit the frames beside it: their times and places in the exported "
+                  "clip are not used",
+                  path);
     spin_json_free(root);
     free(path);
     return SPIN_OK;
+}
+
+spin_status spin_exported_data(const char *input, char **data, char **from)
+{
+    spin_json *root;
+    const spin_json *json;
+    const char *folder, *name;
+    char *path;
+    spin_status status;
+
+    *data = *from = NULL;
+    SPIN_TRY_OUT(open_sequence(input, &path, &root));
+    json = spin_json_get(root, "data");
+    folder = spin_json_string(spin_json_get(json, "path"));
+    name = spin_json_string(spin_json_get(json, "from"));
+    if (folder && *folder == '/')
+        SPIN_TRY_OUT(spin_strdup(folder, data));
+    else if (folder)
+        SPIN_TRY_OUT(spin_path_join(input, folder, data));
+    if (*data && name)
+        SPIN_TRY_OUT(spin_strdup(name, from));
+    if (*data && !spin_path_exists(*data)) {
+        free(*data);
+        free(*from);
+        *data = *from = NULL;
+    }
+out:
+    spin_json_free(root);
+    free(path);
+    return status;
 }

@@ -13,9 +13,13 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
                       struct spin_frame_info *all, int n);
 
 /* What sequence.json says of frames frame[n] that were found at `input`. Where there is such a file that knows all of
- * them: sets their times and place[n], the places in the clip that was exported, and of meta n_source_frames, numbered
- * and pair. What does not fit is not used, with a warning. SPIN_E_MEMORY only. */
+ * them: sets their times and place[n], the places in the clip that was exported, and of meta n_source_frames, numbered,
+ * pair, fps and identity. What does not fit is not used, with a warning. SPIN_E_MEMORY only. */
 spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
                                  int *place, struct spin_bundle_meta *meta);
+
+/* The data set that sequence.json beside exported frames names, where it is there: *data (allocated) and *from
+ * (allocated); else NULL. */
+spin_status spin_exported_data(const char *input, char **data, char **from);
 
 #endif

@@ -69,4 +69,34 @@ run "$bin/spin-eval" "$work/some.spin" --split all --json
 sed -n '/"views"/,$ p' "$work/out" | cmp -s - "$work/wanted" && [ -s "$work/wanted" ]
 ok $? "some of them: beside the same pictures"
 
+# The data set and that rows are the same splats come back by themselves.
+run "$bin/spin-import" --from d3dgs "$clip" --data "$clip" -o "$work/d.spin" --range 0:3
+run "$bin/spin-eval" "$work/d.spin" --split all --json
+views() { sed -n '/"views"/,$ s/\([.][0-9]\{6\}\)[0-9]*/\1/p' "$work/out"; } # to what floats hold
+views >"$work/wanted"
+run "$bin/spin-export" "$work/d.spin" --to ply -o "$work/d-out"
+run "$bin/spin-import" "$work/d-out" -o "$work/d-again.spin" --json
+is "$code" 0 "what was exported imports alone"
+out_has "the data set is that of the exported clip" "with its data set, and says so"
+run "$bin/spin-eval" "$work/d-again.spin" --split all --json
+views | cmp -s - "$work/wanted" && [ -s "$work/wanted" ]
+ok $? "and is measured as it was"
+grep -aq '"identity": true' "$work/d-again.spin"
+ok $? "rows are the same splats"
+run "$bin/spin-export" "$work/d.spin" --to ply -o "$work/turned" --up -y
+run "$bin/spin-import" "$work/turned" -o "$work/turned.spin" --json
+is "$code $(grep -c "of the exported clip" "$work/out")" "0 0" "a scene that was turned has lost its cameras"
+run "$bin/spin-export" "$work/d.spin" --to sog -o "$work/d-sog"
+grep -q '"identity": false' "$work/d-sog/sequence.json"
+ok $? "in another order rows are not"
+cp -r "$work/d-out" "$work/gone"
+sed -i 's/"path": "[^"]*"/"path": "nowhere"/' "$work/gone/sequence.json"
+run "$bin/spin-import" "$work/gone" -o "$work/gone.spin" --json
+is "$code $(grep -c "of the exported clip" "$work/out")" "0 0" "a data set that is gone is not missed"
+mkdir "$work/gone/empty"
+sed -i 's/"path": "nowhere"/"path": "empty"/' "$work/gone/sequence.json"
+run "$bin/spin-import" "$work/gone" -o "$work/gone2.spin"
+is "$code" 0 "one that is none any more does not stop the import"
+err_has "data set of the exported clip is not used" "but is warned of"
+
 done_testing
