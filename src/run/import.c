@@ -82,6 +82,8 @@ static spin_status open_data(struct import *im)
     SPIN_TRY(spin_path_absolute(o->data, &im->data));
     SPIN_TRY(spin_views_open(im->data, o->data_from, &im->views, im->meta.data_from,
                              sizeof im->meta.data_from));
+    if (*im->views.notes)
+        spin_note(&im->sequence, "%s", im->views.notes);
     return spin_views_check_cameras(&im->views);
 }
 
