@@ -789,7 +789,8 @@ static const struct spin_plugin_option options[] = {
     {"images", "FOLDER", "where the images are, such as images_2", "images"},
     {"time", "RULE",
      "one model: frame and time i/n of an image by its place in the file, or by its name; of "
-     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; unit)",
+     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; of "
+     "FreeTimeGS unit)",
      NULL},
     {"hold", "N",
      "hold out each N-th image or camera by name, the first included; 0: none (8; with frame "

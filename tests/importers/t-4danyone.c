@@ -109,6 +109,12 @@ static void test_pictures(void)
     make_text(folder, "metadata.json", "{");
     set_refused(folder, NULL, "metadata.json", "a metadata.json that is cut short");
     remove(path_in(folder, "metadata.json"));
+    make_image(folder, "images/00/000002.png", 8, 6);
+    if (set_opens(folder, NULL, &views, "a first camera with a frame more")) {
+        ok(views.n == 4 && views.n_dataset_frames == 2, "is read as far as the others go");
+        spin_views_free(&views);
+    }
+    remove(path_in(folder, "images/00/000002.png"));
     make_image(folder, "images/01/000002.png", 8, 6);
     if (set_opens(folder, NULL, &views, "a camera with a frame more")) {
         ok(views.n == 4, "is read as far as the others go");

@@ -405,6 +405,8 @@ static void test_no_rig(void)
     struct spin_views views;
 
     make_model(folder, lenses, NESTED);
+    make_frames(folder, "x", 0, 2);
+    set_refused(folder, NULL, "2 of 2 images are missing", "fewer folders than cameras");
     make_frames(folder, "c0", 0, 2);
     make_frames(folder, "c1", 0, 1);
     make_text(folder, "images/c1/.001.png", "hidden");
