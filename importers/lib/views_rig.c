@@ -178,7 +178,7 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
 
     if (rate > 0)
         spin_views_note(out,
-                        "times of the data set are by the rule '%s'; its films have %.6g frames a "
+                        "times of the data set are by the rule '%s'; it has %.6g frames a "
                         "second (spin-export --fps %.6g)",
                         rule, rate, rate);
     else
