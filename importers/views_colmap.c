@@ -1,6 +1,8 @@
 /* COLMAP sparse models with undistorted images.
  *
  *     sparse/0/{cameras,images,points3D}.{bin,txt}, images/ one model; each image is one frame
+ *     the same, images/<camera>/<number>.png ...            FreeTimeGS: each image of the model stands for a camera,
+ *                                                           whose frames are in the folder of its name
  *     frame000001/{sparse/0, images}, frame000002/...       3DGStream: one folder per frame, the
  *                                                           model of the first one counts for all
  *
@@ -13,7 +15,7 @@
  *
  * With one model the time of an image is its place in the file over the number of images
  * (4DGaussians, which takes it for a video of one camera), and each eighth image by name is held
- * out (3DGS's --eval). With a folder per frame each image is a camera of every frame, times are
+ * out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera is held out. With a folder per frame each image is a camera of every frame, times are
  * 0, 1, 2, ..., and the first camera is held out (3DGStream). */
 #include <limits.h>
 #include <math.h>
@@ -22,7 +24,7 @@
 
 #include "base/option.h"
 #include "importers/lib/model.h"
-#include "importers/lib/views_check.h"
+#include "importers/lib/views_rig.h"
 #include "math/covariance.h"
 
 enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
@@ -68,8 +70,7 @@ static int probe(const struct spin_peek *peek)
         return 100;
     for (size_t i = 0; peek->is_folder && peek->names && peek->names[i]; i++)
         frames = frames || spin_frame_number(peek->names[i]) >= 0;
-    return frames || (spin_peek_has(peek, "cameras.json") && spin_peek_has(peek, "videos")) ? 50
-                                                                                            : 0;
+    return frames ? 50 : 0;
 }
 
 /* Where a model's parameters lie: places of fx, fy, cx, cy; those from `distortion` on must be 0.
@@ -519,26 +520,7 @@ static spin_status read_model(struct colmap *m, const char *folder)
     return SPIN_OK;
 }
 
-/* ---- Look-alikes ----------------------------------------------------------------------------- */
-
-/* A clip of 4DAnyone has a folder videos/sparse, which is no model. */
-static spin_status check_not_4danyone(struct colmap *m, const char *path)
-{
-    const char *file;
-    spin_json *json = NULL;
-    bool found;
-
-    SPIN_TRY(spin_model_find(&m->base, &file, path, "cameras.json"));
-    found = file && spin_json_load(file, &json) == SPIN_OK &&
-            spin_json_string(spin_json_get(json, "camera_model")) &&
-            spin_json_is_array(spin_json_get(json, "cameras"));
-    spin_json_free(json);
-    return found ? spin_fail(SPIN_E_UNSUPPORTED,
-                             "'%s/cameras.json' is of a clip of 4DAnyone, which spin4d does not "
-                             "read yet",
-                             path)
-                 : SPIN_OK;
-}
+/* ---- Folders of frames ------------------------------------------------------------------------ */
 
 /* Length of what names the camera of an image: its folder, else its name without the ending. */
 static size_t camera_part(const char *name)
@@ -550,32 +532,105 @@ static size_t camera_part(const char *name)
     return end ? (size_t)(end - name) : strlen(name);
 }
 
-/* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it lies in,
- * or that has its name, holds the frames. */
-static spin_status check_not_freetimegs(struct colmap *m, const char *images)
+static spin_status has_frames(const char *folder, bool *out)
 {
-    for (size_t i = 0; i < m->n_images; i++) {
-        const char *name = m->image[i].name, *folder;
-        size_t n = camera_part(name), n_names = 0, n_frames = 0;
-        char **names = NULL;
+    char **names = NULL;
+    size_t n_names = 0, n_frames = 0;
 
-        if (i > 0 && n == camera_part(m->image[i - 1].name) &&
-            strncmp(name, m->image[i - 1].name, n) == 0)
-            return SPIN_OK;
-        SPIN_TRY(spin_model_join(&m->base, &folder, images, "%.*s", (int)n, name));
-        if (spin_path_is_folder(folder))
-            SPIN_TRY(spin_folder_list(folder, &names, &n_names));
-        for (size_t k = 0; k < n_names; k++)
-            n_frames += names[k][0] != '.' && spin_views_number(names[k]) >= 0;
-        spin_folder_list_free(names);
-        if (n_frames < 2)
-            return SPIN_OK;
+    *out = false;
+    if (!spin_path_is_folder(folder))
+        return SPIN_OK;
+    SPIN_TRY(spin_folder_list(folder, &names, &n_names));
+    for (size_t k = 0; k < n_names; k++)
+        n_frames += names[k][0] != '.' && spin_views_number(names[k]) >= 0;
+    spin_folder_list_free(names);
+    *out = n_frames > 1;
+    return SPIN_OK;
+}
+
+/* In a data set of FreeTimeGS each image of the model stands for a camera, and the folder that it lies in, or that
+ * has its name, holds the frames. */
+static spin_status find_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
+                                bool *found)
+{
+    *found = true;
+    for (size_t i = 0; i < m->n_images && *found; i++) {
+        SPIN_TRY(spin_model_join(&m->base, &c[i].where, images, "%s", c[i].name));
+        SPIN_TRY(has_frames(c[i].where, found));
     }
-    return spin_fail(
-        SPIN_E_UNSUPPORTED,
-        "each image of the model has a folder of frames in '%s': this looks like a data "
-        "set of FreeTimeGS, which spin4d does not read yet",
-        images);
+    return SPIN_OK;
+}
+
+/* There the folders may have other names: they go to the cameras in the order of both. */
+static spin_status pair_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
+                                bool *found)
+{
+    char **names;
+    size_t n, n_cameras = 0;
+    const char *folder;
+    bool has;
+
+    *found = false;
+    if (!spin_path_is_folder(images) || spin_model_holds(images, m->image[0].name))
+        return SPIN_OK;
+    SPIN_TRY(spin_model_names(&m->base, images, &names, &n));
+    for (size_t i = 0; i < n; i++) {
+        SPIN_TRY(spin_model_join(&m->base, &folder, images, "%s", names[i]));
+        SPIN_TRY(has_frames(folder, &has));
+        if (has && n_cameras < m->n_images)
+            c[n_cameras].where = folder;
+        n_cameras += has;
+    }
+    *found = n_cameras == m->n_images;
+    if (*found)
+        spin_warn("'%s': the folders of frames are not called as the cameras of the model: '%s' is "
+                  "taken for '%s', and so on in the order of their names",
+                  images, spin_path_name(c[0].where), c[0].name);
+    return SPIN_OK;
+}
+
+/* *out: the cameras, each with its folder; NULL when each image is a frame. */
+static spin_status find_rig(struct colmap *m, const char *images, struct spin_rig_camera **out)
+{
+    struct spin_rig_camera *c;
+    bool found;
+
+    *out = NULL;
+    SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof *c, (void **)&c));
+    for (size_t i = 0; i < m->n_images; i++) {
+        const char *name = m->image[i].name;
+
+        c[i].camera = m->image[i].camera;
+        SPIN_TRY(spin_model_text(&m->base, &c[i].name, "%.*s", (int)camera_part(name), name));
+    }
+    if (spin_rig_sort(m->sparse, c, m->n_images) != SPIN_OK)
+        return SPIN_OK; /* a folder has several images of the model */
+    SPIN_TRY(find_folders(m, images, c, &found));
+    if (!found)
+        SPIN_TRY(pair_folders(m, images, c, &found));
+    if (found)
+        *out = c;
+    return SPIN_OK;
+}
+
+static spin_status read_manifest(void *model, const spin_json *root, struct spin_views *out)
+{
+    spin_rig_note(model, spin_json_get(root, "fps"), out);
+    return SPIN_OK;
+}
+
+static spin_status read_rig(struct colmap *m, struct spin_rig_camera *c, const char *path,
+                            struct spin_views *out)
+{
+    bool found;
+
+    for (size_t i = 0; i < m->n_images; i++)
+        SPIN_TRY(spin_rig_pictures(&m->base, &c[i], c[i].where));
+    SPIN_TRY(spin_rig_views(&m->base, c, m->n_images, out));
+    SPIN_TRY(spin_views_read_json(path, "manifest.json", read_manifest, &m->base, out, &found));
+    if (!found)
+        spin_rig_note(&m->base, NULL, out);
+    return SPIN_OK;
 }
 
 /* ---- Views ----------------------------------------------------------------------------------- */
@@ -623,9 +678,10 @@ static spin_status add_views(struct colmap *m, const char *folder, const int *id
     return SPIN_OK;
 }
 
-/* Make all cameras those of the images that are there; the first n views tell. */
-static spin_status fit_cameras(const struct colmap *m, struct spin_views *out, size_t first)
+/* Make all cameras those of the images, which are there; the first n views tell. */
+static spin_status fit_views(const struct colmap *m, struct spin_views *out, size_t first)
 {
+    SPIN_TRY(spin_views_check_images(out, first));
     for (size_t i = 0; i < m->n_images; i++)
         SPIN_TRY(spin_views_fit_image(&out->view[first + i].camera, out->view[first + i].path));
     for (size_t i = first + m->n_images; i < out->n; i++)
@@ -646,7 +702,7 @@ static spin_status read_frames(struct colmap *m, const char *path, struct spin_v
     const char *folder;
     char **names;
     int *ids = NULL;
-    size_t n, kept = 0;
+    size_t n, kept = 0, first = out->n;
 
     SPIN_TRY(spin_model_names(&m->base, path, &names, &n));
     for (size_t i = 0; i < n; i++) {
@@ -659,6 +715,8 @@ static spin_status read_frames(struct colmap *m, const char *path, struct spin_v
             return spin_fail(SPIN_E_MALFORMED, "'%s' and '%s' are both frame %d", names[i - 1],
                              names[i], spin_frame_number(names[i]));
     }
+    if (spin_model_option(&m->base, "time"))
+        return spin_fail(SPIN_E_USAGE, "option 'time' is for one model, not for frame folders");
     if (kept == 0)
         return spin_fail(SPIN_E_NOT_FOUND, "'%s' has neither 'sparse' nor frame folders", path);
     for (size_t f = 0; f < kept; f++) {
@@ -669,19 +727,26 @@ static spin_status read_frames(struct colmap *m, const char *path, struct spin_v
         }
         SPIN_TRY(add_views(m, folder, ids, (int)f, spin_frame_number(names[f]), out));
     }
-    return SPIN_OK;
+    return fit_views(m, out, first);
 }
 
 static spin_status read_one(struct colmap *m, const char *path, struct spin_views *out)
 {
+    struct spin_rig_camera *rig;
     const char *images;
-    int *ids;
+    size_t first = out->n;
+    int *ids, rule;
 
     SPIN_TRY(read_model(m, path));
     SPIN_TRY(spin_model_join(&m->base, &images, path, "%s", m->images));
-    SPIN_TRY(check_not_freetimegs(m, images));
+    SPIN_TRY(find_rig(m, images, &rig));
+    if (rig)
+        return read_rig(m, rig, path, out);
+    SPIN_TRY(spin_option_word(m->base.values, "time", "file|name", &rule));
+    m->by_name = rule == 1;
     SPIN_TRY(camera_ids(m, &ids));
-    return add_views(m, path, ids, -1, -1, out);
+    SPIN_TRY(add_views(m, path, ids, -1, -1, out));
+    return fit_views(m, out, first);
 }
 
 static spin_status read_options(struct colmap *m)
@@ -693,8 +758,6 @@ static spin_status read_options(struct colmap *m)
     if (!spin_views_is_safe_name(m->images))
         return spin_fail(SPIN_E_USAGE, "option 'images' is '%s', expected a folder's name",
                          m->images);
-    SPIN_TRY(spin_option_word(values, "time", "file|name", &rule));
-    m->by_name = rule == 1;
     SPIN_TRY(spin_option_word(values, "principal", "file|centre", &rule));
     m->centre = rule == 1;
     m->hold = -1;
@@ -703,15 +766,11 @@ static spin_status read_options(struct colmap *m)
 
 static spin_status read_set(struct colmap *m, const char *path, struct spin_views *out)
 {
-    size_t first = out->n;
     const char *sparse;
 
     SPIN_TRY(read_options(m));
-    SPIN_TRY(check_not_4danyone(m, path));
     SPIN_TRY(spin_model_join(&m->base, &sparse, path, "sparse"));
-    SPIN_TRY(spin_path_is_folder(sparse) ? read_one(m, path, out) : read_frames(m, path, out));
-    SPIN_TRY(spin_views_check_images(out, first));
-    return fit_cameras(m, out, first);
+    return spin_path_is_folder(sparse) ? read_one(m, path, out) : read_frames(m, path, out);
 }
 
 static spin_status colmap_views(const char *path, const struct spin_plugin_values *values,
@@ -729,10 +788,13 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
 static const struct spin_plugin_option options[] = {
     {"images", "FOLDER", "where the images are, such as images_2", "images"},
     {"time", "RULE",
-     "one model: frame and time i/n of an image by its place in the file, or by its name", "file"},
+     "one model: frame and time i/n of an image by its place in the file, or by its name; of "
+     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; of "
+     "FreeTimeGS unit)",
+     NULL},
     {"hold", "N",
-     "hold out each N-th image by name, the first included; 0: none (8; with frame folders only "
-     "the first)",
+     "hold out each N-th image or camera by name, the first included; 0: none (8; with frame "
+     "folders only the first)",
      NULL},
     {"principal", "RULE", "principal point: file, or centre as the methods' readers have it",
      "file"},
@@ -742,7 +804,9 @@ static const struct spin_plugin_option options[] = {
 const struct spin_importer spin_importer_views_colmap = {
     .abi = SPIN_PLUGIN_ABI,
     .name = "colmap",
-    .summary = "views: COLMAP's sparse model and undistorted images, one or one per frame folder",
+    .summary =
+        "views: COLMAP's sparse model and undistorted images; folders per frame, or per camera "
+        "(FreeTimeGS)",
     .upstream = "hustvl/4DGaussians scene/colmap_loader.py, SJoJoK/3DGStream 747ddfe",
     .options = options,
     .probe = probe,

@@ -336,27 +336,6 @@ static spin_status read_cameras(struct set *set)
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Time of a row: a rule by name, or a number to divide by. */
-static spin_status row_time(const struct spin_plugin_values *values, size_t row, size_t n_rows,
-                            double *out)
-{
-    const char *rule = spin_plugin_value(values, "time", "300");
-    double whole;
-
-    if (strcmp(rule, "unit") == 0)
-        whole = n_rows > 1 ? (double)(n_rows - 1) : 1;
-    else if (strcmp(rule, "count") == 0)
-        whole = (double)n_rows;
-    else if (strcmp(rule, "row") == 0)
-        whole = 1;
-    else if (!spin_views_is_number(rule, &whole) || !(whole > 0))
-        return spin_fail(SPIN_E_USAGE,
-                         "option 'time' is '%s', expected unit, count, row or a number above 0",
-                         rule);
-    *out = (double)row / whole;
-    return SPIN_OK;
-}
-
 /* Each camera has its frames from the first on, once; at most the last ones may be missing, as the
  * programs that extract frames do not agree on how many there are. */
 static spin_status check_rows(struct set *set)
@@ -404,7 +383,8 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
                                  .test = c == test,
                                  .path = (char *)image->path};
 
-        SPIN_TRY(row_time(values, (size_t)view.dataset_frame, set->n_rows, &view.time));
+        SPIN_TRY(
+            spin_views_time(values, "300", (size_t)view.dataset_frame, set->n_rows, &view.time));
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)

@@ -95,15 +95,7 @@ static spin_status read_intrinsics(const spin_json *json, struct spin_camera *ca
     double k[9];
 
     SPIN_TRY(spin_views_matrix(json, "k", 3, k));
-    if (fabs(k[6]) > 1e-6 || fabs(k[7]) > 1e-6 || fabs(k[8] - 1) > 1e-6 || fabs(k[3]) > 1e-6)
-        return spin_fail(SPIN_E_MALFORMED, "'k' is not [fx 0 cx; 0 fy cy; 0 0 1]");
-    if (fabs(k[1]) > 1e-6 * k[0])
-        return spin_fail(SPIN_E_UNSUPPORTED, "'k' has a skew of %g, expected 0", k[1]);
-    camera->fx = k[0];
-    camera->fy = k[4];
-    camera->cx = k[2];
-    camera->cy = k[5];
-    return spin_views_check_intrinsics(camera);
+    return spin_views_intrinsics(k, "k", camera);
 }
 
 static spin_status read_pose(const spin_json *json, struct spin_camera *camera)

@@ -239,7 +239,8 @@ struct spin_views {
     struct spin_view *view; /* [n] */
     size_t n, capacity;
     int n_dataset_frames;
-    bool numbered; /* every view has a frame number, one per frame */
+    bool numbered;   /* every view has a frame number, one per frame */
+    char notes[512]; /* what was guessed or will be lost, lines; "" */
 };
 
 /* Append a copy of v (path and mask are copied). */

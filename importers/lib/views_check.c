@@ -136,6 +136,19 @@ spin_status spin_views_check_intrinsics(const struct spin_camera *c)
     return SPIN_OK;
 }
 
+spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out)
+{
+    if (!(fabs(k[6]) <= 1e-6 && fabs(k[7]) <= 1e-6 && fabs(k[8] - 1) <= 1e-6 && fabs(k[3]) <= 1e-6))
+        return spin_fail(SPIN_E_MALFORMED, "'%s' is not [fx 0 cx; 0 fy cy; 0 0 1]", key);
+    if (fabs(k[1]) > 1e-6 * fabs(k[0]))
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' has a skew of %g, expected 0", key, k[1]);
+    out->fx = k[0];
+    out->fy = k[4];
+    out->cx = k[2];
+    out->cy = k[5];
+    return spin_views_check_intrinsics(out);
+}
+
 /* Make the camera that of an image with other numbers of pixels but the same shape, to within one
  * per cent or the rounding of both sides. Focal lengths and centre go with the real ratio, without
  * a half-pixel shift: that is what the methods' readers do. */
@@ -164,6 +177,26 @@ spin_status spin_views_fit_image(struct spin_camera *c, const char *path)
 
     SPIN_TRY(spin_image_size(path, &width, &height, &channels));
     return views_fit(c, path, width, height);
+}
+
+spin_status spin_views_time(const struct spin_plugin_values *values, const char *fallback,
+                            size_t row, size_t n_rows, double *out)
+{
+    const char *rule = spin_plugin_value(values, "time", fallback);
+    double whole;
+
+    if (strcmp(rule, "unit") == 0)
+        whole = n_rows > 1 ? (double)(n_rows - 1) : 1;
+    else if (strcmp(rule, "count") == 0)
+        whole = (double)n_rows;
+    else if (strcmp(rule, "row") == 0)
+        whole = 1;
+    else if (!spin_views_is_number(rule, &whole) || !(whole > 0))
+        return spin_fail(SPIN_E_USAGE,
+                         "option 'time' is '%s', expected unit, count, row or a number above 0",
+                         rule);
+    *out = (double)row / whole;
+    return SPIN_OK;
 }
 
 bool spin_views_is_safe_name(const char *name)

@@ -26,6 +26,13 @@ spin_status spin_views_check_size(double width, double height);
 
 spin_status spin_views_check_intrinsics(const struct spin_camera *c);
 
+/* Focal lengths and centre of a matrix `key` that is [fx 0 cx; 0 fy cy; 0 0 1]; the camera's size is known. */
+spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out);
+
+/* Time of a row by option `time`: a rule by name, or a number to divide by. */
+spin_status spin_views_time(const struct spin_plugin_values *values, const char *fallback,
+                            size_t row, size_t n_rows, double *out);
+
 spin_status spin_views_fit_image(struct spin_camera *c, const char *path);
 
 /* Relative, and stays below its folder. */

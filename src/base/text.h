@@ -28,5 +28,7 @@ const char *spin_text_count(long long n, const char *noun, char text[48]);
 
 /* A note of an importer's notes: one line, as printf; no newline at the end of fmt. A line that does not fit is dropped. */
 void spin_note(struct spin_sequence_info *sequence, const char *fmt, ...) SPIN_PRINTF(2, 3);
+/* The same of a data set's. */
+void spin_views_note(struct spin_views *views, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
 #endif

@@ -115,6 +115,8 @@ static spin_status open_data(struct import *im)
         forget_data(im);
         status = SPIN_OK;
     }
+    if (im->data && *im->views.notes)
+        spin_note(&im->sequence, "%s", im->views.notes);
     if (im->data && !o->data)
         spin_note(&im->sequence, "the data set is that of the exported clip: '%s'", im->data);
     return status;

@@ -155,6 +155,11 @@ for k in range(2):  # the second one
 images[start + 52:start + 60] = struct.pack("<d", -1000.0)
 open(path("behind/sparse/0/images.bin"), "wb").write(images)
 print(name, file=counts)
+shutil.copytree(fixtures + "/datasets4d/freetimegs_mini/scene", path("renamed"))
+for name in os.listdir(path("renamed", "images")):
+    os.rename(path("renamed", "images", name), path("renamed", "images", "x" + name))
+shutil.copytree(fixtures + "/datasets4d/easyvolcap_mini/scene", path("uneven"))
+os.remove(path("uneven/images/01/000002.jpg"))
 
 # The clip with cameras that look away: all, and five of eight; that stand aside: all, a little less, and camera 12 in
 # frame 1 alone.
@@ -250,6 +255,13 @@ warns "focal lengths differ" \
 with behind
 warns "a camera with all points behind it" \
     "'$work/behind/sparse/0': all points are behind the camera of image '$second'"
+
+with renamed
+warns "folders of other names" "'$work/renamed/images': the folders of frames are not called as the cameras of the model: \
+'xcam000' is taken for 'cam000', and so on in the order of their names"
+run "$bin/spin-import" --info fixtures/splats/splat --data "$work/uneven" --range 0:2 --pair order
+warns "a camera with a frame less" "'$work/uneven/images/01' has 2 frames and '$work/uneven/images/00' 3: the first 2 of all \
+cameras are read"
 
 # ---- Cameras against points ------------------------------------------------------------------------
 

@@ -144,11 +144,12 @@ static inline void set_cases(const char *folder, const char *from, const spin_js
     }
 }
 
-/* Calls `test` for each fixture folder whose name begins with `kind`. */
-static inline void each_set(const char *kind, void (*test)(const char *folder, const char *name,
-                                                           const spin_json *manifest))
+/* Calls `test` for each fixture folder of `root` whose name begins with `kind`. */
+static inline void each_set_in(const char *root_name, const char *kind,
+                               void (*test)(const char *folder, const char *name,
+                                            const spin_json *manifest))
 {
-    const char *root = check_fixture("datasets");
+    const char *root = check_fixture(root_name);
     char **names = NULL;
     size_t n = 0;
 
@@ -166,6 +167,112 @@ static inline void each_set(const char *kind, void (*test)(const char *folder, c
         spin_json_free(manifest);
     }
     spin_folder_list_free(names);
+}
+
+static inline void each_set(const char *kind, void (*test)(const char *folder, const char *name,
+                                                           const spin_json *manifest))
+{
+    each_set_in("datasets", kind, test);
+}
+
+/* ---- Cameras with folders of frames, or films -------------------------------------------------- */
+
+/* A number of the manifest's tolerances, or the one that its text begins with. */
+static inline double rig_tolerance(const spin_json *manifest, const char *key)
+{
+    const spin_json *all = spin_json_get(manifest, "tolerance");
+    const char *text = spin_json_string(spin_json_get(all, key));
+
+    return text ? strtod(text, NULL) : manifest_tolerance(manifest, key, NAN);
+}
+
+/* The views of all frames and cameras, in this order, against the arrays w2c ([C] or [T][C]), K, size and `time`. */
+static inline void check_rig(const struct spin_views *views, struct spin_npz *npz,
+                             const spin_json *manifest, const char *time_key, const char *name)
+{
+    double frames = -1, far_pose = 0, far_k = 0, far_time = 0, *w2c, *k, *size, *time;
+    struct spin_array pose_info, info;
+    size_t n_cameras, n_right = 0;
+
+    spin_json_number(spin_json_get(manifest, "frames"), &frames);
+    near(views->n_dataset_frames, frames, 0, "has as many frames as the manifest says");
+    w2c = check_load(npz, "w2c", &pose_info);
+    k = check_load(npz, "K", &info);
+    size = check_load(npz, "size", &info);
+    time = check_load(npz, time_key, &info);
+    if (!w2c || !k || !size || !time)
+        return;
+    n_cameras = (size_t)pose_info.shape[pose_info.n_dims - 3];
+    if (!ok(views->n == n_cameras * (size_t)views->n_dataset_frames && views->numbered,
+            "%s: a numbered view of each of %zu cameras in each", name, n_cameras))
+        return;
+    for (size_t i = 0; i < views->n; i++) {
+        const struct spin_view *v = &views->view[i];
+        const struct spin_camera *c = &v->camera;
+        size_t camera = i % n_cameras, row = i / n_cameras;
+        const double *m = w2c + 16 * (pose_info.n_dims == 4 ? i : camera);
+        const double ours[9] = {c->fx, 0, c->cx, 0, c->fy, c->cy, 0, 0, 1};
+
+        n_right += v->camera_id == (int)camera && v->dataset_frame == (int)row &&
+                   c->width == (int)size[2 * camera] && c->height == (int)size[2 * camera + 1];
+        for (int j = 0; j < 12; j++)
+            far_pose = fmax(far_pose, fabs(c->w2c[j] - m[j]));
+        for (int j = 0; j < 9; j++)
+            far_k = fmax(far_k, fabs(ours[j] - k[9 * camera + (size_t)j]));
+        far_time = fmax(far_time, fabs(v->time - time[row]));
+    }
+    ok(n_right == views->n, "%s: cameras are in the order of their names, and have their sizes",
+       name);
+    near(far_pose, 0, rig_tolerance(manifest, "w2c"), "poses");
+    near(far_k, 0, rig_tolerance(manifest, "w2c"), "intrinsics");
+    near(far_time, 0, 1e-12, "times");
+    free(w2c);
+    free(k);
+    free(size);
+    free(time);
+}
+
+/* Means of the pictures' channels against mean_rgb [T][C][3]. */
+static inline void check_rig_colours(const struct spin_views *views, struct spin_npz *npz,
+                                     const spin_json *manifest)
+{
+    struct spin_array info;
+    double *mean = check_load(npz, "mean_rgb", &info), far = 0;
+
+    for (size_t i = 0; mean && i < views->n; i++) {
+        double sum[3] = {0};
+        uint8_t *rgb = NULL;
+        int width, height;
+
+        if (spin_image_read(views->view[i].path, NULL, &width, &height, &rgb) != SPIN_OK) {
+            ok(0, "%s", spin_last_error());
+            break;
+        }
+        for (size_t p = 0; p < 3 * (size_t)width * (size_t)height; p++)
+            sum[p % 3] += rgb[p] / 255.0;
+        for (int c = 0; c < 3; c++)
+            far = fmax(far, fabs(sum[c] / (width * height) - mean[3 * i + (size_t)c]));
+        free(rgb);
+    }
+    near(far, 0, rig_tolerance(manifest, "mean_rgb"), "mean colours of the pictures");
+    free(mean);
+}
+
+/* Opens the set in `folder`, whatever its folder is called, as `importer`, by detection. */
+static inline bool rig_opens(const char *folder, const char *name, const char *importer,
+                             struct spin_views *views, struct spin_npz *npz)
+{
+    char used[32] = "";
+    const char *set = path_in(folder, has(folder, "clip") ? "clip" : "scene");
+
+    if (!ok(spin_views_open(set, NULL, views, used, sizeof used) == SPIN_OK &&
+                strcmp(used, importer) == 0,
+            "%s: is recognised and read", name)) {
+        printf("#   %s\n", spin_last_error());
+        return false;
+    }
+    return ok(spin_npz_open(path_in(folder, "expected.npz"), npz) == SPIN_OK,
+              "%s: has expected.npz", name);
 }
 
 #endif

@@ -194,6 +194,7 @@ static void test_frames(void)
         ok(views.view[0].test && !views.view[1].test, "it is each second");
         spin_views_free(&views);
     }
+    set_refused(folder, "colmap:time=name", "'time'", "a time rule of one model");
     remove(path_in(folder, "frame000010/images/b.png"));
     set_refused(folder, NULL, "1 of 6 images are missing", "a camera that misses a frame");
     make_folder(folder, "frame8");
@@ -320,54 +321,154 @@ static void test_order(void)
     }
 }
 
-/* Sets of other methods that look like a model of COLMAP. */
-static void test_look_alikes(void)
+/* ---- Cameras whose frames are in folders ------------------------------------------------------- */
+
+static void make_frames(const char *folder, const char *camera, int first, int n)
 {
-    static const char nested[] = "1 1 0 0 0 0 0 0 1 c0/000.png\n\n2 1 0 0 0 0 0 0 1 c1/000.png\n\n";
-    static const char flat[] = "1 1 0 0 0 0 0 0 1 c0.png\n\n2 1 0 0 0 0 0 0 1 c1.png\n\n";
-    const char *folder = new_folder(), *clip = new_folder();
-    struct spin_views views;
     char name[64];
 
-    make_model(folder, lenses, nested);
-    for (int i = 0; i < 3; i++) {
-        snprintf(name, sizeof name, "images/c%d", i % 2);
-        make_folder(folder, name);
-        snprintf(name, sizeof name, "images/c%d/00%d.png", i % 2, i / 2);
+    snprintf(name, sizeof name, "images/%s", camera);
+    make_folder(folder, name);
+    for (int k = 0; k < n; k++) {
+        snprintf(name, sizeof name, "images/%s/%03d.png", camera, first + k);
         make_image(folder, name, 8, 6);
     }
-    make_text(folder, "images/c1/.001.png", "hidden");
-    if (set_opens(folder, NULL, &views, "a model whose images lie in folders"))
+}
+
+#define NESTED "1 1 0 0 0 0 0 9 1 c1/000.png\n\n2 1 0 0 0 0 0 0 1 c0/000.png\n\n"
+
+static bool is_rig(const struct spin_views *views)
+{
+    return views->n == 4 && views->n_dataset_frames == 2 && views->view[0].camera.w2c[11] == 0 &&
+           views->view[1].camera.w2c[11] == 9 && views->view[3].camera_id == 1;
+}
+
+static void test_rig(void)
+{
+    static const struct {
+        const char *images, *folders[2], *what;
+    } cases[] = {
+        {NESTED, {"c0", "c1"}, "frames behind every image"},
+        {"1 1 0 0 0 0 0 9 1 c1.png\n\n2 1 0 0 0 0 0 0 1 c0.jpg\n\n",
+         {"c0", "c1"},
+         "frames in folders called as the images"},
+        {"1 1 0 0 0 0 0 9 1 c.1.png\n\n2 1 0 0 0 0 0 0 1 c.0.png\n\n",
+         {"c.0", "c.1"},
+         "whose names have a dot"},
+        {NESTED, {"x", "y"}, "frames in folders of other names"},
+        {"1 1 0 0 0 0 0 9 1 c1-b/000.png\n\n2 1 0 0 0 0 0 0 1 c1/000.png\n\n",
+         {"c1", "c1-b"},
+         "names of which one begins with the other"},
+    };
+    struct spin_views views;
+    const char *folder;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        folder = new_folder();
+        make_model(folder, lenses, cases[i].images);
+        make_frames(folder, cases[i].folders[0], 7, 2);
+        make_frames(folder, cases[i].folders[1], 7, 2);
+        make_text(folder, "images/note.txt", "no folder");
+        if (!set_opens(folder, NULL, &views, cases[i].what))
+            continue;
+        ok(is_rig(&views) && views.numbered && views.view[2].number == 7 + 1 &&
+               views.view[2].time == 1 && views.view[2].test && !views.view[1].test,
+           "are cameras in the order of their names, the first held out, with times i/(n-1)");
         spin_views_free(&views);
+    }
+    folder = new_folder();
+    make_model(folder, lenses, NESTED);
+    make_frames(folder, "c0", 0, 2);
+    make_frames(folder, "c1", 0, 3);
+    make_frames(folder, "c2", 0, 2);
+    make_text(folder, "manifest.json", "{\"fps\": \"24/1\"}");
+    if (set_opens(folder, "colmap:time=count,hold=2,principal=centre", &views,
+                  "a folder and a frame more, with options")) {
+        ok(is_rig(&views) && views.view[2].time == 0.5 && views.view[1].camera.cx == 4,
+           "are left out, and the options are heard");
+        ok(strstr(views.notes, "--fps 24") != NULL, "and the manifest tells the frames a second");
+        spin_views_free(&views);
+    }
+    set_refused(folder, "colmap:time=file", "'time'", "a time rule of the other layout");
+    make_frames(folder, "c1", 5, 1);
+    remove(path_in(folder, "images/c1/001.png"));
+    set_refused(folder, NULL, "has frame 2 where", "a picture missing between");
+    make_text(folder, "manifest.json", "[]");
     make_image(folder, "images/c1/001.png", 8, 6);
-    set_refused(folder, NULL, "FreeTimeGS", "frames behind every image");
-    make_model(folder, lenses, flat);
-    set_refused(folder, NULL, "FreeTimeGS", "frames in folders called as the images");
-    for (int i = 0; i < 4; i++) {
-        snprintf(name, sizeof name, "images/c.%d", i % 2);
-        make_folder(folder, name);
-        snprintf(name, sizeof name, "images/c.%d/00%d.png", i % 2, i / 2);
-        make_image(folder, name, 8, 6);
-    }
-    make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 c.0.png\n\n2 1 0 0 0 0 0 0 1 c.1.png\n\n");
-    set_refused(folder, NULL, "FreeTimeGS", "whose names have a dot");
-    make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 c0/000.png\n\n2 1 0 0 0 0 0 0 1 c0/001.png\n\n");
-    if (set_opens(folder, NULL, &views, "a model of all images of a folder"))
+    set_refused(folder, NULL, "manifest.json", "a manifest that is none");
+}
+
+/* Each image is a frame. */
+static void test_no_rig(void)
+{
+    const char *folder = new_folder();
+    struct spin_views views;
+
+    make_model(folder, lenses, NESTED);
+    make_frames(folder, "x", 0, 2);
+    set_refused(folder, NULL, "2 of 2 images are missing", "fewer folders than cameras");
+    make_frames(folder, "c0", 0, 2);
+    make_frames(folder, "c1", 0, 1);
+    make_text(folder, "images/c1/.001.png", "hidden");
+    if (set_opens(folder, NULL, &views, "a camera of one frame")) {
+        ok(views.n == 2 && views.view[1].time == 0.5, "its images are frames");
         spin_views_free(&views);
+    }
+    make_frames(folder, "c1", 1, 1);
+    make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 c0/000.png\n\n2 1 0 0 0 0 0 0 1 c0/001.png\n\n");
+    if (set_opens(folder, NULL, &views, "a model of all images of a folder")) {
+        ok(views.n == 2, "they are frames");
+        spin_views_free(&views);
+    }
+    make_model(folder, lenses, "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 1 b.png\n\n");
+    make_images(folder, "images", 8, 6);
+    if (set_opens(folder, NULL, &views, "images beside as many folders")) {
+        ok(views.n == 2, "they are frames");
+        spin_views_free(&views);
+    }
+}
+
+/* A fixture whose pictures have an alpha channel: white less black is what they let through. */
+static void test_freetimegs(const char *folder, const char *name, const spin_json *manifest)
+{
+    static const float white[3] = {1, 1, 1};
+    struct spin_views views;
+    struct spin_array info;
+    struct spin_npz npz;
+    double *alpha, far = 0;
+
+    if (!rig_opens(folder, name, "colmap", &views, &npz))
+        return;
+    check_rig(&views, &npz, manifest, "time", name);
+    alpha = check_load(&npz, "mean_alpha", &info);
+    for (size_t i = 0; alpha && i < views.n; i++) {
+        uint8_t *on_black = NULL, *on_white = NULL;
+        double sum = 0;
+        int w, h;
+
+        if (spin_image_read(views.view[i].path, NULL, &w, &h, &on_black) != SPIN_OK ||
+            spin_image_read(views.view[i].path, white, &w, &h, &on_white) != SPIN_OK)
+            exit(1);
+        for (int p = 0; p < 3 * w * h; p++)
+            sum += (on_white[p] - on_black[p]) / 255.0;
+        far = fmax(far, fabs(1 - sum / (3 * w * h) - alpha[i]));
+        free(on_black);
+        free(on_white);
+    }
+    near(far, 0, 0.004, "mean of alpha, to 8 bits");
+    free(alpha);
+    spin_npz_close(&npz);
+    spin_views_free(&views);
+}
+
+/* A clip of 4DAnyone has a folder videos/sparse, which is no model. */
+static void test_clip(void)
+{
+    const char *clip = new_folder();
 
     make_folder(clip, "videos/sparse");
     make_text(clip, "cameras.json", "[]");
-    set_refused(clip, NULL, "neither 'sparse'", "a list of cameras as 3DGS writes it is no clip");
-    make_text(clip, "cameras.json", "{\"cameras\": []}");
-    set_refused(clip, NULL, "neither 'sparse'", "nor are cameras of no model");
-    make_text(clip, "cameras.json", "{\"camera_model\": \"OPENCV\", \"cameras\": []}");
-    set_refused(clip, NULL, "is of a clip of 4DAnyone", "a clip of 4DAnyone");
-    if (check_fixture("datasets4d")) {
-        set_refused(check_fixture("datasets4d/4danyone_mini/clip"), NULL, "4DAnyone",
-                    "the fixture of 4DAnyone");
-        set_refused(check_fixture("datasets4d/freetimegs_mini/scene"), NULL, "FreeTimeGS",
-                    "the fixture of FreeTimeGS");
-    }
+    set_refused(clip, "colmap", "neither 'sparse'", "a clip is no model");
 }
 
 TAP_MAIN
@@ -379,10 +480,13 @@ TAP_MAIN
     test_text();
     test_frames();
     test_lies();
-    test_look_alikes();
+    test_rig();
+    test_no_rig();
+    test_clip();
     if (root)
         test_binary(root);
     else
         skip("binary models", "there is no fixture here");
     each_set("colmap", test_set);
+    each_set_in("datasets4d", "freetimegs", test_freetimegs);
 }

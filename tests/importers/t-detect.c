@@ -1,7 +1,7 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash 4dgaussian
  * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat sog gltf panoptic colmap dynerf
- * K: transforms */
+ * K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -71,6 +71,9 @@ static const struct known runs[] = {
     {"datasets/dynerf_mini", NULL},
     {"datasets/dynerf_mini/n3v2blender", NULL},
     {"datasets/blender_mini", NULL},
+    {"datasets4d/4danyone_mini/clip", NULL},
+    {"datasets4d/easyvolcap_mini/scene", NULL},
+    {"datasets4d/freetimegs_mini/scene", NULL},
     {"court-mini", "d3dgs"}, /* a run and its data in one folder */
     {"torch_container/good", NULL},
     {"core", NULL},
@@ -82,6 +85,9 @@ static const struct known data_sets[] = {
     {"datasets/dynerf_mini", "dynerf"},
     {"datasets/dynerf_mini/n3v2blender", "transforms"},
     {"datasets/blender_mini", "transforms"},
+    {"datasets4d/4danyone_mini/clip", "4danyone"},
+    {"datasets4d/easyvolcap_mini/scene", "easyvolcap"},
+    {"datasets4d/freetimegs_mini/scene", "colmap"},
     {"court-mini", "panoptic"},
     {"d3dgs/cloud", NULL},
     {"4dgaussian/coarse_and_fine/model", NULL},

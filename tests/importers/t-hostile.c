@@ -468,6 +468,7 @@ TAP_MAIN
     finds("ply", of_ply);
     finds("json", of_any);
     finds("colmap", of_any);
+    finds("easyvolcap", of_any);
     finds("bundle", of_any);
     printf("# most memory beyond the bare command and the input: %ld KiB\n", most / 1024);
 }

@@ -1,0 +1,139 @@
+/* 4DAnyone: synchronous films that a network made of one.
+ *
+ *     cameras.json                    camera_model, cameras[]: camera_id, K, camera_to_world (OpenCV's axes),
+ *                                     image_width, image_height, video
+ *     metadata.json                   output.fps (may be missing)
+ *     videos/dense/00.mp4 ...         the films, as `video` names them
+ *     images/00/000000.png ...        pictures of them, taken in their place when they are there
+ *
+ * World: y up, as it stands. videos/sparse and skeletons are no views. No camera is held out by the files. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "importers/lib/views_rig.h"
+#include "io/video.h"
+
+enum { HEAD = 4096 };
+
+static int probe(const struct spin_peek *peek)
+{
+    char head[HEAD], *path = NULL;
+    size_t n = 0;
+    bool says;
+
+    if (!spin_peek_has(peek, "cameras.json") ||
+        spin_path_join(peek->path, "cameras.json", &path) != SPIN_OK)
+        return 0;
+    says = spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
+           memmem(head, n, "\"camera_model\"", 14);
+    free(path);
+    return says ? 75 : 0;
+}
+
+/* ---- One camera ------------------------------------------------------------------------------ */
+
+static spin_status read_size(const spin_json *json, struct spin_camera *out)
+{
+    double width, height;
+
+    if (!spin_json_number(spin_json_get(json, "image_width"), &width) ||
+        !spin_json_number(spin_json_get(json, "image_height"), &height))
+        return spin_fail(SPIN_E_MALFORMED, "no numbers 'image_width' and 'image_height'");
+    SPIN_TRY(spin_views_check_size(width, height));
+    out->width = (int)width;
+    out->height = (int)height;
+    return SPIN_OK;
+}
+
+static spin_status read_camera(struct spin_model *m, const spin_json *json, int64_t place,
+                               struct spin_rig_camera *out)
+{
+    const char *video = spin_json_string(spin_json_get(json, "video")), *name, *film, *pictures;
+    double k[9], c2w[16];
+    int64_t id;
+
+    if (!spin_json_integer(spin_json_get(json, "camera_id"), &id) || id != place)
+        return spin_fail(SPIN_E_MALFORMED, "its 'camera_id' is not %lld, its place",
+                         (long long)place);
+    SPIN_TRY(read_size(json, &out->camera));
+    SPIN_TRY(spin_views_matrix(spin_json_get(json, "K"), "K", 3, k));
+    SPIN_TRY(spin_views_intrinsics(k, "K", &out->camera));
+    SPIN_TRY(spin_views_matrix(spin_json_get(json, "camera_to_world"), "camera_to_world", 4, c2w));
+    SPIN_TRY(spin_views_check_pose(c2w, "'camera_to_world'"));
+    spin_views_invert(c2w, out->camera.w2c);
+    if (!video || !spin_views_is_safe_name(video) || !spin_video_is_name(video))
+        return spin_fail(SPIN_E_MALFORMED, "'video' is '%s', expected a film below the folder",
+                         video ? video : "");
+    name = spin_path_name(video);
+    SPIN_TRY(spin_model_join(m, &film, m->path, "%s", video));
+    SPIN_TRY(spin_model_join(m, &pictures, m->path, "images/%.*s", (int)(strrchr(name, '.') - name),
+                             name));
+    out->name = video;
+    return spin_path_is_folder(pictures) ? spin_rig_pictures(m, out, pictures)
+                                         : spin_rig_film(m, out, film, pictures);
+}
+
+/* ---- The files ------------------------------------------------------------------------------- */
+
+static spin_status read_cameras(void *model, const spin_json *root, struct spin_views *out)
+{
+    struct spin_model *m = model;
+    const char *kind = spin_json_string(spin_json_get(root, "camera_model"));
+    const spin_json *list = spin_json_get(root, "cameras");
+    size_t n = spin_json_length(list);
+    struct spin_rig_camera *camera;
+
+    if (!kind || strcmp(kind, "OPENCV") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'camera_model' is '%s', expected OPENCV",
+                         kind ? kind : "");
+    if (!spin_json_is_array(list) || n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "no list 'cameras', or an empty one");
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *camera, (void **)&camera));
+    for (size_t i = 0; i < n; i++) {
+        spin_status status = read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]);
+
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "camera %zu", i);
+    }
+    return spin_rig_views(m, camera, n, out);
+}
+
+static spin_status read_metadata(void *model, const spin_json *root, struct spin_views *out)
+{
+    spin_rig_note(model, spin_json_get(spin_json_get(root, "output"), "fps"), out);
+    return SPIN_OK;
+}
+
+static spin_status read_set(struct spin_model *m, struct spin_views *out)
+{
+    bool found;
+
+    SPIN_TRY(spin_views_read_json(m->path, "cameras.json", read_cameras, m, out, NULL));
+    SPIN_TRY(spin_views_read_json(m->path, "metadata.json", read_metadata, m, out, &found));
+    if (!found)
+        spin_rig_note(m, NULL, out);
+    spin_views_note(out, "the world of the data set has y up (spin-export --up y)");
+    return SPIN_OK;
+}
+
+static spin_status anyone_views(const char *path, const struct spin_plugin_values *values,
+                                struct spin_views *out)
+{
+    struct spin_model m = {.path = path, .values = values};
+    spin_status status = read_set(&m, out);
+
+    spin_model_clear(&m);
+    return status;
+}
+
+static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
+
+const struct spin_importer spin_importer_views_4danyone = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "4danyone",
+    .summary = "views: films of 4DAnyone, or pictures of them, and cameras.json",
+    .upstream = "ant-research/4DAnyone f7da3ae",
+    .options = options,
+    .probe = probe,
+    .views = anyone_views,
+};

@@ -1,0 +1,494 @@
+/* EasyVolcap, and what writes its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's YAML and pictures.
+ *
+ *     intri.yml                       names; of each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN, ccm_NN
+ *     extri.yml                       R_NN (rotation vector) or Rot_NN, T_NN
+ *     images/<camera>/000000.jpg ...  the frames
+ *     masks/<camera>/ ...             foreground (or mask, msk; may be missing)
+ *     cameras/<camera>/{intri,extri}.yml   instead of the first two: cameras that move, an entry a frame
+ *
+ * A pose is w2c = [R | T] in OpenCV's axes already. Distortion is refused: EasyVolcap undistorts and takes another K,
+ * which is not in the files. No camera is held out by the files.
+ *
+ * Times are k/(n-1), as FreeTimeGS takes them on these sets. EasyVolcap itself takes k/n. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "importers/lib/views_rig.h"
+#include "math/covariance.h"
+
+static int probe(const struct spin_peek *peek)
+{
+    char *folder = NULL, **names = NULL, name[300];
+    size_t n = 0;
+    bool holds = spin_peek_has(peek, "intri.yml") && spin_peek_has(peek, "extri.yml");
+
+    if (!holds && spin_peek_has(peek, "cameras") && spin_peek_has(peek, "images") &&
+        spin_path_join(peek->path, "cameras", &folder) == SPIN_OK)
+        (void)spin_folder_list(folder, &names, &n);
+    for (size_t i = 0; i < n && !holds; i++) {
+        snprintf(name, sizeof name, "%s/extri.yml", names[i]);
+        holds = spin_model_holds(folder, name);
+    }
+    spin_folder_list_free(names);
+    free(folder);
+    return holds ? 75 : 0;
+}
+
+/* ---- YAML ------------------------------------------------------------------------------------ */
+
+/* As much of it as OpenCV's FileStorage writes for cameras. A file becomes an object: of a number the number, of a
+ * list of texts an array, of a matrix an object with its rows, cols and data. */
+struct reader {
+    spin_json *top, *value; /* value: what the lines below a key belong to */
+    bool open;              /* the data of a matrix go on in the next line */
+};
+
+static spin_status set_value(spin_json *object, const char *key, spin_json *value)
+{
+    if (spin_json_get(object, key)) {
+        spin_json_free(value);
+        return spin_fail(SPIN_E_MALFORMED, "'%.40s' is there twice", key);
+    }
+    return spin_json_set(object, key, value) == 0
+               ? SPIN_OK
+               : spin_fail(SPIN_E_MALFORMED, "'%.40s' cannot be taken", key);
+}
+
+/* Without quotes; "" when they do not match. */
+static const char *plain_text(char *text)
+{
+    size_t n = strlen(text);
+
+    if (*text != '"')
+        return text;
+    if (n < 2 || text[n - 1] != '"')
+        return "";
+    text[n - 1] = '\0';
+    return text + 1;
+}
+
+static spin_status take_numbers(struct reader *r, const char *at)
+{
+    spin_json *data = spin_json_get(r->value, "data");
+
+    for (at += strspn(at, " ,"); *at && *at != ']'; at += strspn(at, " ,")) {
+        char *end;
+        double value = strtod(at, &end);
+
+        if (end == at || !strchr(" ,]", *end) || !isfinite(value))
+            return spin_fail(SPIN_E_MALFORMED, "'%.40s' is not a number", at);
+        if (spin_json_push_number(data, value) != 0)
+            return spin_fail(SPIN_E_MEMORY, "no memory");
+        at = end;
+    }
+    r->open = *at != ']';
+    return SPIN_OK;
+}
+
+/* "- text" of a list, "rows: 3" and the like of a matrix. */
+static spin_status take_below(struct reader *r, char *line)
+{
+    char *value;
+    double number;
+
+    if (*line == '-' && spin_json_is_array(r->value))
+        return spin_json_push_string(r->value, plain_text(line + 1 + strspn(line + 1, " "))) == 0
+                   ? SPIN_OK
+                   : spin_fail(SPIN_E_MEMORY, "no memory");
+    value = strchr(line, ':');
+    if (!value || !spin_json_is_object(r->value))
+        return spin_fail(SPIN_E_MALFORMED, "'%.40s' belongs to no list and no matrix", line);
+    *value++ = '\0';
+    value += strspn(value, " ");
+    if (strcmp(line, "data") == 0 && *value == '[') {
+        SPIN_TRY(set_value(r->value, line, spin_json_array()));
+        return take_numbers(r, value + 1);
+    }
+    if (strcmp(line, "dt") == 0 && (strcmp(value, "d") == 0 || strcmp(value, "f") == 0))
+        return SPIN_OK;
+    if ((strcmp(line, "rows") != 0 && strcmp(line, "cols") != 0) ||
+        !spin_views_is_number(value, &number))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%.40s: %.40s' is none of rows, cols, dt d or f, and data", line, value);
+    return set_value(r->value, line, spin_json_number_value(number));
+}
+
+static spin_status take_key(struct reader *r, char *line)
+{
+    char *value = strchr(line, ':');
+    double number;
+
+    if (!value)
+        return spin_fail(SPIN_E_MALFORMED, "'%.40s' is no key with a value", line);
+    *value++ = '\0';
+    value += strspn(value, " ");
+    r->value = NULL;
+    if (spin_views_is_number(value, &number))
+        return set_value(r->top, line, spin_json_number_value(number));
+    if (*value == '"')
+        return set_value(r->top, line, spin_json_text_value(plain_text(value)));
+    if (*value && strcmp(value, "!!opencv-matrix") != 0)
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "'%.40s' is '%.40s', expected a number, a list of texts or !!opencv-matrix", line,
+            value);
+    SPIN_TRY(set_value(r->top, line, *value ? spin_json_object() : spin_json_array()));
+    r->value = spin_json_get(r->top, line);
+    return SPIN_OK;
+}
+
+static spin_status take_line(struct reader *r, char *line)
+{
+    char *words = line + strspn(line, " ");
+
+    if (*words == '\0' || *words == '#')
+        return SPIN_OK;
+    if (r->open)
+        return take_numbers(r, words);
+    return *line == ' ' || *line == '-' ? take_below(r, words) : take_key(r, line);
+}
+
+/* text is cut in place. */
+static spin_status parse(struct reader *r, char *text)
+{
+    char *line;
+
+    for (int number = 1; (line = strsep(&text, "\n")); number++) {
+        size_t n = strlen(line);
+        spin_status status = SPIN_OK;
+
+        while (n > 0 && strchr(" \t\r", line[n - 1]))
+            line[--n] = '\0';
+        if (number == 1 && strcmp(line, "%YAML:1.0") != 0 && strcmp(line, "%YAML 1.0") != 0)
+            return spin_fail(SPIN_E_MALFORMED, "its first line is not '%%YAML:1.0'");
+        if (number > 1 && strcmp(line, "---") != 0)
+            status = take_line(r, line);
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "line %d", number);
+    }
+    return r->open ? spin_fail(SPIN_E_MALFORMED, "the file is cut short") : SPIN_OK;
+}
+
+struct file {
+    const char *path;
+    spin_json *json; /* freed by the caller, whatever comes */
+};
+
+static spin_status load(struct spin_model *m, const char *folder, const char *name,
+                        struct file *out)
+{
+    struct reader r = {.top = out->json = spin_json_object()};
+    struct spin_map map = {0};
+    char *text = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_model_join(m, &out->path, folder, "%s", name));
+    SPIN_TRY(spin_map_open(out->path, &map));
+    SPIN_TRY_OUT(spin_alloc(map.size + 1, 1, (void **)&text));
+    memcpy(text, map.data, map.size);
+    status = memchr(text, '\0', map.size) ? spin_fail(SPIN_E_MALFORMED, "it is no text")
+                                          : parse(&r, text);
+    if (status != SPIN_OK)
+        status = spin_fail_context(status, "cannot read '%s'", out->path);
+out:
+    free(text);
+    spin_map_close(&map);
+    return status;
+}
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+static const spin_json *find(const spin_json *file, const char *key, const char *name)
+{
+    char text[300];
+
+    snprintf(text, sizeof text, "%s_%s", key, name);
+    return spin_json_get(file, text);
+}
+
+/* A matrix key_name. */
+static spin_status read_matrix(const spin_json *file, const char *key, const char *name, int rows,
+                               int cols, double *out)
+{
+    const spin_json *m = find(file, key, name), *data = spin_json_get(m, "data");
+    size_t n = (size_t)(rows * cols);
+    double has_rows = 0, has_cols = 0;
+
+    if (!m)
+        return spin_fail(SPIN_E_MALFORMED, "no matrix '%s_%s'", key, name);
+    spin_json_number(spin_json_get(m, "rows"), &has_rows);
+    spin_json_number(spin_json_get(m, "cols"), &has_cols);
+    if (has_rows != rows || has_cols != cols || spin_json_length(data) != n)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "'%s_%s' is %g x %g with %zu numbers, expected %d x %d with %zu", key,
+                         name, has_rows, has_cols, spin_json_length(data), rows, cols, n);
+    for (size_t i = 0; i < n; i++)
+        spin_json_number(spin_json_at(data, i), &out[i]);
+    return SPIN_OK;
+}
+
+/* D or dist: k1 k2 p1 p2 k3, which must be 0. */
+static spin_status check_distortion(const spin_json *intri, const char *name)
+{
+    const char *key = find(intri, "D", name) ? "D" : "dist";
+    double lens[5];
+
+    if (!find(intri, key, name))
+        return SPIN_OK;
+    SPIN_TRY(read_matrix(intri, key, name, 5, 1, lens));
+    for (int i = 0; i < 5; i++) {
+        if (lens[i] != 0)
+            return spin_fail(SPIN_E_UNSUPPORTED,
+                             "'%s_%s' has a distortion of %g: undistort the images, and take the "
+                             "matrices K that this gives",
+                             key, name, lens[i]);
+    }
+    return SPIN_OK;
+}
+
+/* The turn by |r| about r. */
+static void turn(const double r[3], double out[9])
+{
+    double angle = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    double s = angle > 0 ? sin(angle / 2) / angle : 0.5;
+
+    spin_matrix_of_quat((const double[4]){cos(angle / 2), s * r[0], s * r[1], s * r[2]}, out);
+}
+
+static spin_status read_pose(const spin_json *extri, const char *name, double w2c[12])
+{
+    double r[9], t[3];
+
+    if (find(extri, "R", name) || !find(extri, "Rot", name)) {
+        SPIN_TRY(read_matrix(extri, "R", name, 3, 1, t));
+        turn(t, r);
+    } else {
+        SPIN_TRY(read_matrix(extri, "Rot", name, 3, 3, r));
+    }
+    SPIN_TRY(read_matrix(extri, "T", name, 3, 1, t));
+    for (int i = 0; i < 3; i++) {
+        memcpy(w2c + 4 * i, r + 3 * i, 3 * sizeof *w2c);
+        w2c[4 * i + 3] = t[i];
+    }
+    return spin_views_check_pose(w2c, "the pose");
+}
+
+/* Size from the file, else that of the picture. */
+static spin_status read_size(const spin_json *intri, const char *name, const char *picture,
+                             struct spin_camera *out)
+{
+    const spin_json *h = find(intri, "H", name), *w = find(intri, "W", name);
+    double width, height;
+    int channels;
+
+    if (!h && !w)
+        return spin_image_size(picture, &out->width, &out->height, &channels);
+    if (!spin_json_number(h, &height) || !spin_json_number(w, &width))
+        return spin_fail(SPIN_E_MALFORMED, "no numbers 'H_%s' and 'W_%s'", name, name);
+    SPIN_TRY(spin_views_check_size(width, height));
+    out->width = (int)width;
+    out->height = (int)height;
+    return SPIN_OK;
+}
+
+static spin_status read_lens(const spin_json *intri, const char *name, const char *picture,
+                             struct spin_camera *out)
+{
+    double k[9];
+
+    SPIN_TRY(read_size(intri, name, picture, out));
+    SPIN_TRY(read_matrix(intri, "K", name, 3, 3, k));
+    SPIN_TRY(spin_views_intrinsics(k, "K", out));
+    return check_distortion(intri, name);
+}
+
+/* intri.yml and extri.yml of a folder, and the entry `name` of both. */
+struct pair {
+    struct file intri, extri;
+};
+
+static spin_status read_camera(const struct pair *p, const char *name, const char *picture,
+                               struct spin_camera *out)
+{
+    const char *path = p->intri.path;
+    spin_status status = read_lens(p->intri.json, name, picture, out);
+
+    if (status == SPIN_OK) {
+        path = p->extri.path;
+        status = read_pose(p->extri.json, name, out->w2c);
+    }
+    return status == SPIN_OK ? SPIN_OK
+                             : spin_fail_context(status, "cannot read '%s': '%s'", path, name);
+}
+
+/* ---- Cameras --------------------------------------------------------------------------------- */
+
+/* A folder, its two files and its cameras. */
+struct set {
+    struct spin_model base; /* path: the folder */
+    struct spin_rig_camera *camera;
+    size_t n;
+    bool coloured; /* there is a ccm */
+};
+
+static spin_status find_pictures(struct set *set, struct spin_rig_camera *c)
+{
+    static const char *const masks[] = {"masks", "mask", "msk"};
+    const char *folder;
+
+    if (!spin_views_is_safe_name(c->name))
+        return spin_fail(SPIN_E_MALFORMED, "a camera is called '%.80s', expected a folder's name",
+                         c->name);
+    for (int i = 0; i < 3 && !c->masks; i++)
+        SPIN_TRY(
+            spin_model_find(&set->base, &c->masks, set->base.path, "%s/%s", masks[i], c->name));
+    SPIN_TRY(spin_model_join(&set->base, &folder, set->base.path, "images/%s", c->name));
+    return spin_rig_pictures(&set->base, c, folder);
+}
+
+static spin_status read_names(const struct pair *p, const spin_json **names, size_t *n)
+{
+    const spin_json *other = spin_json_get(p->extri.json, "names");
+
+    *names = spin_json_get(p->intri.json, "names");
+    *n = spin_json_length(*names);
+    if (!spin_json_is_array(*names) || *n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' has no list 'names', or an empty one",
+                         p->intri.path);
+    if (other && spin_json_length(other) != *n)
+        return spin_fail(SPIN_E_MALFORMED, "'%s' has %zu 'names', and '%s' %zu", p->intri.path, *n,
+                         p->extri.path, spin_json_length(other));
+    return SPIN_OK;
+}
+
+/* All cameras in two files. */
+static spin_status read_still(struct set *set, const struct pair *p)
+{
+    const spin_json *names;
+
+    SPIN_TRY(read_names(p, &names, &set->n));
+    SPIN_TRY(spin_model_alloc(&set->base, set->n, sizeof *set->camera, (void **)&set->camera));
+    for (size_t i = 0; i < set->n; i++)
+        SPIN_TRY(spin_model_text(&set->base, &set->camera[i].name, "%s",
+                                 spin_json_string(spin_json_at(names, i))));
+    SPIN_TRY(spin_rig_sort(p->intri.path, set->camera, set->n));
+    for (size_t i = 0; i < set->n; i++) {
+        struct spin_rig_camera *c = &set->camera[i];
+
+        SPIN_TRY(find_pictures(set, c));
+        SPIN_TRY(read_camera(p, c->name, c->frames.frame[0].path, &c->camera));
+        set->coloured = set->coloured || find(p->intri.json, "ccm", c->name);
+    }
+    return SPIN_OK;
+}
+
+/* A camera that moves: its entries are called by the numbers of frames. */
+static spin_status read_moving(struct set *set, const struct pair *p, struct spin_rig_camera *c,
+                               spin_json *name_of)
+{
+    const spin_json *names;
+    char key[24];
+    size_t n;
+
+    SPIN_TRY(read_names(p, &names, &n));
+    SPIN_TRY(find_pictures(set, c));
+    SPIN_TRY(
+        spin_model_alloc(&set->base, c->frames.n_frames, sizeof *c->moving, (void **)&c->moving));
+    for (size_t i = 0; i < n; i++) {
+        const char *name = spin_json_string(spin_json_at(names, i));
+
+        snprintf(key, sizeof key, "%lld", spin_path_number(name));
+        SPIN_TRY(set_value(name_of, key, spin_json_text_value(name)));
+    }
+    for (size_t k = 0; k < c->frames.n_frames; k++) {
+        const struct spin_file_frame *frame = &c->frames.frame[k];
+        const char *name;
+
+        snprintf(key, sizeof key, "%d", frame->number);
+        name = spin_json_string(spin_json_get(name_of, key));
+        if (!name || frame->number < 0)
+            return spin_fail(SPIN_E_MALFORMED, "'%s' has no entry for picture '%s'", p->intri.path,
+                             frame->path);
+        SPIN_TRY(read_camera(p, name, frame->path, &c->moving[k]));
+        set->coloured = set->coloured || find(p->intri.json, "ccm", name);
+    }
+    return SPIN_OK;
+}
+
+/* ---- The files ------------------------------------------------------------------------------- */
+
+/* Both files of a folder; c: of a camera that moves, or NULL. */
+static spin_status read_files(struct set *set, const char *folder, struct spin_rig_camera *c)
+{
+    spin_json *name_of = spin_json_object();
+    struct pair p = {0};
+    spin_status status;
+
+    SPIN_TRY_OUT(load(&set->base, folder, "intri.yml", &p.intri));
+    SPIN_TRY_OUT(load(&set->base, folder, "extri.yml", &p.extri));
+    status = c ? read_moving(set, &p, c, name_of) : read_still(set, &p);
+out:
+    spin_json_free(name_of);
+    spin_json_free(p.intri.json);
+    spin_json_free(p.extri.json);
+    return status;
+}
+
+static spin_status read_folders(struct set *set, const char *cameras)
+{
+    char **names;
+    size_t n;
+
+    SPIN_TRY(spin_model_names(&set->base, cameras, &names, &n));
+    SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *set->camera, (void **)&set->camera));
+    for (size_t i = 0; i < n; i++) {
+        const char *folder;
+
+        if (names[i][0] == '.')
+            continue;
+        set->camera[set->n].name = names[i];
+        SPIN_TRY(spin_model_join(&set->base, &folder, cameras, "%s", names[i]));
+        SPIN_TRY(read_files(set, folder, &set->camera[set->n++]));
+    }
+    return set->n > 0 ? SPIN_OK : spin_fail(SPIN_E_NOT_FOUND, "folder '%s' is empty", cameras);
+}
+
+static spin_status read_set(struct set *set, struct spin_views *out)
+{
+    const char *cameras;
+
+    SPIN_TRY(spin_model_join(&set->base, &cameras, set->base.path, "cameras"));
+    SPIN_TRY(spin_model_holds(set->base.path, "intri.yml") || !spin_path_is_folder(cameras)
+                 ? read_files(set, set->base.path, NULL)
+                 : read_folders(set, cameras));
+    SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
+    spin_rig_note(&set->base, NULL, out);
+    spin_views_note(out, "FreeTimeGS takes the time i/(n-1) on such sets, EasyVolcap itself i/n "
+                         "(--data-from easyvolcap:time=count)");
+    if (set->coloured)
+        spin_views_note(out, "the colour matrices 'ccm' of the cameras are not applied");
+    return SPIN_OK;
+}
+
+static spin_status easyvolcap_views(const char *path, const struct spin_plugin_values *values,
+                                    struct spin_views *out)
+{
+    struct set set = {.base = {.path = path, .values = values}};
+    spin_status status = read_set(&set, out);
+
+    spin_model_clear(&set.base);
+    return status;
+}
+
+static const struct spin_plugin_option options[] = {SPIN_RIG_OPTIONS, {NULL, NULL, NULL, NULL}};
+
+const struct spin_importer spin_importer_views_easyvolcap = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "easyvolcap",
+    .summary = "views: cameras and pictures of EasyVolcap and its kin (intri.yml, extri.yml)",
+    .upstream = "zju3dv/EasyVolcap 4cb3c00",
+    .options = options,
+    .probe = probe,
+    .views = easyvolcap_views,
+};
