@@ -29,6 +29,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     ksplat) echo splats/ksplat ;;
     sog) echo splats/sog ;;
     splat) echo splats/splat ;;
+    splat4d) echo splat4d/default_bounds ;;
     spz) echo splats/spz4 ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac
