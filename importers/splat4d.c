@@ -52,14 +52,9 @@ static spin_status describe(struct splat4d *s)
 static spin_status open_splat4d(void *self, const char *path)
 {
     struct splat4d *s = self;
-    struct spin_file_sequence files = {0};
     spin_status status;
 
-    SPIN_TRY(spin_file_sequence_find(&s->base, path, ".splat4d", &files));
-    if (files.n_frames > 1)
-        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds %zu clips: give one of the files", path,
-                         files.n_frames);
-    s->base.path = files.frame[0].path;
+    SPIN_TRY(spin_file_sequence_one(&s->base, path, ".splat4d", &s->base.path));
     SPIN_TRY(spin_map_open(s->base.path, &s->map));
     status = spin_splat4d_open(s->map.data, s->map.size, &s->clip);
     return status == SPIN_OK ? describe(s)
