@@ -58,7 +58,7 @@ static spin_status open_4dgs(void *self, const char *path)
     if (status == SPIN_OK)
         status = describe(m, &info, m->splats_4d.n);
     spin_map_close(&map);
-    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot read '%s'", m->path);
+    return spin_fail_reading(status, m->path);
 }
 
 SPIN_MODEL_OPEN(fourdgs_open, struct spin_model, open_4dgs)

@@ -57,8 +57,7 @@ static spin_status open_splat4d(void *self, const char *path)
     SPIN_TRY(spin_file_sequence_one(&s->base, path, ".splat4d", &s->base.path));
     SPIN_TRY(spin_map_open(s->base.path, &s->map));
     status = spin_splat4d_open(s->map.data, s->map.size, &s->clip);
-    return status == SPIN_OK ? describe(s)
-                             : spin_fail_context(status, "cannot read '%s'", s->base.path);
+    return status == SPIN_OK ? describe(s) : spin_fail_reading(status, s->base.path);
 }
 
 static spin_status splat4d_frame(void *self, int frame, double time, unsigned columns,
@@ -69,8 +68,7 @@ static spin_status splat4d_frame(void *self, int frame, double time, unsigned co
         spin_splat4d_read(&s->clip, frame, columns & (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES), out);
 
     (void)time;
-    return status == SPIN_OK ? SPIN_OK
-                             : spin_fail_context(status, "cannot read '%s'", s->base.path);
+    return spin_fail_reading(status, s->base.path);
 }
 
 static void splat4d_close(void *self)
