@@ -248,6 +248,8 @@ static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t 
                                   (unsigned long long)n_out);
 }
 
+enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
+
 struct stream {
     unsigned attribute, symbol, mode, codec, channels;
     uint64_t n;
@@ -272,7 +274,6 @@ static struct stream take_stream(struct cursor *c)
 static spin_status decode(const struct stream *s, const unsigned char *planes, size_t n_symbols,
                           int32_t *out)
 {
-    enum { RAW, DIFFERENCE, CONSTANT };
     size_t width = s->channels;
 
     for (size_t i = 0; i < s->n * width; i++) {
@@ -291,7 +292,7 @@ static spin_status decode(const struct stream *s, const unsigned char *planes, s
 /* Those of n splats; *out is allocated. */
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
-    size_t n_symbols = (s->mode == 2 ? 1 : n) * (size_t)channels;
+    size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
     unsigned char *planes = NULL;
     spin_status status;
 
@@ -301,7 +302,7 @@ static spin_status read_stream(const struct stream *s, size_t n, int channels, i
     if (s->n != n || s->channels != (unsigned)channels)
         return spin_fail(SPIN_E_MALFORMED, "%llu x %u numbers, expected %zu x %d",
                          (unsigned long long)s->n, s->channels, n, channels);
-    if (s->mode > 2 || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
+    if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
         return spin_fail(SPIN_E_MALFORMED, "symbols of %u bytes in mode %u", s->symbol, s->mode);
     SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
     status = unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes);
@@ -318,7 +319,7 @@ static double clamp(double x, double least, double most)
     return x > least ? x < most ? x : most : least;
 }
 
-/* The float at or below an end of a window: what is not there at the double is not there at the float. */
+/* The float at or below an end of a window: the splat is seen at its first time, and not at its last. */
 static float at_or_below(double x)
 {
     float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
