@@ -2,17 +2,19 @@
 #include "spin.h"
 
 extern const struct spin_importer spin_importer_3dgstream, spin_importer_4dgaussian,
-    spin_importer_d3dgs, spin_importer_dash, spin_importer_deformable3dgs, spin_importer_ed3dgs,
-    spin_importer_ex4dgs, spin_importer_freetimegs, spin_importer_gltf, spin_importer_grid4d,
-    spin_importer_hybrid4dgs, spin_importer_ksplat, spin_importer_modecgs, spin_importer_omg4,
-    spin_importer_ply, spin_importer_realtime4dgs, spin_importer_rotor4dgs, spin_importer_sog,
-    spin_importer_spacetimegs, spin_importer_splat, spin_importer_spz, spin_importer_tc3dgs,
-    spin_importer_views_4danyone, spin_importer_views_colmap, spin_importer_views_dynerf,
-    spin_importer_views_easyvolcap, spin_importer_views_panoptic, spin_importer_views_transforms;
+    spin_importer_4dgs, spin_importer_d3dgs, spin_importer_dash, spin_importer_deformable3dgs,
+    spin_importer_ed3dgs, spin_importer_ex4dgs, spin_importer_freetimegs, spin_importer_gltf,
+    spin_importer_grid4d, spin_importer_hybrid4dgs, spin_importer_ksplat, spin_importer_modecgs,
+    spin_importer_omg4, spin_importer_ply, spin_importer_realtime4dgs, spin_importer_rotor4dgs,
+    spin_importer_sog, spin_importer_spacetimegs, spin_importer_splat, spin_importer_splat4d,
+    spin_importer_spz, spin_importer_tc3dgs, spin_importer_views_4danyone,
+    spin_importer_views_colmap, spin_importer_views_dynerf, spin_importer_views_easyvolcap,
+    spin_importer_views_panoptic, spin_importer_views_transforms;
 
 const struct spin_importer *const spin_importers[] = {
     &spin_importer_3dgstream,
     &spin_importer_4dgaussian,
+    &spin_importer_4dgs,
     &spin_importer_d3dgs,
     &spin_importer_dash,
     &spin_importer_deformable3dgs,
@@ -31,6 +33,7 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_sog,
     &spin_importer_spacetimegs,
     &spin_importer_splat,
+    &spin_importer_splat4d,
     &spin_importer_spz,
     &spin_importer_tc3dgs,
     &spin_importer_views_4danyone,

@@ -5,7 +5,8 @@
  *
  *   src/base      errors, memory, log and progress, threads, text; knows nothing of splats
  *   src/io        bytes to arrays and back: files, zip, npy, checkpoints, JSON, images
- *   src/formats   splats in files of others: 3DGS PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, GLB
+ *   src/formats   splats in files of others: 3DGS PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .splat4d, .4dgs,
+ *                 GLB
  *   src/scene     splats of a frame, data sets, clips, the *.spin bundle, plug-ins
  *   src/math      every formula once, each with its derivative; headers that C and CUDA share
  *   src/device    the operations of the method, and the devices that do them

@@ -9,6 +9,7 @@ importers_of_runs() { # BIN_DIR
 
 run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of the repository
     case $1 in
+    4dgs) echo 4dgs/birth_sh2 ;;
     4dgaussian) echo 4dgaussian/coarse_and_fine/model ;;
     3dgstream) echo 3dgstream ;;
     d3dgs) echo d3dgs/cloud ;;
@@ -29,6 +30,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     ksplat) echo splats/ksplat ;;
     sog) echo splats/sog ;;
     splat) echo splats/splat ;;
+    splat4d) echo splat4d/default_bounds ;;
     spz) echo splats/spz4 ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac

@@ -76,6 +76,19 @@ spin_status spin_file_sequence_find(struct spin_model *m, const char *path, cons
     return SPIN_OK;
 }
 
+spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const char *suffix,
+                                   const char **out)
+{
+    struct spin_file_sequence files = {0};
+
+    SPIN_TRY(spin_file_sequence_find(m, path, suffix, &files));
+    if (files.n_frames > 1)
+        return spin_fail(SPIN_E_UNSUPPORTED, "'%s' holds %zu clips: give one of the files", path,
+                         files.n_frames);
+    *out = files.frame[0].path;
+    return SPIN_OK;
+}
+
 static int by_number(const void *a, const void *b)
 {
     const struct spin_file_frame *x = a, *y = b;

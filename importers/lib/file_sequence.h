@@ -32,6 +32,9 @@ spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, co
 /* Those, of which there must be one; or the file `path`, whatever its name. */
 spin_status spin_file_sequence_find(struct spin_model *m, const char *path, const char *suffix,
                                     struct spin_file_sequence *seq);
+/* Of formats that hold a clip in a file: that file, or the only one of its kind in the folder `path`. */
+spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const char *suffix,
+                                   const char **out);
 /* Numeric order; "frame_10" comes after "frame_9". Without any numbers the order of the names. Notes
  * missing numbers. */
 spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,

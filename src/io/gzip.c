@@ -83,7 +83,8 @@ spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data,
     return status;
 }
 
-spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)
+static spin_status inflate_all(int window_bits, const char *name, const void *data, size_t size,
+                               void *out, size_t n_out, size_t *n)
 {
     const unsigned char *from = data;
     unsigned char *to = out;
@@ -91,7 +92,7 @@ spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_ou
     int result = Z_OK;
 
     *n = 0;
-    if (inflateInit2(&z, MAX_WBITS + 16) != Z_OK)
+    if (inflateInit2(&z, window_bits) != Z_OK)
         return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
     while (result == Z_OK && *n < n_out) {
         size_t n_in = size < UINT32_MAX / 2 ? size : UINT32_MAX / 2;
@@ -108,8 +109,19 @@ spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_ou
     }
     inflateEnd(&z);
     if (result != Z_STREAM_END && *n < n_out)
-        return spin_fail(SPIN_E_MALFORMED, "the gzip is damaged or cut short after %zu bytes", *n);
+        return spin_fail(SPIN_E_MALFORMED, "the %s is damaged or cut short after %zu bytes", name,
+                         *n);
     return SPIN_OK;
+}
+
+spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)
+{
+    return inflate_all(MAX_WBITS + 16, "gzip", data, size, out, n_out, n);
+}
+
+spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n)
+{
+    return inflate_all(MAX_WBITS, "zlib stream", data, size, out, n_out, n);
 }
 
 uint32_t spin_gzip_length(const void *data, size_t size)

@@ -1,4 +1,4 @@
-/* Gzip in memory. */
+/* Gzip and zlib in memory. */
 #ifndef SPIN_IO_GZIP_H
 #define SPIN_IO_GZIP_H
 
@@ -13,7 +13,9 @@ spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data,
 /* At most n_out bytes from the beginning of a gzip in memory; *n how many there were. A stream that is
  * damaged before them is SPIN_E_MALFORMED, checksum and length included when its end is reached. */
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
-/* What its last bytes say of its length, modulo 2^32; 0 when there are none. */
+/* The same of a zlib stream (RFC 1950). */
+spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
+/* What the last bytes of a gzip say of its length, modulo 2^32; 0 when there are none. */
 uint32_t spin_gzip_length(const void *data, size_t size);
 
 #endif

@@ -3,11 +3,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "formats/4dgs.h"
 #include "formats/compressed_ply.h"
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
 #include "formats/splat.h"
+#include "formats/splat4d.h"
 #include "formats/spz.h"
 #include "io/webp.h"
 
@@ -58,6 +60,32 @@ static spin_status read_splat(const uint8_t *data, size_t size, struct spin_spla
 static spin_status read_ksplat(const uint8_t *data, size_t size, struct spin_splats *out)
 {
     return spin_ksplat_read(data, size, ALL, out);
+}
+
+static spin_status read_splat4d(const uint8_t *data, size_t size, struct spin_splats *out)
+{
+    struct spin_splat4d clip;
+    spin_status status = spin_splat4d_open(data, size, &clip);
+
+    for (int f = 0; status == SPIN_OK && f < clip.n_frames && f < 100; f++)
+        status = spin_splat4d_read(&clip, f, ALL, out);
+    spin_splat4d_close(&clip);
+    return status;
+}
+
+static spin_status read_4dgs(const uint8_t *data, size_t size, struct spin_splats *out)
+{
+    struct spin_splats_4d splats = {0};
+    struct spin_4dgs info;
+    size_t n_dropped;
+    spin_status status = spin_4dgs_read(data, size, &info, &splats);
+
+    if (status == SPIN_OK)
+        status = spin_splats_4d_settle(&splats, &n_dropped, NULL);
+    if (status == SPIN_OK)
+        status = spin_splats_4d_slice(&splats, info.duration / 2, ALL, out);
+    spin_splats_4d_free(&splats);
+    return status;
 }
 
 /* The pictures of a SOG with 16 splats and SH of degree 1, where a meta.json that is fuzzed finds them. */
@@ -113,7 +141,8 @@ static spin_status read_glb(const uint8_t *data, size_t size, struct spin_splats
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static spin_status (*const read[])(const uint8_t *, size_t, struct spin_splats *) = {
-        read_ply, read_compressed, read_spz, read_splat, read_ksplat, read_sog, read_glb};
+        read_ply,     read_compressed, read_spz, read_splat, read_ksplat,
+        read_splat4d, read_4dgs,       read_sog, read_glb};
     static const char *const what[5] = {"", "", "", "", ""};
 
     for (size_t i = 0; i < sizeof read / sizeof *read; i++) {

@@ -25,13 +25,32 @@ static inline const char *path_in(const char *folder, const char *name)
     return path;
 }
 
-/* An empty folder; check_folder() only has a few. */
 /* Of some methods the repository holds fewer runs than the larger set. */
 static inline bool has(const char *root, const char *name)
 {
     return spin_path_exists(path_in(root, name));
 }
 
+/* The file in a folder whose name ends so. */
+static inline const char *file_in(const char *folder, const char *ending)
+{
+    const char *found = NULL;
+    char **names = NULL;
+    size_t n = 0;
+
+    if (spin_folder_list(folder, &names, &n) != SPIN_OK)
+        exit(1);
+    for (size_t i = 0; i < n; i++)
+        if (strlen(names[i]) > strlen(ending) &&
+            !strcmp(names[i] + strlen(names[i]) - strlen(ending), ending))
+            found = path_in(folder, names[i]);
+    spin_folder_list_free(names);
+    if (!found)
+        exit(1);
+    return found;
+}
+
+/* An empty folder; check_folder() only has a few. */
 static inline const char *new_folder(void)
 {
     static const char *parent;
@@ -118,7 +137,7 @@ static inline double manifest_tolerance(const spin_json *manifest, const char *k
     return value;
 }
 
-/* What a fixture's manifest allows: of "abs 1e-4 + rel 1e-3" both numbers, of a plain one the first. */
+/* What a fixture's manifest allows: of "abs 1e-4 + rel 1e-3", or with a comma, both numbers, of a plain one the first. */
 struct bound {
     double abs, rel;
 };
@@ -131,12 +150,12 @@ static inline struct bound bound_or(const char *key, struct bound b)
     spin_json *manifest = load_manifest(bounds_of);
     const spin_json *all = spin_json_get(manifest, "tolerance");
     const spin_json *entry = spin_json_get(all ? all : spin_json_get(manifest, "tolerances"), key);
-    const char *text = spin_json_string(entry), *plus = text ? strchr(text, '+') : NULL;
+    const char *text = spin_json_string(entry), *plus = text ? strpbrk(text, "+,") : NULL;
 
     if (!spin_json_number(entry, &b.abs) && text)
         sscanf(text, "abs %lf", &b.abs);
-    if (plus && sscanf(plus, "+ rel %lf", &b.rel) != 1)
-        sscanf(plus, "+ %lf", &b.rel);
+    if (plus && sscanf(plus + 1, " rel %lf", &b.rel) != 1 && *plus == '+')
+        sscanf(plus + 1, " %lf", &b.rel);
     spin_json_free(manifest);
     return b;
 }

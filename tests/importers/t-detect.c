@@ -1,6 +1,6 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash 4dgaussian
- * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat sog gltf panoptic colmap dynerf
+ * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat splat4d 4dgs sog gltf panoptic colmap dynerf
  * K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
@@ -65,6 +65,10 @@ static const struct known runs[] = {
     {"splats/sog/frame_00000.sog", "sog"},
     {"splats/glb", "gltf"},
     {"splats/glb/frame_00001.glb", "gltf"},
+    {"4dgs/*", "4dgs"},
+    {"4dgs/birth_sh2/scene.4dgs", "4dgs"},
+    {"splat4d/*", "splat4d"},
+    {"splat4d/default_bounds/scene.splat4d", "splat4d"},
     {"splats", NULL},
     {"datasets/panoptic_mini", NULL},
     {"datasets/colmap_mini", NULL},

@@ -277,6 +277,8 @@ static const struct run_files {
     {"splats/spz3", {"*.spz"}},
     {"splats/spz4", {"*.spz"}},
     {"splats/glb", {"*.glb"}},
+    {"splat4d/default_bounds", {"*.splat4d"}},
+    {"4dgs/birth_sh2", {"*.4dgs"}},
 };
 enum { N_RUNS = sizeof runs / sizeof runs[0], MAX_FILES = 64 };
 

@@ -1,0 +1,76 @@
+/* .4dgs of avala-ai: one file with all splats of a scene, as 4D splats. */
+#include <string.h>
+
+#include "formats/4dgs.h"
+#include "importers/lib/file_sequence.h"
+
+static int fourdgs_probe(const struct spin_peek *peek)
+{
+    static const char magic[] = "\x89"
+                                "4DGS";
+
+    if (peek->is_folder)
+        return spin_file_sequence_count(peek, ".4dgs") > 0 ? 70 : 0;
+    if (peek->n_head >= 5 && memcmp(peek->head, magic, 5) == 0)
+        return 90;
+    return spin_file_has_suffix(peek->path, ".4dgs") ? 70 : 0;
+}
+
+/* Playback covers [0, duration): the last time is the float before the last end of a window. */
+static float before(double duration)
+{
+    float last = (float)duration;
+
+    return nextafterf((double)last > duration ? nextafterf(last, 0) : last, 0);
+}
+
+static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, size_t n)
+{
+    struct spin_sequence_info *sequence = m->sequence;
+
+    SPIN_TRY(spin_model_settle_4d(m));
+    sequence->time_first = 0;
+    sequence->time_last = (double)before(info->duration);
+    sequence->half_open = true;
+    snprintf(sequence->variant, sizeof sequence->variant,
+             "gaussian-birth, %zu splats, SH degree %d, %g s", n, m->splats_4d.sh_degree,
+             info->duration);
+    spin_note(sequence, "splats are seen at weights of %g and above, as the file says",
+              info->cutoff);
+    spin_note(sequence, "windows are half open: nothing is seen at %g s itself", info->duration);
+    spin_note(sequence, "the format clamps colours of degree 0 to what is seen, from 0 to 1");
+    if (info->sound || info->camera)
+        spin_note(sequence, "left out: %s%s%s", info->sound ? "sound" : "",
+                  info->sound && info->camera ? ", " : "", info->camera ? "the camera's path" : "");
+    return SPIN_OK;
+}
+
+static spin_status open_4dgs(void *self, const char *path)
+{
+    struct spin_model *m = self;
+    struct spin_4dgs info;
+    struct spin_map map;
+    spin_status status;
+
+    SPIN_TRY(spin_file_sequence_one(m, path, ".4dgs", &m->path));
+    SPIN_TRY(spin_map_open(m->path, &map));
+    status = spin_4dgs_read(map.data, map.size, &info, &m->splats_4d);
+    if (status == SPIN_OK)
+        status = describe(m, &info, m->splats_4d.n);
+    spin_map_close(&map);
+    return spin_fail_reading(status, m->path);
+}
+
+SPIN_MODEL_OPEN(fourdgs_open, struct spin_model, open_4dgs)
+
+const struct spin_importer spin_importer_4dgs = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "4dgs",
+    .summary = ".4dgs files, version 1, whose splats are born once: 4D splats",
+    .upstream = "avala-ai/4dgs 30f5d0f",
+    .probe = fourdgs_probe,
+    .open = fourdgs_open,
+    .frame = spin_model_slice,
+    .close = spin_model_close,
+    .splats_4d = spin_model_splats_4d,
+};

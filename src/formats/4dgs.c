@@ -1,0 +1,648 @@
+#include "formats/4dgs.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "formats/gaussian.h"
+#include "formats/planes.h"
+#include "io/file.h"
+#include "io/gzip.h"
+#include "io/zstd.h"
+#include "math/sh.h"
+
+#define MAGIC                                                                                      \
+    "\x89"                                                                                         \
+    "4DGS1\r\n"
+#define MAGIC_BYTES 8
+#define MODEL "gaussian-birth"
+#define SCHEME "uniform-v1"
+#define NEVER_FADES 1 /* of the flags of a splat */
+/* A splat has 34 bytes or more before they are packed, and places of its own. What unpacks to far more than 32 times its
+ * bytes is a bomb. */
+#define ROW_BYTES 34
+#define RATIO 32
+#define SLACK (1u << 20)
+
+enum {
+    HEADER = 1,
+    FOOTER,
+    QUANTIZATION,
+    WINDOWS,
+    CHUNK,
+    SH_BAND = 7,
+    SOUND = 9,
+    CAMERA = 10,
+    DELTA_CHUNK = 16,
+    SOUND_SOURCE,
+    OBJECT_TRACK = 37,
+};
+
+enum {
+    POSITION,
+    SCALE,
+    LARGEST,
+    ROTATION,
+    COLOUR,
+    OPACITY,
+    MOTION,
+    MU,
+    SIGMA,
+    FLAGS,
+    WINDOW,
+    N_ATTRIBUTES
+};
+
+static const struct {
+    const char *name;
+    int channels;
+} attributes[N_ATTRIBUTES] = {
+    {"position", 3}, {"scale", 3},   {"rotation_index", 1}, {"rotation", 3},
+    {"color", 3},    {"opacity", 1}, {"motion", 3},         {"mu_t", 1},
+    {"sigma_t", 1},  {"flags", 1},   {"window_index", 1},
+};
+
+enum {
+    STEP_POSITION,
+    STEP_SCALE,
+    STEP_ROTATION,
+    STEP_COLOUR,
+    STEP_OPACITY,
+    STEP_MOTION,
+    STEP_TIME,
+    STEP_SIGMA,
+    N_STEPS
+};
+
+struct reader {
+    const unsigned char *file;
+    size_t size;
+    struct spin_4dgs *info;
+    struct spin_splats_4d *splats;
+    unsigned seen; /* bits of the records that come once */
+    uint64_t n_said;
+    double origin[3], step[N_STEPS];
+    double *window; /* [n_windows][2] */
+    size_t n_windows;
+    uint64_t n; /* splats of chunks so far */
+    size_t n_chunks;
+    size_t first, n_in_chunk; /* rows of the last one */
+    unsigned bands;           /* of the last one: bits */
+    int32_t *steps[N_ATTRIBUTES];
+};
+
+/* ---- Bytes ----------------------------------------------------------------------------------- */
+
+/* What is left of a record. Once something is missing all that comes is zero. */
+struct cursor {
+    const unsigned char *at;
+    size_t left;
+    bool cut;
+};
+
+static const unsigned char *take(struct cursor *c, uint64_t n)
+{
+    const unsigned char *at = c->at;
+
+    if (n > c->left) {
+        c->cut = true;
+        c->left = 0;
+        return NULL;
+    }
+    c->at += n;
+    c->left -= (size_t)n;
+    return at;
+}
+
+static uint64_t take_number(struct cursor *c, int bytes)
+{
+    const unsigned char *at = take(c, (uint64_t)bytes);
+    uint64_t value = 0;
+
+    for (int b = 0; at && b < bytes; b++)
+        value |= (uint64_t)at[b] << (8 * b);
+    return value;
+}
+
+static double take_real(struct cursor *c)
+{
+    uint64_t bits = take_number(c, 8);
+    double value;
+
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static struct cursor take_block(struct cursor *c, int length_bytes)
+{
+    uint64_t n = take_number(c, length_bytes);
+    const unsigned char *at = take(c, n);
+
+    return (struct cursor){at ? at : (const unsigned char *)"", at ? (size_t)n : 0, false};
+}
+
+static bool says(const struct cursor *text, const char *word)
+{
+    return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
+}
+
+/* For "%.*s". */
+static int length_of(const struct cursor *text) { return text->left < 80 ? (int)text->left : 80; }
+
+/* ---- Records that come once ------------------------------------------------------------------ */
+
+static spin_status read_header(struct reader *r, struct cursor *c)
+{
+    struct cursor model;
+    unsigned degree;
+
+    take_block(c, 4);
+    take_block(c, 4);
+    r->info->duration = take_real(c);
+    r->n_said = take_number(c, 8);
+    r->info->cutoff = take_real(c);
+    model = take_block(c, 4);
+    take(c, 48);
+    degree = (unsigned)take_number(c, 1);
+    if (c->cut)
+        return SPIN_OK;
+    if (!says(&model, MODEL))
+        return spin_fail(SPIN_E_UNSUPPORTED, "temporal model '%.*s', expected '" MODEL "'",
+                         length_of(&model), (const char *)model.at);
+    if (!(r->info->duration > 0) || !isfinite(r->info->duration))
+        return spin_fail(SPIN_E_MALFORMED, "header: a duration of %g", r->info->duration);
+    if (!(r->info->cutoff > 0) || r->info->cutoff > 1)
+        return spin_fail(SPIN_E_MALFORMED, "header: a cutoff of %g, expected above 0 and to 1",
+                         r->info->cutoff);
+    if (degree > 3)
+        return spin_fail(SPIN_E_UNSUPPORTED, "header: SH degree %u, expected 0 to 3", degree);
+    r->splats->sh_degree = (int)degree;
+    return SPIN_OK;
+}
+
+static spin_status read_quantization(struct reader *r, struct cursor *c)
+{
+    struct cursor scheme = take_block(c, 4);
+    double sum = 0;
+
+    if (!c->cut && !says(&scheme, SCHEME))
+        return spin_fail(SPIN_E_UNSUPPORTED, "quantization '%.*s', expected '" SCHEME "'",
+                         length_of(&scheme), (const char *)scheme.at);
+    for (int k = 0; k < 3; k++)
+        sum += fabs(r->origin[k] = take_real(c));
+    for (int k = 0; k < N_STEPS; k++)
+        sum += fabs(r->step[k] = take_real(c));
+    return isfinite(sum) ? SPIN_OK
+                         : spin_fail(SPIN_E_MALFORMED, "quantization: steps that are not finite");
+}
+
+static spin_status read_windows(struct reader *r, struct cursor *c)
+{
+    uint64_t n = take_number(c, 4);
+
+    if (c->cut || n > c->left / 16)
+        return spin_fail(SPIN_E_MALFORMED, "window table: %llu windows in %zu bytes",
+                         (unsigned long long)n, c->left);
+    if (n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "window table: without a window no splat is ever seen");
+    r->n_windows = (size_t)n;
+    SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
+    for (size_t i = 0; i < 2 * r->n_windows; i++) {
+        r->window[i] = take_real(c);
+        if (isnan(r->window[i]))
+            return spin_fail(SPIN_E_MALFORMED, "window table: window %zu is not a number", i / 2);
+    }
+    return SPIN_OK;
+}
+
+/* The index is not needed, but it says whether the file was damaged. */
+static spin_status read_footer(const struct reader *r, struct cursor *c, size_t at)
+{
+    uint64_t start = take_number(c, 8);
+    uint32_t crc;
+
+    take_number(c, 8);
+    crc = (uint32_t)take_number(c, 4);
+    if (c->cut || start == 0 || crc == 0)
+        return SPIN_OK;
+    if (start > at || spin_crc32(0, r->file + start, at - (size_t)start) != crc)
+        return spin_fail(SPIN_E_MALFORMED, "footer: the checksum of the index is wrong");
+    return SPIN_OK;
+}
+
+/* ---- Streams --------------------------------------------------------------------------------- */
+
+/* Exactly n_out bytes into *out, which is allocated. */
+static spin_status unpack(unsigned codec, const struct cursor *packed, uint64_t n_out,
+                          unsigned char **out)
+{
+    size_t n = 0;
+
+    SPIN_TRY(spin_alloc((size_t)n_out + 1, 1, (void **)out));
+    if (codec == 1)
+        return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
+    SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
+    return n == n_out ? SPIN_OK
+                      : spin_fail(SPIN_E_MALFORMED, "zlib data of another length than %llu",
+                                  (unsigned long long)n_out);
+}
+
+enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
+
+struct stream {
+    unsigned attribute, symbol, mode, codec, channels;
+    uint64_t n;
+    struct cursor packed;
+};
+
+static struct stream take_stream(struct cursor *c)
+{
+    struct stream s;
+
+    s.attribute = (unsigned)take_number(c, 1);
+    s.symbol = (unsigned)take_number(c, 1);
+    s.mode = (unsigned)take_number(c, 1);
+    s.codec = (unsigned)take_number(c, 1);
+    s.channels = (unsigned)take_number(c, 1);
+    s.n = take_number(c, 4);
+    s.packed = take_block(c, 8);
+    return s;
+}
+
+/* Numbers [n][channels] from symbols. */
+static spin_status decode(const struct stream *s, const unsigned char *planes, size_t n_symbols,
+                          int32_t *out)
+{
+    size_t width = s->channels;
+
+    for (size_t i = 0; i < s->n * width; i++) {
+        int64_t v = spin_unzigzag(spin_plane_symbol(planes, (int)s->symbol, n_symbols,
+                                                    s->mode == CONSTANT ? i % width : i));
+
+        v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
+        if (v < INT32_MIN || v > INT32_MAX)
+            return spin_fail(SPIN_E_MALFORMED, "a number that 32 bits do not hold in row %zu",
+                             i / width);
+        out[i] = (int32_t)v;
+    }
+    return SPIN_OK;
+}
+
+/* Those of n splats; *out is allocated. */
+static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
+{
+    size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
+    unsigned char *planes = NULL;
+    spin_status status;
+
+    if (s->codec > 1)
+        return spin_fail(SPIN_E_UNSUPPORTED, "packed by codec %u, expected 0 (deflate) or 1 (zstd)",
+                         s->codec);
+    if (s->n != n || s->channels != (unsigned)channels)
+        return spin_fail(SPIN_E_MALFORMED, "%llu x %u numbers, expected %zu x %d",
+                         (unsigned long long)s->n, s->channels, n, channels);
+    if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
+        return spin_fail(SPIN_E_MALFORMED, "symbols of %u bytes in mode %u", s->symbol, s->mode);
+    SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
+    status = unpack(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes);
+    if (status == SPIN_OK)
+        status = decode(s, planes, n_symbols, *out);
+    free(planes);
+    return status;
+}
+
+/* ---- Chunks ---------------------------------------------------------------------------------- */
+
+static double clamp(double x, double least, double most)
+{
+    return x > least ? x < most ? x : most : least;
+}
+
+/* The float at or below an end of a window: the splat is seen at its first time, and not at its last. */
+static float at_or_below(double x)
+{
+    float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
+
+    return (double)f > x ? nextafterf(f, -INFINITY) : f;
+}
+
+/* The step of a splat's velocity: finer for those that live longer. */
+static double motion_step(const struct reader *r, double life)
+{
+    return ldexp(r->step[STEP_MOTION], -(int)clamp(ceil(log2(clamp(life, 0.02, 2) / 0.5)), -4, 2));
+}
+
+/* That of its own time: a twentieth of its sigma, or less. */
+static double time_step(const struct reader *r, double sigma)
+{
+    double step = r->step[STEP_TIME];
+
+    return step > 0 && 0.05 * sigma < step
+               ? ldexp(step, (int)clamp(floor(log2(0.05 * sigma / step)), -10, 0))
+               : step;
+}
+
+/* Three components of x y z w in their order, without the largest. */
+static void rotation_of(const int32_t *steps, int largest, double step, float wxyz[4])
+{
+    static const int place[4] = {1, 2, 3, 0};
+    double rest = 1;
+
+    for (int k = 0, from = 0; k < 4; k++) {
+        double v;
+
+        if (k == largest)
+            continue;
+        v = clamp(steps[from++] * step, -1, 1);
+        rest -= v * v;
+        wxyz[place[k]] = (float)v;
+    }
+    wxyz[place[largest]] = (float)sqrt(rest > 0 ? rest : 0);
+}
+
+static void fill_row(const struct reader *r, size_t k, const double interval[2])
+{
+    const struct spin_splats_4d *s = r->splats;
+    int32_t *const *steps = r->steps;
+    const double *window = r->window + 2 * steps[WINDOW][k];
+    bool never_fades = steps[FLAGS][k] & NEVER_FADES;
+    double sigma = exp(steps[SIGMA][k] * r->step[STEP_SIGMA]);
+    double v = motion_step(r, never_fades ? window[1] - window[0]
+                                          : sqrt(-2 * log(r->info->cutoff)) * sigma);
+    const int32_t *colour = steps[COLOUR] + 3 * k;
+    size_t i = r->first + k, n_sh = 3 + spin_n_rest(s->sh_degree);
+
+    for (size_t c = 0; c < 3; c++) {
+        double bin = c == 1 ? colour[0] : (double)colour[0] + colour[c == 0 ? 1 : 2];
+
+        s->centres[3 * i + c] =
+            (float)(r->origin[c] + steps[POSITION][3 * k + c] * r->step[STEP_POSITION]);
+        s->log_scales[3 * i + c] = (float)(steps[SCALE][3 * k + c] * r->step[STEP_SCALE]);
+        s->paths[3 * i + c] = (float)(steps[MOTION][3 * k + c] * v);
+        s->sh[n_sh * i + c] = (float)((clamp(bin * r->step[STEP_COLOUR], 0, 1) - 0.5) / SPIN_SH_C0);
+    }
+    rotation_of(steps[ROTATION] + 3 * k, steps[LARGEST][k], r->step[STEP_ROTATION],
+                s->quats + 4 * i);
+    s->logit_opacities[i] =
+        spin_opacity_logit((float)clamp(steps[OPACITY][k] * r->step[STEP_OPACITY], 0, 1));
+    s->times[i] = (float)(steps[MU][k] * (never_fades ? r->step[STEP_TIME] : time_step(r, sigma)));
+    s->sigmas[i] = never_fades ? SPIN_FOREVER : (float)fmin(sigma, (double)SPIN_FOREVER);
+    s->cuts[2 * i] = at_or_below(fmax(window[0], interval[0]));
+    s->cuts[2 * i + 1] = at_or_below(fmin(window[1], interval[1]));
+}
+
+static spin_status read_rows(struct reader *r, const double interval[2])
+{
+    for (size_t k = 0; k < r->n_in_chunk; k++) {
+        if (r->steps[WINDOW][k] < 0 || (size_t)r->steps[WINDOW][k] >= r->n_windows)
+            return spin_fail(SPIN_E_MALFORMED, "'window_index' %d in row %zu, of %zu windows",
+                             r->steps[WINDOW][k], k, r->n_windows);
+        if (r->steps[LARGEST][k] < 0 || r->steps[LARGEST][k] > 3)
+            return spin_fail(SPIN_E_MALFORMED, "'rotation_index' %d in row %zu, expected 0 to 3",
+                             r->steps[LARGEST][k], k);
+        fill_row(r, k, interval);
+    }
+    return SPIN_OK;
+}
+
+static void forget_steps(struct reader *r)
+{
+    for (int a = 0; a < N_ATTRIBUTES; a++) {
+        free(r->steps[a]);
+        r->steps[a] = NULL;
+    }
+}
+
+/* All streams of a chunk, in any order; others are passed over. */
+static spin_status read_streams(struct reader *r, struct cursor *c, const double interval[2])
+{
+    while (c->left > 0) {
+        struct stream s = take_stream(c);
+        spin_status status;
+
+        if (c->cut)
+            return spin_fail(SPIN_E_MALFORMED, "a stream ends behind it");
+        if (s.attribute >= N_ATTRIBUTES)
+            continue;
+        if (r->steps[s.attribute])
+            return spin_fail(SPIN_E_MALFORMED, "it has '%s' twice", attributes[s.attribute].name);
+        status = read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
+                             &r->steps[s.attribute]);
+        if (status != SPIN_OK)
+            return spin_fail_context(status, "'%s'", attributes[s.attribute].name);
+    }
+    for (int a = 0; a < N_ATTRIBUTES; a++)
+        if (!r->steps[a])
+            return spin_fail(SPIN_E_MALFORMED, "it has no '%s'", attributes[a].name);
+    return read_rows(r, interval);
+}
+
+/* A codec may be around all the streams, too. */
+static spin_status read_chunk_block(struct reader *r, struct cursor *block,
+                                    const struct cursor *codec, uint64_t bytes,
+                                    const double interval[2])
+{
+    unsigned char *plain = NULL;
+    spin_status status;
+
+    if (codec->left == 0 && bytes == block->left)
+        return read_streams(r, block, interval);
+    if (codec->left == 0 || bytes > SLACK + (uint64_t)RATIO * block->left)
+        return spin_fail(SPIN_E_MALFORMED, "%llu bytes in %zu", (unsigned long long)bytes,
+                         block->left);
+    if (!says(codec, "deflate") && !says(codec, "zstd"))
+        return spin_fail(SPIN_E_UNSUPPORTED, "packed by '%.*s', expected 'deflate' or 'zstd'",
+                         length_of(codec), (const char *)codec->at);
+    status = unpack(says(codec, "zstd"), block, bytes, &plain);
+    if (status == SPIN_OK)
+        status = read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
+    free(plain);
+    return status;
+}
+
+/* The chunk before the next, or before the end: its bands are those of the SH degree. */
+static spin_status end_chunk(const struct reader *r)
+{
+    if (r->n_in_chunk > 0 && r->bands != (1u << r->splats->sh_degree) - 1)
+        return spin_fail(SPIN_E_MALFORMED, "chunk %zu: it lacks SH bands of degree %d",
+                         r->n_chunks - 1, r->splats->sh_degree);
+    return SPIN_OK;
+}
+
+/* How many splats it has; where they are NULL, no more. */
+static spin_status read_chunk(struct reader *r, struct cursor *c)
+{
+    double interval[2];
+    struct cursor codec, block;
+    uint64_t bytes, n;
+    spin_status status;
+
+    interval[0] = take_real(c);
+    interval[1] = take_real(c);
+    take_number(c, 4);
+    n = take_number(c, 4);
+    codec = take_block(c, 4);
+    bytes = take_number(c, 8);
+    block = take_block(c, 8);
+    if (c->cut)
+        return SPIN_OK;
+    r->n += n;
+    if (!r->splats->centres)
+        return SPIN_OK;
+    SPIN_TRY(end_chunk(r));
+    r->first += r->n_in_chunk;
+    r->n_in_chunk = (size_t)n;
+    r->bands = 0;
+    r->n_chunks++;
+    if (n == 0)
+        return SPIN_OK;
+    if (isnan(interval[0]) || isnan(interval[1]))
+        status = spin_fail(SPIN_E_MALFORMED, "its interval is not a number");
+    else
+        status = read_chunk_block(r, &block, &codec, bytes, interval);
+    forget_steps(r);
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
+}
+
+/* Red's coefficients of the band, then green's, then blue's; from -4 to 4. */
+static spin_status read_band(struct reader *r, struct cursor *c)
+{
+    const struct spin_splats_4d *s = r->splats;
+    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)take_number(c, 1), width = 2 * b + 1;
+    struct stream stream = take_stream(c);
+    int32_t *codes = NULL;
+    spin_status status;
+
+    if (c->cut || !s->centres || (r->n_chunks > 0 && r->n_in_chunk == 0))
+        return SPIN_OK;
+    if (b < 1 || b > (size_t)s->sh_degree || r->n_chunks == 0 || r->bands & 1u << (b - 1))
+        return spin_fail(SPIN_E_MALFORMED, "SH band %zu of a scene of degree %d, or there twice", b,
+                         s->sh_degree);
+    r->bands |= 1u << (b - 1);
+    status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
+    for (size_t k = 0; status == SPIN_OK && k < 3 * width * r->n_in_chunk; k++) {
+        size_t row = k / (3 * width), channel = k / width % 3, m = k % width;
+
+        if (codes[k] < 0 || codes[k] > 255)
+            status = spin_fail(SPIN_E_MALFORMED, "%d in row %zu, expected 0 to 255", codes[k], row);
+        s->sh[n_sh * (r->first + row) + 3 * (b * b + m) + channel] =
+            (float)(codes[k] * 8 / 255.0 - 4);
+    }
+    free(codes);
+    return status == SPIN_OK
+               ? SPIN_OK
+               : spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
+}
+
+/* ---- The file -------------------------------------------------------------------------------- */
+
+static spin_status read_object_track(struct cursor *c)
+{
+    take(c, 5);
+    return take_number(c, 4) == 0
+               ? SPIN_OK
+               : spin_fail(SPIN_E_UNSUPPORTED, "tracks of rigid objects are not read");
+}
+
+/* One record, in either of two passes: what comes once and the number of splats; the splats. */
+static spin_status read_record(struct reader *r, unsigned opcode, struct cursor *c, size_t at)
+{
+    bool first_pass = !r->splats->centres, once = opcode <= WINDOWS;
+
+    if (once && first_pass) {
+        if (opcode < HEADER || r->seen & 1u << opcode)
+            return spin_fail(SPIN_E_MALFORMED, "a second record %02x, or one of opcode 0", opcode);
+        if (opcode != HEADER && !(r->seen & 1u << HEADER))
+            return spin_fail(SPIN_E_MALFORMED, "record %02x stands before the header", opcode);
+        r->seen |= 1u << opcode;
+    }
+    switch (opcode) {
+    case HEADER:
+        return first_pass ? read_header(r, c) : SPIN_OK;
+    case QUANTIZATION:
+        return first_pass ? read_quantization(r, c) : SPIN_OK;
+    case WINDOWS:
+        return first_pass ? read_windows(r, c) : SPIN_OK;
+    case FOOTER:
+        return first_pass ? read_footer(r, c, at) : SPIN_OK;
+    case CHUNK:
+        return read_chunk(r, c);
+    case SH_BAND:
+        return read_band(r, c);
+    case DELTA_CHUNK:
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "delta chunks of the model 'keyframe-delta' are not read");
+    case OBJECT_TRACK:
+        return read_object_track(c);
+    case CAMERA:
+        r->info->camera = true;
+        return SPIN_OK;
+    default:
+        r->info->sound |= opcode == SOUND || opcode == SOUND_SOURCE;
+        return SPIN_OK;
+    }
+}
+
+static spin_status read_records(struct reader *r)
+{
+    struct cursor file = {r->file + MAGIC_BYTES, r->size - 2 * MAGIC_BYTES, false};
+    unsigned opcode = 0;
+
+    r->n = 0;
+    while (file.left > 0) {
+        size_t at = (size_t)(file.at - r->file);
+        struct cursor record;
+
+        opcode = (unsigned)take_number(&file, 1);
+        record = take_block(&file, 8);
+        if (file.cut)
+            return spin_fail(SPIN_E_MALFORMED, "record %02x at byte %zu ends behind the file",
+                             opcode, at);
+        SPIN_TRY(read_record(r, opcode, &record, at));
+        if (record.cut)
+            return spin_fail(SPIN_E_MALFORMED, "record %02x at byte %zu is too short", opcode, at);
+    }
+    if (opcode != FOOTER)
+        return spin_fail(SPIN_E_MALFORMED, "the last record is no footer");
+    return r->splats->centres ? end_chunk(r) : SPIN_OK;
+}
+
+static spin_status read_all(struct reader *r)
+{
+    static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
+
+    if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
+        return spin_fail(SPIN_E_MALFORMED, "it does not begin as a .4dgs of version 1");
+    if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
+        return spin_fail(SPIN_E_MALFORMED, "it is cut short: it does not end as a .4dgs");
+    SPIN_TRY(read_records(r));
+    if (r->seen != all)
+        return spin_fail(SPIN_E_MALFORMED, "it has no %s",
+                         !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
+    if (r->n != r->n_said)
+        return spin_fail(SPIN_E_MALFORMED, "%llu splats in its chunks, but %llu in its header",
+                         (unsigned long long)r->n, (unsigned long long)r->n_said);
+    if (r->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 splats");
+    if (r->n * ROW_BYTES > SLACK + (uint64_t)RATIO * r->size)
+        return spin_fail(SPIN_E_MALFORMED, "%llu splats in %zu bytes", (unsigned long long)r->n,
+                         r->size);
+    SPIN_TRY(
+        spin_splats_4d_reserve(r->splats, (size_t)r->n, 1, r->splats->sh_degree, SPIN_4D_CUTS));
+    r->splats->least_weight = r->info->cutoff;
+    return read_records(r);
+}
+
+spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,
+                           struct spin_splats_4d *splats)
+{
+    struct reader r = {.file = file, .size = size, .info = out, .splats = splats};
+    spin_status status;
+
+    *out = (struct spin_4dgs){0};
+    status = read_all(&r);
+    forget_steps(&r);
+    free(r.window);
+    return status;
+}

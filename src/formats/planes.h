@@ -1,0 +1,25 @@
+/* Whole numbers as compressed columns hold them: zigzag symbols of 1, 2 or 4 bytes in byte planes, all low bytes first,
+ * then all second bytes, and so on. */
+#ifndef SPIN_FORMATS_PLANES_H
+#define SPIN_FORMATS_PLANES_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Symbol i of n, `width` bytes each. */
+static inline uint32_t spin_plane_symbol(const unsigned char *planes, int width, size_t n, size_t i)
+{
+    uint32_t symbol = 0;
+
+    for (int b = 0; b < width; b++)
+        symbol |= (uint32_t)planes[(size_t)b * n + i] << (8 * b);
+    return symbol;
+}
+
+/* 0, 1, 2, 3, 4 are 0, -1, 1, -2, 2. */
+static inline int32_t spin_unzigzag(uint32_t symbol)
+{
+    return (int32_t)(symbol >> 1 ^ -(symbol & 1));
+}
+
+#endif
