@@ -2,7 +2,7 @@
  *
  *     drop NAME [A B]        a tensor or a property is gone; or those with the numbers A to B behind NAME
  *     put NAME [D D ...]     zeros of that shape, or of as many rows as there are
- *     set NAME I VALUE       one value, or all of them: I is '*'
+ *     set NAME I VALUE       one value, or all of them: I is '*'; VALUE may be +X, or =J: that of J
  *     rows N                 so many rows of a cloud are left
  *     pair                   a pair of dicts instead of one, or the other way
  *     swap                   the dicts of a pair
@@ -43,10 +43,25 @@ static inline const char *copy_of(const char *folder)
     return to;
 }
 
+static inline void edit_values(float *values, size_t n, const char *rest)
+{
+    char *end;
+    size_t at = strtoull(rest, &end, 10);
+    bool all = rest[strspn(rest, " ")] == '*';
+    const char *value = all ? strchr(rest, '*') + 1 : end;
+
+    value += strspn(value, " ");
+    for (size_t i = 0; i < n; i++) {
+        if (all || i == at)
+            values[i] = *value == '=' ? values[strtoull(value + 1, NULL, 10)]
+                                      : strtof(value, NULL) + (*value == '+' ? values[i] : 0);
+    }
+}
+
 static inline void edit_tensors(struct pth *pth, const char *word, const char *name,
                                 const char *rest)
 {
-    uint64_t shape[5], from, to;
+    uint64_t shape[5];
     int n_dims = 0;
     char *end;
 
@@ -57,13 +72,7 @@ static inline void edit_tensors(struct pth *pth, const char *word, const char *n
             n_dims++;
         pth_put(pth, name, n_dims, shape);
     } else if (strcmp(word, "set") == 0) {
-        struct pth_tensor *t = pth_find(pth, name);
-
-        rest += strspn(rest, " ");
-        from = strtoull(rest, &end, 10);
-        to = *rest == '*' ? t->count : from + 1;
-        for (from = *rest == '*' ? 0 : from; from < to; from++)
-            t->values[from] = strtof(*rest == '*' ? rest + 1 : end, NULL);
+        edit_values(pth_find(pth, name)->values, pth_find(pth, name)->count, rest);
     } else if (strcmp(word, "real") == 0) {
         pth_find(pth, name)->whole = false;
     } else if (strcmp(word, "pair") == 0) {
@@ -82,20 +91,12 @@ static inline void edit_tensors(struct pth *pth, const char *word, const char *n
 static inline void edit_columns(struct cloud *c, const char *word, const char *name,
                                 const char *rest)
 {
-    char *end;
-    size_t at;
-
     if (strcmp(word, "drop") == 0) {
         cloud_drop(c, name);
     } else if (strcmp(word, "put") == 0) {
         cloud_add(c, name);
     } else if (strcmp(word, "set") == 0 && cloud_find(c, name)) {
-        rest += strspn(rest, " ");
-        at = strtoull(rest, &end, 10);
-        for (size_t i = 0; i < c->n; i++) {
-            if (*rest == '*' || i == at)
-                cloud_find(c, name)[i] = strtof(*rest == '*' ? rest + 1 : end, NULL);
-        }
+        edit_values(cloud_find(c, name), c->n, rest);
     } else if (strcmp(word, "rows") == 0) {
         c->n = strtoull(name, NULL, 10);
     } else {
