@@ -18,8 +18,9 @@ enum golden_kind {
     OPACITIES,
     LOGITS,
     SH,
-    BASE, /* 0.5 + C0 of degree 0 */
-    SEEN, /* colours from `campos` */
+    SH_REST, /* without degree 0; what the array does not have is 0 */
+    BASE,    /* 0.5 + C0 of degree 0 */
+    SEEN,    /* colours from `campos` */
     COV6,
 };
 
@@ -38,7 +39,7 @@ struct golden_array {
 struct golden {
     const char *method, *fixtures, *path; /* below a fixture; '*': the largest number */
     const struct golden_array *array;
-    const char *options[2];
+    const char *options[4];
     struct {
         const char *key;
         double above;
@@ -49,6 +50,7 @@ struct golden {
     const char *also[3];       /* paths that are the same run */
 };
 
+#define NOWHERE ((size_t)-1)
 #define SETTLED (SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH)
 #define ANY_STILL (~0u)
 
@@ -98,6 +100,10 @@ ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
         .still = (still_), __VA_ARGS__                                                             \
     }
 
+#define TC3DGS(expected_, ...)                                                                     \
+    G("tc3dgs", "tc3dgs", "params.npz", cloud, ANY_STILL, .expected = (expected_),                 \
+      .seen = {{"?visible", 0}}, .also = {""}, .options = {__VA_ARGS__})
+
 static const struct golden goldens[] = {
     G("deformable3dgs", "deformable3dgs", "model", deformed, SETTLED,
       .said = "Deformable 3D Gaussians,", .also = {"model/deform/*/deform.pth"}),
@@ -139,6 +145,12 @@ static const struct golden goldens[] = {
       .expected = "expected_ply.npz", .said = "PLYs"),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),
+    TC3DGS("expected_ste_0.1.npz"),
+    TC3DGS("expected_ste_0.01.npz", "tc-mask", "frame", "tc-threshold", "0.01"),
+    TC3DGS("expected_prune_avg_0.1.npz", "tc-mask", "avg", "tc-threshold", "0.1"),
+    TC3DGS("expected_prune_any_0.1.npz", "tc-mask", "any", "tc-threshold", "0.1"),
+    TC3DGS("expected_prune_all_0.1.npz", "tc-mask", "all", "tc-threshold", "0.1"),
+    TC3DGS("expected_nomask.npz", "tc-mask", "none", "tc-threshold", "0.1"),
 };
 
 enum { N_GOLDENS = sizeof goldens / sizeof *goldens };
@@ -179,31 +191,33 @@ static inline const char *golden_path(const char *folder, const char *pattern)
 
 /* ---- Tables ---------------------------------------------------------------------------------- */
 
-struct table {
+struct golden_table {
     double *value;
     size_t n_blocks, n_rows, width; /* [n_blocks][n_rows][width] */
 };
 
-/* n_rows 0: those of the second dimension. */
-static inline struct table table_load(struct spin_npz *npz, const char *key, size_t n_rows)
+/* The dimension of n_rows is that of the rows; 0: the last but one, or the first. */
+static inline struct golden_table golden_load(struct spin_npz *npz, const char *key, size_t n_rows)
 {
     struct spin_array info = {0};
-    struct table t = {.value = check_load(npz, key, &info)};
-    size_t lead;
+    struct golden_table t = {.value = check_load(npz, key, &info), .n_blocks = 1};
+    int d = info.n_dims > 2 ? 1 : 0;
 
     if (!t.value)
         exit(1);
-    lead = info.n_dims > 1 && info.shape[0] != n_rows &&
-           info.shape[1] == (n_rows ? n_rows : info.shape[1]);
-    if (!n_rows && info.n_dims == 2)
-        lead = 0;
-    t.n_blocks = lead ? info.shape[0] : 1;
-    t.n_rows = info.n_dims ? info.shape[lead] : 1;
+    for (int k = 0; n_rows && k < info.n_dims; k++) {
+        if (info.shape[d = k] == n_rows)
+            break;
+        d = 0;
+    }
+    for (int k = 0; k < d; k++)
+        t.n_blocks *= info.shape[k];
+    t.n_rows = info.n_dims ? info.shape[d] : 1;
     t.width = info.count / (t.n_blocks * t.n_rows);
     return t;
 }
 
-static inline double table_at(const struct table *t, size_t block, size_t row)
+static inline double golden_at(const struct golden_table *t, size_t block, size_t row)
 {
     return t->value[((t->n_blocks > 1 ? block : 0) * t->n_rows + row) * t->width];
 }
@@ -226,10 +240,9 @@ static inline struct tolerance golden_bound(const spin_json *manifest, const str
     entry = spin_json_get(all, name);
     text = spin_json_string(entry);
     if (!entry && t.abs == 0 && t.rel == 0 &&
-        !ok(spin_json_number(spin_json_get(all, "abs"), &t.abs) &&
-                spin_json_number(spin_json_get(all, "rel"), &t.rel),
-            "the manifest has a tolerance of %s", name))
-        return t;
+        !(spin_json_number(spin_json_get(all, "abs"), &t.abs) &&
+          spin_json_number(spin_json_get(all, "rel"), &t.rel)))
+        ok(0, "the manifest has a tolerance of %s", name);
     if (spin_json_number(entry, &t.abs) || !text)
         return t;
     t = (struct tolerance){0, 0, strstr(text, "extent") != NULL, strstr(text, "xx+yy+zz") != NULL};
@@ -298,6 +311,10 @@ static inline size_t golden_row(enum golden_kind kind, const struct spin_splats 
         from = s->logit_opacities + (width = 1) * i;
     else if (kind == SH || kind == BASE)
         from = s->sh + (width = n_sh) * i;
+    else if (kind == SH_REST) {
+        from = s->sh + n_sh * i + 3;
+        width = n_sh - 3;
+    }
     for (size_t c = 0; c < width; c++) {
         double x = from[c];
 
@@ -316,12 +333,13 @@ static inline size_t golden_row(enum golden_kind kind, const struct spin_splats 
 }
 
 /* The row of an array that is about row `row` of all; -1: none. */
-static inline long golden_place(const struct golden_array *a, const struct table *marks, size_t row)
+static inline long golden_place(const struct golden_array *a, const struct golden_table *marks,
+                                size_t row)
 {
     size_t n = 0;
 
-    if (!a->rows)
-        return (long)row;
+    if (!a->rows || row == NOWHERE)
+        return row == NOWHERE ? -1 : (long)row;
     if (strcmp(a->rows, "moving") == 0)
         return marks->n_rows > 1                ? marks->value[row] == 0 ? (long)row : -1
                : row >= (size_t)marks->value[0] ? (long)row
@@ -334,24 +352,28 @@ static inline long golden_place(const struct golden_array *a, const struct table
 struct golden_now {
     const spin_json *manifest;
     struct spin_npz *npz;
-    size_t index, n_all, *row; /* [s->n] */
+    const char *prefix;        /* of the arrays' names, or NULL */
+    size_t index, n_all, *row; /* [s->n]; NOWHERE: in none of the arrays */
     const struct spin_splats *s;
     const char *name;
 };
 
 static inline void golden_compare(const struct golden_now *now, const struct golden_array *a)
 {
-    const char *key = a->key + (*a->key == '?'), *mark = a->rows;
-    struct table t, marks = {0}, eye = {0}, at = {0};
+    bool optional = *a->key == '?';
+    const char *mark = a->rows;
+    char key[80];
+    struct golden_table t, marks = {0}, eye = {0}, at = {0};
     const struct spin_splats *s = now->s;
     struct tolerance b;
-    size_t block = now->index, n_compared = 0;
+    size_t block = now->index, n_rows = 0;
     double worst = 0, extent = 1, out[SPIN_SH_MAX * 3], want[SPIN_SH_MAX * 3];
 
-    if (key != a->key && !spin_npz_has(now->npz, key))
+    snprintf(key, sizeof key, "%s%s", now->prefix ? now->prefix : "", a->key + optional);
+    if (optional && !spin_npz_has(now->npz, key))
         return;
     if (a->at) {
-        at = table_load(now->npz, a->at, 0);
+        at = golden_load(now->npz, a->at, 0);
         for (block = 0; block < at.n_rows && at.value[block] != (double)now->index;)
             block++;
         free(at.value);
@@ -361,26 +383,31 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
     if (mark && strcmp(mark, "moving") == 0)
         mark = spin_npz_has(now->npz, "is_static") ? "is_static" : "n_static";
     if (mark)
-        marks = table_load(now->npz, mark, 0);
+        marks = golden_load(now->npz, mark, 0);
     if (a->kind == SEEN)
-        eye = table_load(now->npz, "campos", 0);
+        eye = golden_load(now->npz, "campos", 0);
     b = golden_bound(now->manifest, a, key);
-    t = table_load(now->npz, key, now->n_all);
+    t = golden_load(now->npz, key, now->n_all);
     if (b.of_extent)
         extent = fmax(1, largest(t.value + (t.n_blocks > 1 ? block : 0) * t.n_rows * t.width,
                                  t.n_rows * t.width));
     for (size_t i = 0; i < s->n; i++) {
         long place = golden_place(a, &marks, now->row[i]);
         size_t width = a->width ? a->width : t.width, n;
+        size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree < 0 ? 0 : s->sh_degree);
         double trace;
 
         if (place < 0)
             continue;
+        memset(want, 0, sizeof want);
         memcpy(want, t.value + ((t.n_blocks > 1 ? block : 0) * t.n_rows + (size_t)place) * t.width,
                width * sizeof *want);
         n = golden_row(a->kind, s, i, eye.value, want, out);
         trace = want[0] + want[3] + want[5];
-        for (size_t c = 0; c < width; c++, n_compared++) {
+        if (a->kind == SH_REST && width < n_sh - 3)
+            width = n_sh - 3;
+        n_rows++;
+        for (size_t c = 0; c < width; c++) {
             double error = fabs((c < n ? out[c] : 0) - want[c]);
             double most = b.abs * extent + b.rel * (b.of_trace ? trace : fabs(want[c]));
 
@@ -388,7 +415,7 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
             worst = error <= worst ? worst : error; /* NaN stays */
         }
     }
-    ok(worst <= 1 && (n_compared > 0 || s->n == 0), "%s: %s", now->name, key);
+    ok(worst <= 1 && (n_rows > 0 || s->n == 0), "%s: %s", now->name, key);
     if (!(worst <= 1))
         printf("#   off by %.3g times the tolerance\n", worst);
     free(t.value);
@@ -397,7 +424,7 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
 }
 
 /* Unit quaternions, and nothing that is not finite. */
-static inline void check_sane(const struct spin_splats *s, unsigned columns, const char *what)
+static inline void golden_sane(const struct spin_splats *s, unsigned columns, const char *what)
 {
     size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), bad = 0;
 
@@ -416,32 +443,70 @@ static inline void check_sane(const struct spin_splats *s, unsigned columns, con
     near((double)bad, 0, 0, what);
 }
 
+/* Rows that all marks are above their bounds for; '?': a mark that may be missing. */
 static inline size_t golden_rows(const struct golden *g, struct spin_npz *npz, size_t n_all,
                                  size_t index, size_t *row)
 {
-    struct table t[2] = {{0}, {0}};
-    size_t n = 0;
+    size_t n = n_all;
 
-    for (int k = 0; k < 2 && g->seen[k].key; k++)
-        t[k] = table_load(npz, g->seen[k].key, n_all);
-    for (size_t i = 0; i < n_all; i++) {
-        bool seen = true;
+    for (size_t i = 0; i < n_all; i++)
+        row[i] = i;
+    for (int k = 0; k < 2 && g->seen[k].key; k++) {
+        const char *key = g->seen[k].key + (*g->seen[k].key == '?');
+        struct golden_table t = {0};
+        size_t kept = 0;
 
-        for (int k = 0; k < 2 && g->seen[k].key; k++)
-            seen = seen && table_at(&t[k], index, i) > g->seen[k].above;
-        if (seen)
-            row[n++] = i;
+        if (key != g->seen[k].key && !spin_npz_has(npz, key))
+            continue;
+        t = golden_load(npz, key, n_all);
+        for (size_t i = 0; i < n; i++) {
+            if (golden_at(&t, index, row[i]) > g->seen[k].above)
+                row[kept++] = row[i];
+        }
+        n = kept;
+        free(t.value);
     }
-    free(t[0].value);
-    free(t[1].value);
     return n;
 }
 
-/* One time: what was read, and positions alone. */
+/* Each column asked for alone is the same, bit for bit. */
+static inline void golden_columns(struct run *run, int frame, double time,
+                                  const struct spin_splats *s, const char *name)
+{
+    struct spin_splats one = {0};
+    const struct {
+        unsigned bit;
+        float *const *all, *const *alone;
+        size_t width;
+    } column[] = {
+        {SPIN_COL_MEANS, &s->means, &one.means, 3},
+        {SPIN_COL_QUATS, &s->quats, &one.quats, 4},
+        {SPIN_COL_LOG_SCALES, &s->log_scales, &one.log_scales, 3},
+        {SPIN_COL_LOGIT_OPACITIES, &s->logit_opacities, &one.logit_opacities, 1},
+        {SPIN_COL_SH, &s->sh, &one.sh,
+         s->sh_degree < 0 ? 0 : 3 * (size_t)spin_sh_count(s->sh_degree)},
+    };
+    unsigned bad = 0;
+
+    for (int c = 0; c < 5; c++) {
+        if (run->sequence.columns & column[c].bit)
+            bad |= run->importer->frame(run->self, frame, time, column[c].bit, &one) != SPIN_OK ||
+                           one.n != s->n ||
+                           memcmp(*column[c].alone, *column[c].all, 4 * column[c].width * s->n)
+                       ? column[c].bit
+                       : 0;
+    }
+    ok(bad == 0, "%s: columns alone are the same", name);
+    if (bad)
+        printf("#   columns %#x are not\n", bad);
+    spin_splats_free(&one);
+}
+
+/* One time: what was read, all at once and column by column. */
 static inline void golden_time(const struct golden *g, struct run *run, struct golden_now *now,
                                double time)
 {
-    struct spin_splats s = {0}, again = {0};
+    struct spin_splats s = {0};
     size_t n = golden_rows(g, now->npz, now->n_all, now->index, now->row);
     int frame = run->sequence.continuous || run->sequence.n_frames == 1 ? 0 : (int)now->index;
 
@@ -451,15 +516,12 @@ static inline void golden_time(const struct golden *g, struct run *run, struct g
            "%s: %zu of %zu Gaussians are seen", now->name, n, now->n_all)) {
         for (const struct golden_array *a = g->array; a->key; a++)
             golden_compare(now, a);
-        check_sane(&s, run->sequence.columns, now->name);
-        ok(run->importer->frame(run->self, frame, time, SPIN_COL_MEANS, &again) == SPIN_OK &&
-               again.n == n && !memcmp(again.means, s.means, 3 * n * sizeof *s.means),
-           "%s: positions alone are the same", now->name);
+        golden_sane(&s, run->sequence.columns, now->name);
+        golden_columns(run, frame, time, &s, now->name);
     } else {
         printf("#   %zu read: %s\n", s.n, spin_last_error());
     }
     spin_splats_free(&s);
-    spin_splats_free(&again);
 }
 
 /* The run at `path` against the numbers of fixture `folder`; later: what to add to their times. */
@@ -468,7 +530,7 @@ static inline void golden_run(const struct golden *g, const char *from, const ch
                               const char *name)
 {
     struct golden_now now = {.manifest = load_manifest(folder)};
-    struct table first, times = {0};
+    struct golden_table first, times = {0};
     struct spin_npz npz;
     struct run run;
 
@@ -487,9 +549,9 @@ static inline void golden_run(const struct golden *g, const char *from, const ch
     ok(!g->unsaid ||
            !(strstr(run.sequence.notes, g->unsaid) || strstr(run.sequence.variant, g->unsaid)),
        "%s: the notes do not say '%s'", name, g->unsaid ? g->unsaid : "");
-    first = table_load(&npz, g->array->key, 0);
+    first = golden_load(&npz, g->array->key, 0);
     if (spin_npz_has(&npz, "times"))
-        times = table_load(&npz, "times", 0);
+        times = golden_load(&npz, "times", 0);
     ok(run.sequence.continuous == (times.value && g->array != golden_plain),
        "%s: any time may be asked for where there are times", name);
     now.npz = &npz;
@@ -522,7 +584,7 @@ static inline void golden_as(const char *method, const char *path, const char *c
 static inline void golden_fixture(const struct golden *g, const char *folder, const char *name)
 {
     const char *expected = path_in(folder, g->expected ? g->expected : "expected.npz"), *path;
-    const char *pairs[] = {g->options[0], g->options[1], NULL};
+    const char *pairs[] = {g->options[0], g->options[1], g->options[2], g->options[3], NULL};
     struct spin_npz npz;
     bool fits;
     char what[200];
