@@ -18,9 +18,10 @@ enum golden_kind {
     OPACITIES,
     LOGITS,
     SH,
-    SH_REST, /* without degree 0; what the array does not have is 0 */
-    BASE,    /* 0.5 + C0 of degree 0 */
-    SEEN,    /* colours from `campos` */
+    SH_CHANNELS, /* the same channel by channel, without degree 0 */
+    SH_REST,     /* without degree 0; what the array does not have is 0 */
+    BASE,        /* 0.5 + C0 of degree 0 */
+    SEEN,        /* colours from `campos` */
     COV6,
 };
 
@@ -91,6 +92,9 @@ ARRAYS(ftgs, A("mean", MEANS), A("raw_scale", LOG_SCALES, .bound = "", .abs = 1e
 ARRAYS(centres, A("centre", MEANS));
 ARRAYS(keyed, A("xyz", MEANS), A("?cov6", COV6), A("?opacity", OPACITIES), A("?sh", SH),
        A("?rot", QUATS, .rows = "moving"), A("?scale", SCALES, .rows = "moving"));
+ARRAYS(free, A("xyz", MEANS), A("opacity", OPACITIES, .bound = "opacity, temporal"),
+       A("cov6", COV6), A("rot", QUATS), A("scale", SCALES, .bound = "others"),
+       A("f_dc", SH, .bound = "others", .width = 3), A("?f_rest", SH_CHANNELS, .bound = "others"));
 ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
        A("opacities", OPACITIES), A("sh_dc", SH));
 
@@ -143,6 +147,9 @@ static const struct golden goldens[] = {
     G("ex4dgs", "ex4dgs", "model", keyed, SPIN_COL_LOG_SCALES | SPIN_COL_SH),
     G("ex4dgs", "ex4dgs", "model/point_cloud/*", keyed, SPIN_COL_LOG_SCALES | SPIN_COL_SH,
       .expected = "expected_ply.npz", .said = "PLYs"),
+    G("freetimegs", "freetimegs", "", free, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
+    G("freetimegs", "ftgs_ply", "scene.ftgs.ply", free, ANY_STILL,
+      .seen = {{"opacity", 1 / 255.0}}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),
     TC3DGS("expected_ste_0.1.npz"),
@@ -245,9 +252,10 @@ static inline struct tolerance golden_bound(const spin_json *manifest, const str
         ok(0, "the manifest has a tolerance of %s", name);
     if (spin_json_number(entry, &t.abs) || !text)
         return t;
-    t = (struct tolerance){0, 0, strstr(text, "extent") != NULL, strstr(text, "xx+yy+zz") != NULL};
+    t = (struct tolerance){0, 0, strstr(text, "extent") != NULL,
+                           strstr(text, "xx+yy+zz") || strstr(text, "of the trace")};
     if (strncmp(text, "exact", 5) != 0 && sscanf(text, "abs %lf", &t.abs) != 1 &&
-        sscanf(text, "rel %lf", &t.rel) != 1)
+        sscanf(text, "rel %lf", &t.rel) != 1 && sscanf(text, "%lf of the trace", &t.rel) != 1)
         ok(0, "the manifest's tolerance '%s' is understood", text);
     if ((at = strchr(text, '+')) != NULL && sscanf(at, "+ rel %lf", &t.rel) != 1)
         sscanf(at, "+ %lf", &t.rel);
@@ -311,12 +319,12 @@ static inline size_t golden_row(enum golden_kind kind, const struct spin_splats 
         from = s->logit_opacities + (width = 1) * i;
     else if (kind == SH || kind == BASE)
         from = s->sh + (width = n_sh) * i;
-    else if (kind == SH_REST) {
+    else if (kind == SH_REST || kind == SH_CHANNELS) {
         from = s->sh + n_sh * i + 3;
         width = n_sh - 3;
     }
     for (size_t c = 0; c < width; c++) {
-        double x = from[c];
+        double x = from[kind == SH_CHANNELS ? 3 * (c % (width / 3)) + c / (width / 3) : c];
 
         out[c] = kind == SCALES      ? exp(x)
                  : kind == OPACITIES ? 1 / (1 + exp(-x))
