@@ -5,9 +5,9 @@
 
 #include <glob.h>
 
-#include "math/covariance.h"
 #include "math/sh.h"
 #include "tests/importers/models.h"
+#include "tests/importers/slices.h"
 
 enum golden_kind {
     MEANS,
@@ -198,16 +198,11 @@ static inline const char *golden_path(const char *folder, const char *pattern)
 
 /* ---- Tables ---------------------------------------------------------------------------------- */
 
-struct golden_table {
-    double *value;
-    size_t n_blocks, n_rows, width; /* [n_blocks][n_rows][width] */
-};
-
 /* The dimension of n_rows is that of the rows; 0: the last but one, or the first. */
-static inline struct golden_table golden_load(struct spin_npz *npz, const char *key, size_t n_rows)
+static inline struct table golden_load(struct spin_npz *npz, const char *key, size_t n_rows)
 {
     struct spin_array info = {0};
-    struct golden_table t = {.value = check_load(npz, key, &info), .n_blocks = 1};
+    struct table t = {.value = check_load(npz, key, &info), .n_blocks = 1};
     int d = info.n_dims > 2 ? 1 : 0;
 
     if (!t.value)
@@ -224,7 +219,7 @@ static inline struct golden_table golden_load(struct spin_npz *npz, const char *
     return t;
 }
 
-static inline double golden_at(const struct golden_table *t, size_t block, size_t row)
+static inline double golden_at(const struct table *t, size_t block, size_t row)
 {
     return t->value[((t->n_blocks > 1 ? block : 0) * t->n_rows + row) * t->width];
 }
@@ -341,8 +336,7 @@ static inline size_t golden_row(enum golden_kind kind, const struct spin_splats 
 }
 
 /* The row of an array that is about row `row` of all; -1: none. */
-static inline long golden_place(const struct golden_array *a, const struct golden_table *marks,
-                                size_t row)
+static inline long golden_place(const struct golden_array *a, const struct table *marks, size_t row)
 {
     size_t n = 0;
 
@@ -371,7 +365,7 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
     bool optional = *a->key == '?';
     const char *mark = a->rows;
     char key[80];
-    struct golden_table t, marks = {0}, eye = {0}, at = {0};
+    struct table t, marks = {0}, eye = {0}, at = {0};
     const struct spin_splats *s = now->s;
     struct tolerance b;
     size_t block = now->index, n_rows = 0;
@@ -431,26 +425,6 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
     free(eye.value);
 }
 
-/* Unit quaternions, and nothing that is not finite. */
-static inline void golden_sane(const struct spin_splats *s, unsigned columns, const char *what)
-{
-    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), bad = 0;
-
-    for (size_t i = 0; i < s->n; i++) {
-        const float *q = s->quats + 4 * i;
-
-        if (columns & SPIN_COL_QUATS)
-            bad += fabs((double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) > 1e-5;
-        for (size_t c = 0; c < 3; c++)
-            bad += !isfinite(s->means[3 * i + c]) ||
-                   ((columns & SPIN_COL_LOG_SCALES) && !isfinite(s->log_scales[3 * i + c]));
-        bad += (columns & SPIN_COL_LOGIT_OPACITIES) && !isfinite(s->logit_opacities[i]);
-        for (size_t c = 0; c < width && (columns & SPIN_COL_SH); c++)
-            bad += !isfinite(s->sh[width * i + c]);
-    }
-    near((double)bad, 0, 0, what);
-}
-
 /* Rows that all marks are above their bounds for; '?': a mark that may be missing. */
 static inline size_t golden_rows(const struct golden *g, struct spin_npz *npz, size_t n_all,
                                  size_t index, size_t *row)
@@ -461,7 +435,7 @@ static inline size_t golden_rows(const struct golden *g, struct spin_npz *npz, s
         row[i] = i;
     for (int k = 0; k < 2 && g->seen[k].key; k++) {
         const char *key = g->seen[k].key + (*g->seen[k].key == '?');
-        struct golden_table t = {0};
+        struct table t = {0};
         size_t kept = 0;
 
         if (key != g->seen[k].key && !spin_npz_has(npz, key))
@@ -524,7 +498,7 @@ static inline void golden_time(const struct golden *g, struct run *run, struct g
            "%s: %zu of %zu Gaussians are seen", now->name, n, now->n_all)) {
         for (const struct golden_array *a = g->array; a->key; a++)
             golden_compare(now, a);
-        golden_sane(&s, run->sequence.columns, now->name);
+        check_sane(&s, run->sequence.columns, now->name);
         golden_columns(run, frame, time, &s, now->name);
     } else {
         printf("#   %zu read: %s\n", s.n, spin_last_error());
@@ -538,7 +512,7 @@ static inline void golden_run(const struct golden *g, const char *from, const ch
                               const char *name)
 {
     struct golden_now now = {.manifest = load_manifest(folder)};
-    struct golden_table first, times = {0};
+    struct table first, times = {0};
     struct spin_npz npz;
     struct run run;
 

@@ -314,36 +314,4 @@ static inline void write_text(const char *path, const char *text)
         exit(1);
 }
 
-/* Cut the file in `folder`/`name`, which the model at `path` holds, at some lengths: reading must
- * fail and not crash, naming the file. Puts the whole file back. */
-static inline void cut_file(const char *from, const char *path, const char *folder,
-                            const char *name, const char *what)
-{
-    const char *file = path_in(folder, name), *copy = path_in(new_folder(), name);
-    struct spin_map map;
-    size_t size;
-    int n_good = 0, n_unnamed = 0;
-
-    copy_file(file, copy);
-    if (spin_map_open(copy, &map) != SPIN_OK)
-        exit(1);
-    size = map.size;
-    spin_map_close(&map);
-    for (int i = 0; i < 60; i++) {
-        size_t to = i < 30 ? size - 1 - (size_t)i : size * (size_t)(i - 30) / 30;
-
-        copy_file(copy, file);
-        if (truncate(file, (off_t)to) != 0)
-            exit(1);
-        if (read_all(from, path) == SPIN_OK)
-            n_good++;
-        else
-            n_unnamed += !strstr(spin_last_error(), name);
-    }
-    copy_file(copy, file);
-    ok(n_good == 0 && n_unnamed == 0, "%s", what);
-    if (n_good || n_unnamed)
-        printf("#   %d could be read, %d messages without the name\n", n_good, n_unnamed);
-}
-
 #endif

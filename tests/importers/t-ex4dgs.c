@@ -2,7 +2,6 @@
  * K: ex4dgs import */
 #include "io/ply.h"
 #include "tests/importers/edits.h"
-#include "tests/importers/slices.h"
 #include "tests/importers/streams.h"
 
 #define FROM "ex4dgs"
@@ -22,7 +21,7 @@ static void test_sequence(const char *folder, const char *name)
     bool plys = !golden_path(folder, "model/chkpnt*");
     struct spin_splats s = {0};
     struct spin_npz npz;
-    struct golden_table times;
+    struct table times;
     struct run run;
 
     if (run_open(FROM, path_in(folder, "model"), &run) != SPIN_OK ||

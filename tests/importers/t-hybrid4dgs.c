@@ -1,7 +1,6 @@
 /* hybrid4dgs: settings found and guessed, either half missing, and files that lie.
  * K: hybrid4dgs import */
 #include "tests/importers/edits.h"
-#include "tests/importers/slices.h"
 #include "tests/importers/streams.h"
 
 #define FROM "hybrid4dgs"

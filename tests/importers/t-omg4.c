@@ -1,7 +1,6 @@
 /* omg4: times, and files that lie: in the xz, and in the pickle inside it.
  * K: omg4 import threads */
 #include "tests/importers/edits.h"
-#include "tests/importers/slices.h"
 
 #include <lzma.h>
 

@@ -1,7 +1,6 @@
 /* realtime4dgs: both conventions of rotation, settings found and guessed, forks, and files that lie.
  * K: realtime4dgs import */
 #include "tests/importers/edits.h"
-#include "tests/importers/slices.h"
 #include "tests/importers/streams.h"
 
 #define FROM "realtime4dgs"

@@ -1,7 +1,6 @@
 /* rotor4dgs: options, a data parser's transform, and files that lie.
  * K: rotor4dgs import */
 #include "tests/importers/edits.h"
-#include "tests/importers/slices.h"
 
 #define FROM "rotor4dgs"
 
