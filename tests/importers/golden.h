@@ -47,6 +47,7 @@ struct golden {
     } seen[2];
     const char *unless, *expected; /* not for an expected.npz with this key; NULL: expected.npz */
     unsigned still;
+    double last;               /* times are from 0 to this; 0: not looked at */
     const char *said, *unsaid; /* in the notes or in the variant */
     const char *also[3];       /* paths that are the same run */
 };
@@ -109,15 +110,16 @@ ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
       .seen = {{"?visible", 0}}, .also = {""}, .options = {__VA_ARGS__})
 
 static const struct golden goldens[] = {
-    G("deformable3dgs", "deformable3dgs", "model", deformed, SETTLED,
+    G("deformable3dgs", "deformable3dgs", "model", deformed, SETTLED, .last = 1,
       .said = "Deformable 3D Gaussians,", .also = {"model/deform/*/deform.pth"}),
     G("deformable3dgs", "motiongs", "model", deformed, SETTLED, .said = "MotionGS,",
       .also = {"model/deform/*/deform.pth"}),
-    G("grid4d", "grid4d", "model", hashed, SETTLED, .also = {"model/deform/*/deform.pth"}),
-    G("dash", "dash", "model", hashed, SETTLED, .also = {"model/deform/*/deform.pth"}),
+    G("grid4d", "grid4d", "model", hashed, SETTLED, .last = 1,
+      .also = {"model/deform/*/deform.pth"}),
+    G("dash", "dash", "model", hashed, SETTLED, .last = 1, .also = {"model/deform/*/deform.pth"}),
     G("ed3dgs", "ed3dgs", "model", unbounded, ANY_STILL,
       .also = {"model/point_cloud/*", "model/point_cloud/*/deformation.pth"}),
-    G("4dgaussian", "4dgaussian", "model", unbounded, ANY_STILL,
+    G("4dgaussian", "4dgaussian", "model", unbounded, ANY_STILL, .last = 1,
       .also = {"model/point_cloud/*", "model/point_cloud/*/deformation.pth"}),
     G("spacetimegs", "spacetimegs", "model", features, SPIN_COL_LOG_SCALES | SPIN_COL_SH,
       .options = {"colour", "base"},
@@ -494,7 +496,7 @@ static inline void golden_time(const struct golden *g, struct run *run, struct g
 
     now->s = &s;
     if (ok(run->importer->frame(run->self, frame, time, run->sequence.columns, &s) == SPIN_OK &&
-               s.n == n,
+               s.n == n && (run->sequence.continuous || s.n == run->sequence.counts[frame]),
            "%s: %zu of %zu Gaussians are seen", now->name, n, now->n_all)) {
         for (const struct golden_array *a = g->array; a->key; a++)
             golden_compare(now, a);
@@ -526,6 +528,8 @@ static inline void golden_run(const struct golden *g, const char *from, const ch
         return;
     }
     ok(g->still == ANY_STILL || run.sequence.static_columns == g->still, "%s: what is still", name);
+    ok(g->last == 0 || (run.sequence.time_first == 0 && run.sequence.time_last == g->last),
+       "%s: from when to when", name);
     ok(!g->said || strstr(run.sequence.notes, g->said) || strstr(run.sequence.variant, g->said),
        "%s: the notes say '%s'", name, g->said ? g->said : "");
     ok(!g->unsaid ||
