@@ -6,7 +6,7 @@
 #include "io/ply.h"
 #include "tests/importers/models.h"
 
-enum { CLOUD_MOST = 128 };
+enum { CLOUD_MOST = 512 };
 
 struct cloud {
     char name[CLOUD_MOST][64];

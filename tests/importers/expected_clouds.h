@@ -2,64 +2,33 @@
 #ifndef SPIN_TESTS_IMPORTERS_EXPECTED_CLOUDS_H
 #define SPIN_TESTS_IMPORTERS_EXPECTED_CLOUDS_H
 
-#include "tests/importers/runs.h"
+#include "tests/importers/golden.h"
 
-static inline void compare_sh(const struct expected *e, const char *dc, const char *rest,
-                              const struct spin_splats *s)
+/* Rows [first, first + n) against the arrays of this prefix; rest: what has no tolerance of its own. */
+static inline void compare_cloud(struct spin_npz *npz, const char *prefix,
+                                 const struct spin_splats *s, size_t first, size_t n, double abs,
+                                 double rel, double quats_abs, bool still, const char *name)
 {
-    size_t k = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), n_rest = 0;
-    struct spin_array info;
-    float *first = malloc(3 * s->n * sizeof *first + 1), *others;
-    double *want = check_load(e->npz, rest, &info), extra = 0;
+    static const struct golden_array arrays[] = {
+        {.key = "means", .kind = MEANS},   {.key = "quats_wxyz", .kind = QUATS},
+        {.key = "sh_dc", .kind = SH},      {.key = "sh_rest", .kind = SH_REST},
+        {.key = "scales", .kind = SCALES}, {.key = "opacities", .kind = OPACITIES},
+    };
+    size_t *row = malloc((s->n + 1) * sizeof *row);
+    struct golden_now now = {
+        .npz = npz, .prefix = prefix, .n_all = n, .row = row, .s = s, .name = name};
 
-    if (want && info.n_dims == 3)
-        n_rest = info.shape[1];
-    if (!want || !ok(n_rest < k, "%s: enough SH coefficients", e->name)) {
-        free(first);
-        free(want);
-        return;
+    for (size_t i = 0; i < s->n; i++)
+        row[i] = i >= first && i < first + n ? i - first : NOWHERE;
+    for (size_t k = 0; k < (still ? 6 : 4); k++) {
+        struct golden_array a = arrays[k];
+
+        a.bound = "";
+        a.abs = a.kind == QUATS ? fmax(abs, quats_abs) : abs;
+        a.rel = rel;
+        golden_compare(&now, &a);
     }
-    others = malloc(3 * s->n * n_rest * sizeof *others + 1);
-    for (size_t i = 0; i < s->n; i++) {
-        const float *sh = s->sh + 3 * k * i;
-
-        memcpy(first + 3 * i, sh, 3 * sizeof *sh);
-        memcpy(others + 3 * n_rest * i, sh + 3, 3 * n_rest * sizeof *sh);
-        for (size_t c = 3 * (1 + n_rest); c < 3 * k; c++)
-            extra += fabs(sh[c]);
-    }
-    compare(e, dc, 0, 3 * s->n, first);
-    compare(e, rest, 0, 3 * s->n * n_rest, others);
-    if (1 + n_rest < k)
-        ok(extra == 0, "%s: coefficients beyond its degree are 0", e->name);
-    free(first);
-    free(others);
-    free(want);
-}
-
-/* index: of expected.npz's keys. */
-static inline void compare_splats(const struct expected *e, double quats_abs, int index,
-                                  const struct spin_splats *s)
-{
-    struct expected quats = *e;
-    float *scales = map_values(s->log_scales, 3 * s->n, exp);
-    float *opacities = map_values(s->logit_opacities, s->n, sigmoid);
-    char key[6][40];
-
-    quats.abs = fmax(e->abs, quats_abs);
-    snprintf(key[0], 40, "%04d_means", index);
-    snprintf(key[1], 40, "%04d_quats_wxyz", index);
-    snprintf(key[2], 40, "%04d_scales", index);
-    snprintf(key[3], 40, "%04d_opacities", index);
-    snprintf(key[4], 40, "%04d_sh_dc", index);
-    snprintf(key[5], 40, "%04d_sh_rest", index);
-    compare(e, key[0], 0, 3 * s->n, s->means);
-    compare_quats(&quats, key[1], 0, s->n, s->quats);
-    compare(e, key[2], 0, 3 * s->n, scales);
-    compare(e, key[3], 0, s->n, opacities);
-    compare_sh(e, key[4], key[5], s);
-    free(scales);
-    free(opacities);
+    free(row);
 }
 
 /* expected.npz counts frames from 0, or by the files' numbers where those have gaps. */
@@ -92,15 +61,17 @@ static inline void compare_run(const char *from, const char *path, const char *e
         return;
     }
     for (int f = 0; f < run.sequence.n_frames; f++) {
-        struct expected e = {&npz, fmax(manifest_tolerance(manifest, "abs", 2e-6), at_least),
-                             manifest_tolerance(manifest, "rel", 2e-5), what};
+        char prefix[16];
 
+        snprintf(prefix, sizeof prefix, "%04d_", expected_index(&npz, &run, f));
         snprintf(what, sizeof what, "%s, frame %d", name, f);
         if (ok(run.importer->frame(run.self, f, 0, run.sequence.columns, &s) == SPIN_OK &&
                    s.n == run.sequence.counts[f],
                "%s: reads", what))
-            compare_splats(&e, manifest_tolerance(manifest, "quats", 0),
-                           expected_index(&npz, &run, f), &s);
+            compare_cloud(&npz, prefix, &s, 0, s.n,
+                          fmax(manifest_tolerance(manifest, "abs", 2e-6), at_least),
+                          manifest_tolerance(manifest, "rel", 2e-5),
+                          manifest_tolerance(manifest, "quats", 0), true, what);
         else
             printf("#   %s\n", spin_last_error());
     }

@@ -165,7 +165,7 @@ struct bytes {
     size_t n, capacity;
 };
 
-static inline void put(struct bytes *b, const void *data, size_t n)
+static inline void pickle(struct bytes *b, const void *data, size_t n)
 {
     if (b->n + n > b->capacity) {
         b->capacity = 2 * (b->n + n) + 256;
@@ -175,27 +175,27 @@ static inline void put(struct bytes *b, const void *data, size_t n)
     b->n += n;
 }
 
-static inline void put_op(struct bytes *b, const char *op) { put(b, op, strlen(op)); }
+static inline void pickle_op(struct bytes *b, const char *op) { pickle(b, op, strlen(op)); }
 
-static inline void put_int(struct bytes *b, uint64_t v)
+static inline void pickle_int(struct bytes *b, uint64_t v)
 {
     uint32_t small = (uint32_t)v;
 
-    put(b, "J", 1);
-    put(b, &small, 4);
+    pickle(b, "J", 1);
+    pickle(b, &small, 4);
 }
 
-static inline void put_text(struct bytes *b, const char *text)
+static inline void pickle_text(struct bytes *b, const char *text)
 {
     uint32_t n = (uint32_t)strlen(text);
 
-    put(b, "X", 1);
-    put(b, &n, 4);
-    put(b, text, n);
+    pickle(b, "X", 1);
+    pickle(b, &n, 4);
+    pickle(b, text, n);
 }
 
 /* _rebuild_tensor_v2(storage, 0, sizes, strides, False, OrderedDict()) */
-static inline void put_tensor(struct bytes *b, const struct pth_tensor *t, int index)
+static inline void pickle_tensor(struct bytes *b, const struct pth_tensor *t, int index)
 {
     uint64_t stride[5] = {1, 1, 1, 1, 1};
     char key[16];
@@ -203,22 +203,22 @@ static inline void put_tensor(struct bytes *b, const struct pth_tensor *t, int i
     snprintf(key, sizeof key, "%d", index);
     for (int d = t->n_dims - 2; d >= 0; d--)
         stride[d] = stride[d + 1] * t->shape[d + 1];
-    put_op(b, "ctorch._utils\n_rebuild_tensor_v2\n((");
-    put_text(b, "storage");
-    put_op(b, t->whole ? "ctorch\nIntStorage\n" : "ctorch\nFloatStorage\n");
-    put_text(b, key);
-    put_text(b, "cpu");
-    put_int(b, t->count);
-    put_op(b, "tQ");
-    put_int(b, 0);
-    put_op(b, "(");
+    pickle_op(b, "ctorch._utils\n_rebuild_tensor_v2\n((");
+    pickle_text(b, "storage");
+    pickle_op(b, t->whole ? "ctorch\nIntStorage\n" : "ctorch\nFloatStorage\n");
+    pickle_text(b, key);
+    pickle_text(b, "cpu");
+    pickle_int(b, t->count);
+    pickle_op(b, "tQ");
+    pickle_int(b, 0);
+    pickle_op(b, "(");
     for (int d = 0; d < t->n_dims; d++)
-        put_int(b, t->shape[d]);
-    put_op(b, "t(");
+        pickle_int(b, t->shape[d]);
+    pickle_op(b, "t(");
     for (int d = 0; d < t->n_dims; d++)
-        put_int(b, stride[d]);
-    put_op(b, "t\x89"
-              "ccollections\nOrderedDict\n)RtR");
+        pickle_int(b, stride[d]);
+    pickle_op(b, "t\x89"
+                 "ccollections\nOrderedDict\n)RtR");
 }
 
 static inline void pth_member(struct spin_zip_writer *w, const char *name, const void *data,
@@ -234,36 +234,36 @@ static inline void pth_save(const struct pth *pth, const char *path)
     struct spin_zip_writer w;
     struct bytes b = {NULL, 0, 0};
 
-    put_op(&b, "\x80\x02");
+    pickle_op(&b, "\x80\x02");
     if (pth->within) {
-        put_op(&b, "}(");
-        put_text(&b, pth->within);
+        pickle_op(&b, "}(");
+        pickle_text(&b, pth->within);
     }
     for (int dict = 0; dict < (pth->pair ? 2 : 1); dict++) {
-        put_op(&b, "}(");
+        pickle_op(&b, "}(");
         for (int i = 0; i < pth->n; i++) {
             if (pth->tensor[i].dict != dict)
                 continue;
-            put_text(&b, pth->tensor[i].name);
-            put_tensor(&b, &pth->tensor[i], i);
+            pickle_text(&b, pth->tensor[i].name);
+            pickle_tensor(&b, &pth->tensor[i], i);
         }
-        put_op(&b, "u");
+        pickle_op(&b, "u");
     }
     if (pth->key) {
-        put_text(&b, pth->key);
-        put_text(&b, pth->text);
+        pickle_text(&b, pth->key);
+        pickle_text(&b, pth->text);
     }
     if (pth->number) {
-        put_text(&b, pth->number);
-        put_int(&b, (uint64_t)-1);
+        pickle_text(&b, pth->number);
+        pickle_int(&b, (uint64_t)-1);
     }
     if (pth->yes) {
-        put_text(&b, pth->yes);
-        put_op(&b, "\x88");
+        pickle_text(&b, pth->yes);
+        pickle_op(&b, "\x88");
     }
     if (pth->within)
-        put_op(&b, "u");
-    put_op(&b, pth->pair ? "\x86." : ".");
+        pickle_op(&b, "u");
+    pickle_op(&b, pth->pair ? "\x86." : ".");
     if (spin_zip_writer_open(path, true, &w) != SPIN_OK)
         exit(1);
     pth_member(&w, "archive/data.pkl", b.at, b.n);
@@ -312,38 +312,6 @@ static inline void write_text(const char *path, const char *text)
     if (spin_out_open(path, true, &out) != SPIN_OK ||
         spin_out_write(&out, text, strlen(text)) != SPIN_OK || spin_out_commit(&out) != SPIN_OK)
         exit(1);
-}
-
-/* Cut the file in `folder`/`name`, which the model at `path` holds, at some lengths: reading must
- * fail and not crash, naming the file. Puts the whole file back. */
-static inline void cut_file(const char *from, const char *path, const char *folder,
-                            const char *name, const char *what)
-{
-    const char *file = path_in(folder, name), *copy = path_in(new_folder(), name);
-    struct spin_map map;
-    size_t size;
-    int n_good = 0, n_unnamed = 0;
-
-    copy_file(file, copy);
-    if (spin_map_open(copy, &map) != SPIN_OK)
-        exit(1);
-    size = map.size;
-    spin_map_close(&map);
-    for (int i = 0; i < 60; i++) {
-        size_t to = i < 30 ? size - 1 - (size_t)i : size * (size_t)(i - 30) / 30;
-
-        copy_file(copy, file);
-        if (truncate(file, (off_t)to) != 0)
-            exit(1);
-        if (read_all(from, path) == SPIN_OK)
-            n_good++;
-        else
-            n_unnamed += !strstr(spin_last_error(), name);
-    }
-    copy_file(copy, file);
-    ok(n_good == 0 && n_unnamed == 0, "%s", what);
-    if (n_good || n_unnamed)
-        printf("#   %d could be read, %d messages without the name\n", n_good, n_unnamed);
 }
 
 #endif

@@ -4,7 +4,6 @@
 #define SPIN_TESTS_IMPORTERS_SLICES_H
 
 #include "math/covariance.h"
-#include "math/sh.h"
 #include "tests/importers/runs.h"
 
 /* As run_open(), with options: key, value, ..., NULL. */
@@ -124,37 +123,6 @@ static inline void compare_opacities(const struct table *t, size_t block, const 
     free(got);
 }
 
-/* Colours seen from `eye` [3]: max(0, 1/2 + SH), as 3DGS shows them. */
-static inline void compare_colours(const struct table *t, const struct table *eye, size_t block,
-                                   const size_t *row, const struct spin_splats *s, double abs,
-                                   const char *what)
-{
-    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
-    float *got = malloc(3 * s->n * sizeof *got + 1), basis[SPIN_SH_MAX];
-
-    for (size_t i = 0; i < s->n; i++) {
-        double d[3], norm = 0;
-
-        for (size_t c = 0; c < 3; c++) {
-            d[c] = s->means[3 * i + c] - eye->value[c];
-            norm += d[c] * d[c];
-        }
-        norm = sqrt(norm);
-        spin_sh_basis(s->sh_degree,
-                      spin_v3((float)(d[0] / norm), (float)(d[1] / norm), (float)(d[2] / norm)),
-                      basis);
-        for (size_t c = 0; c < 3; c++) {
-            double sum = 0.5;
-
-            for (size_t k = 0; 3 * k < width; k++)
-                sum += basis[k] * s->sh[width * i + 3 * k + c];
-            got[3 * i + c] = (float)fmax(sum, 0);
-        }
-    }
-    compare_rows(t, block, row, s->n, got, 3, abs, 0, what);
-    free(got);
-}
-
 /* Unit quaternions, and nothing that is not finite. */
 static inline void check_sane(const struct spin_splats *s, unsigned columns, const char *what)
 {
@@ -163,9 +131,11 @@ static inline void check_sane(const struct spin_splats *s, unsigned columns, con
     for (size_t i = 0; i < s->n; i++) {
         const float *q = s->quats + 4 * i;
 
-        bad += fabs((double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) > 1e-5;
+        if (columns & SPIN_COL_QUATS)
+            bad += fabs((double)q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1) > 1e-5;
         for (size_t c = 0; c < 3; c++)
-            bad += !isfinite(s->means[3 * i + c]) || !isfinite(s->log_scales[3 * i + c]);
+            bad += !isfinite(s->means[3 * i + c]) ||
+                   ((columns & SPIN_COL_LOG_SCALES) && !isfinite(s->log_scales[3 * i + c]));
         bad += (columns & SPIN_COL_LOGIT_OPACITIES) && !isfinite(s->logit_opacities[i]);
         for (size_t c = 0; c < width && (columns & SPIN_COL_SH); c++)
             bad += !isfinite(s->sh[width * i + c]);

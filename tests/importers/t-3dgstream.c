@@ -2,76 +2,14 @@
  * folders that lie.
  * K: 3dgstream import */
 #include "importers/lib/ntc_eval.h"
+#include "tests/importers/expected_clouds.h"
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
 
-/* sh is [n][4][3] here; expected has the first coefficient and the others apart. */
-static float *sh_part(const struct spin_splats *s, size_t first, size_t n, size_t from, size_t to)
-{
-    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), kept = to - from;
-    float *out = malloc(n * kept * sizeof *out + 1);
-
-    for (size_t i = 0; i < n; i++)
-        memcpy(out + i * kept, s->sh + (first + i) * width + from, kept * sizeof *out);
-    return out;
-}
-
-/* Rows [first, first + n) with the keys that begin with `prefix`. */
-static void compare_part(const struct expected *e, const char *prefix, const struct spin_splats *s,
-                         size_t first, size_t n, bool still)
-{
-    float *scales = map_values(s->log_scales + 3 * first, 3 * n, exp);
-    float *opacities = map_values(s->logit_opacities + first, n, sigmoid);
-    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
-    float *dc = sh_part(s, first, n, 0, 3), *rest = sh_part(s, first, n, 3, width);
-    char key[64];
-
-    snprintf(key, sizeof key, "%s_means", prefix);
-    compare(e, key, 0, 3 * n, s->means + 3 * first);
-    snprintf(key, sizeof key, "%s_quats_wxyz", prefix);
-    compare_quats(e, key, 0, n, s->quats + 4 * first);
-    snprintf(key, sizeof key, "%s_scales", prefix);
-    if (still)
-        compare(e, key, 0, 3 * n, scales);
-    snprintf(key, sizeof key, "%s_opacities", prefix);
-    if (still)
-        compare(e, key, 0, n, opacities);
-    snprintf(key, sizeof key, "%s_sh_dc", prefix);
-    compare(e, key, 0, 3 * n, dc);
-    snprintf(key, sizeof key, "%s_sh_rest", prefix);
-    compare(e, key, 0, (width - 3) * n, rest);
-    free(scales);
-    free(opacities);
-    free(dc);
-    free(rest);
-}
-
-static const struct spin_importer *importer(void)
-{
-    const struct spin_importer *found = NULL;
-
-    if (spin_importer_find("", "3dgstream", false, &found) != SPIN_OK)
-        exit(1);
-    return found;
-}
-
-static spin_status open_with(const char *path, const char *const *pairs, struct run *run)
-{
-    struct spin_plugin_values values = {pairs};
-    spin_status status;
-
-    memset(run, 0, sizeof *run);
-    run->importer = importer();
-    status = run->importer->open(path, &values, &run->self, &run->sequence);
-    if (status != SPIN_OK)
-        run_close(run);
-    return status;
-}
-
 /* Frames in this order, each against expected.npz. */
-static void compare_run(struct run *run, struct spin_npz *npz, const spin_json *manifest,
-                        bool networks, const char *name)
+static void compare_frames(struct run *run, struct spin_npz *npz, const spin_json *manifest,
+                           bool networks, const char *name)
 {
     const spin_json *tolerance = spin_json_get(spin_json_get(manifest, "tolerance"), "ply_route");
     struct spin_splats s = {0};
@@ -81,7 +19,6 @@ static void compare_run(struct run *run, struct spin_npz *npz, const spin_json *
     spin_json_number(spin_json_get(tolerance, "rel"), &rel);
     for (int k = 0; k < run->sequence.n_frames; k++) {
         int f = k % 2 ? k - 1 : k + 1 < run->sequence.n_frames ? k + 1 : k; /* 1 0 3 2 ... */
-        struct expected e = {.npz = npz, .abs = abs, .rel = rel, .name = name};
         struct spin_array info;
         char key[64];
         size_t n;
@@ -94,22 +31,17 @@ static void compare_run(struct run *run, struct spin_npz *npz, const spin_json *
         snprintf(key, sizeof key, "%04d_base_means", f);
         free(check_load(npz, key, &info));
         n = (size_t)info.shape[0];
-        snprintf(key, sizeof key, "%04d_base", f);
-        if (networks) {
-            e.abs = 3e-3 * f + abs;
-            e.rel = 0;
-        }
+        snprintf(key, sizeof key, "%04d_base_", f);
         if (s.n >= n)
-            compare_part(&e, key, &s, 0, n, !networks);
+            compare_cloud(npz, key, &s, 0, n, networks ? 3e-3 * f + abs : abs, networks ? 0 : rel,
+                          0, !networks, name);
         snprintf(key, sizeof key, "%04d_added_means", f);
         if (!ok(s.n == run->sequence.counts[f] && (s.n > n) == spin_npz_has(npz, key),
                 "%s: frame %d has its %zu Gaussians", name, f, s.n) ||
             s.n <= n)
             continue;
-        snprintf(key, sizeof key, "%04d_added", f);
-        e.abs = abs;
-        e.rel = rel;
-        compare_part(&e, key, &s, n, s.n - n, true);
+        snprintf(key, sizeof key, "%04d_added_", f);
+        compare_cloud(npz, key, &s, n, s.n - n, abs, rel, 0, true, name);
     }
     spin_splats_free(&s);
 }
@@ -120,7 +52,7 @@ static void test_route(const char *folder, const char *const *pairs, bool networ
     struct run run;
     double frames = -1;
 
-    if (!ok(open_with(folder, pairs, &run) == SPIN_OK, "%s: opens", name)) {
+    if (!ok(model_open("3dgstream", folder, pairs, &run) == SPIN_OK, "%s: opens", name)) {
         printf("#   %s\n", spin_last_error());
         return;
     }
@@ -130,7 +62,7 @@ static void test_route(const char *folder, const char *const *pairs, bool networ
        "%s: SH degree 1, numbered from 0", name);
     ok(!strstr(run.sequence.variant, "evaluated") == !networks, "%s: %s", name,
        run.sequence.variant);
-    compare_run(&run, npz, manifest, networks, name);
+    compare_frames(&run, npz, manifest, networks, name);
     run_close(&run);
 }
 
@@ -230,10 +162,10 @@ static void test_fixture(const char *folder)
         return;
     }
     if (ok(spin_npz_open(path_in(folder, "expected.npz"), &npz) == SPIN_OK, "has expected.npz")) {
-        ok(run_open(NULL, folder, &run) == SPIN_OK && run.importer == importer(),
+        ok(run_open(NULL, folder, &run) == SPIN_OK && !strcmp(run.importer->name, "3dgstream"),
            "the output folder is recognised");
         run_close(&run);
-        ok(run_open(NULL, fvv, &run) == SPIN_OK && run.importer == importer(),
+        ok(run_open(NULL, fvv, &run) == SPIN_OK && !strcmp(run.importer->name, "3dgstream"),
            "so is what is packed for the viewer");
         run_close(&run);
         test_route(folder, NULL, false, manifest, &npz, "moved clouds");
@@ -285,17 +217,19 @@ static void test_folders(const char *root)
            run.sequence.numbers[0] == 1 && strstr(run.sequence.notes, "--init"),
        "without the first cloud the clip begins with frame 1, and a note says so");
     run_close(&run);
-    ok(open_with(folder, init, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
+    ok(model_open("3dgstream", folder, init, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
            run.sequence.numbers[0] == 0,
        "--init says where it is");
     run_close(&run);
     init[1] = path_in(root, "manifest");
-    ok(open_with(folder, init, &run) != SPIN_OK && strstr(spin_last_error(), "'init'"),
+    ok(model_open("3dgstream", folder, init, &run) != SPIN_OK &&
+           strstr(spin_last_error(), "'init'"),
        "and what is not there is refused");
-    ok(open_with(folder, way, &run) != SPIN_OK && strstr(spin_last_error(), "'way'"),
+    ok(model_open("3dgstream", folder, way, &run) != SPIN_OK && strstr(spin_last_error(), "'way'"),
        "so is an unknown way");
     way[1] = "networks";
-    ok(open_with(folder, way, &run) != SPIN_OK && strstr(spin_last_error(), "frame 0"),
+    ok(model_open("3dgstream", folder, way, &run) != SPIN_OK &&
+           strstr(spin_last_error(), "frame 0"),
        "networks need the first cloud");
     folder = link_clip(root, 0);
     remove(path_in(folder, "init_3dgs"));

@@ -1,111 +1,11 @@
-/* 4dgaussian: every fixture at all its times, flags from cfg_args or options, rare networks made
- * here, and files that lie.
+/* 4dgaussian: flags from cfg_args or options, rare networks made here, and files that lie.
  * K: 4dgaussian import threads */
-#include "tests/importers/models.h"
+#include "tests/importers/edits.h"
 
-/* ---- Fixtures -------------------------------------------------------------------------------- */
-
-static float largest_of(const float *values, size_t n)
-{
-    float most = 0;
-
-    for (size_t i = 0; i < n; i++)
-        most = fmaxf(most, fabsf(values[i]));
-    return most;
-}
-
-static void compare_time(struct spin_npz *npz, int index, double extent, const char *name,
-                         const struct spin_splats *s)
-{
-    struct spin_array sh;
-    double *unused = check_load(npz, "sh", &sh);
-    struct expected xyz = {npz, bound("xyz").abs * extent, 0, name};
-    struct expected rot = {npz, bound("rot").abs, 0, name};
-    struct expected scale = {npz, bound("scale_raw").abs, 0, name};
-    struct expected opaque = {npz, bound("opacity").abs, 0, name};
-    struct expected colour = {npz, bound("sh").abs, 0, name};
-    uint64_t first = (uint64_t)index * s->n;
-    float *opacity = map_values(s->logit_opacities, s->n, sigmoid);
-
-    compare(&xyz, "xyz", 3 * first, 3 * s->n, s->means);
-    compare(&rot, "rot", 4 * first, 4 * s->n, s->quats);
-    compare(&scale, "scale_raw", 3 * first, 3 * s->n, s->log_scales);
-    compare(&opaque, "opacity", first, s->n, opacity);
-    compare(&colour, "sh", unused && sh.shape[0] > 1 ? 48 * first : 0, 48 * s->n, s->sh);
-    free(opacity);
-    free(unused);
-}
-
-/* The model at `path` against the numbers of fixture `folder`. */
-static void compare_model(const char *path, const char *const *pairs, const char *folder,
-                          const char *name)
-{
-    struct spin_splats s = {0};
-    struct spin_array info;
-    struct spin_npz npz;
-    struct run run;
-    double *times;
-
-    bounds_of = folder;
-    if (!ok(model_open("4dgaussian", path, pairs, &run) == SPIN_OK, "%s: opens", name)) {
-        printf("#   %s\n", spin_last_error());
-        return;
-    }
-    ok(run.sequence.continuous && run.sequence.time_first == 0 && run.sequence.time_last == 1,
-       "%s: any time in 0..1 may be asked for", name);
-    if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
-        exit(1);
-    times = check_load(&npz, "times", &info);
-    for (size_t t = 0; times && t < info.count; t++) {
-        char what[200];
-
-        snprintf(what, sizeof what, "%s, time %g", name, times[t]);
-        if (ok(run.importer->frame(run.self, (int)t, times[t], run.sequence.columns, &s) == SPIN_OK,
-               "%s: reads", what))
-            compare_time(&npz, (int)t, fmax(1, largest_of(s.means, 3 * s.n)), what, &s);
-        else
-            printf("#   %s\n", spin_last_error());
-    }
-    free(times);
-    spin_splats_free(&s);
-    spin_npz_close(&npz);
-    run_close(&run);
-}
-
-static const char *save_of(const char *folder)
-{
-    const char *clouds = path_in(folder, "model/point_cloud");
-    char **names = NULL;
-    const char *save = NULL;
-    size_t n = 0;
-
-    if (spin_folder_list(clouds, &names, &n) != SPIN_OK)
-        exit(1);
-    for (size_t i = 0; i < n; i++) {
-        if (strncmp(names[i], "iteration_", 10) == 0)
-            save = path_in(clouds, names[i]);
-    }
-    spin_folder_list_free(names);
-    return save;
-}
-
-static void test_fixture(const char *folder, const char *name)
-{
-    const struct spin_importer *found = NULL;
-    const char *save = save_of(folder), *model = path_in(folder, "model");
-
-    compare_model(model, NULL, folder, name);
-    ok(spin_importer_find(model, NULL, false, &found) == SPIN_OK &&
-           !strcmp(found->name, "4dgaussian"),
-       "%s: the model's folder is recognised", name);
-    ok(spin_importer_find(save, NULL, false, &found) == SPIN_OK &&
-           !strcmp(found->name, "4dgaussian"),
-       "%s: so is that of the save", name);
-    ok(spin_importer_find(path_in(save, "deformation.pth"), NULL, false, &found) == SPIN_OK &&
-           !strcmp(found->name, "4dgaussian") &&
-           read_all(NULL, path_in(save, "deformation.pth")) == SPIN_OK,
-       "%s: and the checkpoint alone", name);
-}
+#define FROM "4dgaussian"
+#define SAVE "point_cloud/iteration_*"
+#define CLOUD SAVE "/point_cloud.ply"
+#define NETWORK SAVE "/deformation.pth"
 
 /* The repository's own export: all right but for the opacity, which it forgets to deform. */
 static void test_official(const char *root)
@@ -114,7 +14,7 @@ static void test_official(const char *root)
     struct spin_splats ours = {0}, theirs = {0};
     struct run run, ply;
 
-    if (run_open("4dgaussian", path_in(folder, "model"), &run) != SPIN_OK ||
+    if (run_open(FROM, path_in(folder, "model"), &run) != SPIN_OK ||
         run_open("ply", path_in(folder, "official_export/time_00003.ply"), &ply) != SPIN_OK)
         exit(1);
     run.importer->frame(run.self, 0, 0.81, run.sequence.columns, &ours);
@@ -141,22 +41,15 @@ static void test_official(const char *root)
 
 /* ---- Models made here ------------------------------------------------------------------------ */
 
-/* A copy of a fixture's save with another network (NULL: the same) and cfg_args (NULL: none). */
-static const char *make_model(const char *folder, const struct pth *pth, const char *cfg)
+/* A copy of a fixture's model with this cfg_args; NULL: none. */
+static const char *make_model(const char *fixture, const char *cfg)
 {
-    const char *model = new_folder(), *to = path_in(model, "point_cloud/iteration_7");
-    const char *from = save_of(folder);
+    const char *copy = copy_of(path_in(fixture, "model")), *path = path_in(copy, "cfg_args");
 
-    if (spin_folder_make(to) != SPIN_OK)
-        exit(1);
-    copy_file(path_in(from, "point_cloud.ply"), path_in(to, "point_cloud.ply"));
-    if (pth)
-        pth_save(pth, path_in(to, "deformation.pth"));
-    else
-        copy_file(path_in(from, "deformation.pth"), path_in(to, "deformation.pth"));
+    unlink(path);
     if (cfg)
-        write_text(path_in(model, "cfg_args"), cfg);
-    return model;
+        write_text(path, cfg);
+    return copy;
 }
 
 static void test_options(const char *root)
@@ -169,28 +62,27 @@ static void test_options(const char *root)
     const char *bad_word[] = {"deform", "position,colour", NULL};
     const char *bad_bool[] = {"apply-rotation", "perhaps", NULL};
     const char *missing[] = {"iteration", "5", NULL};
-    const char *model = make_model(folder, NULL, NULL), *pe;
+    const char *model = make_model(folder, NULL), *pe;
     struct run run;
 
-    compare_model(model, flags, folder, "--deform instead of cfg_args");
-    compare_model(make_model(folder, NULL, "Namespace(grid_pe=3)"), flags, folder,
-                  "--deform before cfg_args");
-    if (ok(run_open("4dgaussian", model, &run) == SPIN_OK, "opens without cfg_args")) {
+    golden_as(FROM, model, flags, folder, 0, "--deform instead of cfg_args");
+    golden_as(FROM, make_model(folder, "Namespace(grid_pe=3)"), flags, folder, 0,
+              "--deform before cfg_args");
+    if (ok(run_open(FROM, model, &run) == SPIN_OK, "opens without cfg_args")) {
         ok(strstr(run.sequence.notes, "no cfg_args") != NULL &&
                strstr(run.sequence.notes, "look trained: position opacity\n") != NULL,
            "notes what it assumed and which weights look trained");
         run_close(&run);
     }
     folder = path_in(root, "options_static_rot_pe");
-    pe = make_model(folder, NULL, NULL);
-    compare_model(pe, all, folder, "all options instead of cfg_args");
-    compare_model(make_model(folder, NULL, "Namespace(grid_pe=3)"), all, folder,
-                  "--grid-pe before cfg_args");
-    model_fails("4dgaussian", pe, NULL, "deformation.pth", "--grid-pe",
-                "encoded features need --grid-pe");
-    model_fails("4dgaussian", model, bad_word, "colour", "expected", "a head that does not exist");
-    model_fails("4dgaussian", model, bad_bool, "perhaps", "expected", "a switch that is neither");
-    model_fails("4dgaussian", model, missing, model, "iteration_5", "a save that is not there");
+    pe = make_model(folder, NULL);
+    golden_as(FROM, pe, all, folder, 0, "all options instead of cfg_args");
+    golden_as(FROM, make_model(folder, "Namespace(grid_pe=3)"), all, folder, 0,
+              "--grid-pe before cfg_args");
+    model_fails(FROM, pe, NULL, "deformation.pth", "--grid-pe", "encoded features need --grid-pe");
+    model_fails(FROM, model, bad_word, "colour", "expected", "a head that does not exist");
+    model_fails(FROM, model, bad_bool, "perhaps", "expected", "a switch that is neither");
+    model_fails(FROM, model, missing, model, "iteration_5", "a save that is not there");
 }
 
 /* empty_voxel: a mask that is 1 inside the box and 0 outside leaves or removes the canonical
@@ -208,7 +100,8 @@ static void test_voxels(const char *root)
     double worst = 0;
     int n_outside = 0;
 
-    pth_load(path_in(save_of(folder), "deformation.pth"), &pth);
+    model = make_model(folder, NULL);
+    pth_load(golden_path(model, NETWORK), &pth);
     grid = pth_put(&pth, "deformation_net.empty_voxel.grid", 5, shape);
     for (int i = 0; i < 64 * 64 * 64; i++) /* a ramp along x */
         grid->values[i] = (float)(i / 4096) / 63;
@@ -218,18 +111,17 @@ static void test_voxels(const char *root)
         low->values[d] = -0.5f;
         high->values[d] = 0.5f;
     }
-    model = make_model(folder, NULL, NULL);
-    if (model_open("4dgaussian", model, none, &run) != SPIN_OK ||
+    if (model_open(FROM, model, none, &run) != SPIN_OK ||
         run.importer->frame(run.self, 0, 0.5, SPIN_COL_MEANS, &still) != SPIN_OK)
         exit(1);
     ok(run.sequence.static_columns == run.sequence.columns, "without heads nothing moves");
     run_close(&run);
-    if (model_open("4dgaussian", model, moved, &run) != SPIN_OK ||
+    if (model_open(FROM, model, moved, &run) != SPIN_OK ||
         run.importer->frame(run.self, 0, 0.5, SPIN_COL_MEANS, &plain) != SPIN_OK)
         exit(1);
     run_close(&run);
-    model = make_model(folder, &pth, NULL);
-    if (!ok(model_open("4dgaussian", model, moved, &run) == SPIN_OK &&
+    pth_save(&pth, golden_path(model, NETWORK));
+    if (!ok(model_open(FROM, model, moved, &run) == SPIN_OK &&
                 run.importer->frame(run.self, 0, 0.5, SPIN_COL_MEANS, &masked) == SPIN_OK,
             "reads a network with empty_voxel"))
         printf("#   %s\n", spin_last_error());
@@ -262,17 +154,18 @@ static void test_prefix_and_threads(const char *root)
     struct pth pth;
     struct run run;
 
-    pth_load(path_in(save_of(folder), "deformation.pth"), &pth);
+    model = make_model(folder, NULL);
+    pth_load(golden_path(model, NETWORK), &pth);
     for (int i = 0; i < pth.n; i++) {
         char name[100];
 
         snprintf(name, sizeof name, "module.%.90s", pth.tensor[i].name);
         memcpy(pth.tensor[i].name, name, sizeof name);
     }
-    model = make_model(folder, &pth, NULL);
-    compare_model(model, NULL, folder, "keys that begin with 'module.'");
+    pth_save(&pth, golden_path(model, NETWORK));
+    golden_as(FROM, model, NULL, folder, 0, "keys that begin with 'module.'");
     pth_free(&pth);
-    if (run_open("4dgaussian", model, &run) != SPIN_OK)
+    if (run_open(FROM, model, &run) != SPIN_OK)
         exit(1);
     run.importer->frame(run.self, 0, 0.3, run.sequence.columns, &a);
     run.importer->frame(run.self, 0, 0.7, SPIN_COL_MEANS, &b);
@@ -288,159 +181,80 @@ static void test_prefix_and_threads(const char *root)
 
 /* ---- Files that lie -------------------------------------------------------------------------- */
 
-static void put_nan(struct pth *pth, const char *name) { pth_find(pth, name)->values[0] = NAN; }
-
-/* A fixture's network with one change; the message names the file and has `word` in it. */
-static void test_change(const char *folder, void (*change)(struct pth *), const char *word,
-                        const char *what)
-{
-    const char *deform[] = {"deform", "position,scale,rotation,opacity,sh", NULL};
-    struct pth pth;
-
-    pth_load(path_in(save_of(folder), "deformation.pth"), &pth);
-    change(&pth);
-    model_fails("4dgaussian", make_model(folder, &pth, NULL), deform, "deformation.pth", word,
-                what);
-    pth_free(&pth);
-}
-
 #define NET "deformation_net."
-static const uint64_t odd_plane[4] = {1, 4, 6, 7}, odd_channels[4] = {1, 5, 6, 6};
-static const uint64_t odd_layer[2] = {16, 9}, odd_head[2] = {5, 16}, no_rows[4] = {1, 4, 0, 6};
-
-static void nan_weight(struct pth *p) { put_nan(p, NET "pos_deform.1.weight"); }
-static void nan_plane(struct pth *p) { put_nan(p, NET "grid.grids.1.4"); }
-static void nan_box(struct pth *p) { put_nan(p, NET "grid.aabb"); }
-static void flat_box(struct pth *p)
-{
-    struct pth_tensor *t = pth_find(p, NET "grid.aabb");
-
-    t->values[4] = t->values[1];
-}
-static void three_planes(struct pth *p)
-{
-    for (int i = 3; i < 6; i++) {
-        char name[60];
-
-        snprintf(name, sizeof name, NET "grid.grids.1.%d", i);
-        pth_drop(p, name);
-    }
-}
-static void wide_plane(struct pth *p) { pth_put(p, NET "grid.grids.0.3", 4, odd_plane); }
-static void many_channels(struct pth *p) { pth_put(p, NET "grid.grids.0.2", 4, odd_channels); }
-static void empty_plane(struct pth *p) { pth_put(p, NET "grid.grids.0.0", 4, no_rows); }
-static void wide_input(struct pth *p) { pth_put(p, NET "feature_out.0.weight", 2, odd_layer); }
-static void wide_head(struct pth *p) { pth_put(p, NET "pos_deform.3.weight", 2, odd_head); }
-static void no_head(struct pth *p) { pth_drop(p, NET "shs_deform.1.weight"); }
-static void no_bias(struct pth *p) { pth_drop(p, NET "feature_out.0.bias"); }
-static void no_box(struct pth *p) { pth_drop(p, NET "grid.aabb"); }
-static void no_planes(struct pth *p) { pth_drop(p, NET "grid.grids.0.0"); }
-static void of_ed3dgs(struct pth *p)
-{
-    no_planes(p);
-    pth_put(p, "feature_out_c.0.weight", 2, odd_layer);
-}
-static void two_dicts(struct pth *p) { p->pair = true; }
 
 static void test_lies(const char *root)
 {
-    static const struct {
-        void (*change)(struct pth *);
-        const char *word, *what;
-    } lies[] = {
-        {nan_weight, "pos_deform.1.weight", "NaN in a layer"},
-        {nan_plane, "grids.1.4", "NaN in a plane"},
-        {nan_box, "aabb", "NaN in the box"},
-        {flat_box, "along y", "a box without extent"},
-        {three_planes, "has 3 planes", "planes without time"},
-        {wide_plane, "along y", "planes that contradict each other"},
-        {many_channels, "grids.0.2", "planes of different channels"},
-        {empty_plane, "along y", "a plane without rows"},
-        {wide_input, "9 features", "a first layer that does not fit the planes"},
-        {wide_head, "pos_deform.3.weight", "a head with too many outputs"},
-        {no_head, "shs_deform.1.weight", "a head that is needed and not there"},
-        {no_bias, "feature_out.0.bias", "a layer without bias"},
-        {no_box, "aabb", "no box"},
-        {no_planes, "grids.0.0", "no planes"},
-        {of_ed3dgs, "E-D3DGS", "a network of E-D3DGS"},
-        {two_dicts, "not a state dict", "a pair instead of a state dict"},
+    static const struct lie lies[] = {
+        {NETWORK, "set " NET "pos_deform.1.weight 0 nan", "pos_deform.1.weight", "NaN in a layer"},
+        {NETWORK, "set " NET "grid.grids.1.4 0 nan", "grids.1.4", "NaN in a plane"},
+        {NETWORK, "set " NET "grid.aabb 0 nan", "aabb", "NaN in the box"},
+        {NETWORK, "set " NET "grid.aabb 4 =1", "along y", "a box without extent"},
+        {NETWORK, "drop " NET "grid.grids.1. 3 5", "has 3 planes", "planes without time"},
+        {NETWORK, "put " NET "grid.grids.0.3 1 4 6 7", "along y",
+         "planes that contradict each other"},
+        {NETWORK, "put " NET "grid.grids.0.2 1 5 6 6", "grids.0.2", "planes of different channels"},
+        {NETWORK, "put " NET "grid.grids.0.0 1 4 0 6", "along y", "a plane without rows"},
+        {NETWORK, "put " NET "feature_out.0.weight 16 9", "9 features",
+         "a first layer that does not fit the planes"},
+        {NETWORK, "put " NET "pos_deform.3.weight 5 16", "pos_deform.3.weight",
+         "a head with too many outputs"},
+        {NETWORK, "drop " NET "shs_deform.1.weight", "shs_deform.1.weight",
+         "a head that is needed and not there"},
+        {NETWORK, "drop " NET "feature_out.0.bias", "feature_out.0.bias", "a layer without bias"},
+        {NETWORK, "drop " NET "grid.aabb", "aabb", "no box"},
+        {NETWORK, "drop " NET "grid.grids.0.0", "grids.0.0", "no planes"},
+        {NETWORK, "drop " NET "grid.grids.0.0; put feature_out_c.0.weight 16 9", "E-D3DGS",
+         "a network of E-D3DGS"},
+        {NETWORK, "pair", "not a state dict", "a pair instead of a state dict"},
     };
+    const char *deform[] = {"deform", "position,scale,rotation,opacity,sh", NULL};
     const char *folder = path_in(root, "coarse_and_fine"), *model, *save;
     const char *word[] = {"grid-pe", "x", NULL};
 
-    for (size_t i = 0; i < sizeof lies / sizeof *lies; i++)
-        test_change(folder, lies[i].change, lies[i].word, lies[i].what);
-
-    model = make_model(folder, NULL, "Namespace(no_dx=Perhaps)");
-    model_fails("4dgaussian", model, NULL, "cfg_args", "no_dx", "a flag that is neither");
-    model = make_model(folder, NULL, "Namespace(no_dx=False, a=[1, 2");
-    model_fails("4dgaussian", model, NULL, "cfg_args", "cut short", "cfg_args cut short");
-    model = make_model(folder, NULL, "Namespace(grid_pe=3)");
-    model_fails("4dgaussian", model, word, "--grid-pe", "expected", "--grid-pe of a word");
-    model = make_model(folder, NULL, "{}");
-    model_fails("4dgaussian", model, NULL, "cfg_args", "Namespace", "cfg_args of another kind");
-    model = make_model(folder, NULL, NULL);
-    save = path_in(model, "point_cloud/iteration_7");
-    cut_file("4dgaussian", model, save, "deformation.pth", "no truncation of the network is read");
-    cut_file("4dgaussian", model, save, "point_cloud.ply", "no truncation of the cloud is read");
+    model = make_model(folder, NULL);
+    refuse_lies(FROM, model, deform, lies, sizeof lies / sizeof *lies);
+    refuse_cuts(FROM, model, NULL, NETWORK);
+    refuse_cuts(FROM, model, NULL, CLOUD);
+    refuse_containers(FROM, model, NULL, NETWORK);
+    model = make_model(folder, "Namespace(no_dx=Perhaps)");
+    model_fails(FROM, model, NULL, "cfg_args", "no_dx", "a flag that is neither");
+    model = make_model(folder, "Namespace(no_dx=False, a=[1, 2");
+    model_fails(FROM, model, NULL, "cfg_args", "cut short", "cfg_args cut short");
+    model = make_model(folder, "Namespace(grid_pe=3)");
+    model_fails(FROM, model, word, "--grid-pe", "expected", "--grid-pe of a word");
+    model = make_model(folder, "{}");
+    model_fails(FROM, model, NULL, "cfg_args", "Namespace", "cfg_args of another kind");
+    model = make_model(folder, NULL);
+    save = golden_path(model, SAVE);
     unlink(path_in(save, "deformation.pth"));
-    model_fails("4dgaussian", model, NULL, model, "deformation.pth", "no network");
+    model_fails(FROM, save, NULL, save, "deformation.pth", "no network");
     write_text(path_in(save, "deformation_GAD.pth"), "");
-    model_fails("4dgaussian", model, NULL, model, "MoDec-GS", "a run of MoDec-GS");
-    model_fails("4dgaussian", save, NULL, save, "MoDec-GS", "the folder of its save");
+    model_fails(FROM, model, NULL, model, "MoDec-GS", "a run of MoDec-GS");
+    model_fails(FROM, save, NULL, save, "MoDec-GS", "the folder of its save");
     model = new_folder();
     if (spin_folder_make(path_in(model, "point_cloud/coarse_iteration_3000")) != SPIN_OK)
         exit(1);
-    model_fails("4dgaussian", model, NULL, model, "coarse stage",
-                "a run cut off in its first stage");
-    model_fails("4dgaussian", path_in(path_in(root, "coarse_and_fine"), "manifest.json"), NULL,
+    model_fails(FROM, model, NULL, model, "coarse stage", "a run cut off in its first stage");
+    model_fails(FROM, path_in(path_in(root, "coarse_and_fine"), "manifest.json"), NULL,
                 "manifest.json", "is neither the model's folder", "a file of another kind");
-    model_fails("4dgaussian", "no/such/model", NULL, "no/such/model", "", "no such path");
-}
-
-/* Every bad checkpoint that the reader of the container is tested with, in place of a network. */
-static void test_containers(const char *root)
-{
-    const char *bad = check_fixture("torch_container/malformed"), *folder, *model, *to;
-    char **names = NULL;
-    size_t n = 0;
-
-    if (!bad || spin_folder_list(bad, &names, &n) != SPIN_OK) {
-        skip("malformed containers", "there are none here");
-        return;
-    }
-    folder = path_in(root, "coarse_and_fine");
-    model = make_model(folder, NULL, NULL);
-    to = path_in(model, "point_cloud/iteration_7/deformation.pth");
-    for (size_t i = 0; i < n; i++) {
-        if (!strstr(names[i], ".pth"))
-            continue;
-        copy_file(path_in(bad, names[i]), to);
-        model_fails("4dgaussian", model, NULL, "deformation.pth", "", names[i]);
-    }
-    spin_folder_list_free(names);
+    model_fails(FROM, "no/such/model", NULL, "no/such/model", "", "no such path");
 }
 
 TAP_MAIN
 {
-    const char *root = check_fixture("4dgaussian");
-    char **names = NULL;
-    size_t n = 0;
+    const char *root = check_fixture(FROM);
 
     spin_log_set_level(-2);
-    if (!root || spin_folder_list(root, &names, &n) != SPIN_OK) {
+    if (!root) {
         skip("4dgaussian fixtures", "there are none here");
         return;
     }
-    for (size_t i = 0; i < n; i++)
-        test_fixture(path_in(root, names[i]), names[i]);
-    spin_folder_list_free(names);
     if (has(root, "dynerf_like"))
-        test_official(root);
+        PART(test_official, root);
     if (has(root, "flags_no_ds_no_dr") && has(root, "options_static_rot_pe"))
-        test_options(root);
-    test_voxels(root);
-    test_prefix_and_threads(root);
-    test_lies(root);
-    test_containers(root);
+        PART(test_options, root);
+    PART(test_voxels, root);
+    PART(test_prefix_and_threads, root);
+    PART(test_lies, root);
 }

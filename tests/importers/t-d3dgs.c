@@ -1,56 +1,8 @@
-/* d3dgs: real-shaped runs against what the method's own loader yields, and files that lie.
+/* d3dgs: layouts, the altered files of the fixtures, and files that lie.
  * K: d3dgs import */
 #include <sys/resource.h>
 
-#include "tests/importers/runs.h"
-
-#define SH_C0 0.28209479177387814
-
-static void compare_run(const char *path, const char *expected_path, const spin_json *tolerances,
-                        const char *name)
-{
-    struct spin_splats s = {0};
-    struct spin_npz npz;
-    struct run run;
-    char what[200];
-
-    if (!ok(run_open("d3dgs", path, &run) == SPIN_OK, "%s: opens", name)) {
-        printf("#   %s\n", spin_last_error());
-        return;
-    }
-    if (!ok(spin_npz_open(expected_path, &npz) == SPIN_OK, "%s: has expected.npz", name)) {
-        run_close(&run);
-        return;
-    }
-    ok(run.sequence.sh_degree == 0, "%s: has degree-0 SH", name);
-    for (int f = 0; f < run.sequence.n_frames; f++) {
-        struct expected e = {&npz, manifest_tolerance(tolerances, "abs", 2e-6),
-                             manifest_tolerance(tolerances, "rel", 2e-5), what};
-        size_t n = run.sequence.counts[f];
-        uint64_t first = (uint64_t)f * n;
-        float *scales, *opacities;
-
-        snprintf(what, sizeof what, "%s, frame %d", name, f);
-        if (!ok(run.importer->frame(run.self, f, 0, run.sequence.columns, &s) == SPIN_OK &&
-                    s.n == n,
-                "%s: reads", what)) {
-            printf("#   %s\n", spin_last_error());
-            continue;
-        }
-        scales = map_values(s.log_scales, 3 * n, exp);
-        opacities = map_values(s.logit_opacities, n, sigmoid);
-        compare(&e, "means", 3 * first, 3 * n, s.means);
-        compare_quats(&e, "quats_wxyz", 4 * first, n, s.quats);
-        compare(&e, "scales", 3 * first, 3 * n, scales);
-        compare(&e, "opacities", first, n, opacities);
-        compare(&e, "sh_dc", 3 * first, 3 * n, s.sh);
-        free(scales);
-        free(opacities);
-    }
-    spin_splats_free(&s);
-    spin_npz_close(&npz);
-    run_close(&run);
-}
+#include "tests/importers/golden.h"
 
 static void test_input(const char *folder, const char *name, const spin_json *manifest)
 {
@@ -75,7 +27,7 @@ static void test_input(const char *folder, const char *name, const spin_json *ma
            "%s: scales and opacities are still", name);
         run_close(&run);
     }
-    compare_run(path, path_in(folder, "expected.npz"), manifest, name);
+    ok(run.sequence.sh_degree == 0, "%s: has degree-0 SH", name);
     ok(read_truncations("d3dgs", path) == 0, "%s: no truncation of it can be read", name);
 }
 
@@ -91,16 +43,13 @@ static void test_cases(const char *folder, const spin_json *manifest, const char
         const char *why = spin_json_string(spin_json_get(c, "why"));
         const char *path = path_in(folder, file), *base;
         char what[700], name[64] = "";
-        spin_json *tolerances;
 
         snprintf(what, sizeof what, "%s: %s", file, why ? why : "");
         if (strcmp(expect, "error") == 0) {
             fails("d3dgs", path, NULL, what);
         } else if (sscanf(expect, "same_as:%63[A-Za-z0-9_.-]", name) == 1) {
             base = path_in(siblings, name);
-            tolerances = load_manifest(base);
-            compare_run(path, path_in(base, "expected.npz"), tolerances, file);
-            spin_json_free(tolerances);
+            golden_as("d3dgs", path, NULL, base, 0, file);
         } else {
             read_all("d3dgs", path);
             ok(1, "%s is survived (expect '%s')", what, expect);

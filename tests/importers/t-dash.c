@@ -1,29 +1,16 @@
-/* dash: every fixture at all its times, settings from cfg_args or options, and files that lie.
+/* dash: what stands still, settings from cfg_args or options, and files that lie.
  * K: dash import threads */
 #include "tests/importers/hashfields.h"
 
-static void test_fixture(const char *folder, const char *name)
-{
-    const struct spin_importer *found = NULL;
-    const char *network = hash_network_of(folder);
+#define FROM "dash"
 
-    compare_hash_model("dash", path_in(folder, "model"), NULL, folder, name);
-    ok(spin_importer_find(network, NULL, false, &found) == SPIN_OK &&
-           !strcmp(found->name, "dash") && read_all(NULL, network) == SPIN_OK,
-       "%s: the checkpoint alone is recognised and read", name);
-    ok(spin_importer_find(path_in(folder, "model"), NULL, false, &found) == SPIN_OK &&
-           !strcmp(found->name, "dash"),
-       "%s: so is the model's folder", name);
-}
-
-static void test_options(const char *root)
+static void test_options(const char *fixture)
 {
-    const char *folder = path_in(root, "default_like"), *model = make_hash_model(folder, NULL, "");
     const char *all[] = {"bound", "1", "scale-xyz", "1", NULL};
-    const char *best[] = {"iteration", "best", NULL};
+    const char *best[] = {"iteration", "best", NULL}, *model = path_in(fixture, "model");
 
-    compare_hash_model("dash", model, all, folder, "options instead of cfg_args");
-    compare_hash_model("dash", path_in(folder, "model"), best, folder, "--iteration best");
+    golden_as(FROM, with_settings(model, ""), all, fixture, 0, "options instead of cfg_args");
+    golden_as(FROM, model, best, fixture, 0, "--iteration best");
 }
 
 /* Static Gaussians keep every digit. */
@@ -37,7 +24,7 @@ static void test_static(const char *folder)
     size_t n_still = 0, n_same = 0, n_moved = 0;
 
     if (spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK ||
-        run_open("dash", path_in(folder, "model"), &run) != SPIN_OK)
+        run_open(FROM, path_in(folder, "model"), &run) != SPIN_OK)
         exit(1);
     dynamic = check_load(&npz, "dynamic", &info);
     run.importer->frame(run.self, 0, 0.1, run.sequence.columns, &early);
@@ -60,56 +47,38 @@ static void test_static(const char *folder)
     run_close(&run);
 }
 
-static const uint64_t odd_warp[2] = {7, 48}, odd_layer[2] = {48, 17}, three[1] = {3};
-
-static void early_offsets(struct pth *p) { pth_find(p, "xyzt_encoding.offsets")->values[3] = 1; }
-static void wide_warp(struct pth *p) { pth_put(p, "gaussian_warp.weight", 2, odd_warp); }
-static void wide_layer(struct pth *p) { pth_put(p, "d4_mlp.0.weight", 2, odd_layer); }
-static void three_axes(struct pth *p) { pth_put(p, "xyzt_encoding.per_level_scale", 1, three); }
-static void no_table(struct pth *p) { pth_drop(p, "xyzt_encoding.embeddings"); }
-static void nan_table(struct pth *p) { pth_find(p, "xyzt_encoding.embeddings")->values[7] = NAN; }
-static void swapped(struct pth *p)
-{
-    for (int i = 0; i < p->n; i++)
-        p->tensor[i].dict = !p->tensor[i].dict;
-}
-
-static const struct hash_lie lies[] = {
-    {early_offsets, "level 2", "offsets that go back"},
-    {wide_warp, "gaussian_warp.weight", "a head of another method"},
-    {wide_layer, "d4_mlp.0.weight", "a first layer that does not fit the grid"},
-    {three_axes, "xyzt_encoding.per_level_scale", "growth of three axes"},
-    {no_table, "xyzt_encoding.embeddings", "no table"},
-    {nan_table, "xyzt_encoding.embeddings", "NaN in the table"},
-    {swapped, "swapped", "a swapped pair"},
+static const struct lie lies[] = {
+    {NETWORK, "set xyzt_encoding.offsets 3 1", "level 2", "offsets that go back"},
+    {NETWORK, "put gaussian_warp.weight 7 48", "gaussian_warp.weight", "a head of another method"},
+    {NETWORK, "put d4_mlp.0.weight 48 17", "d4_mlp.0.weight",
+     "a first layer that does not fit the grid"},
+    {NETWORK, "put xyzt_encoding.per_level_scale 3", "xyzt_encoding.per_level_scale",
+     "growth of three axes"},
+    {NETWORK, "drop xyzt_encoding.embeddings", "xyzt_encoding.embeddings", "no table"},
+    {NETWORK, "set xyzt_encoding.embeddings 7 nan", "xyzt_encoding.embeddings", "NaN in the table"},
+    {NETWORK, "swap", "swapped", "a swapped pair"},
 };
 
 TAP_MAIN
 {
-    const char *root = check_fixture("dash"), *grid4d = check_fixture("grid4d");
-    const char *folder, *model;
-    char **names = NULL;
-    size_t n = 0;
+    const char *root = check_fixture(FROM), *grid4d = check_fixture("grid4d"), *fixture, *model;
 
     spin_log_set_level(-2);
-    if (!root || spin_folder_list(root, &names, &n) != SPIN_OK) {
+    if (!root) {
         skip("dash fixtures", "there are none here");
         return;
     }
-    for (size_t i = 0; i < n; i++)
-        test_fixture(path_in(root, names[i]), names[i]);
-    spin_folder_list_free(names);
-    folder = path_in(root, "default_like");
-    test_options(root);
-    test_static(folder);
-    test_hash_lies("dash", folder, lies, sizeof lies / sizeof *lies);
-    test_hash_settings("dash", folder);
+    fixture = path_in(root, "default_like");
+    model = path_in(fixture, "model");
+    PART(test_options, fixture);
+    PART(test_static, fixture);
+    PART(refuse_lies, FROM, model, NULL, lies, sizeof lies / sizeof *lies);
+    PART(test_hash_settings, FROM, model);
     if (!grid4d)
         return;
-    model_fails("dash", path_in(grid4d, "dnerf_like/model"), NULL, "deform.pth", "--from grid4d",
+    model_fails(FROM, path_in(grid4d, "dnerf_like/model"), NULL, "deform.pth", "--from grid4d",
                 "a run of Grid4D");
-    model = make_hash_model(folder, NULL, NULL);
-    copy_file(path_in(grid4d, "dnerf_like/model/point_cloud/iteration_50000/point_cloud.ply"),
-              path_in(model, "point_cloud/iteration_7/point_cloud.ply"));
-    model_fails("dash", model, NULL, "point_cloud.ply", "'dynamic'", "a cloud without 'dynamic'");
+    model = copy_of(model);
+    copy_file(golden_path(path_in(grid4d, "dnerf_like/model"), CLOUD), golden_path(model, CLOUD));
+    model_fails(FROM, model, NULL, "point_cloud.ply", "'dynamic'", "a cloud without 'dynamic'");
 }

@@ -1,8 +1,7 @@
-/* ex4dgs: every fixture at all its times, out of the checkpoint and out of the PLYs; what is told by cfg_args
- * and by options; rows and files that lie.
+/* ex4dgs: what is told by cfg_args and by options, rows and files that lie.
  * K: ex4dgs import */
 #include "io/ply.h"
-#include "tests/importers/slices.h"
+#include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
 
 #define FROM "ex4dgs"
@@ -15,164 +14,29 @@ static void write_bytes(const char *path, const void *bytes, size_t n)
         exit(1);
 }
 
-static void copy_to(const char *from, const char *to)
-{
-    struct spin_map map;
-
-    if (spin_map_open(from, &map) != SPIN_OK)
-        exit(1);
-    write_bytes(to, map.data, map.size);
-    spin_map_close(&map);
-}
-
-static const char *only_entry(const char *folder)
-{
-    char **names = NULL;
-    const char *entry = NULL;
-    size_t n = 0;
-
-    if (spin_folder_list(folder, &names, &n) != SPIN_OK || n == 0)
-        exit(1);
-    entry = path_in(folder, names[0]);
-    spin_folder_list_free(names);
-    return entry;
-}
-
 /* ---- Fixtures -------------------------------------------------------------------------------- */
 
-struct tables {
-    struct table xyz, rot, cov, opacity, scale, sh, times;
-    size_t n_static;
-};
-
-static size_t count_static(struct spin_npz *npz)
+static void test_sequence(const char *folder, const char *name)
 {
-    bool listed = spin_npz_has(npz, "is_static");
-    struct table t = table_load(npz, listed ? "is_static" : "n_static", 0);
-    size_t n = listed ? 0 : (size_t)t.value[0];
-
-    for (size_t i = 0; listed && i < t.n_rows; i++)
-        n += t.value[i] != 0;
-    free(t.value);
-    return n;
-}
-
-/* An expected.npz, of which one fixture has positions only. */
-static void load_tables(struct spin_npz *npz, struct tables *t)
-{
-    *t = (struct tables){.xyz = table_load(npz, "xyz", 1), .times = table_load(npz, "times", 0)};
-    if (!spin_npz_has(npz, "cov6"))
-        return;
-    t->rot = table_load(npz, "rot", 1);
-    t->cov = table_load(npz, "cov6", 1);
-    t->opacity = table_load(npz, "opacity", 1);
-    t->scale = table_load(npz, "scale", 0);
-    t->sh = table_load(npz, "sh", 0);
-    t->n_static = count_static(npz);
-}
-
-static void free_tables(struct tables *t)
-{
-    free(t->xyz.value);
-    free(t->rot.value);
-    free(t->cov.value);
-    free(t->opacity.value);
-    free(t->scale.value);
-    free(t->sh.value);
-    free(t->times.value);
-}
-
-/* Dynamic Gaussians keep their scales, and their rotations are those of the method but for the sign. */
-static void compare_moving(const struct tables *t, size_t index, const struct spin_splats *s,
-                           const char *what)
-{
-    size_t n = s->n - t->n_static, *row = malloc((n + 1) * sizeof *row);
-    float *scale = map_values(s->log_scales + 3 * t->n_static, 3 * n, exp);
-    float *quat = malloc(4 * n * sizeof *quat + 1);
-
-    for (size_t i = 0; i < n; i++) {
-        const double *want = t->rot.value + 4 * (index * s->n + t->n_static + i);
-        const float *q = s->quats + 4 * (t->n_static + i);
-        double dot = q[0] * want[0] + q[1] * want[1] + q[2] * want[2] + q[3] * want[3];
-
-        row[i] = t->n_static + i;
-        for (size_t c = 0; c < 4; c++)
-            quat[4 * i + c] = dot < 0 ? -q[c] : q[c];
-    }
-    compare_rows(&t->rot, index, row, n, quat, 4, bound("rot").abs, 0, what);
-    compare_rows(&t->scale, 0, row, n, scale, 3, 0, 1e-5, what);
-    free(scale);
-    free(quat);
-    free(row);
-}
-
-static void compare_time(struct run *run, const struct tables *t, size_t index, const char *name)
-{
-    size_t n = t->xyz.n_rows, *row = malloc(n * sizeof *row);
-    double time = t->times.value[index];
+    bool plys = !golden_path(folder, "model/chkpnt*");
     struct spin_splats s = {0};
-    char what[200];
-
-    for (size_t i = 0; i < n; i++)
-        row[i] = i;
-    snprintf(what, sizeof what, "%s at %g", name, time);
-    if (run->importer->frame(run->self, 0, time, run->sequence.columns, &s) != SPIN_OK) {
-        ok(0, "%s: %s", what, spin_last_error());
-    } else if (ok(s.n == n && s.antialias, "%s: %zu Gaussians, antialiased", what, n)) {
-        compare_rows(&t->xyz, index, row, n, s.means, 3, bound("xyz").abs, bound("xyz").rel, what);
-        if (t->cov.value) {
-            compare_covariances(&t->cov, index, row, &s, what);
-            compare_opacities(&t->opacity, index, row, &s, bound("opacity").abs, what);
-            compare_rows(&t->sh, 0, row, n, s.sh, 3 * (size_t)spin_sh_count(s.sh_degree), 0, 0,
-                         what);
-            compare_moving(t, index, &s, what);
-        }
-        check_sane(&s, run->sequence.columns, what);
-    }
-    spin_splats_free(&s);
-    free(row);
-}
-
-/* The run at `path` against an array file of the fixture. */
-static void compare_run(const char *path, const char *folder, const char *expected,
-                        const char *name)
-{
-    struct tables t;
     struct spin_npz npz;
+    struct table times;
     struct run run;
 
-    bounds_of = folder;
-    if (!ok(run_open(NULL, path, &run) == SPIN_OK && !strcmp(run.importer->name, FROM) &&
-                run.sequence.continuous && run.sequence.counts_frames &&
-                run.sequence.static_columns == (SPIN_COL_LOG_SCALES | SPIN_COL_SH) &&
-                spin_npz_open(path_in(folder, expected), &npz) == SPIN_OK,
-            "%s: is recognised and opens", name)) {
-        printf("#   %s\n", spin_last_error());
-        run_close(&run);
-        return;
-    }
-    load_tables(&npz, &t);
-    near(run.sequence.time_last, t.times.value[t.times.n_rows - 1], 0, name);
-    ok((strstr(run.sequence.variant, "PLYs") != NULL) == (strstr(name, "PLYs") != NULL),
-       "%s: which files are read is said: %s", name, run.sequence.variant);
-    for (size_t i = 0; i < t.times.n_rows; i++)
-        compare_time(&run, &t, i, name);
-    free_tables(&t);
+    if (run_open(FROM, path_in(folder, "model"), &run) != SPIN_OK ||
+        spin_npz_open(path_in(folder, "expected.npz"), &npz) != SPIN_OK)
+        exit(1);
+    times = golden_load(&npz, "times", 0);
+    ok(run.sequence.counts_frames && run.sequence.time_last == times.value[times.n_rows - 1] &&
+           (strstr(run.sequence.variant, "PLYs") != NULL) == plys,
+       "%s: times count frames, and it is said which files are read", name);
+    ok(run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK && s.antialias,
+       "%s: antialiased", name);
+    free(times.value);
+    spin_splats_free(&s);
     spin_npz_close(&npz);
     run_close(&run);
-}
-
-static void compare_fixture(const char *folder, const char *name)
-{
-    const char *model = path_in(folder, "model"), *clouds = path_in(model, "point_cloud");
-    bool plys = spin_path_is_folder(clouds), both = has(folder, "expected_ply.npz");
-    char text[200];
-
-    snprintf(text, sizeof text, "%s%s", name, plys && !both ? ", PLYs" : "");
-    compare_run(model, folder, "expected.npz", text);
-    snprintf(text, sizeof text, "%s, its PLYs", name);
-    if (both)
-        compare_run(only_entry(clouds), folder, "expected_ply.npz", text);
 }
 
 /* ---- Runs made here -------------------------------------------------------------------------- */
@@ -180,18 +44,17 @@ static void compare_fixture(const char *folder, const char *name)
 /* A fixture's PLYs in point_cloud/iteration_<at> of a new model, with this cfg_args, or NULL. */
 static const char *make_run(const char *fixture, int at, const char *cfg)
 {
-    const char *save = only_entry(path_in(fixture, "model/point_cloud")), *model = new_folder(),
-               *to;
+    const char *save = golden_path(fixture, "model/point_cloud/*"), *model = new_folder(), *to;
     char name[64];
 
     snprintf(name, sizeof name, "point_cloud/iteration_%d", at);
     to = path_in(model, name);
     if (spin_folder_make(to) != SPIN_OK)
         exit(1);
-    copy_to(path_in(save, "point_cloud.ply"), path_in(to, "point_cloud.ply"));
-    copy_to(path_in(save, "dynamic_point_cloud.ply"), path_in(to, "dynamic_point_cloud.ply"));
+    copy_file(path_in(save, "point_cloud.ply"), path_in(to, "point_cloud.ply"));
+    copy_file(path_in(save, "dynamic_point_cloud.ply"), path_in(to, "dynamic_point_cloud.ply"));
     if (cfg)
-        write_bytes(path_in(model, "cfg_args"), cfg, strlen(cfg));
+        write_text(path_in(model, "cfg_args"), cfg);
     return model;
 }
 
@@ -260,11 +123,11 @@ static void test_options(const char *fixture)
     double n_keys = 0;
     struct run run, named;
 
-    ok(run_open(FROM, model, &run) == SPIN_OK && open_with(FROM, bare, all, &named) == SPIN_OK &&
+    ok(run_open(FROM, model, &run) == SPIN_OK && model_open(FROM, bare, all, &named) == SPIN_OK &&
            same_at(&run, &named, 7.25),
        "options say what cfg_args does");
     run_close(&named);
-    ok(open_with(FROM, model, linear, &named) == SPIN_OK && !same_at(&run, &named, 7.25) &&
+    ok(model_open(FROM, model, linear, &named) == SPIN_OK && !same_at(&run, &named, 7.25) &&
            strstr(named.sequence.variant, "linear"),
        "and count before it");
     run_close(&named);
@@ -313,12 +176,12 @@ static void test_saves(const char *fixture, const char *checkpoint)
     const struct spin_importer *found = NULL;
     struct run run;
 
-    copy_to(checkpoint, path_in(model, "chkpnt20000.pth"));
+    copy_file(checkpoint, path_in(model, "chkpnt20000.pth"));
     ok(run_open(NULL, model, &run) == SPIN_OK && strstr(run.sequence.variant, "PLYs") &&
            strstr(run.sequence.notes, "iteration_30000"),
        "PLYs newer than the checkpoint are read");
     run_close(&run);
-    copy_to(checkpoint, path_in(model, "chkpnt30000.pth"));
+    copy_file(checkpoint, path_in(model, "chkpnt30000.pth"));
     ok(run_open(NULL, model, &run) == SPIN_OK && strstr(run.sequence.variant, "chkpnt30000.pth"),
        "of one iteration the checkpoint is");
     ok(strstr(run.sequence.notes, "time_interval is 5 in cfg_args and 10 in the checkpoint") &&
@@ -328,8 +191,8 @@ static void test_saves(const char *fixture, const char *checkpoint)
     run_close(&run);
     if (spin_folder_make(save) != SPIN_OK)
         exit(1);
-    copy_to(path_in(model, "point_cloud/iteration_30000/point_cloud.ply"),
-            path_in(save, "point_cloud.ply"));
+    copy_file(path_in(model, "point_cloud/iteration_30000/point_cloud.ply"),
+              path_in(save, "point_cloud.ply"));
     fails(FROM, model, "iteration_40000/dynamic_point_cloud.ply",
           "a save without its dynamic half");
     fails(FROM, path_in(save, "point_cloud.ply"), "dynamic_point_cloud.ply",
@@ -337,11 +200,11 @@ static void test_saves(const char *fixture, const char *checkpoint)
     ok(spin_importer_find(save, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
        "whose folder is not taken for a cloud of 3DGS");
     fails(FROM, save, "dynamic_point_cloud.ply", "but refused");
-    ok(open_with(FROM, model, old, &run) == SPIN_OK, "an older one can be asked for");
+    ok(model_open(FROM, model, old, &run) == SPIN_OK, "an older one can be asked for");
     run_close(&run);
     ok(unlink(path_in(save, "point_cloud.ply")) == 0, "(the static half goes)");
-    copy_to(path_in(model, "point_cloud/iteration_30000/dynamic_point_cloud.ply"),
-            path_in(save, "dynamic_point_cloud.ply"));
+    copy_file(path_in(model, "point_cloud/iteration_30000/dynamic_point_cloud.ply"),
+              path_in(save, "dynamic_point_cloud.ply"));
     fails(FROM, model, "iteration_40000/point_cloud.ply", "a save without its static half");
     fails(FROM, new_folder(), "holds neither chkpnt<N>.pth nor point_cloud", "an empty folder");
     fails("ply", path_in(model, "point_cloud/iteration_30000/point_cloud.ply"), "Ex4DGS",
@@ -350,7 +213,7 @@ static void test_saves(const char *fixture, const char *checkpoint)
           "nor the dynamic one");
 
     model = new_folder();
-    copy_to(checkpoint, path_in(model, "chkpnt5.pth"));
+    copy_file(checkpoint, path_in(model, "chkpnt5.pth"));
     ok(spin_importer_find(model, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
        "a folder with nothing but a checkpoint is recognised by its optimiser");
     ok(spin_importer_find(path_in(model, "chkpnt5.pth"), NULL, false, &found) == SPIN_OK &&
@@ -360,7 +223,7 @@ static void test_saves(const char *fixture, const char *checkpoint)
           "but how to go between its keys is not in it");
     const char *cube[] = {"interp", "cube", NULL};
 
-    ok(open_with(FROM, model, cube, &run) == SPIN_OK && run.sequence.time_last == 29 &&
+    ok(model_open(FROM, model, cube, &run) == SPIN_OK && run.sequence.time_last == 29 &&
            strstr(run.sequence.notes, "30, by the checkpoint's duration"),
        "the number of frames is");
     run_close(&run);
@@ -368,31 +231,9 @@ static void test_saves(const char *fixture, const char *checkpoint)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void patch(const char *path, const char *property, size_t row, float value)
-{
-    const struct spin_ply_element *e;
-    struct spin_ply ply;
-    FILE *file;
-    long at;
-
-    if (spin_ply_open(path, &ply) != SPIN_OK || !(e = spin_ply_find_element(&ply, "vertex")) ||
-        spin_ply_find(e, property) < 0) {
-        printf("# %s has no %s\n", path, property);
-        exit(1);
-    }
-    at = (long)(e->data_offset + e->stride * row + e->property[spin_ply_find(e, property)].offset);
-    spin_ply_close(&ply);
-    file = fopen(path, "r+b");
-    if (!file || fseek(file, at, SEEK_SET) != 0 || fwrite(&value, sizeof value, 1, file) != 1 ||
-        fclose(file) != 0)
-        exit(1);
-}
-
 static void test_rows(const char *fixture)
 {
     const char *model = make_run(fixture, 1, CFG ")");
-    const char *still = path_in(model, "point_cloud/iteration_1/point_cloud.ply");
-    const char *moving = path_in(model, "point_cloud/iteration_1/dynamic_point_cloud.ply");
     const float log_scale[3] = {-2, -3, -4};
     struct spin_splats s = {0}, whole = {0};
     struct run run;
@@ -403,21 +244,12 @@ static void test_rows(const char *fixture)
         exit(1);
     n = whole.n;
     run_close(&run);
-    patch(still, "xyz_disp_1", 2, NAN);
-    patch(still, "scale_0", 4, INFINITY);
-    patch(moving, "motion_xyz_0_2", 0, NAN);
-    patch(moving, "motion_opacity_v_1", 3, INFINITY);
-    for (int c = 0; c < 4; c++) {
-        char name[32];
-
-        snprintf(name, sizeof name, "motion_rot_2_%d", c);
-        patch(moving, name, 5, 0);
-        snprintf(name, sizeof name, "rot_%d", c);
-        patch(still, name, 6, 0);
-        snprintf(name, sizeof name, "scale_%d", c);
-        if (c < 3)
-            patch(still, name, 6, log_scale[c]);
-    }
+    edit_file(path_in(model, "point_cloud/iteration_1/point_cloud.ply"),
+              "set xyz_disp_1 2 nan; set scale_0 4 inf; set rot_0 6 0; set rot_1 6 0; "
+              "set rot_2 6 0; set rot_3 6 0; set scale_0 6 -2; set scale_1 6 -3; set scale_2 6 -4");
+    edit_file(path_in(model, "point_cloud/iteration_1/dynamic_point_cloud.ply"),
+              "set motion_xyz_0_2 0 nan; set motion_opacity_v_1 3 inf; set motion_rot_2_0 5 0; "
+              "set motion_rot_2_1 5 0; set motion_rot_2_2 5 0; set motion_rot_2_3 5 0");
     ok(run_open(FROM, model, &run) == SPIN_OK && strstr(run.sequence.notes, "5 of") &&
            run.sequence.counts[0] == n - 5 &&
            run.importer->frame(run.self, 0, 3, run.sequence.columns, &s) == SPIN_OK && s.n == n - 5,
@@ -591,7 +423,7 @@ static void test_checkpoints(void)
     struct spin_splats s = {0};
     struct run run;
 
-    write_bytes(path_in(folder, "cfg_args"), cfg, strlen(cfg));
+    write_text(path_in(folder, "cfg_args"), cfg);
     write_model(folder, -1, (struct item){0}, 1);
     ok(run_open(NULL, folder, &run) == SPIN_OK && run.sequence.time_last == 29 &&
            run.importer->frame(run.self, 0, 29, run.sequence.columns, &s) == SPIN_OK &&
@@ -651,8 +483,8 @@ static void test_cuts(const char *folder, const char *name)
 
         if (!strstr(names[i], ".pth"))
             continue;
-        copy_to(path_in(model, "cfg_args"), path_in(copy, "cfg_args"));
-        copy_to(path_in(model, names[i]), path_in(copy, names[i]));
+        copy_file(path_in(model, "cfg_args"), path_in(copy, "cfg_args"));
+        copy_file(path_in(model, names[i]), path_in(copy, names[i]));
         ok(read_all(FROM, copy) == SPIN_OK && read_cuts(FROM, copy, path_in(copy, names[i])) == 0 &&
                strstr(spin_last_error(), names[i]),
            "%s: no truncation of %s can be read", name, names[i]);
@@ -661,13 +493,13 @@ static void test_cuts(const char *folder, const char *name)
     spin_folder_list_free(names);
     if (!has(model, "point_cloud"))
         return;
-    save = only_entry(path_in(model, "point_cloud"));
+    save = golden_path(model, "point_cloud/*");
     for (int i = 0; i < 2; i++) {
         const char *copy = new_folder();
 
-        copy_to(path_in(model, "cfg_args"), path_in(copy, "cfg_args"));
-        copy_to(path_in(save, plys[0]), path_in(copy, plys[0]));
-        copy_to(path_in(save, plys[1]), path_in(copy, plys[1]));
+        copy_file(path_in(model, "cfg_args"), path_in(copy, "cfg_args"));
+        copy_file(path_in(save, plys[0]), path_in(copy, plys[0]));
+        copy_file(path_in(save, plys[1]), path_in(copy, plys[1]));
         ok(read_all(FROM, copy) == SPIN_OK && read_cuts(FROM, copy, path_in(copy, plys[i])) == 0 &&
                strstr(spin_last_error(), plys[i]),
            "%s: no truncation of %s can be read", name, plys[i]);
@@ -688,7 +520,7 @@ TAP_MAIN
         return;
     }
     for (size_t i = 0; names[i]; i++) {
-        compare_fixture(path_in(root, names[i]), names[i]);
+        test_sequence(path_in(root, names[i]), names[i]);
         test_cuts(path_in(root, names[i]), names[i]);
     }
     free(names);

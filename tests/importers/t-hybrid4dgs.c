@@ -1,180 +1,20 @@
-/* hybrid4dgs: every fixture at every time against the method's own numbers, settings found and guessed, either
- * half missing, and files that lie.
+/* hybrid4dgs: settings found and guessed, either half missing, and files that lie.
  * K: hybrid4dgs import */
-#include "tests/importers/slices.h"
+#include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
 
 #define FROM "hybrid4dgs"
 
-/* ---- Fixtures -------------------------------------------------------------------------------- */
-
-struct tables {
-    struct table xyz, cov, opacity, mask, valid, is_static, sh, times, rot, scale;
-};
-
-static void load_tables(struct spin_npz *npz, struct tables *t)
-{
-    *t = (struct tables){.xyz = table_load(npz, "xyz", 1),
-                         .cov = table_load(npz, "cov6", 1),
-                         .opacity = table_load(npz, "opacity", 1),
-                         .mask = table_load(npz, "mask", 1),
-                         .valid = table_load(npz, "valid", 0),
-                         .is_static = table_load(npz, "is_static", 0),
-                         .sh = table_load(npz, "sh", 1),
-                         .times = table_load(npz, "times", 0)};
-    if (spin_npz_has(npz, "static_rot")) {
-        t->rot = table_load(npz, "static_rot", 0);
-        t->scale = table_load(npz, "static_scale", 0);
-    }
-}
-
-static void free_tables(struct tables *t)
-{
-    struct table *all[] = {&t->xyz, &t->cov, &t->opacity, &t->mask,  &t->valid,
-                           &t->sh,  &t->rot, &t->scale,   &t->times, &t->is_static};
-
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        free(all[i]->value);
-}
-
-/* Rows of the file that a time shows. */
-static size_t seen_rows(const struct tables *t, size_t index, size_t *row)
-{
-    size_t n = 0;
-
-    for (size_t i = 0; i < t->valid.n_rows; i++) {
-        if (t->valid.value[i] != 0 && t->mask.value[index * t->valid.n_rows + i] != 0)
-            row[n++] = i;
-    }
-    return n;
-}
-
-/* Static Gaussians are as they are stored, but for the length of their quaternions. */
-static void compare_still(const struct tables *t, const size_t *row, const struct spin_splats *s,
-                          const char *what)
-{
-    size_t *of_table = malloc(s->n * sizeof *of_table + 1), n = 0, n_moving = 0;
-    float *quat = malloc(4 * s->n * sizeof *quat + 1),
-          *scale = malloc(3 * s->n * sizeof *scale + 1);
-
-    for (size_t i = 0; i < t->is_static.n_rows; i++)
-        n_moving += t->is_static.value[i] == 0;
-    for (size_t i = 0; i < s->n; i++) {
-        const float *q = s->quats + 4 * i;
-        const double *w = t->rot.value + 4 * (row[i] - n_moving);
-
-        if (t->is_static.value[row[i]] == 0)
-            continue;
-        for (size_t c = 0; c < 4; c++)
-            quat[4 * n + c] =
-                q[0] * w[0] + q[1] * w[1] + q[2] * w[2] + q[3] * w[3] < 0 ? -q[c] : q[c];
-        for (size_t c = 0; c < 3; c++)
-            scale[3 * n + c] = expf(s->log_scales[3 * i + c]);
-        of_table[n++] = row[i] - n_moving;
-    }
-    compare_rows(&t->rot, 0, of_table, n, quat, 4, 1e-5, 0, what);
-    compare_rows(&t->scale, 0, of_table, n, scale, 3, 0, 1e-5, what);
-    free(of_table);
-    free(quat);
-    free(scale);
-}
-
-static void compare_time(struct run *run, const struct tables *t, size_t index, const char *name)
-{
-    size_t *row = malloc(t->valid.n_rows * sizeof *row), n = seen_rows(t, index, row);
-    double time = t->times.value[index];
-    struct spin_splats s = {0};
-    char what[200];
-
-    snprintf(what, sizeof what, "%s at %g", name, time);
-    if (run->importer->frame(run->self, 0, time, run->sequence.columns, &s) != SPIN_OK) {
-        ok(0, "%s: %s", what, spin_last_error());
-    } else if (ok(s.n == n, "%s: %zu Gaussians are seen", what, n)) {
-        compare_rows(&t->xyz, index, row, n, s.means, 3, bound("xyz").abs, bound("xyz").rel, what);
-        compare_covariances(&t->cov, index, row, &s, what);
-        compare_opacities(&t->opacity, index, row, &s, bound("opacity").abs, what);
-        compare_rows(&t->sh, t->sh.n_blocks > 1 ? index : 0, row, n, s.sh,
-                     3 * (size_t)spin_sh_count(s.sh_degree), bound("sh").abs, 0, what);
-        if (t->rot.value)
-            compare_still(t, row, &s, what);
-        check_sane(&s, run->sequence.columns, what);
-    }
-    spin_splats_free(&s);
-    free(row);
-}
-
-static void compare_fixture(const char *folder, const char *name)
-{
-    const char *config[] = {"config", path_in(folder, "train_config.yaml"), NULL};
-    struct tables t;
-    struct spin_npz npz;
-    struct run run;
-
-    bounds_of = folder;
-    if (!ok(open_with(NULL, path_in(folder, "model"), config, &run) == SPIN_OK &&
-                !strcmp(run.importer->name, FROM) && run.sequence.continuous &&
-                !strstr(run.sequence.notes, "own times run") &&
-                spin_npz_open(path_in(folder, "expected.npz"), &npz) == SPIN_OK,
-            "%s: is recognised and opens", name)) {
-        printf("#   %s\n", spin_last_error());
-        run_close(&run);
-        return;
-    }
-    load_tables(&npz, &t);
-    for (size_t i = 0; i < t.times.n_rows; i++)
-        compare_time(&run, &t, i, name);
-    free_tables(&t);
-    spin_npz_close(&npz);
-    run_close(&run);
-}
-
-static const char *checkpoint_in(const char *folder)
-{
-    char **names = NULL;
-    const char *found = NULL;
-    size_t n = 0;
-
-    if (spin_folder_list(folder, &names, &n) != SPIN_OK)
-        exit(1);
-    for (size_t i = 0; i < n; i++) {
-        if (strncmp(names[i], "chkpnt", 6) == 0)
-            found = path_in(folder, names[i]);
-    }
-    spin_folder_list_free(names);
-    return found;
-}
-
-/* ---- Settings and folders -------------------------------------------------------------------- */
-
-static void copy_to(const char *from, const char *to)
-{
-    struct spin_map map;
-    FILE *file = fopen(to, "wb");
-
-    if (spin_map_open(from, &map) != SPIN_OK || !file ||
-        fwrite(map.data, 1, map.size, file) != map.size || fclose(file) != 0)
-        exit(1);
-    spin_map_close(&map);
-}
-
-static void write_text(const char *path, const char *text)
-{
-    FILE *file = fopen(path, "w");
-
-    if (!file || fputs(text, file) < 0 || fclose(file) != 0)
-        exit(1);
-}
-
 static void test_folders(const char *fixture)
 {
-    const char *file = checkpoint_in(path_in(fixture, "model")), *folder = new_folder();
+    const char *file = golden_path(fixture, "model/chkpnt*"), *folder = new_folder();
     const char *duration[] = {"time-duration", "0,10", NULL},
                *wrong[] = {"time-duration", "10,0", NULL};
     const struct spin_importer *found = NULL;
     struct spin_splats a = {0}, b = {0};
     struct run run;
 
-    copy_to(file, path_in(folder, "chkpnt_best.pth"));
+    copy_file(file, path_in(folder, "chkpnt_best.pth"));
     ok(spin_importer_find(folder, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
        "a folder with nothing but a checkpoint is recognised by its optimiser");
     ok(spin_importer_find(path_in(folder, "chkpnt_best.pth"), NULL, false, &found) == SPIN_OK &&
@@ -184,9 +24,9 @@ static void test_folders(const char *fixture)
            !strstr(run.sequence.notes, "colours depend"),
        "the range of times is guessed then, and colours do not depend on it");
     run_close(&run);
-    copy_to(file, path_in(folder, "chkpnt100.pth"));
-    copy_to(file, path_in(folder, "chkpnt20.pth"));
-    ok(open_with(FROM, folder, duration, &run) == SPIN_OK && run.sequence.time_first == 0 &&
+    copy_file(file, path_in(folder, "chkpnt100.pth"));
+    copy_file(file, path_in(folder, "chkpnt20.pth"));
+    ok(model_open(FROM, folder, duration, &run) == SPIN_OK && run.sequence.time_first == 0 &&
            run.sequence.time_last == 10 &&
            strstr(run.sequence.notes, "'chkpnt100.pth' is read; chkpnt_best.pth is there too"),
        "the largest number is read, and the best one is noted");
@@ -298,7 +138,7 @@ static void test_checkpoints(void)
     struct run run;
 
     write_model(path, -1, (struct item){0}, 1);
-    ok(open_with(FROM, path, range, &run) == SPIN_OK &&
+    ok(model_open(FROM, path, range, &run) == SPIN_OK &&
            strstr(run.sequence.variant, "iteration 123, 5 dynamic and 3 static") &&
            run.importer->frame(run.self, 0, 1, run.sequence.columns, &s) == SPIN_OK && s.n == 8,
        "a checkpoint made here is read");
@@ -331,7 +171,8 @@ static void test_checkpoints(void)
     list_items(N_MOVING, 0, 47, items);
     items[16].a = 0;
     write_items(path, items, N_ITEMS, 1);
-    ok(open_with(FROM, path, range, &run) == SPIN_OK && strstr(run.sequence.variant, "with time") &&
+    ok(model_open(FROM, path, range, &run) == SPIN_OK &&
+           strstr(run.sequence.variant, "with time") &&
            run.importer->frame(run.self, 0, 1, run.sequence.columns, &s) == SPIN_OK &&
            s.n == N_MOVING,
        "dynamic ones alone, without 4-D rotations");
@@ -407,9 +248,8 @@ TAP_MAIN
         return;
     }
     for (size_t i = 0; names[i]; i++) {
-        const char *file = checkpoint_in(path_in(path_in(root, names[i]), "model"));
+        const char *file = golden_path(path_in(root, names[i]), "model/chkpnt*");
 
-        compare_fixture(path_in(root, names[i]), names[i]);
         ok(read_truncations(FROM, file) == 0, "%s: no truncation can be read", names[i]);
         survive_flips(FROM, file);
         if (strcmp(names[i], "nan_static") == 0 || strcmp(names[i], "small") == 0)

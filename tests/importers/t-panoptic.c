@@ -1,8 +1,7 @@
 /* panoptic: a data set of the D3DGS layout against what the method's own reader yields, and
  * lists that lie.
  * K: panoptic import views */
-#include "scene/dataset.h"
-#include "tests/importers/runs.h"
+#include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
 
@@ -82,31 +81,6 @@ static void test_data_set(const char *folder, const char *name, const spin_json 
     spin_views_free(&views);
 }
 
-/* A case is a folder, or a file that stands in for train_meta.json. */
-static void test_cases(const char *folder, const spin_json *manifest)
-{
-    const spin_json *cases = spin_json_get(manifest, "cases");
-
-    for (size_t i = 0; i < spin_json_length(cases); i++) {
-        const spin_json *c = spin_json_at(cases, i);
-        const char *file = spin_json_string(spin_json_get(c, "file"));
-        const char *expect = spin_json_string(spin_json_get(c, "expect"));
-        const char *path = file ? path_in(folder, file) : folder;
-        struct spin_views views;
-        spin_status status;
-
-        if (!file || !expect || !spin_path_is_folder(path))
-            continue;
-        status = spin_views_open(path, "panoptic", &views, NULL, 0);
-        if (status == SPIN_OK)
-            spin_views_free(&views);
-        if (strcmp(expect, "error") == 0)
-            ok(status != SPIN_OK, "%s is refused", file);
-        else
-            ok(1, "%s is survived (expect '%s')", file, expect);
-    }
-}
-
 /* ---- Files made here ------------------------------------------------------------------------- */
 
 struct text {
@@ -156,15 +130,7 @@ static const char *write_set(const struct text *train, const struct text *test)
 
 static void refused(const struct text *train, const char *word, const char *what)
 {
-    struct spin_views views;
-    spin_status status = spin_views_open(write_set(train, NULL), NULL, &views, NULL, 0);
-    bool good_message = status != SPIN_OK && strstr(spin_last_error(), word);
-
-    ok(good_message, "%s", what);
-    if (!good_message)
-        printf("#   %s\n", status == SPIN_OK ? "it was read" : spin_last_error());
-    if (status == SPIN_OK)
-        spin_views_free(&views);
+    set_refused(write_set(train, NULL), NULL, word, what);
 }
 
 static void test_own(void)
@@ -269,52 +235,19 @@ static void test_lies(void)
     refused(&t, "cam_id", "a camera number that is none");
 }
 
-static void test_truncations(void)
+static void test_fixture(const char *folder, const char *name, const spin_json *manifest)
 {
-    const char *folder = write_set(&good, NULL), *path = path_in(folder, "train_meta.json");
-    struct spin_map map = {0};
-    size_t size;
-    int n_good = 0;
-
-    if (spin_map_open(path, &map) != SPIN_OK)
-        exit(1);
-    size = map.size;
-    spin_map_close(&map);
-    while (size-- > 0) {
-        struct spin_views views;
-
-        if (truncate(path, (off_t)size) == 0 &&
-            spin_views_open(folder, NULL, &views, NULL, 0) == SPIN_OK) {
-            n_good++;
-            spin_views_free(&views);
-        }
-    }
-    ok(n_good == 0, "no truncation of train_meta.json can be read");
+    if (spin_json_get(manifest, "expected"))
+        test_data_set(folder, name, manifest);
+    set_cases(folder, "panoptic", manifest);
 }
 
 TAP_MAIN
 {
-    const char *root = check_fixture("datasets");
-    char **names = NULL;
-    size_t n = 0;
-
     spin_log_set_level(-1);
     test_own();
     test_lies();
-    test_truncations();
-    if (!root || spin_folder_list(root, &names, &n) != SPIN_OK) {
-        skip("panoptic fixtures", "there are none here");
-        return;
-    }
-    for (size_t i = 0; i < n; i++) {
-        const char *folder = path_in(root, names[i]);
-        spin_json *manifest = strncmp(names[i], "panoptic", 8) == 0 ? load_manifest(folder) : NULL;
-
-        if (manifest && spin_json_get(manifest, "expected"))
-            test_data_set(folder, names[i], manifest);
-        if (manifest && spin_json_get(manifest, "cases"))
-            test_cases(folder, manifest);
-        spin_json_free(manifest);
-    }
-    spin_folder_list_free(names);
+    ok(set_truncations(write_set(&good, NULL), "train_meta.json", NULL) == 0,
+       "no truncation of train_meta.json can be read");
+    each_set("panoptic", test_fixture);
 }

@@ -163,7 +163,7 @@ static void test_values(void)
 
 /* ---- What few writers write ------------------------------------------------------------------- */
 
-static const char *write_text(const char *folder, const char *name, const char *text)
+static const char *text_in(const char *folder, const char *name, const char *text)
 {
     const char *path = path_in(folder, name);
     FILE *file = fopen(path, "wb");
@@ -191,9 +191,9 @@ static void test_colours_of_16_bits(void)
     FILE *file;
 
     ok(run_open(NULL,
-                write_text(folder, "a.ply",
-                           "ply\nformat ascii 1.0\nelement vertex 2\n" PLACE RGB16
-                           "end_header\n1 2 3 65535 0 13107\n4 5 6 100 200 255\n"),
+                text_in(folder, "a.ply",
+                        "ply\nformat ascii 1.0\nelement vertex 2\n" PLACE RGB16
+                        "end_header\n1 2 3 65535 0 13107\n4 5 6 100 200 255\n"),
                 &run) == SPIN_OK &&
            run.sequence.columns == (SPIN_COL_MEANS | SPIN_COL_RGB) &&
            run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK && s.n == 2,
@@ -214,9 +214,9 @@ static void test_colours_of_16_bits(void)
     near(s.rgb[2], 1, 1e-6, "0xffff is 1");
     run_close(&run);
     ok(run_open(NULL,
-                write_text(folder, "c.ply",
-                           "ply\nformat ascii 1.0\nelement vertex 1\n" PLACE RGB16 SHAPE
-                           "end_header\n1 2 3 51 0 200 7 -1 -1 -1 1 0 0 0\n"),
+                text_in(folder, "c.ply",
+                        "ply\nformat ascii 1.0\nelement vertex 1\n" PLACE RGB16 SHAPE
+                        "end_header\n1 2 3 51 0 200 7 -1 -1 -1 1 0 0 0\n"),
                 &run) == SPIN_OK &&
            run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK &&
            s.sh_degree == 0,
@@ -243,7 +243,7 @@ static void test_second_element(void)
     struct run run;
 
     snprintf(text, sizeof text, "%s%s3 0 1 1\n", head, rows);
-    ok(run_open(NULL, write_text(folder, "a.ply", text), &run) == SPIN_OK &&
+    ok(run_open(NULL, text_in(folder, "a.ply", text), &run) == SPIN_OK &&
            run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK && s.n == 2,
        "vertices between cameras and faces");
     ok(s.means[0] == 1 && s.means[5] == 23 && s.logit_opacities[1] == 24 && s.log_scales[2] == -7 &&
@@ -251,10 +251,10 @@ static void test_second_element(void)
        "are those that are read");
     run_close(&run);
     snprintf(text, sizeof text, "%s%s", head, rows);
-    fails("ply", write_text(folder, "b.ply", text), "element 'face' record 0",
+    fails("ply", text_in(folder, "b.ply", text), "element 'face' record 0",
           "a face that is missing is named");
     snprintf(text, sizeof text, "%s%s3 0 1\n", head, rows);
-    fails("ply", write_text(folder, "c.ply", text), "element 'face' record 0",
+    fails("ply", text_in(folder, "c.ply", text), "element 'face' record 0",
           "a list that is too short");
     spin_splats_free(&s);
 }
