@@ -23,6 +23,7 @@ struct spin_zip {
     size_t n;
     char *names;   /* private */
     bool borrowed; /* the map is another's */
+    bool zip64;    /* its directory was found by a zip64 record */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
