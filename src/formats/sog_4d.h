@@ -56,6 +56,12 @@ struct spin_sog_4d {
     uint8_t *centroids;           /* pixels, once they are needed */
 };
 
+/* ---- Writing --------------------------------------------------------------------------------- */
+
+/* n numbers of a range to its nearest steps; shown: what a reader sees. high NULL: 8 bits. */
+void spin_sog_4d_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
+                      uint8_t *low, uint8_t *high, float *shown);
+
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 /* The zip and its meta.json. Close it also after a failure. Errors do not name the file. */

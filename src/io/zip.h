@@ -54,6 +54,7 @@ struct spin_zip_writer {
     uint32_t crc;
     uint64_t member_size;
     bool in_member;
+    bool plain; /* headers hold names alone, and data are not aligned; set it after begin() */
     struct spin_zip_deflate *deflate; /* of the member that is being written; NULL: stored */
 };
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);

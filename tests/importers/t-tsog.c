@@ -340,7 +340,8 @@ static const char *changed(const char *fixture, const struct change *c)
     struct member m[512] = {0};
     void *owned[512];
     struct spin_zip zip;
-    size_t n = 0;
+    size_t n = 0, n_twice = 0;
+    void *twice = NULL;
     const char *path;
 
     if (spin_zip_open(fixture, &zip) != SPIN_OK || zip.n > 500)
@@ -377,11 +378,8 @@ static const char *changed(const char *fixture, const struct change *c)
                 continue;
             }
             if (c->offset == -3) {
-                void *twice = memcpy(malloc(size), copy, size);
-
-                owned[n] = twice;
-                m[n++] = (struct member){zip.member[i].name, twice, size};
-                owned[n] = copy;
+                twice = memcpy(malloc(size), copy, size);
+                n_twice = size;
             }
             size += c->offset == -2;
             if (c->offset == -4) {
@@ -397,6 +395,10 @@ static const char *changed(const char *fixture, const struct change *c)
         }
         m[n] = (struct member){zip.member[i].name, copy, size};
         n++;
+    }
+    if (twice) {
+        owned[n] = twice;
+        m[n++] = (struct member){c->member, twice, n_twice};
     }
     path = write_zip(m, n);
     while (n > 0)
