@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/option.h"
+#include "exporters/lib/bells.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
@@ -26,7 +27,6 @@
 #define K_SIGMA 3.8    /* of .sogst: a splat is drawn so many sigmas long */
 #define PERSISTENT 3.0 /* and lasts when that is more than so many segments */
 #define PLAYED 1000000 /* splats that TSOG's player draws at most */
-enum { SAMPLES = 9 };  /* times at which a loss is looked for */
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
 struct container {
@@ -37,27 +37,18 @@ struct container {
 
 static const struct container tsog = {"TSOG", false, 1}, sogst = {".sogst", true, 2};
 
-/* What the container cannot say, the most that any splat loses. */
-struct lost {
-    double turn, colour;
-};
-
 struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* item[j].row: row j of the file */
-    struct spin_splats_4d clip;  /* in the file's unit of time, the source's axes */
-    size_t *from;                /* [clip.n] row of the source */
-    struct spin_splats view;     /* the clip's arrays, as those of a frame */
-    double fps, length;          /* of the clip, in the file's unit */
-    double per_time;             /* the file's unit for one of the source's */
-    double segment;              /* seconds; 0: none are asked for */
+    struct spin_bells bells;
+    double fps;
+    double segment; /* seconds; 0: none are asked for */
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
-    struct lost lost;
 
     /* In the order of the file. */
     float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
@@ -69,172 +60,18 @@ struct export
     struct spin_quant_error *block_quant;
 };
 
-/* ---- What the file can hold ------------------------------------------------------------------ */
+static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->bells.clip; }
 
-static spin_status check_clip(const struct export *x)
+/* What a file of its kind cannot do alone. */
+static void warn_of_kind(const struct export *x)
 {
-    const struct spin_splats_4d *s = x->job->splats_4d;
-    const char *name = x->kind->name;
+    const double *cov2d = x->job->splats_4d->cov2d;
 
-    if (!s)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "this clip is frames, and %s holds 4D splats: import a source that has "
-                         "them, without --frames, or write another format",
-                         name);
-    if (s->plateaus || s->cuts || s->gates || s->degree > x->kind->degree)
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "these 4D splats have %s, and %s holds %s and bells in time: write "
-                         "another format",
-                         s->cuts       ? "a beginning and an end"
-                         : s->plateaus ? "times at which they do not fade"
-                         : s->gates    ? "opacities that do not fade to 0"
-                                       : "paths of a higher degree",
-                         name, x->kind->degree > 1 ? "paths of degree 2" : "straight lines");
-    if (!(x->job->times[x->job->n_frames - 1] > x->job->times[0]))
-        return spin_fail(SPIN_E_UNSUPPORTED,
-                         "%s holds a clip, and this is one frame: give more with --range", name);
-    return SPIN_OK;
-}
-
-static void warn_lost(const struct export *x)
-{
-    const struct spin_splats_4d *s = x->job->splats_4d;
-    const char *name = x->kind->name;
-
-    if (s->spins)
-        spin_warn("these splats turn, which %s cannot say: they keep the rotation of their own "
-                  "time, off by %.2g degrees at most",
-                  name, x->lost.turn);
-    if (s->sh_cos)
-        spin_warn("colours change in time, which %s cannot say: they keep those of their own time, "
-                  "off by %.2g of 1 at most",
-                  name, x->lost.colour);
-    if (s->cov2d[0] > 0 && !x->kind->sogst)
+    if (cov2d[0] > 0 && !x->kind->sogst)
         spin_warn("trained with %g and %g on the covariance on screen, which %s cannot say",
-                  s->cov2d[0], s->cov2d[1], name);
+                  cov2d[0], cov2d[1], x->kind->name);
     if (!x->kind->sogst && x->order.n > PLAYED)
         spin_warn("%zu splats: the player of TSOG draws %d of them", x->order.n, PLAYED);
-}
-
-/* ---- Splats in the file's unit --------------------------------------------------------------- */
-
-static double first_time(const struct export *x) { return x->job->times[0]; }
-static double last_time(const struct export *x) { return x->job->times[x->job->n_frames - 1]; }
-
-/* What row i loses while the clip shows it. */
-static void measure_lost(struct export *x, size_t i)
-{
-    const struct spin_splats_4d *s = x->job->splats_4d;
-    double from = fmax(s->spans[2 * i], first_time(x)),
-           to = fmin(s->spans[2 * i + 1], last_time(x));
-    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
-
-    for (int k = 0; k < SAMPLES && (s->spins || s->sh_cos); k++) {
-        double d = from + (to - from) * k / (SAMPLES - 1) - (double)s->times[i];
-        double turn = s->sh_cos ? 6.283185307179586 * d / s->period : 0, dot = 0, length = 0;
-
-        for (size_t c = 0; c < 3 && s->sh_cos; c++) {
-            const float *cosine = s->sh_cos + 2 * width * i + c;
-            double off =
-                (double)cosine[0] * (cos(turn) - 1) + (double)cosine[width] * (cos(2 * turn) - 1);
-
-            x->lost.colour = fmax(x->lost.colour, SPIN_SH_C0 * fabs(off));
-        }
-        for (size_t c = 0; c < 4 && s->spins; c++) {
-            double q = (double)s->quats[4 * i + c], at = q + d * (double)s->spins[4 * i + c];
-
-            dot += q * at;
-            length += at * at;
-        }
-        if (length > 0)
-            x->lost.turn = fmax(x->lost.turn,
-                                360 / 3.141592653589793 * acos(fmin(fabs(dot) / sqrt(length), 1)));
-    }
-}
-
-/* Row k of the clip belongs to another time from now on, and stays on its path. */
-static void move_to(struct spin_splats_4d *s, size_t k, double time)
-{
-    double d = time - (double)s->times[k], place[3];
-    float *path = s->paths ? s->paths + 3 * (size_t)s->degree * k : NULL;
-
-    spin_path_at(s->centres + 3 * k, path, s->degree, d, place);
-    for (size_t c = 0; c < 3; c++) {
-        s->centres[3 * k + c] = (float)place[c];
-        if (s->degree > 1)
-            path[c] = (float)((double)path[c] + 2 * d * (double)path[3 + c]);
-    }
-    s->times[k] = (float)time;
-}
-
-/* A bell of more than MOST_SIGMA clips becomes one of so many, with the same value and slope mid-clip. */
-static void shorten(struct export *x, size_t k, double sigma)
-{
-    struct spin_splats_4d *s = &x->clip;
-    double most = MOST_SIGMA * x->length, middle = x->length / 2,
-           off = middle - (double)s->times[k];
-    double share = most / sigma, z = off / sigma, z2 = off * share / sigma;
-    double opacity = spin_sigmoid_of((double)s->logit_opacities[k]) * exp(0.5 * (z2 * z2 - z * z));
-
-    s->logit_opacities[k] = spin_logit_of(fmin(opacity, 1));
-    s->sigmas[k] = (float)most;
-    move_to(s, k, middle - off * share * share);
-}
-
-static void convert_row(struct export *x, size_t i, size_t k)
-{
-    const struct spin_splats_4d *s = x->job->splats_4d;
-    struct spin_splats_4d *to = &x->clip;
-    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree), step = 3 * (size_t)s->degree;
-    double sigma = s->sigmas[i] < SPIN_FOREVER ? (double)s->sigmas[i] * x->per_time
-                                               : (double)SPIN_FOREVER * 1e10;
-
-    memcpy(to->centres + 3 * k, s->centres + 3 * i, 3 * sizeof(float));
-    memcpy(to->quats + 4 * k, s->quats + 4 * i, 4 * sizeof(float));
-    memcpy(to->log_scales + 3 * k, s->log_scales + 3 * i, 3 * sizeof(float));
-    to->logit_opacities[k] = s->logit_opacities[i];
-    to->times[k] = (float)(((double)s->times[i] - first_time(x)) * x->per_time);
-    to->sigmas[k] = (float)fmin(sigma, (double)SPIN_FOREVER);
-    for (size_t c = 0; c < width; c++) {
-        const float *cosine = s->sh_cos ? s->sh_cos + 2 * width * i + c : NULL;
-
-        to->sh[width * k + c] = s->sh[width * i + c] + (cosine ? cosine[0] + cosine[width] : 0);
-    }
-    for (size_t c = 0; c < step; c++)
-        to->paths[3 * (size_t)to->degree * k + c] =
-            (float)((double)s->paths[step * i + c] / pow(x->per_time, c < 3 ? 1 : 2));
-    if (sigma > MOST_SIGMA * x->length)
-        shorten(x, k, sigma);
-    x->from[k] = i;
-}
-
-/* The rows that some time of the clip shows. */
-static spin_status convert(struct export *x)
-{
-    const struct spin_splats_4d *s = x->job->splats_4d;
-    size_t n = 0;
-    int degree = x->kind->sogst && s->degree < 1 ? 1 : s->degree;
-
-    SPIN_TRY(spin_splats_4d_reserve(&x->clip, s->n, degree, s->sh_degree, 0));
-    SPIN_TRY(spin_alloc(s->n + 1, sizeof *x->from, (void **)&x->from));
-    for (size_t i = 0; i < s->n; i++) {
-        if (!(s->spans[2 * i] <= last_time(x) && s->spans[2 * i + 1] >= first_time(x)))
-            continue;
-        measure_lost(x, i);
-        convert_row(x, i, n++);
-    }
-    x->clip.n = n;
-    x->view = (struct spin_splats){.n = n,
-                                   .capacity = n,
-                                   .sh_degree = s->sh_degree,
-                                   .means = x->clip.centres,
-                                   .quats = x->clip.quats,
-                                   .log_scales = x->clip.log_scales,
-                                   .logit_opacities = x->clip.logit_opacities,
-                                   .sh = x->clip.sh};
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->view, 0));
-    return x->rows.n_kept > 0 ? SPIN_OK
-                              : spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left");
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
@@ -295,9 +132,9 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
 
     for (size_t j = 0; j < x->order.n; j++) {
         size_t k = x->order.item[j].row;
-        float time = x->clip.times[k], seen = book[spin_codebook_nearest(book, time)];
+        float time = clip_of(x)->times[k], seen = book[spin_codebook_nearest(book, time)];
 
-        worst = fmax(worst, fabs((double)time - (double)seen) / (double)x->clip.sigmas[k]);
+        worst = fmax(worst, fabs((double)time - (double)seen) / (double)clip_of(x)->sigmas[k]);
     }
     return worst;
 }
@@ -312,7 +149,7 @@ static spin_status choose_centres(struct export *x)
     fill_book(book, x->coding.time.mins[0], x->coding.time.maxs[0], false);
     SPIN_TRY(spin_alloc(x->order.n, sizeof *times, (void **)&times));
     for (size_t j = 0; j < x->order.n; j++)
-        times[j] = x->clip.times[x->order.item[j].row];
+        times[j] = clip_of(x)->times[x->order.item[j].row];
     status = spin_codebook_make(times, x->order.n, own);
     free(times);
     if (status == SPIN_OK && worst_shift(x, own) < worst_shift(x, book->value))
@@ -323,7 +160,7 @@ static spin_status choose_centres(struct export *x)
 /* Times are rounded, and places follow. */
 static spin_status round_times(struct export *x)
 {
-    struct spin_splats_4d *s = &x->clip;
+    struct spin_splats_4d *s = &x->bells.clip;
     struct spin_sog_range *range = &x->coding.time;
 
     for (size_t j = 0; j < x->order.n; j++) {
@@ -343,7 +180,7 @@ static spin_status round_times(struct export *x)
         uint8_t low[2], high[2];
 
         code_time(&x->coding, (const float[2]){s->times[k], s->sigmas[k]}, low, high, shown);
-        move_to(s, k, (double)shown[0]);
+        spin_bells_move(s, k, (double)shown[0]);
         s->sigmas[k] = shown[1];
     }
     return SPIN_OK;
@@ -354,9 +191,9 @@ static spin_status round_times(struct export *x)
 /* 0: it lasts. */
 static size_t group_of(const struct export *x, size_t k)
 {
-    double bucket = floor((double)x->clip.times[k] / x->segment);
+    double bucket = floor((double)clip_of(x)->times[k] / x->segment);
 
-    if (2 * K_SIGMA * (double)x->clip.sigmas[k] > PERSISTENT * x->segment)
+    if (2 * K_SIGMA * (double)clip_of(x)->sigmas[k] > PERSISTENT * x->segment)
         return 0;
     return 1 + (size_t)fmin(fmax(bucket, 0), (double)x->n_groups - 2);
 }
@@ -366,10 +203,10 @@ static spin_status choose_order(struct export *x)
 {
     size_t n = x->order.n;
 
-    spin_sort_rows_by_place(&x->order, &x->view);
+    spin_sort_rows_by_place(&x->order, &x->bells.view);
     x->n_groups = 1;
-    if (x->kind->sogst && x->segment > 0 && x->length > x->segment)
-        x->n_groups = 1 + (size_t)ceil(x->length / x->segment - 1e-6);
+    if (x->kind->sogst && x->segment > 0 && x->bells.length > x->segment)
+        x->n_groups = 1 + (size_t)ceil(x->bells.length / x->segment - 1e-6);
     SPIN_TRY(spin_alloc(x->n_groups, sizeof *x->end, (void **)&x->end));
     SPIN_TRY(spin_alloc(x->n_groups, 2 * sizeof *x->span, (void **)&x->span));
     x->end[0] = n;
@@ -382,7 +219,7 @@ static spin_status choose_order(struct export *x)
     }
     for (size_t j = 0; j < n; j++) {
         size_t k = x->order.item[j].row, g = group_of(x, k);
-        double t = (double)x->clip.times[k], reach = K_SIGMA * (double)x->clip.sigmas[k];
+        double t = (double)clip_of(x)->times[k], reach = K_SIGMA * (double)clip_of(x)->sigmas[k];
         bool first = x->end[g]++ == 0;
 
         x->span[2 * g] = first ? t - reach : fmin(x->span[2 * g], t - reach);
@@ -399,7 +236,7 @@ static spin_status choose_order(struct export *x)
 
 static void turned_path(const struct export *x, size_t k, int power, float out[3])
 {
-    const float *p = x->clip.paths + 3 * (size_t)x->clip.degree * k + 3 * power;
+    const float *p = clip_of(x)->paths + 3 * (size_t)clip_of(x)->degree * k + 3 * power;
     spin_vec3 v = spin_scene_rotation_place(&x->rows.turn, spin_v3(p[0], p[1], p[2]));
 
     out[0] = v.x;
@@ -418,7 +255,7 @@ static void choose_ranges(struct export *x)
         const float *sh = spin_splat_filter_sh(&x->rows, k, room);
 
         for (size_t c = 0; c < 3; c++) {
-            widen(&scale, 0, (double)x->clip.log_scales[3 * k + c], j + c == 0);
+            widen(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
             widen(&dc, 0, (double)sh[c], j + c == 0);
         }
         spin_splat_filter_place(&x->rows, k, v);
@@ -461,7 +298,7 @@ static spin_status choose_palette(struct export *x)
 
 static spin_status choose_coding(struct export *x)
 {
-    x->coding.degree = x->clip.degree;
+    x->coding.degree = clip_of(x)->degree;
     x->coding.linear = !x->kind->sogst;
     x->coding.sh_degree = x->rows.sh_degree;
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
@@ -565,7 +402,7 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     spin_sog_4d_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
                      shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_4D_QUATS], shown.rotation);
-    code_time(to, (const float[2]){x->clip.times[k], x->clip.sigmas[k]}, at[SPIN_4D_TIME],
+    code_time(to, (const float[2]){clip_of(x)->times[k], clip_of(x)->sigmas[k]}, at[SPIN_4D_TIME],
               at[SPIN_4D_TIME_HIGH], seen);
     for (int p = 0; p < to->degree; p++) {
         turned_path(x, k, p, v);
@@ -714,7 +551,7 @@ static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint6
 
     fprintf(to,
             "{\"version\":1,\"format\":\"sogst\",\"time\":{\"min\":0,\"max\":%.9g,\"fps\":%.9g},",
-            x->length, x->fps);
+            x->bells.length, x->fps);
     print_still(to, x);
     fprintf(to, ",\"motion\":{\"degree\":%d,", x->coding.degree);
     print_range(to, &x->coding.motion, 3, "[", "]");
@@ -867,8 +704,9 @@ static spin_status judge(const struct check *check, size_t j)
     const struct spin_splats_4d *back = &check->back;
     size_t k = x->order.item[j].row;
     float place[3];
-    bool good = fabs((double)back->times[j] - (double)x->clip.times[k]) <= 1e-6 * x->length &&
-                fabs((double)back->sigmas[j] / (double)x->clip.sigmas[k] - 1) <= 1e-5;
+    bool good =
+        fabs((double)back->times[j] - (double)clip_of(x)->times[k]) <= 1e-6 * x->bells.length &&
+        fabs((double)back->sigmas[j] / (double)clip_of(x)->sigmas[k] - 1) <= 1e-5;
 
     spin_splat_filter_place(&x->rows, k, place);
     for (size_t c = 0; c < 3; c++) {
@@ -904,7 +742,7 @@ static spin_status check_frame(struct check *check, int f)
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     struct export *x = check->x;
     const struct spin_splats_4d *s = x->job->splats_4d;
-    double t = x->job->times[f], time = (t - first_time(x)) * x->per_time, box[2][6];
+    double t = x->job->times[f], time = spin_bells_time(&x->bells, t), box[2][6];
     struct spin_splat_filter rows = x->rows;
     size_t row = 0, n_sh = 3 * (size_t)spin_sh_count(check->back.sh_degree);
 
@@ -954,7 +792,7 @@ static spin_status check_all(struct check *check)
     for (size_t i = 0; i < n; i++)
         check->row_of[i] = UINT32_MAX;
     for (size_t j = 0; j < x->order.n; j++) {
-        check->row_of[x->from[x->order.item[j].row]] = (uint32_t)j;
+        check->row_of[x->bells.from[x->order.item[j].row]] = (uint32_t)j;
         SPIN_TRY(judge(check, j));
     }
     for (int f = 0; f < x->job->n_frames; f++)
@@ -996,8 +834,7 @@ static void end_export(void *self)
     free(x->picture);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
-    spin_splats_4d_free(&x->clip);
-    free(x->from);
+    spin_bells_free(&x->bells);
     free(x->rest);
     free(x->palette);
     free(x->label);
@@ -1022,20 +859,19 @@ static spin_status read_options(struct export *x)
                   "sets them",
                   FPS);
     }
-    x->length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
-    x->per_time = x->length / (last_time(x) - first_time(x));
+    x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps; /* whole frames, about half a second */
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
-    if (x->segment > 0 && x->length / x->segment > 999)
+    if (x->segment > 0 && x->bells.length / x->segment > 999)
         return spin_fail(SPIN_E_USAGE, "option 'segment' is %g: a clip of %g s has more than 999",
-                         x->segment, x->length);
+                         x->segment, x->bells.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
 static spin_status prepare(struct export *x)
 {
-    SPIN_TRY(check_clip(x));
+    SPIN_TRY(spin_bells_can(x->job, x->kind->name));
     SPIN_TRY(spin_webp_need());
     return read_options(x);
 }
@@ -1049,6 +885,11 @@ static spin_status begin(const struct spin_export_job *job, const struct contain
     SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
     x->job = job;
     x->kind = kind;
+    x->bells = (struct spin_bells){.job = job,
+                                   .name = kind->name,
+                                   .most_sigma = MOST_SIGMA,
+                                   .least_degree = kind->sogst ? 1 : 0,
+                                   .degree = kind->degree};
     status = prepare(x);
     if (status != SPIN_OK) {
         end_export(x);
@@ -1070,11 +911,15 @@ static spin_status no_frame(void *self, int frame, const struct spin_frame_info 
 
 static spin_status write_all(struct export *x)
 {
-    SPIN_TRY(convert(x));
+    SPIN_TRY(spin_bells_convert(&x->bells));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
+    if (x->rows.n_kept == 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left to write");
     SPIN_TRY(choose_coding(x));
     SPIN_TRY(code(x));
     SPIN_TRY(write_file(x));
-    warn_lost(x);
+    spin_bells_warn(&x->bells);
+    warn_of_kind(x);
     spin_quant_error_say(&x->quant, x->kind->name);
     return x->job->check ? check_file(x) : SPIN_OK;
 }
