@@ -98,18 +98,18 @@ is "$(grep -c seg_000 "$work/n.sogst")" 0 "without segments"
 # Paths of degree 2; every eighth splat is a slow one of long before, which fades for fifty clips.
 {
     printf 'ply\nformat ascii 1.0\ncomment sogst.time_min 1\ncomment sogst.time_max 3\ncomment sogst.fps 30\n'
-    echo 'element vertex 96'
+    echo 'element vertex 768'
     for p in x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2 vx vy vz t_center t_sigma \
         ax ay az; do
         echo "property float $p"
     done
     echo end_header
     awk 'BEGIN {
-        for (i = 0; i < 96; i++) {
+        for (i = 0; i < 768; i++) {
             long = i % 8 == 0
-            print cos(i), sin(i), i / 50, 1, i % 3 / 3, 0.2, i % 5 / 5, -3 - i % 4, -3, -4, 1 + i % 3, i % 7 / 7, 0.1, 1, \
+            print cos(i), sin(i), i / 400, 1, i % 3 / 3, 0.2, i % 5 / 5, -3 - i % 4, -3, -4, 1 + i % 3, i % 7 / 7, 0.1, 1, \
                 cos(2 * i) * (long ? 0.01 : 1), sin(3 * i) * !long, i % 4 / 2 * !long, \
-                long ? -150 : 0.9 + i / 44, long ? 100 : 0.1 + i % 6 / 20, 0, -4.9 * !long, i % 2 / 2 * !long
+                long ? -150 : 0.9 + i * 0.618034 % 2.2, long ? 100 : 0.1 + i % 6 / 20, 0, -4.9 * !long, i % 2 / 2 * !long
         }
     }'
 } >"$work/x.ply"
