@@ -417,6 +417,7 @@ static void test_changes(const char *from, const char *fixture, const struct cha
     ok(read_all(from, changed(fixture, &(struct change){0})) == SPIN_OK, "%s: a copy opens", from);
     for (size_t i = 0; i < n; i++)
         fails(from, changed(fixture, &c[i]), c[i].word, c[i].what);
+    survive_flips(from, fixture);
 }
 
 static const struct change tsog_changes[] = {
