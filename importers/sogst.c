@@ -16,12 +16,13 @@ static bool is_ply(const unsigned char *head, size_t n)
 static int probe(const struct spin_peek *peek)
 {
     if (peek->is_folder)
-        return 0;
+        return spin_file_sequence_count(peek, ".sogst") > 0 ? 70 : 0;
     if (is_ply(peek->head, peek->n_head))
         return spin_peek_says(peek, " t_center") && spin_peek_says(peek, " t_sigma") ? 100 : 0;
     if (!spin_zip_looks_like(peek->head, peek->n_head) || !strstr(peek->tail_names, "meta.json"))
         return 0;
-    return spin_file_has_suffix(peek->path, ".sogst") || spin_peek_says(peek, "\"sogst\"") ? 100 : 0;
+    return spin_file_has_suffix(peek->path, ".sogst") || spin_peek_says(peek, "\"sogst\"") ? 100
+                                                                                           : 0;
 }
 
 static spin_status read_file(struct spin_model *m, const char *path, struct spin_sogst *sogst,
@@ -46,8 +47,11 @@ static spin_status open_file(void *self, const char *path)
     struct spin_sequence_info *sequence = m->sequence;
     struct spin_sogst sogst;
     bool ply;
-    spin_status status = read_file(m, path, &sogst, &ply);
+    spin_status status;
 
+    SPIN_TRY(spin_file_sequence_one(m, path, ".sogst", &m->path));
+    path = m->path;
+    status = read_file(m, path, &sogst, &ply);
     if (status != SPIN_OK)
         return spin_fail_context(status, "cannot read '%s'", path);
     sequence->time_first = sogst.first;

@@ -17,8 +17,10 @@ struct tsog_model {
 /* By its profile, else by its name: pictures of an older file have any names. */
 static int probe(const struct spin_peek *peek)
 {
-    bool zip = !peek->is_folder && spin_zip_looks_like(peek->head, peek->n_head);
+    bool zip = spin_zip_looks_like(peek->head, peek->n_head);
 
+    if (peek->is_folder)
+        return spin_file_sequence_count(peek, ".tsog") > 0 ? 70 : 0;
     if (!zip || !strstr(peek->tail_names, "meta.json"))
         return 0;
     if (spin_file_has_suffix(peek->path, ".tsog"))
@@ -53,6 +55,8 @@ static spin_status open_file(void *self, const char *path)
     struct spin_map map;
     spin_status status;
 
+    SPIN_TRY(spin_file_sequence_one(&m->base, path, ".tsog", &m->base.path));
+    path = m->base.path;
     SPIN_TRY(spin_map_open(path, &map));
     status = spin_tsog_read(map.data, map.size, &m->tsog, &m->base.splats_4d);
     spin_map_close(&map);
