@@ -8,8 +8,10 @@ extern const struct spin_exporter spin_exporter_html;
 extern const struct spin_exporter spin_exporter_images;
 extern const struct spin_exporter spin_exporter_ply;
 extern const struct spin_exporter spin_exporter_sog;
+extern const struct spin_exporter spin_exporter_sogst;
 extern const struct spin_exporter spin_exporter_splat;
 extern const struct spin_exporter spin_exporter_spz;
+extern const struct spin_exporter spin_exporter_tsog;
 extern const struct spin_exporter spin_exporter_usd;
 extern const struct spin_exporter spin_exporter_video;
 
@@ -21,8 +23,10 @@ const struct spin_exporter *const spin_exporters[] = {
     &spin_exporter_images,
     &spin_exporter_ply,
     &spin_exporter_sog,
+    &spin_exporter_sogst,
     &spin_exporter_splat,
     &spin_exporter_spz,
+    &spin_exporter_tsog,
     &spin_exporter_usd,
     &spin_exporter_video,
     NULL,

@@ -7,12 +7,12 @@
 #include <string.h>
 
 #include "exporters/lib/frames.h"
+#include "exporters/lib/pictures.h"
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/option.h"
 #include "formats/sog.h"
 #include "io/webp.h"
-#include "io/zip.h"
 #include "math/sh.h"
 
 #define KEEP_BOOK 1.1 /* times an own book's error, squared */
@@ -25,21 +25,12 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-struct picture {
-    uint8_t *rgba; /* [height][width][4] */
-    int width, height;
-    unsigned char *file;
-    size_t n_file;
-    spin_status status;
-    char why[256];
-};
-
 struct export
 {
     struct spin_frames frames;
     struct spin_sort_rows order; /* item[i].row: row i of the file */
     struct spin_sog sog;
-    struct picture picture[SPIN_SOG_PICTURES];
+    struct spin_picture picture[SPIN_SOG_PICTURES];
     int level;
     bool begun; /* sog holds the box and books of a frame before */
 
@@ -155,14 +146,12 @@ static spin_status choose_coding(struct export *x)
 static spin_status blank_pictures(struct export *x)
 {
     for (int p = 0; p < SPIN_SOG_PICTURES; p++) {
-        struct picture *to = &x->picture[p];
-        size_t n;
+        int width, height;
 
-        spin_sog_size(&x->sog, (enum spin_sog_picture)p, &to->width, &to->height);
-        n = (size_t)to->width * (size_t)to->height;
-        SPIN_TRY(spin_grow(n + 1, 4, (void **)&to->rgba));
-        for (size_t i = 0; i < n; i++)
-            memcpy(to->rgba + 4 * i, "\0\0\0\377", 4);
+        spin_sog_size(&x->sog, (enum spin_sog_picture)p, &width, &height);
+        snprintf(x->picture[p].name, sizeof x->picture[p].name, "%s",
+                 spin_sog_name((enum spin_sog_picture)p));
+        SPIN_TRY(spin_picture_blank(&x->picture[p], width, height));
     }
     return SPIN_OK;
 }
@@ -229,27 +218,6 @@ static void code_palette(struct export *x)
         to[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->sog.sh_n, x->palette[i]);
 }
 
-static void pack_task(void *context, int task, int worker)
-{
-    struct export *x = context;
-    struct picture *p = &x->picture[task];
-
-    (void)worker;
-    if (p->width == 0)
-        return;
-    p->status = spin_webp_write(p->rgba, p->width, p->height, x->level, &p->file, &p->n_file);
-    if (p->status != SPIN_OK)
-        snprintf(p->why, sizeof p->why, "%s", spin_last_error());
-}
-
-static void free_files(struct export *x)
-{
-    for (int p = 0; p < SPIN_SOG_PICTURES; p++) {
-        free(x->picture[p].file);
-        x->picture[p].file = NULL;
-    }
-}
-
 /* ---- One file ---------------------------------------------------------------------------------- */
 
 static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
@@ -261,17 +229,7 @@ static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
     SPIN_TRY(spin_sog_meta(&x->sog, &meta, &n_meta));
     status = spin_zip_member_whole(zip, "meta.json", meta, n_meta, NULL, 0);
     free(meta);
-    for (int p = 0; p < SPIN_SOG_PICTURES && status == SPIN_OK; p++) {
-        const struct picture *from = &x->picture[p];
-
-        if (from->width > 0 && from->status != SPIN_OK)
-            status = spin_fail(from->status, "%s: %s", spin_sog_name((enum spin_sog_picture)p),
-                               from->why);
-        else if (from->width > 0)
-            status = spin_zip_member_whole(zip, spin_sog_name((enum spin_sog_picture)p), from->file,
-                                           from->n_file, NULL, 0);
-    }
-    return status;
+    return status == SPIN_OK ? spin_pictures_write(x->picture, SPIN_SOG_PICTURES, zip) : status;
 }
 
 static spin_status choose_order(struct export *x)
@@ -295,12 +253,12 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     spin_pool_run(rows->pool, (int)((x->sog.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK), code_task,
                   x);
     code_palette(x);
-    spin_pool_run(rows->pool, SPIN_SOG_PICTURES, pack_task, x);
+    spin_pictures_pack(x->picture, SPIN_SOG_PICTURES, x->level, rows->pool);
     for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
         spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     spin_zip_writer_begin(out, &zip);
     status = spin_zip_writer_end(&zip, write_members(x, &zip), out);
-    free_files(x);
+    spin_pictures_free(x->picture, SPIN_SOG_PICTURES, false);
     return status;
 }
 
@@ -336,9 +294,7 @@ static void end(void *self)
 {
     struct export *x = self;
 
-    for (int p = 0; p < SPIN_SOG_PICTURES; p++)
-        free(x->picture[p].rgba);
-    free_files(x);
+    spin_pictures_free(x->picture, SPIN_SOG_PICTURES, true);
     spin_sort_rows_free(&x->order);
     free(x->scales);
     free(x->dc);

@@ -6,10 +6,10 @@ extern const struct spin_importer spin_importer_3dgstream, spin_importer_4dgauss
     spin_importer_ed3dgs, spin_importer_ex4dgs, spin_importer_freetimegs, spin_importer_gltf,
     spin_importer_grid4d, spin_importer_hybrid4dgs, spin_importer_ksplat, spin_importer_modecgs,
     spin_importer_omg4, spin_importer_ply, spin_importer_realtime4dgs, spin_importer_rotor4dgs,
-    spin_importer_sog, spin_importer_spacetimegs, spin_importer_splat, spin_importer_splat4d,
-    spin_importer_spz, spin_importer_tc3dgs, spin_importer_views_4danyone,
-    spin_importer_views_colmap, spin_importer_views_dynerf, spin_importer_views_easyvolcap,
-    spin_importer_views_panoptic, spin_importer_views_transforms;
+    spin_importer_sog, spin_importer_sogst, spin_importer_spacetimegs, spin_importer_splat,
+    spin_importer_splat4d, spin_importer_spz, spin_importer_tc3dgs, spin_importer_tsog,
+    spin_importer_views_4danyone, spin_importer_views_colmap, spin_importer_views_dynerf,
+    spin_importer_views_easyvolcap, spin_importer_views_panoptic, spin_importer_views_transforms;
 
 const struct spin_importer *const spin_importers[] = {
     &spin_importer_3dgstream,
@@ -31,11 +31,13 @@ const struct spin_importer *const spin_importers[] = {
     &spin_importer_realtime4dgs,
     &spin_importer_rotor4dgs,
     &spin_importer_sog,
+    &spin_importer_sogst,
     &spin_importer_spacetimegs,
     &spin_importer_splat,
     &spin_importer_splat4d,
     &spin_importer_spz,
     &spin_importer_tc3dgs,
+    &spin_importer_tsog,
     &spin_importer_views_4danyone,
     &spin_importer_views_colmap,
     &spin_importer_views_dynerf,

@@ -132,7 +132,7 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
         {"scale_t", "Realtime-4DGS", ""},
         {"scale_t_*", "Realtime-4DGS", ""},
         {"log_duration", "FreeTimeGS (.ftgs.ply)", "; use --from freetimegs"},
-        {"t_center", "the interchange PLY of .sogst", "; spin4d does not read it yet"},
+        {"t_center", "the PLY for .sogst", "; use --from sogst"},
         {"t", "Realtime-4DGS or SpacetimeGaussians", ""},
     };
     size_t i = 0, n = sizeof signs / sizeof *signs;

@@ -32,6 +32,8 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     splat) echo splats/splat ;;
     splat4d) echo splat4d/default_bounds ;;
     spz) echo splats/spz4 ;;
+    sogst) echo sogst/no_segments ;;
+    tsog) echo tsog/continuous_nomotion_audio ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac
 }

@@ -65,11 +65,11 @@ size_t spin_sog_palette(size_t n)
 
 double spin_sog_log(double v) { return copysign(log1p(fabs(v)), v); }
 
-static double unlog(double v) { return copysign(expm1(fabs(v)), v); }
+double spin_sog_unlog(double v) { return copysign(expm1(fabs(v)), v); }
 
 static float place_of(const struct spin_sog *sog, int c, unsigned steps)
 {
-    return (float)unlog(sog->mins[c] + (sog->maxs[c] - sog->mins[c]) * steps / STEPS);
+    return (float)spin_sog_unlog(sog->mins[c] + (sog->maxs[c] - sog->mins[c]) * steps / STEPS);
 }
 
 void spin_sog_code_place(const struct spin_sog *sog, const float place[3], uint8_t low[4],
@@ -87,11 +87,13 @@ void spin_sog_code_place(const struct spin_sog *sog, const float place[3], uint8
     low[3] = high[3] = 255;
 }
 
-static void rotation_of(const uint8_t pixel[4], float q[4])
+bool spin_sog_rotation(const uint8_t pixel[4], float q[4])
 {
     int largest = pixel[3] - TAG, from = 0;
     float rest = 1;
 
+    if (largest < 0)
+        return false;
     for (int k = 0; k < 4; k++) {
         if (k == largest)
             continue;
@@ -100,6 +102,7 @@ static void rotation_of(const uint8_t pixel[4], float q[4])
     }
     q[largest] = sqrtf(spin_maxf(rest, 0));
     spin_quat_normalise(q);
+    return true;
 }
 
 void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
@@ -111,7 +114,7 @@ void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
         if (k != largest)
             out[to++] = spin_byte_of((sign * q[k] * SQRT2 * 0.5f + 0.5f) * 255);
     out[3] = (uint8_t)(TAG + largest);
-    rotation_of(out, shown);
+    spin_sog_rotation(out, shown);
     for (int k = 0; k < 4 && q[largest] < 0; k++) /* of the sign that q has */
         shown[k] = -shown[k];
 }
@@ -333,7 +336,7 @@ static spin_status parse_meta(struct reading *r)
 
     if (version && (!spin_json_integer(version, &number) || number < 1 || number > VERSION))
         return spin_fail(SPIN_E_UNSUPPORTED, "SOG of version %lld, expected 1 or %d%s",
-                         (long long)number, VERSION, number == 4 ? " (4 is TSOG, a clip)" : "");
+                         (long long)number, VERSION, number == 4 ? " (4 is TSOG: use --from tsog)" : "");
     r->sog.version = (int)number;
     SPIN_TRY(number == 1 ? parse_1(r, &count) : parse_2(r, &count));
     r->sog.n = (size_t)count;
@@ -471,12 +474,10 @@ static spin_status read_means(const struct reading *r, uint8_t **a, uint8_t **b,
 static spin_status read_quats(const struct reading *r, uint8_t **a, float *quats)
 {
     SPIN_TRY(read_picture(r, SPIN_SOG_QUATS, a));
-    for (size_t i = 0; i < r->sog.n; i++) {
-        if ((*a)[4 * i + 3] < TAG)
+    for (size_t i = 0; i < r->sog.n; i++)
+        if (!spin_sog_rotation(*a + 4 * i, quats + 4 * i))
             return spin_fail(SPIN_E_MALFORMED, "SOG whose rotation %zu has the mark %d", i,
                              (*a)[4 * i + 3]);
-        rotation_of(*a + 4 * i, quats + 4 * i);
-    }
     return SPIN_OK;
 }
 

@@ -58,10 +58,13 @@ size_t spin_sog_palette(size_t n);
 /* ---- Writing --------------------------------------------------------------------------------- */
 
 double spin_sog_log(double v);
+double spin_sog_unlog(double v);
 /* A row's pixels; shown: what a reader sees. */
 void spin_sog_code_place(const struct spin_sog *sog, const float place[3], uint8_t low[4],
                          uint8_t high[4], float shown[3]);
 void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4]);
+/* Of such a pixel; false when its mark is none. */
+bool spin_sog_rotation(const uint8_t pixel[4], float q[4]);
 /* meta.json, allocated with malloc. */
 spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 

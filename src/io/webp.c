@@ -124,6 +124,47 @@ spin_status spin_webp_size(const void *data, size_t size, int *width, int *heigh
     return SPIN_OK;
 }
 
+static uint32_t word_at(const uint8_t *p)
+{
+    return p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height)
+{
+    const uint8_t *file = data;
+    uint32_t wide = 0, high = 0; /* of VP8X; 0: there is none */
+
+    *width = *height = 0;
+    if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
+        return spin_fail(SPIN_E_MALFORMED, "no WebP picture");
+    if ((uint64_t)word_at(file + 4) + 8 != size)
+        return spin_fail(SPIN_E_MALFORMED, "a WebP picture that says %llu bytes and has %zu",
+                         (unsigned long long)word_at(file + 4) + 8, size);
+    for (size_t at = 12; at < size;) {
+        const uint8_t *chunk = file + at;
+        size_t left = size - at, n = left < 8 ? SIZE_MAX : word_at(chunk + 4);
+
+        if (left < 8 || n > left - 8 || (n & 1 && n == left - 8))
+            return spin_fail(SPIN_E_MALFORMED, "a WebP picture that is cut short");
+        if (memcmp(chunk, "VP8X", 4) == 0 && at == 12 && n == 10) {
+            wide = (word_at(chunk + 12) & 0xffffff) + 1;
+            high = (word_at(chunk + 14) >> 8) + 1;
+        } else if (memcmp(chunk, "VP8L", 4) == 0 && *width == 0 && n >= 5 && chunk[8] == 0x2f &&
+                   chunk[12] >> 5 == 0) {
+            *width = (int)(word_at(chunk + 9) & 0x3fff) + 1;
+            *height = (int)(word_at(chunk + 9) >> 14 & 0x3fff) + 1;
+        } else if (memcmp(chunk, "VP8", 3) == 0 || memcmp(chunk, "AL", 2) == 0 ||
+                   memcmp(chunk, "AN", 2) == 0) {
+            return spin_fail(SPIN_E_MALFORMED, "a WebP picture with '%.4s', expected VP8L alone",
+                             (const char *)chunk);
+        }
+        at += 8 + n + (n & 1);
+    }
+    if (*width == 0 || (wide > 0 && ((int)wide != *width || (int)high != *height)))
+        return spin_fail(SPIN_E_MALFORMED, "a WebP picture that is not one lossless one");
+    return SPIN_OK;
+}
+
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba)
 {
     SPIN_TRY(spin_webp_need());

@@ -16,6 +16,9 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
                             unsigned char **out, size_t *n_out);
 /* The size of a picture; SPIN_E_MALFORMED when this is none. */
 spin_status spin_webp_size(const void *data, size_t size, int *width, int *height);
+/* The same of a whole file that is lossless and nothing else: one chunk VP8L, with perhaps a VP8X of the same size and
+ * chunks of no pixels beside it. Says what is wrong; needs no library. */
+spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
 /* Into [height][width][4] of that size. */
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba);
 

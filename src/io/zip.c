@@ -28,6 +28,7 @@ static uint64_t u64(const unsigned char *p) { return u32(p) | (uint64_t)u32(p + 
 struct directory {
     uint64_t offset, size, n; /* bytes, bytes, entries */
     uint64_t limit;           /* the end records begin here */
+    bool zip64;
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head)
@@ -93,6 +94,7 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
     p = map->data + end;
     if (end >= LOCATOR_BYTES && u32(p - LOCATOR_BYTES) == SIG_LOCATOR) {
         SPIN_TRY(read_end64(path, map, end, dir));
+        dir->zip64 = true;
     } else {
         if (u16(p + 4) != 0 || u16(p + 6) != 0 || u16(p + 8) != u16(p + 10))
             return spin_fail(SPIN_E_UNSUPPORTED,
@@ -261,6 +263,7 @@ static spin_status read_archive(const char *path, struct spin_zip *out)
 
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
     SPIN_TRY_OUT(find_directory(path, &out->map, &dir));
+    out->zip64 = dir.zip64;
     SPIN_TRY_OUT(read_directory(path, &dir, out));
     return SPIN_OK;
 out:

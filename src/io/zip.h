@@ -23,6 +23,7 @@ struct spin_zip {
     size_t n;
     char *names;   /* private */
     bool borrowed; /* the map is another's */
+    bool zip64;    /* its directory was found by a zip64 record */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
@@ -53,6 +54,7 @@ struct spin_zip_writer {
     uint32_t crc;
     uint64_t member_size;
     bool in_member;
+    bool plain; /* headers hold names alone, and data are not aligned; set it after begin() */
     struct spin_zip_deflate *deflate; /* of the member that is being written; NULL: stored */
 };
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);

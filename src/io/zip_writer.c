@@ -127,7 +127,7 @@ static spin_status begin_member(struct spin_zip_writer *w, const char *name, uin
         put(&extra, size, 8);
     }
     e->crc = crc;
-    pad = method == METHOD_STORED ? padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n) : 0;
+    pad = method == METHOD_STORED && !w->plain ? padding(w->out.bytes + LOCAL_BYTES + n_name + extra.n) : 0;
     if (pad > 0) {
         put(&extra, EXTRA_ALIGN, 2);
         put(&extra, pad - 4, 2);

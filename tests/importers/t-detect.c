@@ -1,6 +1,6 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash 4dgaussian
- * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat splat4d 4dgs sog gltf panoptic colmap dynerf
+ * K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat splat4d 4dgs sog tsog sogst gltf panoptic colmap dynerf
  * K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
@@ -69,6 +69,14 @@ static const struct known runs[] = {
     {"4dgs/birth_sh2/scene.4dgs", "4dgs"},
     {"splat4d/*", "splat4d"},
     {"splat4d/default_bounds/scene.splat4d", "splat4d"},
+    {"tsog/static/scene.tsog", "tsog"},
+    {"tsog/continuous8_legacy/scene.tsog", "tsog"},
+    {"tsog/conformance/decode-vector.tsog", "tsog"},
+    {"tsog/static", "tsog"},
+    {"sogst/no_segments", "sogst"},
+    {"sogst/no_segments/scene.sogst", "sogst"},
+    {"sogst/sh1_by_splat_transform/scene.sogst", "sogst"},
+    {"sogst/sh1_by_splat_transform/b1.ply", "sogst"},
     {"splats", NULL},
     {"datasets/panoptic_mini", NULL},
     {"datasets/colmap_mini", NULL},

@@ -317,7 +317,7 @@ static void test_refused(void)
         {GAUSSIAN " time log_duration velocity_0 velocity_1 velocity_2",
          "'log_duration' says that this is a 4D model, it looks like FreeTimeGS", "a .ftgs.ply"},
         {GAUSSIAN " vx vy vz t_center t_sigma",
-         "'t_center' says that this is a 4D model, it looks like the interchange PLY of .sogst",
+         "'t_center' says that this is a 4D model, it looks like the PLY for .sogst, and not",
          "the interchange PLY of .sogst"},
     };
     const char *folder = new_folder();

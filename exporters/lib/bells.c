@@ -1,0 +1,282 @@
+#include "exporters/lib/bells.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "math/activate.h"
+#include "math/motion.h"
+#include "math/sh.h"
+
+enum { SAMPLES = 9 }; /* times at which a loss is looked for */
+
+spin_status spin_bells_can(const struct spin_export_job *job, const char *name)
+{
+    const struct spin_splats_4d *s = job->splats_4d;
+
+    if (!s)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "this clip is frames, and %s holds 4D splats: import a source that has "
+                         "them, without --frames, or write another format",
+                         name);
+    if (s->plateaus || s->cuts || s->gates)
+        return spin_fail(
+            SPIN_E_UNSUPPORTED,
+            "these 4D splats have %s, and %s holds bells in time: write another format",
+            s->cuts       ? "a beginning and an end"
+            : s->plateaus ? "times at which they do not fade"
+                          : "opacities that do not fade to 0",
+            name);
+    if (!(job->times[job->n_frames - 1] > job->times[0]))
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "%s holds a clip, and this is one frame: give more with --range", name);
+    return SPIN_OK;
+}
+
+static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
+static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
+
+/* The file's unit for one of the source's. */
+static double per_time(const struct spin_bells *b)
+{
+    return b->length / (last_time(b) - first_time(b));
+}
+
+double spin_bells_time(const struct spin_bells *b, double time)
+{
+    return (time - first_time(b)) * per_time(b);
+}
+
+void spin_bells_warn(const struct spin_bells *b)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+
+    if (s->degree > b->degree)
+        spin_warn("paths have degree %d, and %s holds degree %d: they are fitted, off by %.2g at "
+                  "most where half is seen",
+                  s->degree, b->name, b->degree, b->lost_place);
+    if (s->spins)
+        spin_warn("these splats turn, which %s cannot say: they keep the rotation of their own "
+                  "time, off by %.2g degrees at most",
+                  b->name, b->lost_turn);
+    if (s->sh_cos)
+        spin_warn("colours change in time, which %s cannot say: they keep those of their own time, "
+                  "off by %.2g of 1 at most",
+                  b->name, b->lost_colour);
+}
+
+/* ---- What is lost ---------------------------------------------------------------------------- */
+
+/* The times of the clip that show row i: SAMPLES of them, as offsets from its own. */
+static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    double from = fmax(s->spans[2 * i], first_time(b));
+    double to = fmin(s->spans[2 * i + 1], last_time(b));
+
+    for (int k = 0; k < SAMPLES; k++)
+        d[k] = from + (to - from) * k / (SAMPLES - 1) - (double)s->times[i];
+}
+
+static void lose_colour(struct spin_bells *b, size_t i, double d)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
+    double turn = 6.283185307179586 * d / s->period;
+
+    for (size_t c = 0; c < 3; c++) {
+        const float *cosine = s->sh_cos + 2 * width * i + c;
+        double off =
+            (double)cosine[0] * (cos(turn) - 1) + (double)cosine[width] * (cos(2 * turn) - 1);
+
+        b->lost_colour = fmax(b->lost_colour, SPIN_SH_C0 * fabs(off));
+    }
+}
+
+static void lose_turn(struct spin_bells *b, size_t i, double d)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    double dot = 0, length = 0;
+
+    for (size_t c = 0; c < 4; c++) {
+        double q = (double)s->quats[4 * i + c], at = q + d * (double)s->spins[4 * i + c];
+
+        dot += q * at;
+        length += at * at;
+    }
+    if (length > 0)
+        b->lost_turn =
+            fmax(b->lost_turn, 360 / 3.141592653589793 * acos(fmin(fabs(dot) / sqrt(length), 1)));
+}
+
+static void lose_place(struct spin_bells *b, size_t i, double d, const float *centre,
+                       const float *path)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    double is[3], fitted[3], off = 0;
+
+    spin_path_at(s->centres + 3 * i, s->paths + 3 * (size_t)s->degree * i, s->degree, d, is);
+    spin_path_at(centre, path, b->degree, d, fitted);
+    for (int c = 0; c < 3; c++)
+        off += (is[c] - fitted[c]) * (is[c] - fitted[c]);
+    b->lost_place = fmax(b->lost_place, sqrt(off));
+}
+
+/* ---- Paths ----------------------------------------------------------------------------------- */
+
+/* n equations a x = y for three right sides, by elimination; a is positive. y becomes x. */
+static void solve(double a[3][3], double y[3][3], int n)
+{
+    for (int p = 0; p < n; p++)
+        for (int r = 0; r < n; r++) {
+            double share = r == p ? 0 : a[r][p] / a[p][p];
+
+            for (int c = 0; c < 3; c++) {
+                a[r][c] -= share * a[p][c];
+                y[r][c] -= share * y[p][c];
+            }
+        }
+    for (int p = 0; p < n; p++)
+        for (int c = 0; c < 3; c++)
+            y[p][c] /= a[p][p];
+}
+
+/* The path of the file's degree that is nearest to that of row i where it is seen: least squares, weighted as it is
+ * seen; in the source's time. A row that is seen at one time keeps the first terms of its own. */
+static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
+                     float *path)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    const float *own = s->paths + 3 * (size_t)s->degree * i;
+    double a[3][3] = {{0}}, y[3][3] = {{0}}, unit = fmax(fabs(d[0]), fabs(d[SAMPLES - 1]));
+
+    if (d[SAMPLES - 1] - d[0] < 1e-3 * unit)
+        return;
+    for (int k = 0; k < SAMPLES; k++) {
+        double w = spin_splats_4d_weight(s, i, (double)s->times[i] + d[k]), place[3];
+        const double power[3] = {1, d[k] / unit, d[k] / unit * (d[k] / unit)};
+
+        spin_path_at(s->centres + 3 * i, own, s->degree, d[k], place);
+        for (int r = 0; r <= b->degree; r++)
+            for (int c = 0; c < 3; c++) {
+                a[r][c] += c <= b->degree ? w * power[r] * power[c] : 0;
+                y[r][c] += w * power[r] * place[c];
+            }
+    }
+    solve(a, y, b->degree + 1);
+    for (int c = 0; c < 3; c++) {
+        centre[c] = (float)y[0][c];
+        for (int p = 1; p <= b->degree; p++)
+            path[3 * (p - 1) + c] = (float)(y[p][c] / pow(unit, p));
+    }
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
+{
+    double d = time - (double)s->times[k], place[3];
+    float *path = s->paths ? s->paths + 3 * (size_t)s->degree * k : NULL;
+
+    spin_path_at(s->centres + 3 * k, path, s->degree, d, place);
+    for (size_t c = 0; c < 3; c++) {
+        s->centres[3 * k + c] = (float)place[c];
+        if (s->degree > 1)
+            path[c] = (float)((double)path[c] + 2 * d * (double)path[3 + c]);
+    }
+    s->times[k] = (float)time;
+}
+
+/* A sigma of more than `most` becomes that, with the same opacity and slope of it in the middle of the clip. */
+static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
+{
+    struct spin_splats_4d *s = &b->clip;
+    double middle = b->length / 2, off = middle - (double)s->times[k], share = most / sigma;
+    double z = off / sigma, z2 = z * share;
+    double opacity = spin_sigmoid_of((double)s->logit_opacities[k]) * exp(0.5 * (z2 * z2 - z * z));
+
+    s->logit_opacities[k] = spin_logit_of(opacity);
+    s->sigmas[k] = (float)most;
+    spin_bells_move(s, k, middle - off * share * share);
+}
+
+static void convert_path(struct spin_bells *b, size_t i, size_t k)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    size_t step = 3 * (size_t)b->clip.degree, own = 3 * (size_t)s->degree;
+    float *to = b->clip.paths ? b->clip.paths + step * k : NULL;
+    double d[SAMPLES];
+
+    for (size_t c = 0; c < step && c < own; c++)
+        to[c] = s->paths[own * i + c];
+    sample_times(b, i, d);
+    if (s->degree > b->degree)
+        fit_path(b, i, d, b->clip.centres + 3 * k, to);
+    for (int n = 0; n < SAMPLES; n++) {
+        if (s->sh_cos)
+            lose_colour(b, i, d[n]);
+        if (s->spins)
+            lose_turn(b, i, d[n]);
+        if (s->degree > b->degree && spin_splats_4d_weight(s, i, (double)s->times[i] + d[n]) >= 0.5)
+            lose_place(b, i, d[n], b->clip.centres + 3 * k, to);
+    }
+    for (size_t c = 0; c < step; c++)
+        to[c] = (float)((double)to[c] / pow(per_time(b), c < 3 ? 1 : 2));
+}
+
+static void convert_row(struct spin_bells *b, size_t i, size_t k)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    struct spin_splats_4d *to = &b->clip;
+    size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
+    double most = b->most_sigma * b->length;
+    double sigma = s->sigmas[i] < SPIN_FOREVER ? (double)s->sigmas[i] * per_time(b) : HUGE_VAL;
+
+    memcpy(to->centres + 3 * k, s->centres + 3 * i, 3 * sizeof(float));
+    memcpy(to->quats + 4 * k, s->quats + 4 * i, 4 * sizeof(float));
+    memcpy(to->log_scales + 3 * k, s->log_scales + 3 * i, 3 * sizeof(float));
+    to->logit_opacities[k] = s->logit_opacities[i];
+    to->times[k] = (float)spin_bells_time(b, (double)s->times[i]);
+    to->sigmas[k] = (float)fmin(sigma, most);
+    for (size_t c = 0; c < width; c++) {
+        const float *cosine = s->sh_cos ? s->sh_cos + 2 * width * i + c : NULL;
+
+        to->sh[width * k + c] = s->sh[width * i + c] + (cosine ? cosine[0] + cosine[width] : 0);
+    }
+    convert_path(b, i, k);
+    if (sigma > most)
+        shorten(b, k, sigma, most);
+    b->from[k] = i;
+}
+
+spin_status spin_bells_convert(struct spin_bells *b)
+{
+    const struct spin_splats_4d *s = b->job->splats_4d;
+    size_t n = 0;
+    int degree = s->degree < b->degree ? s->degree : b->degree;
+
+    SPIN_TRY(spin_splats_4d_reserve(
+        &b->clip, s->n, degree > b->least_degree ? degree : b->least_degree, s->sh_degree, 0));
+    SPIN_TRY(spin_alloc(s->n + 1, sizeof *b->from, (void **)&b->from));
+    for (size_t i = 0; i < s->n; i++)
+        if (s->spans[2 * i] <= last_time(b) && s->spans[2 * i + 1] >= first_time(b))
+            convert_row(b, i, n++);
+    b->clip.n = n;
+    b->view = (struct spin_splats){.n = n,
+                                   .capacity = n,
+                                   .sh_degree = s->sh_degree,
+                                   .means = b->clip.centres,
+                                   .quats = b->clip.quats,
+                                   .log_scales = b->clip.log_scales,
+                                   .logit_opacities = b->clip.logit_opacities,
+                                   .sh = b->clip.sh};
+    return SPIN_OK;
+}
+
+void spin_bells_free(struct spin_bells *b)
+{
+    spin_splats_4d_free(&b->clip);
+    free(b->from);
+}

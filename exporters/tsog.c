@@ -1,0 +1,994 @@
+/* TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
+ *
+ * Both round a splat's own time, so its place goes first to where the splat is at the rounded one: what is left is a
+ * fade that begins a little early or late. Books are uniform, and with the ranges they bound how far each value is off.
+ * A sigma of more than a few clips would take the steps from short ones: it is cut, and such a splat is moved to the
+ * middle of the clip, where its opacity keeps its value and its slope. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/option.h"
+#include "exporters/lib/bells.h"
+#include "exporters/lib/pictures.h"
+#include "exporters/lib/quant_error.h"
+#include "exporters/lib/sort_rows.h"
+#include "formats/sogst.h"
+#include "formats/tsog.h"
+#include "io/webp.h"
+#include "math/activate.h"
+#include "math/motion.h"
+#include "math/sh.h"
+
+#define MOST_SIGMA 8   /* clips */
+#define FPS 30         /* where nothing says another */
+#define K_SIGMA 3.8    /* of .sogst: a splat is drawn so many sigmas long */
+#define PERSISTENT 3.0 /* and lasts when that is more than so many segments */
+#define PLAYED 1000000 /* splats that TSOG's player draws at most */
+enum { PER_GROUP = SPIN_4D_CENTROIDS };
+
+struct container {
+    const char *name; /* for people */
+    bool sogst;       /* seconds, books of times, segments; else TSOG */
+    int degree;       /* of paths, at most */
+};
+
+static const struct container tsog = {"TSOG", false, 1}, sogst = {".sogst", true, 2};
+
+struct export
+{
+    const struct spin_export_job *job;
+    const struct container *kind;
+    struct spin_splat_filter rows;
+    struct spin_sort_rows order; /* item[j].row: row j of the file */
+    struct spin_bells bells;
+    double fps;
+    double segment; /* seconds; 0: none are asked for */
+    int level;
+    struct spin_sog_4d coding;
+    struct spin_quant_error quant;
+
+    /* In the order of the file. */
+    float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
+    uint32_t *label;              /* [n] */
+    size_t n_groups;              /* the splats that last, segments; or 1 */
+    size_t *end;                  /* [n_groups] rows */
+    double *span;                 /* [n_groups][2] times that a segment is drawn */
+    struct spin_picture *picture; /* [n_groups][PER_GROUP], palette, labels of each group */
+    struct spin_quant_error *block_quant;
+};
+
+static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->bells.clip; }
+
+/* What a file of its kind cannot do alone. */
+static void warn_of_kind(const struct export *x)
+{
+    const double *cov2d = x->job->splats_4d->cov2d;
+
+    if (cov2d[0] > 0 && !x->kind->sogst)
+        spin_warn("trained with %g and %g on the covariance on screen, which %s cannot say",
+                  cov2d[0], cov2d[1], x->kind->name);
+    if (!x->kind->sogst && x->order.n > PLAYED)
+        spin_warn("%zu splats: the player of TSOG draws %d of them", x->order.n, PLAYED);
+}
+
+/* ---- Times ----------------------------------------------------------------------------------- */
+
+/* As nine digits say it, which is what meta.json holds. */
+static double nine_digits(double v)
+{
+    char text[40];
+
+    snprintf(text, sizeof text, "%.9g", v);
+    return strtod(text, NULL);
+}
+
+static void widen(struct spin_sog_range *range, size_t c, double v, bool first)
+{
+    range->mins[c] = first ? v : fmin(range->mins[c], v);
+    range->maxs[c] = first ? v : fmax(range->maxs[c], v);
+}
+
+static void finish_range(struct spin_sog_range *range)
+{
+    for (int c = 0; c < 3; c++) {
+        range->mins[c] = nine_digits(range->mins[c]);
+        range->maxs[c] = nine_digits(range->maxs[c]);
+    }
+}
+
+/* 256 numbers at even distances, or with even quotients. */
+static void fill_book(struct spin_sog_book *book, double least, double most, bool quotients)
+{
+    book->n = SPIN_CODEBOOK;
+    for (int k = 0; k < SPIN_CODEBOOK; k++) {
+        double share = (double)k / (SPIN_CODEBOOK - 1);
+
+        book->value[k] = (float)nine_digits(quotients ? least * pow(most / least, share)
+                                                      : least + (most - least) * share);
+    }
+}
+
+/* What the file holds for a time and its sigma. */
+static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
+                      uint8_t *high, float shown[2])
+{
+    if (coding->centre.n == 0) {
+        spin_sog_4d_code(&coding->time, true, 2, time, low, high, shown);
+        return;
+    }
+    low[0] = spin_codebook_nearest(coding->centre.value, time[0]);
+    low[1] = spin_codebook_nearest(coding->sigma.value, time[1]);
+    shown[0] = coding->centre.value[low[0]];
+    shown[1] = coding->sigma.value[low[1]];
+}
+
+/* The most that a splat's own time is off by in such a book, in its sigmas. */
+static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK])
+{
+    double worst = 0;
+
+    for (size_t j = 0; j < x->order.n; j++) {
+        size_t k = x->order.item[j].row;
+        float time = clip_of(x)->times[k], seen = book[spin_codebook_nearest(book, time)];
+
+        worst = fmax(worst, fabs((double)time - (double)seen) / (double)clip_of(x)->sigmas[k]);
+    }
+    return worst;
+}
+
+/* At even distances, or where the times are: what moves fades less. */
+static spin_status choose_centres(struct export *x)
+{
+    struct spin_sog_book *book = &x->coding.centre;
+    float own[SPIN_CODEBOOK], *times;
+    spin_status status;
+
+    fill_book(book, x->coding.time.mins[0], x->coding.time.maxs[0], false);
+    SPIN_TRY(spin_alloc(x->order.n, sizeof *times, (void **)&times));
+    for (size_t j = 0; j < x->order.n; j++)
+        times[j] = clip_of(x)->times[x->order.item[j].row];
+    status = spin_codebook_make(times, x->order.n, own);
+    free(times);
+    if (status == SPIN_OK && worst_shift(x, own) < worst_shift(x, book->value))
+        memcpy(book->value, own, sizeof own);
+    return status;
+}
+
+/* Times are rounded, and places follow. */
+static spin_status round_times(struct export *x)
+{
+    struct spin_splats_4d *s = &x->bells.clip;
+    struct spin_sog_range *range = &x->coding.time;
+
+    for (size_t j = 0; j < x->order.n; j++) {
+        size_t k = x->order.item[j].row;
+
+        widen(range, 0, (double)s->times[k], j == 0);
+        widen(range, 1, (double)s->sigmas[k], j == 0);
+    }
+    finish_range(range);
+    if (x->kind->sogst) {
+        SPIN_TRY(choose_centres(x));
+        fill_book(&x->coding.sigma, range->mins[1], range->maxs[1], true);
+    }
+    for (size_t j = 0; j < x->order.n; j++) {
+        size_t k = x->order.item[j].row;
+        float shown[2];
+        uint8_t low[2], high[2];
+
+        code_time(&x->coding, (const float[2]){s->times[k], s->sigmas[k]}, low, high, shown);
+        spin_bells_move(s, k, (double)shown[0]);
+        s->sigmas[k] = shown[1];
+    }
+    return SPIN_OK;
+}
+
+/* ---- Groups ---------------------------------------------------------------------------------- */
+
+/* 0: it lasts. */
+static size_t group_of(const struct export *x, size_t k)
+{
+    double bucket = floor((double)clip_of(x)->times[k] / x->segment);
+
+    if (2 * K_SIGMA * (double)clip_of(x)->sigmas[k] > PERSISTENT * x->segment)
+        return 0;
+    return 1 + (size_t)fmin(fmax(bucket, 0), (double)x->n_groups - 2);
+}
+
+/* Neighbours in space stand together, in each group. */
+static spin_status choose_order(struct export *x)
+{
+    size_t n = x->order.n;
+
+    spin_sort_rows_by_place(&x->order, &x->bells.view);
+    x->n_groups = 1;
+    if (x->kind->sogst && x->segment > 0 && x->bells.length > x->segment)
+        x->n_groups = 1 + (size_t)ceil(x->bells.length / x->segment - 1e-6);
+    SPIN_TRY(spin_alloc(x->n_groups, sizeof *x->end, (void **)&x->end));
+    SPIN_TRY(spin_alloc(x->n_groups, 2 * sizeof *x->span, (void **)&x->span));
+    x->end[0] = n;
+    if (x->n_groups == 1)
+        return SPIN_OK;
+    for (size_t g = 0; g < x->n_groups; g++) {
+        x->end[g] = 0;
+        x->span[2 * g] = ((double)g - 1) * x->segment;
+        x->span[2 * g + 1] = (double)g * x->segment;
+    }
+    for (size_t j = 0; j < n; j++) {
+        size_t k = x->order.item[j].row, g = group_of(x, k);
+        double t = (double)clip_of(x)->times[k], reach = K_SIGMA * (double)clip_of(x)->sigmas[k];
+        bool first = x->end[g]++ == 0;
+
+        x->span[2 * g] = first ? t - reach : fmin(x->span[2 * g], t - reach);
+        x->span[2 * g + 1] = first ? t + reach : fmax(x->span[2 * g + 1], t + reach);
+        x->order.item[j].key = g;
+    }
+    spin_sort_rows_sort(&x->order);
+    for (size_t g = 1; g < x->n_groups; g++)
+        x->end[g] += x->end[g - 1];
+    return SPIN_OK;
+}
+
+/* ---- What values are coded with -------------------------------------------------------------- */
+
+static void turned_path(const struct export *x, size_t k, int power, float out[3])
+{
+    const float *p = clip_of(x)->paths + 3 * (size_t)clip_of(x)->degree * k + 3 * power;
+    spin_vec3 v = spin_scene_rotation_place(&x->rows.turn, spin_v3(p[0], p[1], p[2]));
+
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
+static void choose_ranges(struct export *x)
+{
+    struct spin_sog_4d *to = &x->coding;
+    struct spin_sog_range scale = {0}, dc = {0};
+    float v[3], room[3 * SPIN_SH_MAX];
+
+    for (size_t j = 0; j < x->order.n; j++) {
+        size_t k = x->order.item[j].row;
+        const float *sh = spin_splat_filter_sh(&x->rows, k, room);
+
+        for (size_t c = 0; c < 3; c++) {
+            widen(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
+            widen(&dc, 0, (double)sh[c], j + c == 0);
+        }
+        spin_splat_filter_place(&x->rows, k, v);
+        for (size_t c = 0; c < 3; c++)
+            widen(&to->means, c, spin_sog_log((double)v[c]), j == 0);
+        for (int p = 0; p < to->degree; p++) {
+            turned_path(x, k, p, v);
+            for (size_t c = 0; c < 3; c++)
+                widen(p == 0 ? &to->motion : &to->accel, c,
+                      to->linear ? (double)v[c] : spin_sog_log((double)v[c]), j == 0);
+        }
+    }
+    finish_range(&to->means);
+    finish_range(&to->motion);
+    finish_range(&to->accel);
+    fill_book(&to->scales, scale.mins[0], scale.maxs[0], false);
+    fill_book(&to->sh0, dc.mins[0], dc.maxs[0], false);
+}
+
+static size_t n_rest(const struct export *x) { return spin_n_rest(x->coding.sh_degree); }
+
+static spin_status choose_palette(struct export *x)
+{
+    size_t n = x->order.n, width = n_rest(x), n_sh = 3 * (size_t)spin_splat_filter_n_sh(&x->rows);
+    float room[3 * SPIN_SH_MAX];
+
+    if (width == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n, width * sizeof *x->rest, (void **)&x->rest));
+    SPIN_TRY(spin_alloc(n, sizeof *x->label, (void **)&x->label));
+    SPIN_TRY(spin_alloc(spin_sog_palette(n), width * sizeof *x->palette, (void **)&x->palette));
+    for (size_t j = 0; j < n; j++)
+        memcpy(x->rest + width * j, spin_splat_filter_sh(&x->rows, x->order.item[j].row, room) + 3,
+               (n_sh - 3) * sizeof *x->rest);
+    SPIN_TRY(spin_palette_make(x->rest, n, width, spin_sog_palette(n), x->label, x->palette,
+                               &x->coding.n_palette));
+    x->coding.sh_n.n = SPIN_CODEBOOK;
+    return spin_codebook_make(x->palette, x->coding.n_palette * width, x->coding.sh_n.value);
+}
+
+static spin_status choose_coding(struct export *x)
+{
+    x->coding.degree = clip_of(x)->degree;
+    x->coding.linear = !x->kind->sogst;
+    x->coding.sh_degree = x->rows.sh_degree;
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
+    x->coding.n = x->order.n;
+    SPIN_TRY(round_times(x));
+    SPIN_TRY(choose_order(x));
+    choose_ranges(x);
+    return choose_palette(x);
+}
+
+/* ---- Pictures -------------------------------------------------------------------------------- */
+
+static const char *const names[SPIN_4D_PICTURES] = {
+    "means_l.webp",    "means_u.webp",       "scales.webp",    "quats.webp",    "sh0.webp",
+    "timeline_l.webp", "timeline_u.webp",    "motion_l.webp",  "motion_u.webp", "accel_l.webp",
+    "accel_u.webp",    "shN_centroids.webp", "shN_labels.webp"};
+
+static const char *name_of(const struct export *x, int p)
+{
+    return x->kind->sogst && p == SPIN_4D_TIME ? "trbf.webp" : names[p];
+}
+
+static bool is_used(const struct export *x, int p)
+{
+    switch (p) {
+    case SPIN_4D_TIME_HIGH:
+        return !x->kind->sogst;
+    case SPIN_4D_MOTION:
+    case SPIN_4D_MOTION_HIGH:
+        return x->coding.degree > 0;
+    case SPIN_4D_ACCEL:
+    case SPIN_4D_ACCEL_HIGH:
+        return x->coding.degree > 1;
+    case SPIN_4D_CENTROIDS:
+    case SPIN_4D_LABELS:
+        return x->coding.sh_degree > 0;
+    default:
+        return true;
+    }
+}
+
+static size_t first_of(const struct export *x, size_t g) { return g > 0 ? x->end[g - 1] : 0; }
+
+static int n_pictures(const struct export *x)
+{
+    return (int)(x->n_groups * PER_GROUP + 1 + x->n_groups);
+}
+
+/* Picture p of group g. */
+static struct spin_picture *picture_of(const struct export *x, size_t g, int p)
+{
+    size_t at = g * PER_GROUP + (size_t)p;
+
+    if (p >= SPIN_4D_CENTROIDS)
+        at = x->n_groups * PER_GROUP + (p == SPIN_4D_LABELS ? 1 + g : 0);
+    return &x->picture[at];
+}
+
+static spin_status blank_pictures(struct export *x)
+{
+    SPIN_TRY(spin_alloc((size_t)n_pictures(x), sizeof *x->picture, (void **)&x->picture));
+    for (size_t g = 0; g < x->n_groups; g++)
+        for (int p = 0; p < SPIN_4D_PICTURES; p++) {
+            struct spin_picture *to = picture_of(x, g, p);
+            struct spin_sog like = {.n = x->end[g] - first_of(x, g),
+                                    .sh_degree = x->coding.sh_degree,
+                                    .n_palette = x->coding.n_palette};
+            bool palette = p == SPIN_4D_CENTROIDS;
+            int width, height;
+
+            if (!is_used(x, p) || (palette ? g > 0 : like.n == 0))
+                continue;
+            spin_sog_size(&like, palette ? SPIN_SOG_CENTROIDS : SPIN_SOG_MEANS_LOW, &width,
+                          &height);
+            if (x->n_groups == 1 || palette)
+                snprintf(to->name, sizeof to->name, "%s", name_of(x, p));
+            else if (g == 0)
+                snprintf(to->name, sizeof to->name, "persistent/%s", name_of(x, p));
+            else
+                snprintf(to->name, sizeof to->name, "seg_%03zu/%s", g - 1, name_of(x, p));
+            SPIN_TRY(spin_picture_blank(to, width, height));
+        }
+    return SPIN_OK;
+}
+
+static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_error *quant)
+{
+    const struct spin_sog_4d *to = &x->coding;
+    size_t k = x->order.item[j].row, width = n_rest(x);
+    struct spin_gaussian is, shown;
+    uint8_t *at[SPIN_4D_PICTURES];
+    float room[3 * SPIN_SH_MAX], v[3], seen[3];
+    const float *sh = spin_splat_filter_sh(&x->rows, k, room);
+
+    for (int p = 0; p < SPIN_4D_PICTURES; p++) {
+        uint8_t *rgba = picture_of(x, g, p)->rgba;
+
+        at[p] = rgba && p != SPIN_4D_CENTROIDS ? rgba + 4 * (j - first_of(x, g)) : NULL;
+    }
+    spin_splat_filter_take(&x->rows, k, &is);
+    spin_sog_4d_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
+                     shown.place);
+    spin_sog_code_rotation(is.rotation, at[SPIN_4D_QUATS], shown.rotation);
+    code_time(to, (const float[2]){clip_of(x)->times[k], clip_of(x)->sigmas[k]}, at[SPIN_4D_TIME],
+              at[SPIN_4D_TIME_HIGH], seen);
+    for (int p = 0; p < to->degree; p++) {
+        turned_path(x, k, p, v);
+        spin_sog_4d_code(p == 0 ? &to->motion : &to->accel, to->linear, 3, v,
+                         at[SPIN_4D_MOTION + 2 * p], at[SPIN_4D_MOTION_HIGH + 2 * p], seen);
+    }
+    for (size_t c = 0; c < 3; c++) {
+        uint8_t scale = spin_codebook_nearest(to->scales.value, is.log_scale[c]);
+        uint8_t dc = spin_codebook_nearest(to->sh0.value, sh[c]);
+
+        at[SPIN_4D_SCALES][c] = scale;
+        at[SPIN_4D_SH0][c] = dc;
+        shown.log_scale[c] = to->scales.value[scale];
+        shown.colour[c] = 0.5f + (float)SPIN_SH_C0 * to->sh0.value[dc];
+    }
+    at[SPIN_4D_SH0][3] = spin_byte_of(is.opacity * 255);
+    shown.opacity = (float)at[SPIN_4D_SH0][3] / 255;
+    spin_quant_error_row(quant, &is, &shown);
+    for (size_t c = 0; c < width; c++) {
+        float entry = x->palette[width * x->label[j] + c];
+
+        room[c] =
+            x->rest[width * j + c] - to->sh_n.value[spin_codebook_nearest(to->sh_n.value, entry)];
+    }
+    if (width > 0) {
+        at[SPIN_4D_LABELS][0] = (uint8_t)x->label[j];
+        at[SPIN_4D_LABELS][1] = (uint8_t)(x->label[j] >> 8);
+        spin_quant_error_add_all(quant, SPIN_QUANT_SH, room, width);
+    }
+}
+
+static void code_task(void *context, int task, int worker)
+{
+    struct export *x = context;
+    size_t j = (size_t)task * SPIN_ROWS_BLOCK, end = j + SPIN_ROWS_BLOCK, g = 0;
+
+    (void)worker;
+    for (end = end < x->order.n ? end : x->order.n; j < end; j++) {
+        while (x->end[g] <= j)
+            g++;
+        code_row(x, g, j, &x->block_quant[task]);
+    }
+}
+
+static spin_status code(struct export *x)
+{
+    int n_tasks = (int)((x->order.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
+    uint8_t *palette;
+
+    SPIN_TRY(blank_pictures(x));
+    SPIN_TRY(spin_alloc((size_t)n_tasks, sizeof *x->block_quant, (void **)&x->block_quant));
+    spin_pool_run(x->rows.pool, n_tasks, code_task, x);
+    for (int t = 0; t < n_tasks; t++)
+        spin_quant_error_merge(&x->quant, &x->block_quant[t]);
+    palette = picture_of(x, 0, SPIN_4D_CENTROIDS)->rgba;
+    for (size_t i = 0; palette && i < x->coding.n_palette * n_rest(x); i++)
+        palette[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->coding.sh_n.value, x->palette[i]);
+    spin_pictures_pack(x->picture, n_pictures(x), x->level, x->rows.pool);
+    return SPIN_OK;
+}
+
+/* ---- meta.json ------------------------------------------------------------------------------- */
+
+static void print_book(FILE *to, const struct spin_sog_book *book)
+{
+    fprintf(to, "\"codebook\":[");
+    for (size_t k = 0; k < book->n; k++)
+        fprintf(to, "%s%.9g", k ? "," : "", (double)book->value[k]);
+    fprintf(to, "]");
+}
+
+static void print_range(FILE *to, const struct spin_sog_range *range, int n, const char *open,
+                        const char *close)
+{
+    for (int side = 0; side < 2; side++) {
+        const double *v = side ? range->maxs : range->mins;
+
+        fprintf(to, "%s%s", side ? ",\"maxs\":" : "\"mins\":", open);
+        for (int c = 0; c < n; c++)
+            fprintf(to, "%s%.9g", c ? "," : "", v[c]);
+        fprintf(to, "%s", close);
+    }
+}
+
+static void print_files(FILE *to, const struct export *x, int first, int n)
+{
+    fprintf(to, ",\"files\":[\"%s\"", name_of(x, first));
+    if (n > 1)
+        fprintf(to, ",\"%s\"", name_of(x, first + 1));
+    fprintf(to, "]}");
+}
+
+static void print_still(FILE *to, const struct export *x)
+{
+    const struct spin_sog_4d *c = &x->coding;
+
+    fprintf(to, "\"asset\":{\"generator\":\"spin4d " SPIN_VERSION "\"},\"count\":%zu,\"means\":{",
+            c->n);
+    print_range(to, &c->means, 3, "[", "]");
+    print_files(to, x, SPIN_4D_MEANS, 2);
+    fprintf(to, ",\"scales\":{");
+    print_book(to, &c->scales);
+    print_files(to, x, SPIN_4D_SCALES, 1);
+    fprintf(to, ",\"quats\":{\"files\":[\"%s\"]},\"sh0\":{", name_of(x, SPIN_4D_QUATS));
+    print_book(to, &c->sh0);
+    print_files(to, x, SPIN_4D_SH0, 1);
+    if (c->sh_degree == 0)
+        return;
+    fprintf(to, ",\"shN\":{\"count\":%zu,\"bands\":%d,", c->n_palette, c->sh_degree);
+    print_book(to, &c->sh_n);
+    print_files(to, x, SPIN_4D_CENTROIDS, 2);
+}
+
+static void print_tsog(FILE *to, const struct export *x)
+{
+    fprintf(to, "{\"version\":4,\"profile\":{\"id\":\"org.opsiclear.tsog-playback\","
+                "\"version\":1},");
+    print_still(to, x);
+    fprintf(to, ",\"timeline\":{\"type\":1,");
+    print_range(to, &x->coding.time, 2, "[", "]");
+    print_files(to, x, SPIN_4D_TIME, 2);
+    if (x->coding.degree > 0) {
+        fprintf(to, ",\"temporal\":{\"means\":{");
+        print_range(to, &x->coding.motion, 3, "[[", "]]");
+        print_files(to, x, SPIN_4D_MOTION, 2);
+        fprintf(to, "}");
+    }
+    fprintf(to, ",\"playback\":{\"duration\":%.9g,\"fps\":%.9g,\"rate\":1,\"loop\":true}}\n",
+            (x->job->n_frames - 1) / x->fps, x->fps);
+}
+
+static void print_stream(FILE *to, const struct export *x, size_t g)
+{
+    if (x->end[g] == first_of(x, g))
+        fprintf(to, "null");
+    else if (g == 0)
+        fprintf(to, "\"persistent\"");
+    else
+        fprintf(to, "\"seg_%03zu\"", g - 1);
+}
+
+/* reveal, geometry: the bytes of the file up to where the first segment and all of them end. */
+static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint64_t geometry)
+{
+    const double *cov2d = x->job->splats_4d->cov2d;
+
+    fprintf(to,
+            "{\"version\":1,\"format\":\"sogst\",\"time\":{\"min\":0,\"max\":%.9g,\"fps\":%.9g},",
+            x->bells.length, x->fps);
+    print_still(to, x);
+    fprintf(to, ",\"motion\":{\"degree\":%d,", x->coding.degree);
+    print_range(to, &x->coding.motion, 3, "[", "]");
+    print_files(to, x, SPIN_4D_MOTION, 2);
+    if (x->coding.degree > 1) {
+        fprintf(to, ",\"accel\":{");
+        print_range(to, &x->coding.accel, 3, "[", "]");
+        print_files(to, x, SPIN_4D_ACCEL, 2);
+    }
+    fprintf(to, ",\"trbf\":{\"center\":{");
+    print_book(to, &x->coding.centre);
+    fprintf(to, "},\"sigma\":{");
+    print_book(to, &x->coding.sigma);
+    fprintf(to, "}");
+    print_files(to, x, SPIN_4D_TIME, 1);
+    if (cov2d[0] > 0)
+        fprintf(to, ",\"cov2d_scale\":[%.9g,%.9g]", cov2d[0], cov2d[1]);
+    if (x->n_groups > 1) {
+        fprintf(to,
+                ",\"segments\":{\"duration\":%.9g,\"k_sigma\":%g,\"persistent_span_mult\":%g,"
+                "\"persistent\":[0,%zu],\"list\":[",
+                x->segment, K_SIGMA, PERSISTENT, x->end[0]);
+        for (size_t g = 1; g < x->n_groups; g++)
+            fprintf(to, "%s{\"t0\":%.9g,\"t1\":%.9g,\"range\":[%zu,%zu]}", g > 1 ? "," : "",
+                    x->span[2 * g], x->span[2 * g + 1], first_of(x, g), x->end[g]);
+        fprintf(to, "]},\"streams\":{\"persistent\":");
+        print_stream(to, x, 0);
+        fprintf(to, ",\"segments\":[");
+        for (size_t g = 1; g < x->n_groups; g++) {
+            fprintf(to, "%s", g > 1 ? "," : "");
+            print_stream(to, x, g);
+        }
+        fprintf(to, "],\"sh_deferred\":%s,\"reveal_bytes\":%llu,\"geometry_bytes\":%llu}",
+                x->coding.sh_degree > 0 ? "true" : "false", (unsigned long long)reveal,
+                (unsigned long long)geometry);
+    }
+    fprintf(to, "}\n");
+}
+
+static uint64_t bytes_of(const struct export *x, size_t n_groups)
+{
+    enum { HEADER = 30 };
+    uint64_t sum = 0;
+
+    for (size_t i = 0; i < n_groups * PER_GROUP; i++)
+        if (x->picture[i].width > 0)
+            sum += HEADER + strlen(x->picture[i].name) + x->picture[i].n_file;
+    return sum;
+}
+
+/* meta.json says where the pictures behind it end: printed until it is as long as it says. */
+static spin_status make_meta(const struct export *x, char **text, size_t *n)
+{
+    const uint64_t header = 30 + strlen("meta.json");
+    size_t first = 1, before = 0;
+
+    while (first + 1 < x->n_groups && x->end[first] == first_of(x, first))
+        first++;
+    *n = 0;
+    *text = NULL;
+    do {
+        FILE *to;
+
+        before = *n;
+        free(*text);
+        *text = NULL;
+        to = open_memstream(text, n);
+        if (to && x->kind->sogst)
+            print_sogst(to, x,
+                        header + before +
+                            bytes_of(x, first + 1 < x->n_groups ? first + 1 : x->n_groups),
+                        header + before + bytes_of(x, x->n_groups));
+        else if (to)
+            print_tsog(to, x);
+        if (!to || fclose(to) != 0)
+            return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+    } while (*n != before);
+    return SPIN_OK;
+}
+
+/* ---- One file -------------------------------------------------------------------------------- */
+
+static spin_status write_members(const struct export *x, struct spin_zip_writer *zip)
+{
+    char *meta = NULL;
+    size_t n;
+    spin_status status = make_meta(x, &meta, &n);
+
+    zip->plain = true;
+    if (status == SPIN_OK)
+        status = spin_zip_member_whole(zip, "meta.json", meta, n, NULL, 0);
+    free(meta);
+    return status == SPIN_OK ? spin_pictures_write(x->picture, n_pictures(x), zip) : status;
+}
+
+static spin_status write_file(struct export *x)
+{
+    struct spin_zip_writer zip;
+    struct spin_out out;
+    spin_status status;
+
+    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &out));
+    out.sync = x->job->sync;
+    spin_zip_writer_begin(&out, &zip);
+    status = spin_zip_writer_end(&zip, write_members(x, &zip), &out);
+    if (status != SPIN_OK) {
+        spin_out_abandon(&out);
+        return status;
+    }
+    if (x->job->report)
+        x->job->report->bytes += out.bytes;
+    return spin_out_commit(&out);
+}
+
+/* ---- Check ----------------------------------------------------------------------------------- */
+
+struct check {
+    struct export *x;
+    struct spin_splats_4d back;
+    struct spin_splats frame;
+    uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
+    struct spin_quant_error quant;
+    uint64_t n;
+    double bounds;
+};
+
+static spin_status read_back(struct check *check)
+{
+    struct export *x = check->x;
+    struct spin_map map;
+    struct spin_tsog clip;
+    struct spin_sogst seconds;
+    spin_status status;
+
+    SPIN_TRY(spin_map_open(x->job->output, &map));
+    status = x->kind->sogst ? spin_sogst_read(map.data, map.size, &seconds, &check->back)
+                            : spin_tsog_read(map.data, map.size, &clip, &check->back);
+    spin_map_close(&map);
+    if (status == SPIN_OK && check->back.n != x->order.n)
+        status =
+            spin_fail(SPIN_E_IO, "it holds %zu splats, expected %zu", check->back.n, x->order.n);
+    return status;
+}
+
+/* Values are within half a step of what was to be written: the bounds that the coding promises. */
+static spin_status judge(const struct check *check, size_t j)
+{
+    const struct export *x = check->x;
+    const struct spin_sog_range *range = &x->coding.means;
+    const struct spin_splats_4d *back = &check->back;
+    size_t k = x->order.item[j].row;
+    float place[3];
+    bool good =
+        fabs((double)back->times[j] - (double)clip_of(x)->times[k]) <= 1e-6 * x->bells.length &&
+        fabs((double)back->sigmas[j] / (double)clip_of(x)->sigmas[k] - 1) <= 1e-5;
+
+    spin_splat_filter_place(&x->rows, k, place);
+    for (size_t c = 0; c < 3; c++) {
+        double half = (range->maxs[c] - range->mins[c]) / 131070 * 1.01 + 1e-6;
+
+        good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
+                           (1 + fabs((double)place[c])) * half;
+    }
+    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu is not what was written", j);
+}
+
+static void take_back(const struct spin_splats_4d *s, size_t j, double time,
+                      struct spin_gaussian *out)
+{
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+    double place[3];
+
+    spin_path_at(s->centres + 3 * j, s->paths ? s->paths + 3 * (size_t)s->degree * j : NULL,
+                 s->degree, time - (double)s->times[j], place);
+    for (size_t c = 0; c < 3; c++) {
+        out->place[c] = (float)place[c];
+        out->log_scale[c] = s->log_scales[3 * j + c];
+        out->colour[c] = 0.5f + (float)SPIN_SH_C0 * s->sh[n_sh * j + c];
+    }
+    out->opacity =
+        (float)(spin_sigmoid_of((double)s->logit_opacities[j]) * spin_splats_4d_weight(s, j, time));
+    memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
+}
+
+/* A frame of the source against the file at the same time. */
+static spin_status check_frame(struct check *check, int f)
+{
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct export *x = check->x;
+    const struct spin_splats_4d *s = x->job->splats_4d;
+    double t = x->job->times[f], time = spin_bells_time(&x->bells, t), box[2][6];
+    struct spin_splat_filter rows = x->rows;
+    size_t row = 0, n_sh = 3 * (size_t)spin_sh_count(check->back.sh_degree);
+
+    for (int c = 0; c < 12; c++)
+        box[c / 6][c % 6] = c % 6 < 3 ? HUGE_VAL : -HUGE_VAL;
+    SPIN_TRY(spin_splats_4d_slice(s, t, columns, &check->frame));
+    rows.splats = &check->frame;
+    for (size_t i = 0; i < s->n; i++) {
+        struct spin_gaussian is, shown;
+        float room[3 * SPIN_SH_MAX], off[3 * SPIN_SH_MAX];
+        const float *sh;
+        size_t j = check->row_of[i], at = row, n_there;
+
+        if (!spin_splats_4d_shows(s, i, t))
+            continue;
+        row++;
+        if (j == UINT32_MAX)
+            continue;
+        spin_splat_filter_take(&rows, at, &is);
+        take_back(&check->back, j, time, &shown);
+        spin_quant_error_row(&check->quant, &is, &shown);
+        sh = spin_splat_filter_sh(&rows, at, room);
+        n_there = 3 * (size_t)spin_splat_filter_n_sh(&rows);
+        for (size_t c = 3; c < n_sh; c++)
+            off[c - 3] = (c < n_there ? sh[c] : 0) - check->back.sh[n_sh * j + c];
+        spin_quant_error_add_all(&check->quant, SPIN_QUANT_SH, off, n_sh - 3);
+        for (int c = 0; c < 3; c++) {
+            box[0][c] = fmin(box[0][c], (double)is.place[c]);
+            box[0][3 + c] = fmax(box[0][3 + c], (double)is.place[c]);
+            box[1][c] = fmin(box[1][c], (double)shown.place[c]);
+            box[1][3 + c] = fmax(box[1][3 + c], (double)shown.place[c]);
+        }
+        check->n++;
+    }
+    for (int c = 0; c < 6 && box[0][0] < HUGE_VAL; c++)
+        check->bounds = fmax(check->bounds, fabs(box[0][c] - box[1][c]));
+    return SPIN_OK;
+}
+
+static spin_status check_all(struct check *check)
+{
+    struct export *x = check->x;
+    size_t n = x->job->splats_4d->n;
+
+    SPIN_TRY(read_back(check));
+    SPIN_TRY(spin_alloc(n + 1, sizeof *check->row_of, (void **)&check->row_of));
+    for (size_t i = 0; i < n; i++)
+        check->row_of[i] = UINT32_MAX;
+    for (size_t j = 0; j < x->order.n; j++) {
+        check->row_of[x->bells.from[x->order.item[j].row]] = (uint32_t)j;
+        SPIN_TRY(judge(check, j));
+    }
+    for (int f = 0; f < x->job->n_frames; f++)
+        SPIN_TRY(check_frame(check, f));
+    return SPIN_OK;
+}
+
+static spin_status check_file(struct export *x)
+{
+    struct check check = {.x = x};
+    struct spin_export_check *out = x->job->report ? &x->job->report->check : NULL;
+    spin_status status = check_all(&check);
+
+    if (status == SPIN_OK && out) {
+        *out = (struct spin_export_check){.frames = x->job->n_frames,
+                                          .splats = check.n,
+                                          .bounds = check.bounds,
+                                          .rendered = -1,
+                                          .psnr = (double)NAN};
+        for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+            out->rms[p] = spin_quant_error_rms(&check.quant, (enum spin_quant_error_part)p);
+            out->largest[p] = check.quant.part[p].largest;
+        }
+    }
+    spin_splats_4d_free(&check.back);
+    spin_splats_free(&check.frame);
+    free(check.row_of);
+    return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "check: '%s'", x->job->output);
+}
+
+/* ---- The plug-ins ---------------------------------------------------------------------------- */
+
+static void end_export(void *self)
+{
+    struct export *x = self;
+
+    if (x->picture)
+        spin_pictures_free(x->picture, n_pictures(x), true);
+    free(x->picture);
+    spin_splat_filter_end(&x->rows);
+    spin_sort_rows_free(&x->order);
+    spin_bells_free(&x->bells);
+    free(x->rest);
+    free(x->palette);
+    free(x->label);
+    free(x->end);
+    free(x->span);
+    free(x->block_quant);
+    free(x);
+}
+
+static spin_status read_options(struct export *x)
+{
+    const struct spin_plugin_values *v = x->job->values;
+    double segment;
+
+    x->level = 3;
+    x->fps = x->job->fps;
+    SPIN_TRY(spin_option_count(v, "level", 0, 9, &x->level));
+    SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
+    if (!(x->fps > 0)) {
+        x->fps = FPS;
+        spin_warn("nothing says how many frames a second the clip has: %d are assumed; --fps "
+                  "sets them",
+                  FPS);
+    }
+    x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
+    segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps; /* whole frames, about half a second */
+    SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
+    x->segment = segment;
+    if (x->segment > 0 && x->bells.length / x->segment > 999)
+        return spin_fail(SPIN_E_USAGE, "option 'segment' is %g: a clip of %g s has more than 999",
+                         x->segment, x->bells.length);
+    return spin_splat_filter_begin(&x->rows, x->job, NULL);
+}
+
+static spin_status prepare(struct export *x)
+{
+    SPIN_TRY(spin_bells_can(x->job, x->kind->name));
+    SPIN_TRY(spin_webp_need());
+    return read_options(x);
+}
+
+static spin_status begin(const struct spin_export_job *job, const struct container *kind,
+                         void **self)
+{
+    struct export *x;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc(1, sizeof *x, (void **)&x));
+    x->job = job;
+    x->kind = kind;
+    x->bells = (struct spin_bells){.job = job,
+                                   .name = kind->name,
+                                   .most_sigma = MOST_SIGMA,
+                                   .least_degree = kind->sogst ? 1 : 0,
+                                   .degree = kind->degree};
+    status = prepare(x);
+    if (status != SPIN_OK) {
+        end_export(x);
+        return status;
+    }
+    *self = x;
+    return SPIN_OK;
+}
+
+static spin_status no_frame(void *self, int frame, const struct spin_frame_info *info,
+                            const struct spin_splats *splats)
+{
+    (void)self;
+    (void)frame;
+    (void)info;
+    (void)splats;
+    return SPIN_OK;
+}
+
+static spin_status write_all(struct export *x)
+{
+    SPIN_TRY(spin_bells_convert(&x->bells));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
+    if (x->rows.n_kept == 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "no splat of the clip is left to write");
+    SPIN_TRY(choose_coding(x));
+    SPIN_TRY(code(x));
+    SPIN_TRY(write_file(x));
+    spin_bells_warn(&x->bells);
+    warn_of_kind(x);
+    spin_quant_error_say(&x->quant, x->kind->name);
+    return x->job->check ? check_file(x) : SPIN_OK;
+}
+
+static spin_status end(void *self)
+{
+    spin_status status = write_all(self);
+
+    end_export(self);
+    return status;
+}
+
+static spin_status tsog_begin(const struct spin_export_job *job, void **self)
+{
+    return begin(job, &tsog, self);
+}
+
+static spin_status sogst_begin(const struct spin_export_job *job, void **self)
+{
+    return begin(job, &sogst, self);
+}
+
+#define OPTION_FPS                                                                                 \
+    {                                                                                              \
+        "fps", "F", "frames per second of the clip; otherwise the bundle's", NULL                  \
+    }
+#define OPTION_LEVEL                                                                               \
+    {                                                                                              \
+        "level", "N", "effort of WebP, 0 (fast) to 9 (small)", "3"                                 \
+    }
+
+static const struct spin_plugin_option tsog_options[] = {
+    SPIN_ROWS_OPTIONS, OPTION_FPS, SPIN_ROWS_OPTION_SH, OPTION_LEVEL, {0}};
+
+static const struct spin_plugin_option sogst_options[] = {
+    SPIN_ROWS_OPTIONS,
+    OPTION_FPS,
+    SPIN_ROWS_OPTION_SH,
+    OPTION_LEVEL,
+    {"segment", "S", "seconds that a player loads at a time; 0: all at once; otherwise about 0.5",
+     NULL},
+    {0}};
+
+extern const struct spin_exporter spin_exporter_tsog, spin_exporter_sogst;
+
+const struct spin_exporter spin_exporter_tsog = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "tsog",
+    .summary = "4D splats as one TSOG, which plays in browsers: small",
+    .options = tsog_options,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .checks = true,
+    .splats_4d = true,
+    .begin = tsog_begin,
+    .frame = no_frame,
+    .end = end,
+    .abort = end_export,
+};
+
+const struct spin_exporter spin_exporter_sogst = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "sogst",
+    .summary = "4D splats as one .sogst, which players load in segments: small",
+    .options = sogst_options,
+    .wants = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
+    .checks = true,
+    .splats_4d = true,
+    .begin = sogst_begin,
+    .frame = no_frame,
+    .end = end,
+    .abort = end_export,
+};

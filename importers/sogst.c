@@ -1,0 +1,84 @@
+/* .sogst: one file with a clip, or the PLY that its encoders take. What src/formats/sogst.h says of them. */
+#include "formats/sogst.h"
+
+#include <string.h>
+
+#include "importers/lib/file_sequence.h"
+
+/* Players draw nothing fainter. */
+#define LEAST_OPACITY (1 / 255.0)
+
+static bool is_ply(const unsigned char *head, size_t n)
+{
+    return n >= 4 && memcmp(head, "ply", 3) == 0;
+}
+
+static int probe(const struct spin_peek *peek)
+{
+    if (peek->is_folder)
+        return spin_file_sequence_count(peek, ".sogst") > 0 ? 70 : 0;
+    if (is_ply(peek->head, peek->n_head))
+        return spin_peek_says(peek, " t_center") && spin_peek_says(peek, " t_sigma") ? 100 : 0;
+    if (!spin_zip_looks_like(peek->head, peek->n_head) || !strstr(peek->tail_names, "meta.json"))
+        return 0;
+    return spin_file_has_suffix(peek->path, ".sogst") || spin_peek_says(peek, "\"sogst\"") ? 100
+                                                                                           : 0;
+}
+
+static spin_status read_file(struct spin_model *m, const char *path, struct spin_sogst *sogst,
+                             bool *ply)
+{
+    struct spin_map map;
+    spin_status status;
+
+    SPIN_TRY(spin_map_open(path, &map));
+    *ply = is_ply(map.data, map.size);
+    status = *ply ? spin_sogst_read_ply(path, sogst, &m->splats_4d)
+                  : spin_sogst_read(map.data, map.size, sogst, &m->splats_4d);
+    spin_map_close(&map);
+    m->splats_4d.least_opacity = LEAST_OPACITY;
+    return status == SPIN_OK ? spin_model_settle_4d(m) : status;
+}
+
+static spin_status open_file(void *self, const char *path)
+{
+    struct spin_model *m = self;
+    const struct spin_splats_4d *s = &m->splats_4d;
+    struct spin_sequence_info *sequence = m->sequence;
+    struct spin_sogst sogst;
+    bool ply;
+    spin_status status;
+
+    SPIN_TRY(spin_file_sequence_one(m, path, ".sogst", &m->path));
+    path = m->path;
+    status = read_file(m, path, &sogst, &ply);
+    if (status != SPIN_OK)
+        return spin_fail_context(status, "cannot read '%s'", path);
+    sequence->time_first = sogst.first;
+    sequence->time_last = sogst.last;
+    sequence->fps = sogst.fps;
+    sequence->n_clip_frames = (int)((sogst.last - sogst.first) * sogst.fps + 0.5) + 1;
+    snprintf(sequence->variant, sizeof sequence->variant,
+             "%s, %zu splats on paths of degree %d, %zu segments",
+             ply ? "PLY for .sogst" : ".sogst", s->n, s->degree, sogst.n_segments);
+    if (s->cov2d[0] > 0 && (s->cov2d[0] != 1 || s->cov2d[1] != 1))
+        spin_note(sequence,
+                  "trained with covariances on screen times %g and %g (cov2d_scale), which frames "
+                  "cannot say",
+                  s->cov2d[0], s->cov2d[1]);
+    return SPIN_OK;
+}
+
+SPIN_MODEL_OPEN(sogst_open, struct spin_model, open_file)
+
+const struct spin_importer spin_importer_sogst = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "sogst",
+    .summary = ".sogst: 4D splats of a clip, or the PLY for exchange that its encoders take",
+    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)",
+    .probe = probe,
+    .open = sogst_open,
+    .frame = spin_model_slice,
+    .close = spin_model_close,
+    .splats_4d = spin_model_splats_4d,
+};

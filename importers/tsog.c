@@ -1,0 +1,111 @@
+/* TSOG: one file with a clip. What src/formats/tsog.h says of it. */
+#include "formats/tsog.h"
+
+#include <string.h>
+
+#include "importers/lib/file_sequence.h"
+
+/* The player draws nothing fainter. */
+#define LEAST_OPACITY (1 / 255.0)
+
+struct tsog_model {
+    struct spin_model base;
+    struct spin_tsog tsog;
+    size_t *counts; /* [n_frames], of frames */
+};
+
+/* By its profile, else by its name: pictures of an older file have any names. */
+static int probe(const struct spin_peek *peek)
+{
+    bool zip = spin_zip_looks_like(peek->head, peek->n_head);
+
+    if (peek->is_folder)
+        return spin_file_sequence_count(peek, ".tsog") > 0 ? 70 : 0;
+    if (!zip || !strstr(peek->tail_names, "meta.json"))
+        return 0;
+    if (spin_file_has_suffix(peek->path, ".tsog"))
+        return 100;
+    return spin_peek_says(peek, "org.opsiclear.tsog-playback") ? 100 : 0;
+}
+
+/* A frame for each time from 0 on. */
+static spin_status describe_frames(struct tsog_model *m)
+{
+    struct spin_sequence_info *sequence = m->base.sequence;
+    size_t n = (size_t)m->tsog.n_frames;
+    double *times;
+
+    SPIN_TRY(spin_model_alloc(&m->base, n, sizeof *m->counts, (void **)&m->counts));
+    SPIN_TRY(spin_model_scratch(&m->base, n, sizeof *times, (void **)&times));
+    for (size_t f = 0; f < n; f++)
+        times[f] = (double)f;
+    SPIN_TRY(spin_splats_4d_counts(&m->base.splats_4d, times, n, m->counts));
+    sequence->n_frames = (int)n;
+    sequence->counts = m->counts;
+    sequence->continuous = false;
+    sequence->time_last = (double)(n - 1);
+    return SPIN_OK;
+}
+
+static spin_status open_file(void *self, const char *path)
+{
+    struct tsog_model *m = self;
+    struct spin_sequence_info *sequence = m->base.sequence;
+    static const char *const kinds[] = {"static", "discrete", "continuous"};
+    struct spin_map map;
+    spin_status status;
+
+    SPIN_TRY(spin_file_sequence_one(&m->base, path, ".tsog", &m->base.path));
+    path = m->base.path;
+    SPIN_TRY(spin_map_open(path, &map));
+    status = spin_tsog_read(map.data, map.size, &m->tsog, &m->base.splats_4d);
+    spin_map_close(&map);
+    if (status == SPIN_OK && m->tsog.time == SPIN_TSOG_CONTINUOUS)
+        m->base.splats_4d.least_opacity = LEAST_OPACITY;
+    if (status == SPIN_OK)
+        status = spin_model_settle_4d(&m->base);
+    if (status != SPIN_OK)
+        return spin_fail_context(status, "cannot read '%s'", path);
+    snprintf(sequence->variant, sizeof sequence->variant, "TSOG, %s, %zu splats",
+             kinds[m->tsog.time], m->base.splats_4d.n);
+    sequence->fps = m->tsog.fps;
+    if (m->tsog.sound)
+        spin_note(sequence, "the sound of the clip is not imported");
+    if (m->tsog.time != SPIN_TSOG_CONTINUOUS)
+        return describe_frames(m);
+    sequence->n_clip_frames = m->tsog.n_frames;
+    return SPIN_OK;
+}
+
+static spin_status frame(void *self, int frame, double time, unsigned columns,
+                         struct spin_splats *out)
+{
+    const struct tsog_model *m = self;
+    bool continuous = m->tsog.time == SPIN_TSOG_CONTINUOUS;
+
+    if (!continuous && frame >= m->tsog.n_frames)
+        return spin_fail(SPIN_E_NOT_FOUND, "'%s' has no frame %d", m->base.path, frame);
+    return spin_model_slice(self, frame, continuous ? time : frame, columns, out);
+}
+
+static spin_status splats_4d(void *self, const struct spin_splats_4d **out)
+{
+    const struct tsog_model *m = self;
+
+    *out = NULL;
+    return m->tsog.time == SPIN_TSOG_CONTINUOUS ? spin_model_splats_4d(self, out) : SPIN_OK;
+}
+
+SPIN_MODEL_OPEN(tsog_open, struct tsog_model, open_file)
+
+const struct spin_importer spin_importer_tsog = {
+    .abi = SPIN_PLUGIN_ABI,
+    .name = "tsog",
+    .summary = "TSOG (.tsog): 4D splats of a clip, its frames, or a still",
+    .upstream = "OpsiClear-4DGS/ftgs-player 64dfa9e (TSOG Playback Profile 1.0.1)",
+    .probe = probe,
+    .open = tsog_open,
+    .frame = frame,
+    .close = spin_model_close,
+    .splats_4d = splats_4d,
+};

@@ -1,0 +1,328 @@
+#include "formats/sogst.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "formats/gs_ply.h"
+
+enum { VERSION = 1, MOST_SEGMENTS = 65536 };
+
+/* ---- meta.json ------------------------------------------------------------------------------- */
+
+static spin_status check_version(const struct spin_sog_4d *r)
+{
+    const char *format = spin_json_string(spin_json_get(r->meta, "format"));
+    int64_t version = -1;
+
+    if (!spin_json_integer(spin_json_get(r->meta, "version"), &version) || version != VERSION ||
+        !format || strcmp(format, "sogst") != 0)
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         ".sogst of version %lld and format '%.60s', expected %d and 'sogst'",
+                         (long long)version, format ? format : "", VERSION);
+    return SPIN_OK;
+}
+
+/* Times of a clip: a length above 0, and so are frames a second. */
+static spin_status check_times(const struct spin_sogst *s)
+{
+    if (!(s->last > s->first && s->last - s->first < 1e6 && s->fps > 0 && s->fps < 1e4))
+        return spin_fail(SPIN_E_MALFORMED,
+                         ".sogst with times from %g to %g s and %g frames a second", s->first,
+                         s->last, s->fps);
+    return SPIN_OK;
+}
+
+static spin_status read_times(const struct spin_sog_4d *r, struct spin_sogst *out)
+{
+    const spin_json *time = spin_json_get(r->meta, "time");
+
+    SPIN_TRY(spin_sog_4d_number(r, spin_json_get(time, "min"), "time.min", &out->first));
+    SPIN_TRY(spin_sog_4d_number(r, spin_json_get(time, "max"), "time.max", &out->last));
+    SPIN_TRY(spin_sog_4d_number(r, spin_json_get(time, "fps"), "time.fps", &out->fps));
+    return check_times(out);
+}
+
+static spin_status read_path(struct spin_sog_4d *r, const char *name, struct spin_sog_range *range,
+                             enum spin_sog_4d_picture first)
+{
+    const spin_json *object = spin_json_get(r->meta, name);
+
+    SPIN_TRY(spin_sog_4d_range(r, spin_json_get(object, "mins"), spin_json_get(object, "maxs"),
+                               name, 3, range));
+    return spin_sog_4d_files(r, object, name, 2, 2, first);
+}
+
+static spin_status read_motion(struct spin_sog_4d *r)
+{
+    const spin_json *accel = spin_json_get(r->meta, "accel");
+    int64_t degree = 0;
+
+    SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(spin_json_get(r->meta, "motion"), "degree"),
+                                 "motion.degree", 1, 2, &degree));
+    if ((accel != NULL) != (degree == 2))
+        return spin_fail(SPIN_E_MALFORMED, ".sogst of degree %d %s 'accel'", (int)degree,
+                         accel ? "with" : "without");
+    r->degree = (int)degree;
+    SPIN_TRY(read_path(r, "motion", &r->motion, SPIN_4D_MOTION));
+    return accel ? read_path(r, "accel", &r->accel, SPIN_4D_ACCEL) : SPIN_OK;
+}
+
+static spin_status read_trbf(struct spin_sog_4d *r)
+{
+    const spin_json *trbf = spin_json_get(r->meta, "trbf");
+    const spin_json *centre = spin_json_get(trbf, "center"), *sigma = spin_json_get(trbf, "sigma");
+
+    SPIN_TRY(spin_sog_4d_book(r, spin_json_get(centre, "codebook"), "trbf.center", SPIN_CODEBOOK,
+                              &r->centre));
+    SPIN_TRY(spin_sog_4d_book(r, spin_json_get(sigma, "codebook"), "trbf.sigma", SPIN_CODEBOOK,
+                              &r->sigma));
+    for (size_t k = 0; k < SPIN_CODEBOOK; k++)
+        if (!(r->sigma.value[k] > 0))
+            return spin_fail(SPIN_E_MALFORMED, ".sogst whose 'trbf.sigma' is not above 0");
+    return spin_sog_4d_files(r, trbf, "trbf", 1, 1, SPIN_4D_TIME);
+}
+
+static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
+{
+    const spin_json *scale = spin_json_get(r->meta, "cov2d_scale");
+
+    if (!scale)
+        return SPIN_OK;
+    for (size_t k = 0; k < 2; k++) {
+        SPIN_TRY(spin_sog_4d_number(r, spin_json_at(scale, k), "cov2d_scale", &cov2d[k]));
+        if (spin_json_length(scale) != 2 || !(cov2d[k] > 0))
+            return spin_fail(SPIN_E_MALFORMED, ".sogst whose 'cov2d_scale' is not two factors");
+    }
+    return SPIN_OK;
+}
+
+/* ---- Segments -------------------------------------------------------------------------------- */
+
+/* A range must follow the one before. */
+static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
+{
+    int64_t first = -1, last = -1;
+
+    if (spin_json_length(range) != 2 || !spin_json_integer(spin_json_at(range, 0), &first) ||
+        !spin_json_integer(spin_json_at(range, 1), &last) || first != (int64_t)*end ||
+        last < first || last > (int64_t)n)
+        return spin_fail(SPIN_E_MALFORMED,
+                         ".sogst whose 'segments' have a range %lld to %lld after splat %zu of %zu",
+                         (long long)first, (long long)last, *end, n);
+    *at = *end;
+    *end = (size_t)last;
+    return SPIN_OK;
+}
+
+/* The pictures of one group of splats, in a folder of its own. */
+static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, const spin_json *name,
+                              size_t *end, struct spin_splats_4d *splats)
+{
+    const char *folder = spin_json_string(name);
+    size_t at = 0;
+
+    SPIN_TRY(next_range(range, r->n, &at, end));
+    if (!splats || at == *end)
+        return SPIN_OK;
+    if (!folder || !spin_sog_4d_name_is_plain(folder))
+        return spin_fail(SPIN_E_MALFORMED,
+                         ".sogst whose 'streams' name no folder for splats %zu "
+                         "to %zu",
+                         at, *end);
+    return spin_sog_4d_rows(r, folder, at, *end - at, splats);
+}
+
+/* Ranges are checked, and rows read where they have streams. */
+static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
+                                 struct spin_splats_4d *splats)
+{
+    const spin_json *segments = spin_json_get(r->meta, "segments");
+    const spin_json *list = spin_json_get(segments, "list");
+    const spin_json *streams = spin_json_get(r->meta, "streams");
+    const spin_json *names = spin_json_get(streams, "segments");
+    struct spin_splats_4d *to = streams ? splats : NULL;
+    size_t end = 0;
+
+    out->n_segments = spin_json_length(list);
+    if (!segments && streams)
+        return spin_fail(SPIN_E_MALFORMED, ".sogst with 'streams' but no 'segments'");
+    if (out->n_segments > MOST_SEGMENTS || (streams && spin_json_length(names) != out->n_segments))
+        return spin_fail(SPIN_E_MALFORMED, ".sogst with %zu segments and %zu streams of them",
+                         out->n_segments, spin_json_length(names));
+    if (!segments)
+        return spin_sog_4d_rows(r, NULL, 0, r->n, splats);
+    SPIN_TRY(read_group(r, spin_json_get(segments, "persistent"),
+                        spin_json_get(streams, "persistent"), &end, to));
+    for (size_t k = 0; k < out->n_segments; k++)
+        SPIN_TRY(read_group(r, spin_json_get(spin_json_at(list, k), "range"),
+                            spin_json_at(names, k), &end, to));
+    if (end != r->n)
+        return spin_fail(SPIN_E_MALFORMED, ".sogst whose 'segments' hold %zu of %zu splats", end,
+                         r->n);
+    return streams ? SPIN_OK : spin_sog_4d_rows(r, NULL, 0, r->n, splats);
+}
+
+static spin_status read_all(struct spin_sog_4d *r, struct spin_sogst *out,
+                            struct spin_splats_4d *splats)
+{
+    SPIN_TRY(check_version(r));
+    SPIN_TRY(read_times(r, out));
+    SPIN_TRY(spin_sog_4d_still(r, SPIN_CODEBOOK));
+    SPIN_TRY(read_motion(r));
+    SPIN_TRY(read_trbf(r));
+    SPIN_TRY(read_cov2d(r, splats->cov2d));
+    SPIN_TRY(spin_splats_4d_reserve(splats, r->n, r->degree, r->sh_degree, 0));
+    return read_segments(r, out, splats);
+}
+
+spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *out,
+                            struct spin_splats_4d *splats)
+{
+    struct spin_sog_4d r;
+    spin_status status;
+
+    *out = (struct spin_sogst){0};
+    status = spin_sog_4d_open(".sogst", file, size, &r);
+    if (status == SPIN_OK)
+        status = read_all(&r, out, splats);
+    spin_sog_4d_close(&r);
+    return status;
+}
+
+/* ---- The PLY for exchange -------------------------------------------------------------------- */
+
+/* What its comments and its sidecar say. */
+struct scalars {
+    double first, last, fps, degree, cov2d[2]; /* NaN: nothing is said */
+};
+
+static void read_comments(const struct spin_ply *ply, struct scalars *out)
+{
+    const struct {
+        const char *key;
+        double *to;
+    } keys[] = {{"sogst.time_min ", &out->first},
+                {"sogst.time_max ", &out->last},
+                {"sogst.fps ", &out->fps},
+                {"sogst.motion_degree ", &out->degree},
+                {"sogst.cov2d_scale ", out->cov2d}};
+
+    for (size_t i = 0; i < ply->n_comments; i++)
+        for (size_t k = 0; k < sizeof keys / sizeof *keys; k++) {
+            size_t n = strlen(keys[k].key);
+            char *end;
+
+            if (strncmp(ply->comment[i], keys[k].key, n) != 0)
+                continue;
+            *keys[k].to = strtod(ply->comment[i] + n, &end);
+            if (keys[k].to == out->cov2d)
+                out->cov2d[1] = strtod(end, NULL);
+        }
+}
+
+/* NAME.sogst.json beside NAME.ply, where it is there. */
+static spin_status read_sidecar(const char *path, struct scalars *out)
+{
+    size_t n = strlen(path);
+    const spin_json *scale;
+    spin_json *json = NULL;
+    char *name;
+    spin_status status = SPIN_OK;
+
+    SPIN_TRY(spin_alloc(n + 12, 1, (void **)&name));
+    n -= n > 4 && strcmp(path + n - 4, ".ply") == 0 ? 4 : 0;
+    sprintf(name, "%.*s.sogst.json", (int)n, path);
+    if (spin_path_exists(name))
+        status = spin_json_load(name, &json);
+    spin_json_number(spin_json_get(json, "time_min"), &out->first);
+    spin_json_number(spin_json_get(json, "time_max"), &out->last);
+    spin_json_number(spin_json_get(json, "fps"), &out->fps);
+    spin_json_number(spin_json_get(json, "motion_degree"), &out->degree);
+    scale = spin_json_get(json, "cov2d_scale");
+    for (size_t k = 0; k < 2; k++)
+        spin_json_number(spin_json_at(scale, k), &out->cov2d[k]);
+    spin_json_free(json);
+    free(name);
+    return status;
+}
+
+static spin_status read_scalars(const struct spin_ply *ply, int degree, struct spin_sogst *out,
+                                double cov2d[2])
+{
+    struct scalars s = {(double)NAN, (double)NAN, (double)NAN, (double)NAN, {0, 0}};
+
+    read_comments(ply, &s);
+    SPIN_TRY(read_sidecar(ply->path, &s));
+    if (isnan(s.first) || isnan(s.last) || isnan(s.fps))
+        return spin_fail(SPIN_E_MALFORMED,
+                         "no comments sogst.time_min, sogst.time_max and sogst.fps");
+    if (!isnan(s.degree) && s.degree != degree)
+        return spin_fail(SPIN_E_MALFORMED,
+                         "it says motion of degree %g and has properties of degree %d", s.degree,
+                         degree);
+    for (int k = 0; k < 2; k++)
+        if (!(s.cov2d[k] >= 0 && (s.cov2d[k] > 0) == (s.cov2d[0] > 0) && s.cov2d[k] < 1e6))
+            return spin_fail(SPIN_E_MALFORMED, "sogst.cov2d_scale is not two factors");
+    memcpy(cov2d, s.cov2d, sizeof s.cov2d);
+    *out = (struct spin_sogst){s.first, s.last, s.fps, 0};
+    return check_times(out);
+}
+
+static void move(const struct spin_splats *from, struct spin_splats_4d *to)
+{
+    size_t n = from->n * sizeof(float), n_sh = 3 + spin_n_rest(to->sh_degree);
+
+    memcpy(to->centres, from->means, 3 * n);
+    memcpy(to->quats, from->quats, 4 * n);
+    memcpy(to->log_scales, from->log_scales, 3 * n);
+    memcpy(to->logit_opacities, from->logit_opacities, n);
+    memcpy(to->sh, from->sh, n_sh * n);
+}
+
+static spin_status read_vertices(const struct spin_ply *ply, struct spin_sogst *out,
+                                 struct spin_splats_4d *splats)
+{
+    static const char *const names[] = {"t_center", "t_sigma", "vx", "vy", "vz", "ax", "ay", "az"};
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    struct spin_gs_ply cloud;
+    struct spin_splats still = {0};
+    int degree;
+    spin_status status;
+
+    SPIN_TRY(spin_gs_ply_find(ply, &cloud));
+    degree = spin_ply_has(cloud.vertex, "ax") ? 2 : 1;
+    if (cloud.vertex->count == 0)
+        return spin_fail(SPIN_E_MALFORMED, "0 splats");
+    SPIN_TRY(read_scalars(ply, degree, out, splats->cov2d));
+    SPIN_TRY(
+        spin_splats_4d_reserve(splats, (size_t)cloud.vertex->count, degree, cloud.sh_degree, 0));
+    for (size_t k = 0; k < 2 + 3 * (size_t)degree; k++) {
+        int property = spin_ply_find(cloud.vertex, names[k]);
+        float *to = k == 0 ? splats->times : k == 1 ? splats->sigmas : splats->paths + k - 2;
+
+        if (property < 0)
+            return spin_fail(SPIN_E_MALFORMED, "no property '%s'", names[k]);
+        spin_ply_column(ply, cloud.vertex, property, to, k < 2 ? 1 : 3 * (size_t)degree);
+    }
+    SPIN_TRY_OUT(spin_splats_reserve(&still, splats->n, columns, cloud.sh_degree));
+    SPIN_TRY_OUT(spin_gs_ply_read(&cloud, columns, 0, &still));
+    move(&still, splats);
+out:
+    spin_splats_free(&still);
+    return status;
+}
+
+spin_status spin_sogst_read_ply(const char *path, struct spin_sogst *out,
+                                struct spin_splats_4d *splats)
+{
+    struct spin_ply ply;
+    spin_status status;
+
+    SPIN_TRY(spin_ply_open(path, &ply));
+    status = read_vertices(&ply, out, splats);
+    spin_ply_close(&ply);
+    return status;
+}

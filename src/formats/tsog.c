@@ -1,0 +1,301 @@
+#include "formats/tsog.h"
+
+#include <limits.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/err.h"
+#include "base/mem.h"
+#include "io/zip_format.h"
+
+enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };
+enum { DESCRIPTOR = 1 << 3 }; /* flag of a member */
+#define PROFILE_ID "org.opsiclear.tsog-playback"
+#define MAX_DIRECTORY (4u << 20)
+#define MAX_SOUND (128u << 20)
+
+/* ---- The archive ----------------------------------------------------------------------------- */
+
+static uint32_t u32(const unsigned char *p) { return spin_u32_at(p); }
+
+/* The local header says what the directory does; with the flag a descriptor behind the data does. */
+static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
+{
+    const unsigned char *p = zip->map.data + m->header_offset, *end = zip->map.data + zip->map.size;
+    uint32_t expected[3] = {m->crc, (uint32_t)m->packed_size, (uint32_t)m->size};
+    bool later = (p[6] & DESCRIPTOR) != 0;
+
+    if ((size_t)(end - p) < LOCAL_BYTES || u32(p) != SIG_LOCAL || (p[8] | p[9] << 8) != m->method)
+        return false;
+    for (int k = 0; k < 3; k++)
+        if (u32(p + 14 + 4 * k) != (later ? 0 : expected[k]))
+            return false;
+    if (!later)
+        return true;
+    p += LOCAL_BYTES + (p[26] | p[27] << 8) + (p[28] | p[29] << 8) + m->packed_size;
+    for (int marked = 1; marked >= 0; marked--) {
+        const unsigned char *at = p + 4 * marked;
+
+        if (end - at >= 12 && (!marked || u32(p) == 0x08074b50) && u32(at) == expected[0] &&
+            u32(at + 4) == expected[1] && u32(at + 8) == expected[2])
+            return true;
+    }
+    return false;
+}
+
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *)a, *(const char *const *)b);
+}
+
+static spin_status check_archive(const struct spin_zip *zip)
+{
+    const char *name[MOST_MEMBERS];
+    size_t n_names = 0;
+
+    if (zip->zip64)
+        return spin_fail(SPIN_E_UNSUPPORTED, "TSOG in a ZIP64 archive");
+    if (zip->n > MOST_MEMBERS)
+        return spin_fail(SPIN_E_MALFORMED, "TSOG of %zu members, expected at most %d", zip->n,
+                         MOST_MEMBERS);
+    for (size_t i = 0; i < zip->n; i++) {
+        const struct spin_zip_member *m = &zip->member[i];
+
+        name[i] = m->name;
+        n_names += strlen(m->name) + CENTRAL_BYTES;
+        if ((m->method != METHOD_STORED && m->method != METHOD_DEFLATE) || !header_agrees(zip, m))
+            return spin_fail(SPIN_E_MALFORMED,
+                             "TSOG whose member '%.60s' has another header than its directory says",
+                             m->name);
+    }
+    if (n_names > MAX_DIRECTORY)
+        return spin_fail(SPIN_E_MALFORMED, "TSOG with a directory of %zu bytes", n_names);
+    qsort(name, zip->n, sizeof *name, by_name);
+    for (size_t i = 1; i < zip->n; i++)
+        if (strcmp(name[i - 1], name[i]) == 0)
+            return spin_fail(SPIN_E_MALFORMED, "TSOG with two members '%.60s'", name[i]);
+    return SPIN_OK;
+}
+
+/* ---- meta.json ------------------------------------------------------------------------------- */
+
+static spin_status fail_meta(const char *key, const char *expected)
+{
+    return spin_fail(SPIN_E_MALFORMED, "TSOG whose '%s' is not %s", key, expected);
+}
+
+static spin_status check_version(const struct spin_sog_4d *r)
+{
+    const spin_json *profile = spin_json_get(r->meta, "profile");
+    const char *id = spin_json_string(spin_json_get(profile, "id"));
+    int64_t version = -1;
+
+    if (!spin_json_integer(spin_json_get(r->meta, "version"), &version) || version != VERSION)
+        return spin_fail(SPIN_E_UNSUPPORTED, "TSOG of version %lld, expected %d",
+                         (long long)version, VERSION);
+    version = -1;
+    if (profile &&
+        (!id || strcmp(id, PROFILE_ID) != 0 ||
+         !spin_json_integer(spin_json_get(profile, "version"), &version) || version != PROFILE))
+        return spin_fail(SPIN_E_UNSUPPORTED,
+                         "TSOG of profile '%.60s' version %lld, expected '%s' version %d",
+                         id ? id : "", (long long)version, PROFILE_ID, PROFILE);
+    return SPIN_OK;
+}
+
+/* Checked also where it is ignored. */
+static spin_status read_motion(struct spin_sog_4d *r, bool timed)
+{
+    const spin_json *temporal = spin_json_get(r->meta, "temporal");
+    const spin_json *means = spin_json_get(temporal, "means"), *mins, *maxs;
+
+    if (!temporal)
+        return SPIN_OK;
+    if (!timed || !spin_json_is_object(means) || json_object_size(temporal) != 1)
+        return fail_meta("temporal", "'means' alone, beside a timeline");
+    mins = spin_json_get(means, "mins");
+    maxs = spin_json_get(means, "maxs");
+    if (spin_json_length(mins) != 1 || spin_json_length(maxs) != 1)
+        return fail_meta("temporal.means", "one row of numbers");
+    SPIN_TRY(spin_sog_4d_range(r, spin_json_at(mins, 0), spin_json_at(maxs, 0), "temporal.means", 3,
+                               &r->motion));
+    r->degree = 1;
+    r->linear = true;
+    return spin_sog_4d_files(r, means, "temporal.means", 1, 2, SPIN_4D_MOTION);
+}
+
+static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
+{
+    const spin_json *timeline = spin_json_get(r->meta, "timeline");
+    int64_t type = 0, n = 0, delta = 0;
+
+    SPIN_TRY(read_motion(r, timeline != NULL));
+    if (!timeline)
+        return SPIN_OK;
+    SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "type"), "timeline.type", 0, 1, &type));
+    SPIN_TRY(spin_sog_4d_files(r, timeline, "timeline", 2, 2, SPIN_4D_TIME));
+    if (type == 1) {
+        out->time = SPIN_TSOG_CONTINUOUS;
+        SPIN_TRY(spin_sog_4d_range(r, spin_json_get(timeline, "mins"),
+                                   spin_json_get(timeline, "maxs"), "timeline", 2, &r->time));
+        return (float)r->time.mins[1] > 0 ? SPIN_OK : fail_meta("timeline.mins", "a sigma above 0");
+    }
+    out->time = SPIN_TSOG_DISCRETE;
+    r->degree = 0;
+    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* whole steps */
+    SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "N"), "timeline.N", 1, STEPS, &n));
+    SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "delta"), "timeline.delta", STEPS / n,
+                                 STEPS / n, &delta));
+    out->n_frames = (int)n;
+    return SPIN_OK;
+}
+
+/* A number above 0 that may be missing; *out keeps its value then. */
+static spin_status read_above_0(const spin_json *object, const char *key, double *out)
+{
+    const spin_json *j = spin_json_get(object, key);
+
+    return !j || (spin_json_number(j, out) && *out > 0) ? SPIN_OK
+                                                        : fail_meta(key, "a number above 0");
+}
+
+static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *out)
+{
+    const spin_json *p = spin_json_get(r->meta, "playback"), *loop = spin_json_get(p, "loop");
+    double fps = 30, own = 0, rate = 1, frames;
+
+    if (p && !spin_json_is_object(p))
+        return fail_meta("playback", "an object");
+    SPIN_TRY(read_above_0(r->meta, "fps", &fps));
+    SPIN_TRY(read_above_0(p, "fps", &own));
+    SPIN_TRY(read_above_0(p, "duration", &out->duration));
+    SPIN_TRY(read_above_0(p, "rate", &rate));
+    if (rate < 0.25 || rate > 4)
+        return fail_meta("playback.rate", "from 0.25 to 4");
+    if (loop && !json_is_boolean(loop))
+        return fail_meta("playback.loop", "true or false");
+    fps = own > 0 ? own : fps;
+    if (out->time == SPIN_TSOG_STATIC) {
+        out->n_frames = 1;
+        return SPIN_OK;
+    }
+    if (out->time == SPIN_TSOG_DISCRETE) {
+        double n = out->n_frames;
+
+        if (own > 0 && out->duration > 0 && !(fabs(out->duration * own - n) <= 1e-6 * n))
+            return fail_meta("playback.duration", "that of its frames at its fps");
+        out->duration = out->duration > 0 ? out->duration : n / fps;
+        out->fps = n / out->duration;
+        return SPIN_OK;
+    }
+    frames = out->duration > 0 ? fmax(2, floor(out->duration * fps + 0.5) + 1) : FRAMES;
+    if (!(frames <= INT_MAX))
+        return fail_meta("playback.duration", "one that can be counted in frames");
+    out->n_frames = (int)frames;
+    out->fps = fps;
+    out->duration = out->duration > 0 ? out->duration : (FRAMES - 1) / fps;
+    return SPIN_OK;
+}
+
+/* What a sound file's ending says that browsers play. */
+static bool is_sound_name(const char *name)
+{
+    static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",
+                                          ".opus", ".wav", ".flac", ".webm"};
+    const char *dot = strrchr(name, '.');
+
+    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
+        if (strcasecmp(dot, endings[i]) == 0)
+            return true;
+    return false;
+}
+
+static bool is_sound_type(const char *type)
+{
+    static const char token[] =
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.+-_";
+
+    return strncasecmp(type, "audio/", 6) == 0 && type[6] && type[6 + strspn(type + 6, token)] == 0;
+}
+
+static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out)
+{
+    const spin_json *sound = spin_json_get(r->meta, "audio"), *volume, *type;
+    const char *file = spin_json_string(spin_json_get(sound, "file"));
+    const struct spin_zip_member *member;
+    double loud = 1;
+
+    if (!sound)
+        return SPIN_OK;
+    if (!file || !spin_sog_4d_name_is_plain(file) || strcmp(file, "meta.json") == 0)
+        return fail_meta("audio.file", "the name of a member");
+    for (int p = 0; p < SPIN_4D_PICTURES; p++)
+        if (r->name[p] && strcmp(r->name[p], file) == 0)
+            return fail_meta("audio.file", "another than the pictures");
+    type = spin_json_get(sound, "mimeType");
+    if (type ? !spin_json_string(type) || !is_sound_type(spin_json_string(type))
+             : !is_sound_name(file))
+        return fail_meta("audio", "of a known kind of sound");
+    volume = spin_json_get(sound, "volume");
+    if (volume && (!spin_json_number(volume, &loud) || !(loud >= 0 && loud <= 1)))
+        return fail_meta("audio.volume", "from 0 to 1");
+    if (out->time == SPIN_TSOG_STATIC && out->duration == 0)
+        return fail_meta("playback.duration", "given, which a still with sound needs");
+    member = spin_zip_find(&r->zip, file);
+    if (!member || member->size > MAX_SOUND)
+        return spin_fail(SPIN_E_MALFORMED, "TSOG without its sound '%.60s', or one above 128 MiB",
+                         file);
+    out->sound = true;
+    return SPIN_OK;
+}
+
+/* ---- Splats ---------------------------------------------------------------------------------- */
+
+/* Steps become the numbers of the frames that alone show them. */
+static void cut_frames(struct spin_splats_4d *s, int n_frames)
+{
+    int delta = STEPS / n_frames;
+
+    for (size_t i = 0; i < s->n; i++) {
+        int frame = (int)s->times[i] / delta;
+
+        s->times[i] = (float)(frame < n_frames ? frame : n_frames - 1);
+        s->sigmas[i] = SPIN_FOREVER;
+        s->cuts[2 * i] = s->times[i];
+        s->cuts[2 * i + 1] = s->times[i] + 1;
+    }
+}
+
+static spin_status read_all(struct spin_sog_4d *r, struct spin_tsog *out,
+                            struct spin_splats_4d *splats)
+{
+    bool discrete;
+
+    SPIN_TRY(check_archive(&r->zip));
+    SPIN_TRY(check_version(r));
+    SPIN_TRY(spin_sog_4d_still(r, 1));
+    SPIN_TRY(read_timeline(r, out));
+    SPIN_TRY(read_playback(r, out));
+    SPIN_TRY(read_sound(r, out));
+    discrete = out->time == SPIN_TSOG_DISCRETE;
+    SPIN_TRY(
+        spin_splats_4d_reserve(splats, r->n, r->degree, r->sh_degree, discrete ? SPIN_4D_CUTS : 0));
+    SPIN_TRY(spin_sog_4d_rows(r, NULL, 0, r->n, splats));
+    if (discrete)
+        cut_frames(splats, out->n_frames);
+    return SPIN_OK;
+}
+
+spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
+                           struct spin_splats_4d *splats)
+{
+    struct spin_sog_4d r;
+    spin_status status;
+
+    *out = (struct spin_tsog){0};
+    status = spin_sog_4d_open("TSOG", file, size, &r);
+    if (status == SPIN_OK)
+        status = read_all(&r, out, splats);
+    spin_sog_4d_close(&r);
+    return status;
+}

@@ -1,0 +1,144 @@
+#!/bin/sh
+# K: 4d tsog sogst export import
+# 4D splats out as TSOG and .sogst, and back: as near as the container's steps allow, laid out as its players ask.
+. tests/cli/lib.sh
+
+run_in=fixtures/realtime4dgs/rot4d_noshfs
+
+# At most so far off, over all frames: python expressions of the check in a report.
+within() { # NAME EXPRESSION
+    python3 -c 'import json, sys
+c = json.load(open(sys.argv[1]))["check"]
+at = {k: v["largest"] for k, v in c.items() if isinstance(v, dict)}
+sys.exit(0 if eval(sys.argv[2], at | {"check": c}) else print(at, {k: v["rms"] for k, v in c.items() if isinstance(v, dict)}) or 1)' "$work/out" "$2" >"$work/err"
+    ok $? "$1"
+}
+
+# The archive: meta.json first, all stored, no extra fields, and the offsets of streams as it says.
+laid_out() { # FILE NAME
+    python3 - "$1" 2>"$work/err" <<'P'
+import json, struct, sys, zipfile
+data = open(sys.argv[1], 'rb').read()
+z = zipfile.ZipFile(sys.argv[1])
+all = z.infolist()
+assert z.testzip() is None and all[0].filename == 'meta.json'
+at = 0
+for i in all:
+    assert i.compress_type == 0 and not i.flag_bits & 8 and not i.extra and i.header_offset == at
+    assert struct.unpack_from('<HH', data, at + 26) == (len(i.filename), 0)
+    at += 30 + len(i.filename) + i.file_size
+m = json.loads(z.read('meta.json'))
+if 'streams' in m:
+    s, end = m['streams'], {i.filename: i.header_offset + 30 + len(i.filename) + i.file_size for i in all}
+    still = [n for n in end if 'shN' not in n and n != 'meta.json']
+    assert s['geometry_bytes'] == max(end[n] for n in still)
+    first = next((f for f in s['segments'] if f), s['persistent'])
+    assert s['reveal_bytes'] == max(end[n] for n in still if n.startswith(first + '/'))
+    p = m['segments']['persistent'][1]
+    for one, name in zip(m['segments']['list'], s['segments']):
+        assert one['range'][0] == p and (name is None) == (one['range'][1] == p)
+        p = one['range'][1]
+    assert p == m['count']
+    names = [i.filename for i in all]
+    sh = [k for k, n in enumerate(names) if 'shN' in n]
+    assert sh == list(range(len(names) - len(sh), len(names)))
+P
+    ok $? "$2"
+}
+
+run "$bin/spin-import" "$run_in" --time-duration -0.5,4.5 -o "$work/r.spin"
+is "$code" 0 "a run of Realtime-4DGS"
+for to in tsog sogst; do
+    run "$bin/spin-export" "$work/r.spin" -o "$work/r.$to" --fps 30 --check --json
+    is "$code $(member to) $(member bytes)" "0 $to $(wc -c <"$work/r.$to")" "goes out as $to by its ending"
+    within "$to: as near as its steps" \
+        'place < 1.5e-3 and log_scale < 0.02 and rotation_deg < 1 and opacity < 0.06 and colour < 0.01 and check["frames"] > 100'
+    laid_out "$work/r.$to" "$to: laid out as its players ask"
+    run "$bin/spin-import" "$work/r.$to" -o "$work/$to.spin" --json
+    is "$code $(member from) $(member frames)" "0 $to 151" "and comes back"
+    run "$bin/spin-export" "$work/$to.spin" -o "$work/again.$to" --check --json
+    is "$code" 0 "goes out again"
+    within "$to: a second time little is lost" \
+        'place < 2e-3 and log_scale < 0.01 and rotation_deg < 1 and opacity < 0.01 and colour < 0.01'
+    run "$bin/spin-export" "$work/$to.spin" -o "$work/turned.$to" --rotate 180,0,0 --sh 1 --min-opacity 0.1 --check --json
+    is "$code" 0 "$to: turned, with less SH and without what is faint"
+    within "$to: and as near as that" 'place < 2e-3 and rotation_deg < 1 and opacity < 0.01'
+    run "$bin/spin-export" "$work/r.spin" -o "$work/r.$to" --fps 30
+    fails 1 spin-export "$to: a file that is there"
+    run "$bin/spin-export" "$work/r.spin" -o "$work/one.$to" --range 3:4
+    fails 1 spin-export "$to: one frame"
+    nothing_at "$work/one.$to" "nothing was written"
+done
+
+# Times are those of the clip's part, and steps follow its length.
+run "$bin/spin-import" "$run_in" --time-duration -0.5,4.5 --range 30:61 -o "$work/part.spin"
+is "$code" 0 "a part of the clip"
+run "$bin/spin-export" "$work/part.spin" -o "$work/part.tsog" --fps 30 --check --json
+is "$code" 0 "goes out"
+within "with the same steps" 'place < 2e-3 and opacity < 0.003 and check["frames"] == 31'
+run "$bin/spin-import" "$work/part.tsog" --info
+out_has "frames  *31," "as a clip of 31 frames"
+
+# Splats that never fade stand beside short ones.
+run "$bin/spin-import" fixtures/hybrid4dgs/small/model -o "$work/h.spin"
+is "$code" 0 "a run of Hybrid 3D-4DGS"
+for to in tsog sogst; do
+    run "$bin/spin-export" "$work/h.spin" -o "$work/h.$to" --fps 30 --check --json
+    is "$code" 0 "goes out as $to"
+    within "$to: nothing fades that should not" 'opacity < 0.05 and place < 2e-3 and check["opacity"]["rms"] < 0.006'
+done
+
+# Curved paths.
+run "$bin/spin-import" fixtures/sogst/no_segments/scene.sogst -o "$work/n.spin"
+is "$code" 0 "a .sogst comes in"
+run "$bin/spin-export" "$work/n.spin" -o "$work/n.sogst" --segment 0 --check --json
+is "$code" 0 "and goes out in one piece"
+laid_out "$work/n.sogst" "laid out so"
+is "$(grep -c seg_000 "$work/n.sogst")" 0 "without segments"
+# Paths of degree 2; every eighth splat is a slow one of long before, which fades for fifty clips.
+{
+    printf 'ply\nformat ascii 1.0\ncomment sogst.time_min 1\ncomment sogst.time_max 3\ncomment sogst.fps 30\n'
+    echo 'element vertex 768'
+    for p in x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2 vx vy vz t_center t_sigma \
+        ax ay az; do
+        echo "property float $p"
+    done
+    echo end_header
+    awk 'BEGIN {
+        for (i = 0; i < 768; i++) {
+            long = i % 8 == 0
+            print cos(i), sin(i), i / 400, 1, i % 3 / 3, 0.2, i % 5 / 5, -3 - i % 4, -3, -4, 1 + i % 3, i % 7 / 7, 0.1, 1, \
+                cos(2 * i) * (long ? 0.01 : 1), sin(3 * i) * !long, i % 4 / 2 * !long, \
+                long ? -150 : 0.9 + i * 0.618034 % 2.2, long ? 100 : 0.1 + i % 6 / 20, 0, -4.9 * !long, i % 2 / 2 * !long
+        }
+    }'
+} >"$work/x.ply"
+run "$bin/spin-import" "$work/x.ply" -o "$work/p.spin"
+is "$code" 0 "the PLY of paths of degree 2 comes in"
+run "$bin/spin-export" "$work/p.spin" -o "$work/p.sogst" --check --json
+is "$code" 0 "and goes out"
+within "as near as its steps" 'place < 6e-4 and log_scale < 0.02 and rotation_deg < 1 and opacity < 0.1'
+run "$bin/spin-export" "$work/p.spin" -o "$work/slow.sogst" --fps 10 --check --json
+is "$code" 0 "three times as slowly"
+within "which is as near" 'place < 6e-4'
+run "$bin/spin-export" "$work/p.spin" -o "$work/p.tsog" --check --json
+is "$code" 0 "and as TSOG"
+err_has "paths have degree 2, .* fitted, off by" "whose straight paths are fitted"
+within "where they are seen" 'check["place"]["rms"] < 1.2 and opacity < 0.01'
+
+# What cannot be held is said.
+run "$bin/spin-import" "$run_in" --frames 3 -o "$work/frames.spin"
+run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.tsog"
+fails 1 spin-export "frames are no 4D splats"
+err_has "this clip is frames" "by their name"
+nothing_at "$work/frames.tsog" "nothing was written"
+run "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin"
+if [ "$code" = 0 ]; then
+    run "$bin/spin-export" "$work/sht.spin" -o "$work/sht.tsog" --fps 30 --check --json
+    is "$code" 0 "colours in time"
+    err_has "colours change in time, .* off by 0.1 of 1" "are frozen, and how much that is"
+    within "geometry and opacity are not touched" 'place < 5e-4 and opacity < 0.0025 and check["colour"]["rms"] < 0.025'
+else
+    skip "colours in time" "no such fixture"
+fi
+done_testing
