@@ -99,6 +99,8 @@ same() {
             (cd $side && "$bin/spin-export" ./*.spin --to ply -o plys -q && rm ./*.spin)
         done
     done
+    # each names its own data set
+    find ours theirs -name sequence.json -exec sed -i '/"path"/d' {} +
     diff -r ours theirs >err
     ok $? "$range: $what is that of a clip without other frames"
     [ "$failed" = 0 ] || done_testing # one is enough
