@@ -133,10 +133,11 @@ static void look_for_frames(struct import *im)
     if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
         return;
     im->n_own = t->n_clip_frames;
-    if (!o->output || im->n_own > 0)
+    if (!o->output)
         return;
-    if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
+    if (im->n_own == 0 && t->counts_frames && t->time_last - t->time_first < INT_MAX)
         im->n_own = (int)(t->time_last - t->time_first) + 1;
+    if (im->n_own > 0) {
         spin_note(t, "sampled at the %d frames that the run says it has", im->n_own);
         return;
     }
@@ -596,7 +597,8 @@ static void count_splats(struct import *im, const int *read, int n_read)
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    bool known = t->counts && (!t->continuous || t->n_frames == 1);
+    bool stored = im->keeps_4d && im->stores; /* rows of a slice may be fewer than the source's */
+    bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
     for (int k = 0; k < n; k++) {
