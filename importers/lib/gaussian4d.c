@@ -27,7 +27,7 @@ float *spin_gaussian4d_add(struct spin_model *m, struct gaussian4d *g, size_t ro
     size_t i = g->n;
 
     if (!all_sane(place, 3) || !all_sane(&time, 1) || !all_sane(&logit, 1) ||
-        !all_sane(velocity, 3) || !(variance > 0) || !all_sane(log_scale, 3) ||
+        !all_sane(velocity, 3) || !((float)sqrt(variance) > 0) || !all_sane(log_scale, 3) ||
         !all_sane(quat, 4)) {
         g->n_dropped++;
         return NULL;
