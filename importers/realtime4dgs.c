@@ -22,6 +22,8 @@
 
 /* The renderer skips a Gaussian whose weight in time is not above this. */
 #define LEAST_WEIGHT 0.05
+/* After so many rows, the pages they lie in may go. */
+#define PAGE_ROWS 4096
 /* Initial times are drawn from the clip and 10% beyond both its ends. */
 #define SPREAD 1.2
 
@@ -384,6 +386,8 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
     for (size_t i = 0; i < r->n; i++) {
         float sh[MAX_SH], *to;
 
+        for (int k = 0; k < 2 && i % PAGE_ROWS == 0 && r->n_sh > 0; k++)
+            spin_torch_forget(&m->torch, &r->sh[k]);
         if (r->n_sh > 0)
             r4_sh(r, i, sh);
         if (r->n_sh > 0 && spin_finite_missing(sh, 3 * (size_t)r->n_sh) > 0) {
