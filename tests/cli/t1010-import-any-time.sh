@@ -82,6 +82,18 @@ run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
 is "$code $(member frames)" "0 30" "a run that counts its frames"
 is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run says it has.*/\1/p' "$work/out")" "$(member frames)" \
     "is sampled at those"
+counts() { tr -d ' \n' <"$1" | sed 's/.*"splats":{\([^}]*\)}.*/\1/'; }
+counts "$work/out" >"$work/counts"
+run "$bin/spin-import" --info --json "$work/own.spin"
+is "$(counts "$work/out")" "$(cat "$work/counts")" "and counts the splats that its 4D splats show"
+"$bin/spin-import" --info "$work/own.spin" | grep -q "^4D splats .* paths of degree 3, with spins plateaus cuts"
+ok $? "which are pieces of paths"
+run "$bin/spin-import" fixtures/spacetimegs/full_techni/model --colour base -o "$work/own.spin" --json --force
+is "$code $(member frames)" "0 20" "a run that says how many frames it has"
+"$bin/spin-import" --info "$work/own.spin" | grep -q "^4D splats .* paths of degree 3, with spins:"
+ok $? "without its network it is 4D splats"
+run "$bin/spin-import" fixtures/spacetimegs/full_techni/model --camera 0,0,0 -o "$work/own.spin" --json --force
+is "$code $(member frames) $(grep -c '"splats_4d": null' "$work/out")" "0 20 1" "with it, frames"
 
 run "$bin/spin-import" "$run_in" -o "$work/five.spin" --frames 6 --json
 is "$code" 0 "--frames 6"

@@ -132,6 +132,22 @@ static bool compare_own(struct run *run, const struct spin_splats_4d *rows, stru
     return good;
 }
 
+/* Where some rows begin and end, and just before: there is no gap and no row twice. */
+static bool compare_cuts(struct run *run, const struct spin_splats_4d *rows, struct errors *out)
+{
+    size_t n = rows->cuts ? 2 * rows->n : 0;
+    bool good = true;
+
+    for (size_t i = 0; i < n && good; i += n / 80 + 1) {
+        double times[] = {(double)rows->cuts[i], (double)nextafterf(rows->cuts[i], -SPIN_FOREVER)};
+
+        for (int k = 0; k < 2 && good; k++)
+            if (times[k] >= run->sequence.time_first && times[k] <= run->sequence.time_last)
+                good = compare_at(run, rows, times[k], SIZE_MAX, out);
+    }
+    return good;
+}
+
 static void compare_run(struct run *run, const struct spin_splats_4d *rows, const char *name,
                         struct errors *worst)
 {
@@ -142,6 +158,7 @@ static void compare_run(struct run *run, const struct spin_splats_4d *rows, cons
 
     for (int i = 0; i < 5; i++)
         good = good && compare_at(run, rows, first + parts[i] * (last - first), SIZE_MAX, &e);
+    good = good && compare_cuts(run, rows, &e);
     ok(good && within(&e, &bound),
        "%s: %zu rows, place %.2g, rotation %.2g degrees, opacity %.2g, SH %.2g", name, rows->n,
        e.place, e.rotation, e.opacity, e.sh);
