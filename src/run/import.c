@@ -133,11 +133,10 @@ static void look_for_frames(struct import *im)
     if (!t->continuous || o->data || o->n_frames > 0 || o->n_times > 0)
         return;
     im->n_own = t->n_clip_frames;
-    if (!o->output)
+    if (!o->output || im->n_own > 0)
         return;
-    if (im->n_own == 0 && t->counts_frames && t->time_last - t->time_first < INT_MAX)
+    if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-    if (im->n_own > 0) {
         spin_note(t, "sampled at the %d frames that the run says it has", im->n_own);
         return;
     }
