@@ -21,6 +21,12 @@ enum { N_ITEMS = 40, MOST_FRAMES = 1000000, MOST_KEYS = 1000000 };
 /* What can be drawn is far smaller, and sums of a few such values stay in the range of floats. */
 #define LARGEST 1e18f
 
+/* Rows turn evenly along a chord, not along the arc: a piece is halved until that is so near, in degrees, at most so
+ * often. What is never as opaque as this is left out: nobody draws it. */
+#define NEAR 0.1
+enum { HALVINGS = 3 };
+#define LEAST_OPACITY (1.0 / 255)
+
 enum column {
     PLACE,    /* [3] of every key frame */
     ROTATION, /* [4] of every key frame, w x y z of any length */
@@ -661,6 +667,12 @@ static spin_status open_model(void *self, const char *path)
                   "frames, in the "
                   "checkpoint over a few more",
                   spin_path_name(m->base.path), m->duration);
+    if (m->moving.n > 0)
+        spin_note(
+            sequence,
+            "4D splats are pieces between key frames, whose rotations are within %g degrees of "
+            "the method's; what is fainter than 1/255 is left out of them",
+            NEAR);
     spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
                         "antialiased, which is similar");
     return SPIN_OK;
@@ -756,6 +768,270 @@ static spin_status ex4dgs_frame(void *self, int frame, double time, unsigned col
     return SPIN_OK;
 }
 
+/* ---- 4D splats ------------------------------------------------------------------------------- */
+
+/* Where opacity jumps by more, a piece is cut. */
+#define LEAST_JUMP 1e-6
+
+/* A dynamic Gaussian from one part of the way between two keys to another. */
+struct piece {
+    size_t row;
+    int key;
+    double from, to;
+};
+
+struct pieces {
+    struct piece *piece;
+    size_t n, capacity;
+    double worst; /* degrees */
+};
+
+static void turn_at(const struct model *m, const struct piece *p, double part, float out[4])
+{
+    const struct keyframes at = {m->kind, p->key, part, p->key + part};
+
+    spin_keyframes_turn(&at, m->moving.column[ROTATION] + 4 * (size_t)m->moving.n_keys * p->row,
+                        out);
+}
+
+/* At its middle, and how it changes from one end to the other. */
+static void chord_of(const struct model *m, const struct piece *p, float middle[4], float change[4])
+{
+    float to[4];
+
+    turn_at(m, p, p->from, middle);
+    turn_at(m, p, p->to, to);
+    for (int c = 0; c < 4; c++) {
+        change[c] = to[c] - middle[c];
+        middle[c] += change[c] / 2;
+    }
+    if (spin_quat_norm(middle) > 1e-3)
+        return;
+    turn_at(m, p, p->from, middle); /* nowhere to turn through */
+    memset(change, 0, 4 * sizeof *change);
+}
+
+/* The largest angle between chord and arc. */
+static double error_of(const struct model *m, const struct piece *p)
+{
+    float middle[4], change[4], arc[4];
+    double worst = 0;
+
+    chord_of(m, p, middle, change);
+    for (int k = 1; k < 5; k++) {
+        double q, apart[2] = {0, 0}, length = 0;
+
+        for (int c = 0; c < 4; c++)
+            length += pow(middle[c] + (k / 5.0 - 0.5) * change[c], 2);
+        turn_at(m, p, p->from + k * (p->to - p->from) / 5, arc);
+        for (int c = 0; c < 4; c++) {
+            q = (middle[c] + (k / 5.0 - 0.5) * change[c]) / sqrt(length);
+            apart[0] += pow(q - arc[c], 2);
+            apart[1] += pow(q + arc[c], 2);
+        }
+        worst = fmax(worst, 4 * asin(sqrt(fmin(apart[0], apart[1])) / 2));
+    }
+    return worst * 180 / 3.141592653589793;
+}
+
+/* The most of its opacity that it shows. */
+static double peak_of(const struct model *m, const struct piece *p)
+{
+    const float *centre = m->moving.column[CENTRE] + 2 * p->row;
+    double low = fmin(centre[0], centre[1]), high = fmax(centre[0], centre[1]);
+    struct keyframes at = {m->kind, p->key, p->from, p->key + p->from};
+
+    if (p->key + p->to > low && at.time < high)
+        return 1;
+    if (at.time < high)
+        at.time = p->key + p->to;
+    return spin_keyframes_visibility(&at, centre, m->moving.column[WIDTH] + 2 * p->row,
+                                     m->least_width);
+}
+
+static spin_status add_piece(const struct model *m, struct pieces *all, struct piece p,
+                             int halvings)
+{
+    double error = error_of(m, &p), middle = (p.from + p.to) / 2;
+    struct piece first = {p.row, p.key, p.from, middle};
+
+    if (error > NEAR && halvings > 0) {
+        SPIN_TRY(add_piece(m, all, first, halvings - 1));
+        p.from = middle;
+        return add_piece(m, all, p, halvings - 1);
+    }
+    if (peak_of(m, &p) * spin_sigmoid_of(m->moving.column[OPACITY][p.row]) < LEAST_OPACITY)
+        return SPIN_OK;
+    all->worst = fmax(all->worst, error);
+    SPIN_TRY(spin_room(all->n, &all->capacity, sizeof *all->piece, (void **)&all->piece));
+    all->piece[all->n++] = p;
+    return SPIN_OK;
+}
+
+/* The earlier of its two times where its opacity jumps, in keys; NAN: it does not. */
+static double jump_of(const struct model *m, size_t row)
+{
+    const float *centre = m->moving.column[CENTRE] + 2 * row;
+    struct keyframes at = {m->kind, 0, 0, fmin(centre[0], centre[1])};
+    double before =
+        spin_keyframes_visibility(&at, centre, m->moving.column[WIDTH] + 2 * row, m->least_width);
+
+    return 1 - before > LEAST_JUMP ? at.time : NAN;
+}
+
+static spin_status find_pieces(const struct model *m, int first, int last, struct pieces *all)
+{
+    for (size_t row = 0; row < m->moving.n; row++) {
+        double jump = jump_of(m, row);
+
+        for (int key = first; key <= last; key++) {
+            struct piece p = {row, key, 0, 1};
+
+            if (jump > key && jump < key + 1) {
+                struct piece before = {row, key, 0, jump - key};
+
+                SPIN_TRY(add_piece(m, all, before, HALVINGS));
+                p.from = before.to;
+            }
+            SPIN_TRY(add_piece(m, all, p, HALVINGS));
+        }
+    }
+    return SPIN_OK;
+}
+
+static double time_of(const struct model *m, double key) { return key * m->interval - m->shift; }
+
+/* As a float; `inside`: the first one behind it. */
+static float cut_at(double time, bool inside)
+{
+    float cut = (float)time;
+
+    return inside && (double)cut <= time ? nextafterf(cut, SPIN_FOREVER) : cut;
+}
+
+/* exp(-x^2) is without a half. Widths may overflow. */
+static float sigma_of(const struct model *m, double log_width)
+{
+    return (float)fmin((exp(log_width) + m->least_width) * m->interval / sqrt(2),
+                       (double)SPIN_FOREVER);
+}
+
+static void fill_window(const struct model *m, const struct piece *p, size_t i)
+{
+    const struct spin_splats_4d *s = &m->base.splats_4d;
+    const float *centre = m->moving.column[CENTRE] + 2 * p->row;
+    const float *width = m->moving.column[WIDTH] + 2 * p->row;
+    double low = fmin(centre[0], centre[1]), high = fmax(centre[0], centre[1]);
+    double jump = jump_of(m, p->row), from = p->key + p->from, to = p->key + p->to;
+    bool on = from >= jump;
+
+    /* Both edges are measured from the later time: the earlier one is where it is cut. */
+    s->plateaus[3 * i] = (float)time_of(m, on ? low : high);
+    s->plateaus[3 * i + 1] = (float)time_of(m, high);
+    s->plateaus[3 * i + 2] = sigma_of(m, (double)width[1]);
+    s->sigmas[i] = sigma_of(m, (double)width[0]);
+    s->cuts[2 * i] = cut_at(time_of(m, from), from == jump);
+    s->cuts[2 * i + 1] = cut_at(time_of(m, to), to == jump);
+}
+
+static void fill_piece(const struct model *m, const struct piece *p, size_t i)
+{
+    const struct spin_splats_4d *s = &m->base.splats_4d;
+    const struct part *moving = &m->moving;
+    const float *places = moving->column[PLACE] + 3 * (size_t)moving->n_keys * p->row;
+    double u = (p->from + p->to) / 2, c[4];
+    float *path = s->paths + 3 * (size_t)s->degree * i;
+
+    s->times[i] = (float)time_of(m, p->key + u);
+    u = (s->times[i] + m->shift) / m->interval - p->key; /* as rounded */
+    for (int axis = 0; axis < 3; axis++) {
+        spin_keyframes_cubic(m->kind, p->key, places + axis, 3, c);
+        s->centres[3 * i + (size_t)axis] = (float)(c[0] + u * (c[1] + u * (c[2] + u * c[3])));
+        path[axis] = (float)((c[1] + u * (2 * c[2] + 3 * u * c[3])) / m->interval);
+        if (s->degree == 3) {
+            path[3 + axis] = (float)((c[2] + 3 * u * c[3]) / pow(m->interval, 2));
+            path[6 + axis] = (float)(c[3] / pow(m->interval, 3));
+        }
+    }
+    chord_of(m, p, s->quats + 4 * i, s->spins + 4 * i);
+    for (size_t k = 0; k < 4; k++)
+        s->spins[4 * i + k] /= (float)((p->to - p->from) * m->interval);
+    s->logit_opacities[i] = moving->column[OPACITY][p->row];
+    fill_window(m, p, i);
+}
+
+static void fill_still(const struct model *m, size_t i)
+{
+    const struct spin_splats_4d *s = &m->base.splats_4d;
+    const struct part *p = &m->still;
+
+    for (size_t c = 0; c < 3; c++) {
+        s->centres[3 * i + c] = p->column[PLACE][3 * i + c];
+        s->paths[3 * (size_t)s->degree * i + c] =
+            (float)((double)p->column[DRIFT][3 * i + c] / m->duration);
+    }
+    memcpy(s->quats + 4 * i, p->column[ROTATION] + 4 * i, 4 * sizeof(float));
+    s->logit_opacities[i] = p->column[OPACITY][i];
+    s->sigmas[i] = SPIN_FOREVER;
+    if (s->cuts) {
+        s->plateaus[3 * i + 2] = s->cuts[2 * i + 1] = SPIN_FOREVER;
+        s->cuts[2 * i] = -SPIN_FOREVER;
+    }
+}
+
+static spin_status fill_splats(struct model *m, const struct pieces *all)
+{
+    const unsigned parts = SPIN_4D_SPINS | SPIN_4D_PLATEAUS | SPIN_4D_CUTS;
+    struct spin_splats_4d *s = &m->base.splats_4d;
+    size_t n = m->still.n + all->n, n_dropped;
+
+    SPIN_TRY(spin_splats_4d_reserve(s, n, all->n > 0 && m->kind != KEYFRAMES_LINEAR ? 3 : 1,
+                                    m->sh_degree, all->n > 0 ? parts : 0));
+    s->antialias = true;
+    for (size_t i = 0; i < n; i++) {
+        bool still = i < m->still.n;
+        const struct part *part = still ? &m->still : &m->moving;
+        size_t row = still ? i : all->piece[i - m->still.n].row, width = width_of(part, SH);
+
+        if (still)
+            fill_still(m, i);
+        else
+            fill_piece(m, &all->piece[i - m->still.n], i);
+        memcpy(s->log_scales + 3 * i, part->column[SCALE] + 3 * row, 3 * sizeof(float));
+        memcpy(s->sh + width * i, part->column[SH] + width * row, width * sizeof(float));
+    }
+    SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
+    if (n_dropped > 0)
+        spin_warn("'%s': %zu of %zu 4D splats dropped: their paths leave the range of numbers",
+                  m->base.path, n_dropped, n);
+    return SPIN_OK;
+}
+
+/* None where key frames are missing, which frame() refuses by time. */
+static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **out)
+{
+    struct model *m = self;
+    struct keyframes first, last;
+    struct pieces all = {0};
+    spin_status status = SPIN_OK;
+
+    *out = NULL;
+    if (m->base.splats_4d.n == 0) {
+        if (find_keys(m, 0, &first) != SPIN_OK || find_keys(m, m->frames - 1, &last) != SPIN_OK)
+            return SPIN_OK;
+        status = find_pieces(m, first.key, last.key, &all);
+        if (status == SPIN_OK)
+            status = fill_splats(m, &all);
+        free(all.piece);
+        if (all.worst > NEAR)
+            spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off between keys that "
+                      "turn too far; --frames samples the method's own",
+                      m->base.path, all.worst);
+    }
+    *out = m->base.splats_4d.n > 0 ? &m->base.splats_4d : NULL;
+    return status;
+}
+
 static const struct spin_plugin_option options[] = {
     {"iteration", "N", "which save to read; the last when not given", NULL},
     {"interp", "WORD", "between key frames: linear, cube or pchip, instead of what cfg_args says",
@@ -776,4 +1052,5 @@ const struct spin_importer spin_importer_ex4dgs = {
     .open = ex4dgs_open,
     .frame = ex4dgs_frame,
     .close = spin_model_close,
+    .splats_4d = ex4dgs_splats_4d,
 };

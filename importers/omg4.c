@@ -3,7 +3,7 @@
  *
  * Shapes lie in codebooks behind Huffman codes. Opacity and colour come from four small networks
  * fed with place, time and six numbers per Gaussian, so that each time asked for is a pass of
- * networks over those Gaussians that it sees. */
+ * networks over those Gaussians that it sees. 4D splats have those of their own times. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -29,6 +29,9 @@ enum {
 
 enum { CONT, DC, OPACITY, SH, N_NETS };
 
+/* What the networks say. */
+#define LOOKS ((unsigned)(SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH))
+
 static const struct {
     const char *key;
     int n_out; /* rows of the last matrix; a multiple of 16 */
@@ -47,6 +50,7 @@ struct model {
     struct gaussian4d gaussians;
     size_t *kept, n_kept; /* those that the last time asked for shows */
     float *app;           /* [n][6] of the rows of the file */
+    bool has_looks;       /* the 4D splats have opacities and colours */
     struct mlp_net net[N_NETS];
 };
 
@@ -337,9 +341,15 @@ enum {
 struct pass {
     struct model *m;
     double time;
+    bool own; /* each at its own time instead */
     unsigned columns;
     struct spin_splats *out;
 };
+
+static double time_of(const struct pass *p, size_t i)
+{
+    return p->own ? (double)p->m->base.splats_4d.times[i] : p->time;
+}
 
 /* The place that the networks see: the Gaussian's own, or where FTGS has moved it. */
 static spin_vec3 place_of(const struct pass *p, size_t i)
@@ -349,7 +359,7 @@ static spin_vec3 place_of(const struct pass *p, size_t i)
     float x[3];
 
     spin_path_at(s->centres + 3 * i, s->paths + 3 * i, p->m->moving ? 1 : 0,
-                 p->time - (double)s->times[i], place);
+                 time_of(p, i) - (double)s->times[i], place);
     for (size_t c = 0; c < 3; c++)
         x[c] = spin_contract_axis((float)place[c], 0, 1);
     return spin_v3(x[0], x[1], x[2]);
@@ -358,7 +368,6 @@ static spin_vec3 place_of(const struct pass *p, size_t i)
 static void encode_block(const struct pass *p, size_t first, int n, float *encoded)
 {
     const struct clip_times *t = &p->m->times;
-    float tn = (float)((p->time - t->first) / (t->last - t->first));
 
     for (int b = 0; b < n; b++) {
         size_t i = p->m->kept[first + (size_t)b];
@@ -368,7 +377,8 @@ static void encode_block(const struct pass *p, size_t first, int n, float *encod
         encode(u.y, encoded + 2 * OCTAVES * MLP_BLOCK + b);
         encode(u.z, encoded + 4 * OCTAVES * MLP_BLOCK + b);
         if (!p->m->moving)
-            encode(tn, encoded + 6 * OCTAVES * MLP_BLOCK + b);
+            encode((float)((time_of(p, i) - t->first) / (t->last - t->first)),
+                   encoded + 6 * OCTAVES * MLP_BLOCK + b);
     }
 }
 
@@ -411,7 +421,7 @@ static void run_colours(const struct pass *p, size_t first, int n, float *scratc
 
         take_rows(result, b, 1, 47, sh[b]);
         /* FTGS's renderer uses the first 16 rows only. */
-        spin_sh_fold(m->moving ? 0 : 2, p->time - (double)m->base.splats_4d.times[i],
+        spin_sh_fold(m->moving ? 0 : 2, time_of(p, i) - (double)m->base.splats_4d.times[i],
                      m->times.last - m->times.first, sh[b], p->out->sh + 48 * k);
     }
 }
@@ -432,9 +442,9 @@ static void run_block(void *context, size_t first, int n, float *scratch)
         for (int b = 0; b < n; b++) {
             size_t k = first + (size_t)b;
 
-            p->out->logit_opacities[k] =
-                spin_logit_of(spin_sigmoid_of(result[b]) *
-                              spin_splats_4d_weight(&m->base.splats_4d, m->kept[k], p->time));
+            p->out->logit_opacities[k] = spin_logit_of(
+                spin_sigmoid_of(result[b]) *
+                spin_splats_4d_weight(&m->base.splats_4d, m->kept[k], time_of(p, m->kept[k])));
         }
     }
     if (p->columns & SPIN_COL_SH)
@@ -583,6 +593,8 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_model_alloc(&m->base, m->gaussians.n, sizeof *m->kept, (void **)&m->kept));
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
+    spin_note(m->base.sequence, "opacity and colour are networks of place and time: 4D splats have "
+                                "those of their own times, --frames and --times sample them");
     return SPIN_OK;
 }
 
@@ -590,24 +602,57 @@ SPIN_MODEL_OPEN(omg4_open, struct model, open_model)
 
 /* ---- One time -------------------------------------------------------------------------------- */
 
+static spin_status run_networks(struct pass *p)
+{
+    struct model *m = p->m;
+
+    if (!m->base.team.scratch) /* for the first time */
+        SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
+    spin_mlp_team_run(&m->base.team, m->n_kept, run_block, p);
+    return SPIN_OK;
+}
+
+static spin_status fill_looks(struct model *m, struct spin_splats *own)
+{
+    struct spin_splats_4d *s = &m->base.splats_4d;
+    struct pass pass = {m, 0, true, LOOKS, own};
+
+    SPIN_TRY(spin_splats_reserve(own, s->n, LOOKS, 3));
+    for (m->n_kept = 0; m->n_kept < s->n; m->n_kept++)
+        m->kept[m->n_kept] = m->n_kept;
+    SPIN_TRY(run_networks(&pass));
+    SPIN_TRY(spin_model_check(m->base.path, m->times.first, LOOKS, own));
+    memcpy(s->logit_opacities, own->logit_opacities, s->n * sizeof *own->logit_opacities);
+    memcpy(s->sh, own->sh, 48 * s->n * sizeof *own->sh);
+    m->has_looks = true;
+    return SPIN_OK;
+}
+
+static spin_status omg4_splats_4d(void *self, const struct spin_splats_4d **out)
+{
+    struct model *m = self;
+    struct spin_splats own = {0};
+    spin_status status = m->has_looks ? SPIN_OK : fill_looks(m, &own);
+
+    spin_splats_free(&own);
+    *out = &m->base.splats_4d;
+    return status;
+}
+
 static spin_status omg4_frame(void *self, int frame, double time, unsigned columns,
                               struct spin_splats *out)
 {
-    const unsigned networks = SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
     struct model *m = self;
-    struct pass pass = {m, time, columns, out};
+    struct pass pass = {m, time, false, columns, out};
 
     SPIN_TRY(spin_model_slice(self, frame, time, columns, out));
-    if (!(columns & networks))
+    if (!(columns & LOOKS))
         return SPIN_OK;
     m->n_kept = 0;
     for (size_t i = 0; i < m->base.splats_4d.n; i++)
         if (spin_splats_4d_shows(&m->base.splats_4d, i, time))
             m->kept[m->n_kept++] = i;
-    if (!m->base.team.scratch) /* for the first frame that needs it */
-        SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
-    spin_mlp_team_run(&m->base.team, m->n_kept, run_block, &pass);
-    return SPIN_OK;
+    return run_networks(&pass);
 }
 
 static const struct spin_plugin_option options[] = {
@@ -626,4 +671,5 @@ const struct spin_importer spin_importer_omg4 = {
     .open = omg4_open,
     .frame = omg4_frame,
     .close = spin_model_close,
+    .splats_4d = omg4_splats_4d,
 };

@@ -22,6 +22,8 @@
 
 /* The renderer skips a Gaussian whose weight in time is not above this. */
 #define LEAST_WEIGHT 0.05
+/* After so many rows, the pages they lie in may go. */
+#define PAGE_ROWS 4096
 /* Initial times are drawn from the clip and 10% beyond both its ends. */
 #define SPREAD 1.2
 
@@ -384,6 +386,8 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
     for (size_t i = 0; i < r->n; i++) {
         float sh[MAX_SH], *to;
 
+        for (int k = 0; k < 2 && i % PAGE_ROWS == 0 && r->n_sh > 0; k++)
+            spin_torch_forget(&m->torch, &r->sh[k]);
         if (r->n_sh > 0)
             r4_sh(r, i, sh);
         if (r->n_sh > 0 && spin_finite_missing(sh, 3 * (size_t)r->n_sh) > 0) {
@@ -541,18 +545,6 @@ static bool is_stale(const struct rows *r)
     return false;
 }
 
-/* Rows of the cosines that are all 0 tell a run whose gradients were lost (issue 50 upstream). */
-static bool cosines_are_zero(const struct realtime_model *m)
-{
-    const struct spin_splats_4d *s = &m->base.splats_4d;
-
-    for (size_t i = 0; i < 96 * s->n; i++) {
-        if (s->sh_cos[i] != 0)
-            return false;
-    }
-    return true;
-}
-
 static void realtime_describe(const struct realtime_model *m)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
@@ -566,7 +558,8 @@ static void realtime_describe(const struct realtime_model *m)
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
-    if (!m->stale && r->degree_t > 0 && cosines_are_zero(m))
+    /* A run whose gradients were lost (issue 50 upstream). */
+    if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
         spin_note(sequence, "all temporal SH are 0: colours do not change");
     sequence->continuous = r->moving;
     sequence->counts = r->moving ? NULL : &m->base.splats_4d.n;
@@ -618,6 +611,7 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
         SPIN_TRY(spin_run_config_times(settings, spin_model_option(base, "time-duration"),
                                        base->splats_4d.times, m->gaussians.n, m->ratio, SPREAD,
                                        &m->times));
+    spin_gaussian4d_drop_zeros(base);
     SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, m->ratio, &m->times));
     realtime_describe(m);
     return SPIN_OK;
@@ -808,6 +802,7 @@ static spin_status hybrid_open_checkpoint(struct hybrid_model *m)
         SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-duration"),
                                        base->splats_4d.times, m->n_moving, m->ratio, SPREAD,
                                        &m->times));
+    spin_gaussian4d_drop_zeros(base);
     SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, m->ratio, &m->times));
     hybrid_describe(m);
     return SPIN_OK;

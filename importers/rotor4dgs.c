@@ -310,6 +310,7 @@ static spin_status open_checkpoint(struct model *m)
     SPIN_TRY(add_rows(m, c));
     SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-range"),
                                    base->splats_4d.times, m->gaussians.n, 1, 1, &m->times));
+    spin_gaussian4d_drop_zeros(base);
     SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, 1, &m->times));
     SPIN_TRY(note_transform(base));
     describe(m);

@@ -1,5 +1,5 @@
 /* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, whose quaternions
- * change linearly and whose opacity is a bell in time.
+ * change linearly and whose opacity is a bell in time, all of them there at every time: 4D splats.
  *
  * The bell is exp(-x^2), without a half, and its width is stored as a logarithm. Colours of the lite model
  * are RGB, not SH. The full model has no colours of Gaussians: its rasteriser blends nine features, and a
@@ -14,6 +14,7 @@
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
+#include "math/motion.h"
 #include "math/quat.h"
 #include "math/sh.h"
 
@@ -61,7 +62,7 @@ struct model {
     size_t n, n_dropped;
     bool full;
     size_t width;          /* of a row */
-    float *rows;           /* [n][width] */
+    float *rows;           /* [n][width]; lite: while open() runs */
     enum ending ending;    /* full */
     struct mlp_net colour; /* full; without this network there are base colours only */
     struct camera_places cameras;
@@ -110,40 +111,6 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     return SPIN_OK;
 }
 
-/* Far below the largest float, wherever in 0..1 it is asked for. */
-static bool stays_in_range(const float *row)
-{
-    double d = fmax(fabs((double)row[TIME]), fabs(1 - (double)row[TIME]));
-
-    for (int c = 0; c < 3; c++) {
-        const float *m = row + MOTION + c;
-        double most = fabs((double)row[PLACE + c]) +
-                      d * (fabs((double)m[0]) + d * (fabs((double)m[3]) + d * fabs((double)m[6])));
-
-        if (!(most < 1e18) || row[SCALE + c] > 80)
-            return false;
-    }
-    return true;
-}
-
-/* Rows with a value that is not finite, now or later, go; the others keep their order. */
-static void drop_rows(struct model *m)
-{
-    size_t kept = 0;
-
-    for (size_t i = 0; i < m->n; i++) {
-        const float *row = m->rows + m->width * i;
-        bool good = true;
-
-        for (size_t k = 0; k < m->width; k++)
-            good = good && isfinite(row[k]);
-        if (good && stays_in_range(row))
-            memmove(m->rows + m->width * kept++, row, m->width * sizeof *row);
-    }
-    m->n_dropped = m->n - kept;
-    m->n = kept;
-}
-
 /* Forks add columns, whose meaning is not known. */
 static void note_others(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct model *m)
@@ -181,7 +148,8 @@ static spin_status read_cloud(struct model *m)
     SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
     SPIN_TRY(check_colours(ply, e, m));
     m->n = (size_t)e->count;
-    SPIN_TRY(spin_model_alloc(&m->base, m->n, m->width * sizeof *m->rows, (void **)&m->rows));
+    SPIN_TRY(spin_arena_take(m->full ? &m->base.arena : &m->base.scratch, m->n,
+                             m->width * sizeof *m->rows, (void **)&m->rows));
     for (const struct group *g = groups; g < groups + N_GROUPS; g++) {
         int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
 
@@ -202,10 +170,6 @@ static spin_status read_cloud(struct model *m)
         }
     }
     spin_ply_columns(ply, e, target, (size_t)(t - target));
-    drop_rows(m);
-    if (m->n == 0)
-        return spin_fail(SPIN_E_MALFORMED, "'%s': none of %zu Gaussians has finite values",
-                         m->base.path, m->n_dropped);
     note_others(ply, e, m);
     return SPIN_OK;
 }
@@ -340,6 +304,80 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
 
+/* ---- 4D splats ------------------------------------------------------------------------------- */
+
+static double end_colour(const struct model *m, double x)
+{
+    if (m->ending == SIGMOID)
+        return spin_sigmoid_of(x);
+    return m->ending == CLAMP ? fmin(fmax(x, 0), 1) : x;
+}
+
+/* The SH coefficient of degree 0 for a colour 0..1. */
+static float dc_of(double colour) { return (float)((colour - 0.5) / SPIN_SH_C0); }
+
+/* Values are finite, and places far below the largest float wherever in 0..1 they are asked for. */
+static bool stays_in_range(const struct model *m, const float *row)
+{
+    double d = fmax(fabs((double)row[TIME]), fabs(1 - (double)row[TIME]));
+    bool good = spin_finite_missing(row, m->width) == 0;
+
+    for (int c = 0; c < 3; c++) {
+        const float *at = row + MOTION + c;
+        double most =
+            fabs((double)row[PLACE + c]) +
+            d * (fabs((double)at[0]) + d * (fabs((double)at[3]) + d * fabs((double)at[6])));
+
+        good = good && most < 1e18 && row[SCALE + c] <= 80;
+    }
+    return good;
+}
+
+static void fill_row(struct model *m, size_t i)
+{
+    static const float unturned[4] = {1, 0, 0, 0};
+    struct spin_splats_4d *s = &m->base.splats_4d;
+    const float *row = m->rows + m->width * i, *turn = row + TURN, *change = row + CHANGE;
+    size_t n_sh = m->colour.n > 0 ? 12 : 3;
+
+    s->times[i] = stays_in_range(m, row) ? row[TIME] : NAN;
+    memcpy(s->centres + 3 * i, row + PLACE, 3 * sizeof *row);
+    memcpy(s->paths + 9 * i, row + MOTION, 9 * sizeof *row);
+    memcpy(s->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
+    if (spin_quat_norm(turn) > 0)
+        memcpy(s->spins + 4 * i, change, 4 * sizeof *row);
+    else /* without length: no rotation, as the method draws it */
+        turn = spin_quat_norm(change) > 0 ? change : unturned;
+    memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
+    s->logit_opacities[i] = row[LOGIT];
+    /* The narrowest and the widest have no width in floats. */
+    s->sigmas[i] =
+        (float)fmin(fmax(exp((double)row[WIDTH]) / sqrt(2), 1e-37), (double)SPIN_FOREVER);
+    for (size_t c = 0; c < 3; c++)
+        s->sh[n_sh * i + c] =
+            m->full ? dc_of(end_colour(m, row[COLOUR + c])) : dc_of(row[COLOUR + c]);
+}
+
+/* Rows with a value that is not finite, now or later, go; the others keep their order. */
+static spin_status fill_splats(struct model *m)
+{
+    struct spin_splats_4d *s = &m->base.splats_4d;
+    size_t *from;
+
+    SPIN_TRY(spin_splats_4d_reserve(s, m->n, 3, m->colour.n > 0 ? 1 : 0, SPIN_4D_SPINS));
+    SPIN_TRY(spin_model_scratch(&m->base, m->n, sizeof *from, (void **)&from));
+    for (size_t i = 0; i < m->n; i++)
+        fill_row(m, i);
+    SPIN_TRY(spin_splats_4d_settle(s, &m->n_dropped, from));
+    m->n = s->n;
+    if (m->n == 0)
+        return spin_fail(SPIN_E_MALFORMED, "'%s': none of %zu Gaussians has finite values",
+                         m->base.path, m->n_dropped);
+    for (size_t i = 0; i < m->n; i++)
+        memmove(m->rows + m->width * i, m->rows + m->width * from[i], m->width * sizeof *m->rows);
+    return SPIN_OK;
+}
+
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* The cloud and the network beside it. `path` is what holds a save, or one of the two files. */
@@ -382,6 +420,7 @@ static void describe(const struct model *m)
                         ~(unsigned)SPIN_COL_LOG_SCALES &
                             ~(unsigned)(m->colour.n > 0 ? 0 : SPIN_COL_SH));
     sequence->half_open = m->duration == 0;
+    sequence->n_clip_frames = (int)m->duration;
     sequence->time_last = m->duration > 0 ? (m->duration - 1) / m->duration : 1;
     snprintf(sequence->variant, sizeof sequence->variant, "SpacetimeGaussians, %s, %zu Gaussians",
              m->full ? "full" : "lite", m->n);
@@ -419,7 +458,10 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(read_duration(m));
     SPIN_TRY(read_cloud(m));
     SPIN_TRY(settle_colours(path, save, m));
+    SPIN_TRY(fill_splats(m));
     describe(m);
+    if (m->colour.n == 0)
+        return SPIN_OK;
     return spin_mlp_team_create((size_t)(PIXEL_INPUTS + PIXEL_HIDDEN + 3) * MLP_BLOCK,
                                 &m->base.team);
 }
@@ -431,28 +473,8 @@ SPIN_MODEL_OPEN(spacetimegs_open, struct model, open_model)
 struct job {
     const struct model *model;
     struct spin_splats *out;
-    unsigned columns;
     double time;
 };
-
-static void place_at(const float *row, double d, double out[3])
-{
-    for (int c = 0; c < 3; c++) {
-        const float *m = row + MOTION + c;
-
-        out[c] = row[PLACE + c] + d * (m[0] + d * (m[3] + d * (double)m[6]));
-    }
-}
-
-static double end_colour(const struct model *m, double x)
-{
-    if (m->ending == SIGMOID)
-        return spin_sigmoid_of(x);
-    return m->ending == CLAMP ? fmin(fmax(x, 0), 1) : x;
-}
-
-/* The SH coefficient of degree 0 for a colour 0..1. */
-static float dc_of(double colour) { return (float)((colour - 0.5) / SPIN_SH_C0); }
 
 /* Of one point over the cameras: means of ray directions d, of colours c, and of their products. */
 struct means {
@@ -544,9 +566,11 @@ static void add_camera(const struct model *m, const float base[3], const float *
 }
 
 /* The SH of n Gaussians, for at least one camera. */
-static void decode(const struct job *job, size_t first, int n, float *scratch)
+static void decode(void *context, size_t first, int n, float *scratch)
 {
+    const struct job *job = context;
     const struct model *m = job->model;
+    const struct spin_splats_4d *s = &m->base.splats_4d;
     float *in = scratch, *hidden = in + PIXEL_INPUTS * MLP_BLOCK;
     float *rgb = hidden + PIXEL_HIDDEN * MLP_BLOCK;
     struct means means[MLP_BLOCK] = {0};
@@ -554,11 +578,11 @@ static void decode(const struct job *job, size_t first, int n, float *scratch)
     double place[MLP_BLOCK][3];
 
     for (int p = 0; p < MLP_BLOCK; p++) { /* the last one stands for those beyond it */
-        double d;
+        size_t k = first + (size_t)(p < n ? p : n - 1);
+        double d = job->time - (double)s->times[k];
 
-        row[p] = m->rows + m->width * (first + (size_t)(p < n ? p : n - 1));
-        d = job->time - row[p][TIME];
-        place_at(row[p], d, place[p]);
+        row[p] = m->rows + m->width * k;
+        spin_path_at(s->centres + 3 * k, s->paths + 9 * k, s->degree, d, place[p]);
         for (int i = 0; i < 3; i++) {
             in[i * MLP_BLOCK + p] = row[p][COLOUR + 3 + i];
             in[(3 + i) * MLP_BLOCK + p] = (float)(d * row[p][FEATURE + i]);
@@ -575,58 +599,12 @@ static void decode(const struct job *job, size_t first, int n, float *scratch)
         fit(&means[p], job->out->sh + 12 * (first + (size_t)p));
 }
 
-/* exp(-(d / width)^2); 1 at its top however narrow it is. */
-static double weight_at(const float *row, double d)
-{
-    double x = d / exp((double)row[WIDTH]);
-
-    return d == 0 ? 1 : exp(-x * x);
-}
-
-static void evaluate_row(const struct job *job, size_t i)
-{
-    const struct model *m = job->model;
-    const float *row = m->rows + m->width * i;
-    struct spin_splats *out = job->out;
-    double d = job->time - row[TIME], place[3];
-
-    if (job->columns & SPIN_COL_MEANS) {
-        place_at(row, d, place);
-        for (size_t c = 0; c < 3; c++)
-            out->means[3 * i + c] = (float)place[c];
-    }
-    if (job->columns & SPIN_COL_QUATS) { /* without length: no rotation, as the method draws it */
-        for (size_t c = 0; c < 4; c++)
-            out->quats[4 * i + c] = (float)(row[TURN + c] + d * row[CHANGE + c]);
-        spin_quat_normalise(out->quats + 4 * i);
-    }
-    if (job->columns & SPIN_COL_LOG_SCALES)
-        memcpy(out->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
-    if (job->columns & SPIN_COL_LOGIT_OPACITIES)
-        out->logit_opacities[i] = spin_logit_of(spin_sigmoid_of(row[LOGIT]) * weight_at(row, d));
-    if (job->columns & SPIN_COL_SH && m->colour.n == 0)
-        for (size_t c = 0; c < 3; c++)
-            out->sh[3 * i + c] =
-                m->full ? dc_of(end_colour(m, row[COLOUR + c])) : dc_of(row[COLOUR + c]);
-}
-
-static void evaluate(void *context, size_t first, int n, float *scratch)
-{
-    const struct job *job = context;
-
-    for (int p = 0; p < n; p++)
-        evaluate_row(job, first + (size_t)p);
-    if (job->columns & SPIN_COL_SH && job->model->colour.n > 0)
-        decode(job, first, n, scratch);
-}
-
 static spin_status spacetimegs_frame(void *self, int frame, double time, unsigned columns,
                                      struct spin_splats *out)
 {
     struct model *m = self;
-    struct job job = {m, out, columns & (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES), time};
+    struct job job = {m, out, time};
 
-    (void)frame;
     if (!isfinite(time))
         return spin_fail(SPIN_E_USAGE, "'%s' has no time %g", m->base.path, time);
     if ((time < 0 || time > 1) && !m->warned_time) {
@@ -634,9 +612,20 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
         spin_warn("'%s': time %g is outside of 0 to 1, for which it was trained", m->base.path,
                   time);
     }
-    SPIN_TRY(spin_splats_reserve(out, m->n, job.columns, m->colour.n > 0 ? 1 : 0));
-    spin_mlp_team_run(&m->base.team, m->n, evaluate, &job);
-    return spin_model_check(m->base.path, time, job.columns, out);
+    SPIN_TRY(spin_fail_reading(spin_model_slice(m, frame, time, columns, out), m->base.path));
+    if (!(columns & SPIN_COL_SH) || m->colour.n == 0)
+        return SPIN_OK;
+    spin_mlp_team_run(&m->base.team, m->n, decode, &job);
+    return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
+}
+
+/* A network's colours are not those of a splat: frames only. */
+static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d **out)
+{
+    const struct model *m = self;
+
+    *out = m->colour.n > 0 ? NULL : &m->base.splats_4d;
+    return SPIN_OK;
 }
 
 static const struct spin_plugin_option options[] = {
@@ -661,4 +650,5 @@ const struct spin_importer spin_importer_spacetimegs = {
     .open = spacetimegs_open,
     .frame = spacetimegs_frame,
     .close = spin_model_close,
+    .splats_4d = spacetimegs_splats_4d,
 };

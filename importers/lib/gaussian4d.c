@@ -1,6 +1,9 @@
 /* Gaussians of four dimensions become 4D splats. */
 #include "importers/lib/gaussian4d.h"
 
+#include <stdlib.h>
+#include <string.h>
+
 spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, size_t n,
                                     int sh_degree, unsigned parts)
 {
@@ -27,7 +30,7 @@ float *spin_gaussian4d_add(struct spin_model *m, struct gaussian4d *g, size_t ro
     size_t i = g->n;
 
     if (!all_sane(place, 3) || !all_sane(&time, 1) || !all_sane(&logit, 1) ||
-        !all_sane(velocity, 3) || !(variance > 0) || !all_sane(log_scale, 3) ||
+        !all_sane(velocity, 3) || !((float)sqrt(variance) > 0) || !all_sane(log_scale, 3) ||
         !all_sane(quat, 4)) {
         g->n_dropped++;
         return NULL;
@@ -70,6 +73,37 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
                   "them; positions are fine",
                   SPIN_FAINT);
     return SPIN_OK;
+}
+
+/* Floats from..width of every row. */
+static bool all_zero(const float *values, size_t n, size_t from, size_t width)
+{
+    for (size_t i = 0; i < n; i++)
+        for (size_t c = from; c < width; c++)
+            if (values[width * i + c] != 0)
+                return false;
+    return true;
+}
+
+void spin_gaussian4d_drop_zeros(struct spin_model *m)
+{
+    struct spin_splats_4d *s = &m->splats_4d;
+    size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+
+    if (s->sh_cos && all_zero(s->sh_cos, s->n, 0, 2 * width)) {
+        free(s->sh_cos);
+        s->sh_cos = NULL;
+    }
+    while (!s->sh_cos && s->sh_degree > 0) {
+        size_t less = 3 * (size_t)(s->sh_degree * s->sh_degree);
+
+        if (!all_zero(s->sh, s->n, less, width))
+            return;
+        for (size_t i = 0; i < s->n; i++)
+            memmove(s->sh + less * i, s->sh + width * i, less * sizeof *s->sh);
+        s->sh_degree--;
+        width = less;
+    }
 }
 
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,

@@ -37,6 +37,9 @@ float *spin_gaussian4d_add_slice(struct spin_model *m, struct gaussian4d *g, siz
 spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n_faint,
                                   const char *why, struct spin_sequence_info *sequence);
 
+/* Before that: SH in time that are 0 in all rows go, and without those what is 0 in all of the highest degrees. */
+void spin_gaussian4d_drop_zeros(struct spin_model *m);
+
 /* Last of all: the times of the splats, which are those of the file, become those of the clip, `ratio` times as many,
  * and the sequence is any time in the clip. */
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,

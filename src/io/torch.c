@@ -333,6 +333,14 @@ static spin_status bind(struct spin_torch *torch, struct spin_array *t)
     return SPIN_OK;
 }
 
+void spin_torch_forget(const struct spin_torch *torch, const struct spin_array *t)
+{
+    size_t n = (size_t)t->storage_count * (size_t)t->item_size;
+
+    spin_map_forget(&torch->file->zip.map, t->data, n);
+    spin_map_forget(&torch->file->map, t->data, n);
+}
+
 spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, struct spin_array *out)
 {

@@ -23,6 +23,9 @@ spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value 
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
                                  const char *what, int n_dims, const int64_t *shape,
                                  struct spin_array *out);
+/* The pages of its storage may go from memory: they come back when they are read. For those who read a large tensor row
+ * by row. */
+void spin_torch_forget(const struct spin_torch *torch, const struct spin_array *t);
 /* A whole tensor as floats, allocated with malloc; NaN and infinities are SPIN_E_MALFORMED. */
 spin_status spin_torch_floats(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, int n_dims, const int64_t *shape,

@@ -24,18 +24,29 @@ SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, dou
     return before * after > 0 ? 2 * before * after / (before + after) : 0;
 }
 
-/* y[step k] for every key k. */
+/* y[step k] for every key k: the curve from key to the next, sum c[i] u^i of the part u of the way. */
+SPIN_FN void spin_keyframes_cubic(enum keyframes_kind kind, int at, const float *y, int step,
+                                  double c[4])
+{
+    const float *key = y + (long)step * at;
+    double from = key[0], rise = key[step] - from, m[2] = {rise, rise};
+
+    if (kind != KEYFRAMES_LINEAR) {
+        m[0] = spin_keyframes_slope(kind, from - key[-step], rise);
+        m[1] = spin_keyframes_slope(kind, rise, (double)key[2 * step] - key[step]);
+    }
+    c[0] = from;
+    c[1] = m[0];
+    c[2] = 3 * rise - 2 * m[0] - m[1];
+    c[3] = m[0] + m[1] - 2 * rise;
+}
+
 SPIN_FN double spin_keyframes_value(const struct keyframes *at, const float *y, int step)
 {
-    const float *key = y + (long)step * at->key;
-    double u = at->part, uu = u * u, uuu = uu * u, from = key[0], to = key[step], m[2];
+    double c[4], u = at->part;
 
-    if (at->kind == KEYFRAMES_LINEAR)
-        return from * (1 - u) + to * u;
-    m[0] = spin_keyframes_slope(at->kind, from - key[-step], to - from);
-    m[1] = spin_keyframes_slope(at->kind, to - from, key[2 * step] - to);
-    return (2 * uuu - 3 * uu + 1) * from + (uuu - 2 * uu + u) * m[0] + (3 * uu - 2 * uuu) * to +
-           (uuu - uu) * m[1];
+    spin_keyframes_cubic(at->kind, at->key, y, step, c);
+    return c[0] + u * (c[1] + u * (c[2] + u * c[3]));
 }
 
 /* quats[4 k], of any length but zero; out is of unit length. On the sphere (Shoemake, 1985), but the longer way where

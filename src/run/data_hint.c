@@ -5,6 +5,7 @@
 
 #include "base/mem.h"
 #include "io/file.h"
+#include "io/json.h"
 #include "scene/probe.h"
 
 #define MAX_BESIDE 64 /* entries of the folder around the input */
@@ -94,4 +95,23 @@ void spin_data_hint(const char *input, char *text, size_t n_text)
             "%d data sets lie beside the run, one in '%s': --data says which it was trained on\n",
             found.n, found.path);
     free(found.path);
+}
+
+bool spin_data_has_focal(const char *folder)
+{
+    static const char *const names[] = {"transforms_train.json", "transforms.json"};
+    bool found = false;
+
+    for (int i = 0; i < 2 && !found; i++) {
+        spin_json *root = NULL;
+        char *path = NULL;
+
+        if (spin_path_join(folder, names[i], &path) == SPIN_OK && spin_path_exists(path) &&
+            spin_json_load(path, &root) == SPIN_OK)
+            found = spin_json_get(root, "fl_x") ||
+                    spin_json_get(spin_json_at(spin_json_get(root, "frames"), 0), "fl_x");
+        spin_json_free(root);
+        free(path);
+    }
+    return found;
 }

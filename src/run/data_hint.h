@@ -9,5 +9,7 @@
 void spin_data_hint(const char *input, char *text, size_t n_text);
 /* Its path, allocated, when there is just one; else NULL. */
 char *spin_data_beside(const char *input);
+/* Its transforms_train.json, or transforms.json, tells focal lengths by fl_x, not by angles. */
+bool spin_data_has_focal(const char *folder);
 
 #endif

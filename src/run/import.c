@@ -157,6 +157,23 @@ static void look_for_frames(struct import *im)
     }
 }
 
+/* Realtime-4DGS takes a field of view of -1 for every camera whose focal length its data set tells by fl_x: footprints
+ * are of a wrong size in training, and splats grow too large. */
+static void note_focal(struct import *im)
+{
+    char *beside = im->data ? NULL : spin_data_beside(im->input);
+    const char *data = im->data ? im->data : beside;
+
+    if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
+        spin_note(
+            &im->sequence,
+            "'%s' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1 "
+            "for such data, and splats grow too large in training and look blurred; spin-retrain "
+            "mends that",
+            data);
+    free(beside);
+}
+
 /* See that the data set's frames can be paired with ours, and remember where it is. */
 static spin_status attach_data(struct import *im)
 {
@@ -596,7 +613,8 @@ static void count_splats(struct import *im, const int *read, int n_read)
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    bool known = t->counts && (!t->continuous || t->n_frames == 1);
+    bool stored = im->keeps_4d && im->stores; /* rows of a slice may be fewer than the source's */
+    bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
     for (int k = 0; k < n; k++) {
@@ -802,6 +820,7 @@ static spin_status run_import(struct import *im)
         spin_note(&im->sequence, "the run is in '%s'", im->below);
     SPIN_TRY(open_data(im));
     look_for_frames(im);
+    note_focal(im);
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));

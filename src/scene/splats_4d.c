@@ -20,20 +20,21 @@ static const struct {
     size_t place; /* in the struct */
     size_t width; /* 0: follows from a degree */
     unsigned part;
+    double most; /* of a value: times may be as far as for ever */
 } arrays[SPIN_N_ARRAYS_4D] = {
-    {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS},
-    {"times", offsetof(struct spin_splats_4d, times), 1, ALWAYS},
-    {"quats", offsetof(struct spin_splats_4d, quats), 4, ALWAYS},
-    {"log_scales", offsetof(struct spin_splats_4d, log_scales), 3, ALWAYS},
-    {"logit_opacities", offsetof(struct spin_splats_4d, logit_opacities), 1, ALWAYS},
-    {"sigmas", offsetof(struct spin_splats_4d, sigmas), 1, ALWAYS},
-    {"sh", offsetof(struct spin_splats_4d, sh), 0, ALWAYS},
-    {"paths", offsetof(struct spin_splats_4d, paths), 0, PATHS},
-    {"spins", offsetof(struct spin_splats_4d, spins), 4, SPIN_4D_SPINS},
-    {"plateaus", offsetof(struct spin_splats_4d, plateaus), 3, SPIN_4D_PLATEAUS},
-    {"cuts", offsetof(struct spin_splats_4d, cuts), 2, SPIN_4D_CUTS},
-    {"gates", offsetof(struct spin_splats_4d, gates), 1, SPIN_4D_GATES},
-    {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS},
+    {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS, SANE},
+    {"times", offsetof(struct spin_splats_4d, times), 1, ALWAYS, SANE},
+    {"quats", offsetof(struct spin_splats_4d, quats), 4, ALWAYS, SANE},
+    {"log_scales", offsetof(struct spin_splats_4d, log_scales), 3, ALWAYS, SANE},
+    {"logit_opacities", offsetof(struct spin_splats_4d, logit_opacities), 1, ALWAYS, SANE},
+    {"sigmas", offsetof(struct spin_splats_4d, sigmas), 1, ALWAYS, SPIN_FOREVER},
+    {"sh", offsetof(struct spin_splats_4d, sh), 0, ALWAYS, SANE},
+    {"paths", offsetof(struct spin_splats_4d, paths), 0, PATHS, SANE},
+    {"spins", offsetof(struct spin_splats_4d, spins), 4, SPIN_4D_SPINS, SANE},
+    {"plateaus", offsetof(struct spin_splats_4d, plateaus), 3, SPIN_4D_PLATEAUS, SPIN_FOREVER},
+    {"cuts", offsetof(struct spin_splats_4d, cuts), 2, SPIN_4D_CUTS, SPIN_FOREVER},
+    {"gates", offsetof(struct spin_splats_4d, gates), 1, SPIN_4D_GATES, SANE},
+    {"sh_cos", offsetof(struct spin_splats_4d, sh_cos), 0, SPIN_4D_SH_COS, SANE},
 };
 
 /* ---- Arrays ------------------------------------------------------------------------------------ */
@@ -133,14 +134,9 @@ static bool settle_row(struct spin_splats_4d *s, size_t i)
     for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
         const float *values = *spin_array_4d_of(s, k);
         size_t width = values ? spin_array_4d_width(s, k) : 0;
-        double most = strcmp(arrays[k].name, "sigmas") == 0 ||
-                              strcmp(arrays[k].name, "cuts") == 0 ||
-                              strcmp(arrays[k].name, "plateaus") == 0
-                          ? (double)SPIN_FOREVER
-                          : SANE;
 
         for (size_t c = 0; c < width; c++)
-            if (!(fabs((double)values[width * i + c]) <= most))
+            if (!(fabs((double)values[width * i + c]) <= arrays[k].most))
                 return false;
     }
     for (size_t c = 0; c < 4; c++)

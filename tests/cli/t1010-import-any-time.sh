@@ -57,6 +57,24 @@ run "$bin/spin-import" "$work/beside/run" -o "$work/beside4.spin" --frames 4 --j
 is "$(member frames) $(grep -c 'sampled at the times' "$work/out")" "4 0" "--frames wins"
 run "$bin/spin-import" "$work/beside/run" -o "$work/beside1.spin" --times 0.5 --json
 is "$(member frames) $(grep -c 'sampled at the times' "$work/out")" "1 0" "so does --times"
+! grep -q fl_x "$work/out"
+ok $? "not a word on focal lengths"
+mkdir -p "$work/fov/clip"
+cp -r "$run_in" "$work/fov/run"
+cp -r fixtures/datasets/blender_mini/. "$work/fov/clip"
+run "$bin/spin-import" --info "$work/fov/run"
+! grep -q "tells focal" "$work/out"
+ok $? "a data set of angles is as it should be"
+for json in "$work/fov/clip"/transforms_*.json; do
+    sed '1s/{/{ "fl_x": 46.08, "fl_y": 46.08, "w": 60, "h": 60,/' "$json" >"$work/json" && cp "$work/json" "$json"
+done
+run "$bin/spin-import" --info "$work/fov/run"
+out_has "clip' tells focal lengths by fl_x: Realtime-4DGS takes a field of view of -1" \
+    "a data set beside it that its training misread is noticed"
+run "$bin/spin-import" --info "$run_in" --data "$work/fov/clip"
+out_has "tells focal lengths by fl_x" "so is one that is given"
+run "$bin/spin-import" --info fixtures/omg4/comp_xz --data "$work/fov/clip"
+is "$code $(grep -c "tells focal" "$work/out")" "0 0" "no other method's run is meant"
 cp -r "$work/beside/court" "$work/beside/court2"
 run "$bin/spin-import" "$work/beside/run" -o "$work/two.spin" --json
 is "$code $(member frames)" "0 61" "two data sets beside it tell nothing"
@@ -64,6 +82,18 @@ run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
 is "$code $(member frames)" "0 30" "a run that counts its frames"
 is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run says it has.*/\1/p' "$work/out")" "$(member frames)" \
     "is sampled at those"
+counts() { tr -d ' \n' <"$1" | sed 's/.*"splats":{\([^}]*\)}.*/\1/'; }
+counts "$work/out" >"$work/counts"
+run "$bin/spin-import" --info --json "$work/own.spin"
+is "$(counts "$work/out")" "$(cat "$work/counts")" "and counts the splats that its 4D splats show"
+"$bin/spin-import" --info "$work/own.spin" | grep -q "^4D splats .* paths of degree 3, with spins plateaus cuts"
+ok $? "which are pieces of paths"
+run "$bin/spin-import" fixtures/spacetimegs/full_techni/model --colour base -o "$work/own.spin" --json --force
+is "$code $(member frames)" "0 20" "a run that says how many frames it has"
+"$bin/spin-import" --info "$work/own.spin" | grep -q "^4D splats .* paths of degree 3, with spins:"
+ok $? "without its network it is 4D splats"
+run "$bin/spin-import" fixtures/spacetimegs/full_techni/model --camera 0,0,0 -o "$work/own.spin" --json --force
+is "$code $(member frames) $(grep -c '"splats_4d": null' "$work/out")" "0 20 1" "with it, frames"
 
 run "$bin/spin-import" "$run_in" -o "$work/five.spin" --frames 6 --json
 is "$code" 0 "--frames 6"

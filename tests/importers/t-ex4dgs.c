@@ -120,6 +120,7 @@ static void test_options(const char *fixture)
     const char *other[] = {"iteration", "7", NULL}, *linear[] = {"interp", "linear", NULL};
     const char *model = make_run(fixture, 30000, CFG ")"), *bare = make_run(fixture, 30000, NULL);
     spin_json *manifest = load_manifest(fixture);
+    const struct spin_splats_4d *rows;
     double n_keys = 0;
     struct run run, named;
 
@@ -162,6 +163,12 @@ static void test_options(const char *fixture)
     fails_at(model, 5 * (n_keys - 2) - 8, "needs the key frames", "the first of these times");
     ok(run_open(FROM, model, &run) == SPIN_OK && same_at(&run, &run, 5 * (n_keys - 2) - 8.01),
        "the last before them");
+    ok(run.importer->splats_4d(run.self, &rows) == SPIN_OK && !rows,
+       "there are no 4D splats of such a clip");
+    run_close(&run);
+    ok(run_open(FROM, make_run(fixture, 5, CFG ", interp_type='linear')"), &run) == SPIN_OK &&
+           run.importer->splats_4d(run.self, &rows) == SPIN_OK && rows->degree == 1 && rows->cuts,
+       "paths of lines have degree 1");
     run_close(&run);
     fails_at(make_run(fixture, 5, CFG ", duration=60, interp_type='linear')"), 59,
              "needs the key frames 12 to 13", "lines need fewer, and begin one interval later");

@@ -1,5 +1,6 @@
 /* realtime4dgs: both conventions of rotation, settings found and guessed, forks, and files that lie.
  * K: realtime4dgs import */
+#include "importers/lib/gaussian4d.h"
 #include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
 
@@ -296,11 +297,43 @@ static void test_hostile(void)
     spin_folder_list_free(names);
 }
 
+/* SH of degree 2 whose rows use what the arguments say: the degree that is left, with or without cosines. */
+static bool zeros_leave(int used, bool cosines, int degree)
+{
+    struct spin_model m = {0};
+    struct spin_splats_4d *s = &m.splats_4d;
+    bool good = spin_splats_4d_reserve(s, 3, 1, 2, SPIN_4D_SH_COS) == SPIN_OK;
+    size_t n_used = 3 * (size_t)((used + 1) * (used + 1));
+    size_t width = 3 * (size_t)((degree + 1) * (degree + 1));
+
+    for (size_t i = 0; good && i < 3; i++)
+        for (size_t c = 0; c < n_used; c++)
+            s->sh[27 * i + c] = (float)(100 * i + c);
+    if (good && cosines)
+        s->sh_cos[54 * 2 + 53] = 1;
+    spin_gaussian4d_drop_zeros(&m);
+    good = good && s->sh_degree == degree && (s->sh_cos != NULL) == cosines;
+    for (size_t i = 0; good && i < 3; i++)
+        for (size_t c = 0; c < width; c++)
+            good = good && s->sh[width * i + c] == (c < n_used ? (float)(100 * i + c) : 0);
+    spin_splats_4d_free(s);
+    return good;
+}
+
+static void test_zeros(void)
+{
+    ok(zeros_leave(2, false, 2), "cosines of 0 are not kept");
+    ok(zeros_leave(1, false, 1), "nor a degree that is 0 in all rows");
+    ok(zeros_leave(0, false, 0), "or two");
+    ok(zeros_leave(0, true, 2), "with one cosine that is not 0 all are");
+}
+
 TAP_MAIN
 {
     const char *root = check_fixture("realtime4dgs");
 
     spin_log_set_level(-2);
+    test_zeros();
     test_refused();
     test_dicts();
     test_hostile();
