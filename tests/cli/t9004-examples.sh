@@ -131,6 +131,8 @@ spacetimegs spacetimegs/full_techni/model
 tc3dgs tc3dgs/trained
 RUNS
 ln -s "$root/fixtures/hybrid4dgs/small/train_config.yaml" "$here/train_config.yaml"
+ln -s "$root/fixtures/splat4d/default_bounds/scene.splat4d" "$here/clip.splat4d"
+ln -s "$root/fixtures/4dgs/birth_sh2/scene.4dgs" "$here/scene.4dgs"
 ln -s "$root/fixtures/datasets/blender_mini" "$here/data/balls"
 ln -s "$root/fixtures/datasets/dynerf_mini" "$here/data/steak"
 (
