@@ -65,11 +65,6 @@ static const struct spin_splats_4d *clip_of(const struct export *x) { return &x-
 /* What a file of its kind cannot do alone. */
 static void warn_of_kind(const struct export *x)
 {
-    const double *cov2d = x->job->splats_4d->cov2d;
-
-    if (cov2d[0] > 0 && !x->kind->sogst)
-        spin_warn("trained with %g and %g on the covariance on screen, which %s cannot say",
-                  cov2d[0], cov2d[1], x->kind->name);
     if (!x->kind->sogst && x->order.n > PLAYED)
         spin_warn("%zu splats: the player of TSOG draws %d of them", x->order.n, PLAYED);
 }
@@ -886,6 +881,7 @@ static spin_status begin(const struct spin_export_job *job, const struct contain
     x->job = job;
     x->kind = kind;
     x->bells = (struct spin_bells){.job = job,
+                                   .says_cov2d = x->kind->sogst,
                                    .name = kind->name,
                                    .most_sigma = MOST_SIGMA,
                                    .least_degree = kind->sogst ? 1 : 0,

@@ -61,6 +61,9 @@ void spin_bells_warn(const struct spin_bells *b)
         spin_warn("these splats turn, which %s cannot say: they keep the rotation of their own "
                   "time, off by %.2g degrees at most",
                   b->name, b->lost_turn);
+    if (s->cov2d[0] > 0 && !b->says_cov2d)
+        spin_warn("trained with %g and %g on the covariance on screen, which %s cannot say",
+                  s->cov2d[0], s->cov2d[1], b->name);
     if (s->sh_cos)
         spin_warn("colours change in time, which %s cannot say: they keep those of their own time, "
                   "off by %.2g of 1 at most",
@@ -263,6 +266,8 @@ spin_status spin_bells_convert(struct spin_bells *b)
     for (size_t i = 0; i < s->n; i++)
         if (s->spans[2 * i] <= last_time(b) && s->spans[2 * i + 1] >= first_time(b))
             convert_row(b, i, n++);
+    if (n == 0)
+        return spin_fail(SPIN_E_UNSUPPORTED, "no splat is seen at any time of this clip");
     b->clip.n = n;
     b->view = (struct spin_splats){.n = n,
                                    .capacity = n,

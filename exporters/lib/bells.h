@@ -10,12 +10,14 @@ struct spin_bells {
     const char *name;                  /* of the format, for messages */
     double length;                     /* of the clip, in the file's unit */
     double most_sigma;                 /* clips that a sigma lasts at most */
+    bool says_cov2d;                   /* the file holds these two factors */
     int least_degree, degree;          /* of paths that the file holds */
 
     struct spin_splats_4d clip; /* rows that some time of the clip shows; not settled */
     size_t *from;               /* [clip.n] row of the source */
     struct spin_splats view;    /* the clip's arrays, as those of a frame */
-    double lost_place, lost_turn, lost_colour; /* the most: world units where half is seen, degrees, of 1 */
+    double lost_place, lost_turn,
+        lost_colour; /* the most: world units where half is seen, degrees, of 1 */
 };
 
 /* Whether the job has 4D splats whose windows are bells, and more than one frame. */

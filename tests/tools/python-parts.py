@@ -123,9 +123,9 @@ fails(["no splats"], "and have no frame", points.frame, 0)
 
 # ---- What is no bundle ------------------------------------------------------------------------------
 
-for name, meta in ("version", {"version": 5}), ("format", {"format": "spin"}), ("none", {"version": None}):
-    fails(["not a bundle of version 1 to 4", name], f"another {name}", spin4d.load, write(name, meta, {}))
-for version in 1, 2, 3, 4:
+for name, meta in ("version", {"version": 6}), ("format", {"format": "spin"}), ("none", {"version": None}):
+    fails(["not a bundle of version 1 to 5", name], f"another {name}", spin4d.load, write(name, meta, {}))
+for version in 1, 2, 3, 4, 5:
     ok(len(spin4d.load(write(f"v{version}", {"version": version}, {}))) == 3, f"version {version}")
 np.savez(os.path.join(work, "other.npz"), a=np.zeros(3))
 np.save(os.path.join(work, "array.npy"), np.zeros(3))
