@@ -151,7 +151,7 @@ static void put_chunk(struct bytes *b, int chunk)
 {
     static const int symbol[11] = {4, 1, 1, 2, 2, 2, 2, 2, 1, 1, 1};
     static struct bytes content, streams;
-    int first = chunk ? FIRST : 0, last = chunk ? N : FIRST, values[9 * N];
+    int first = chunk ? FIRST : 0, last = chunk ? N : FIRST, values[15 * N];
 
     streams.n = content.n = 0;
     for (int a = 10; a >= 0; a--) {
